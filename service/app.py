@@ -62,7 +62,6 @@ from service.reports import routes as reports
 from service.settings import Settings, settings_or_exit
 from service.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
 from service.storage.audit import audit_if_due
-from service.storage.quota import count_older
 from service.storage.room import Room
 from service.storage.store import Store, open_store
 from service.studies import copy_routes, overlay_routes
@@ -125,12 +124,9 @@ async def _keep_house(database: Database, store: Store, settings: Settings) -> N
     def audit_store(database: Database) -> None:
         audit_if_due(database, store, settings)
 
-    def count_recordings(database: Database) -> None:
-        count_older(database, settings.upload_hours)
-
     while True:
         await asyncio.sleep(_UPKEEP_S)
-        for task in (delete_overdue, count_recordings, expire_uploads, remove_ended, forget_jobs, audit_store):
+        for task in (delete_overdue, expire_uploads, remove_ended, forget_jobs, audit_store):
             try:
                 await run_in_threadpool(task, database)
             except Exception:

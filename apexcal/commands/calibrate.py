@@ -16,7 +16,7 @@ from apexcal.commands.camera_files import (
     pairs_of_marks,
     saying_what_stays,
 )
-from apexcal.commands.choices import FoldsOption, ModelsOption
+from apexcal.commands.choices import FoldsOption, ModelsOption, PresetOption, PublishOption
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import connected
 from apexcal.documents.bounds import SKEW_BOUNDS, BoundsPreset
@@ -24,7 +24,6 @@ from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.camera_models import SearchForm
 from apexcal.documents.correspondence_sets import SetView
 from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
-from apexcal.documents.schedules import PresetName
 from apexcal.embedded.folder import DEFAULT
 
 
@@ -62,7 +61,7 @@ def calibrate(
         ),
     ] = None,
     model: ModelsOption = None,
-    preset: Annotated[PresetName | None, typer.Option(help="Size of the search. Otherwise default.")] = None,
+    preset: PresetOption = None,
     search: Annotated[SearchForm | None, typer.Option(help="Form of the rotation. Otherwise the preset's.")] = None,
     bounds: Annotated[BoundsPreset | None, typer.Option(help="Bounds of the search. Otherwise the preset's.")] = None,
     rotation_range_deg: Annotated[
@@ -100,14 +99,16 @@ def calibrate(
     ] = None,
     free_skew: Annotated[bool, typer.Option("--free-skew", help="Fit brown_conrady's skew, too.")] = False,
     loss: Annotated[
-        Loss | None, typer.Option(help="saturating: limits the cost of a gross error. Otherwise mean.")
+        Loss | None,
+        typer.Option(help="Of the search; saturating limits what a wrong mark costs. Otherwise the preset's."),
     ] = None,
     weights: Annotated[
         WeightRule | None,
         typer.Option(help="Whether stated errors weight the pairs. Otherwise auto: if all pairs state them."),
     ] = None,
     outliers: Annotated[
-        OutlierRule | None, typer.Option(help="Whether outliers stay in the polish. Otherwise keep.")
+        OutlierRule | None,
+        typer.Option(help="Whether pairs that do not belong stay in. Otherwise the preset's."),
     ] = None,
     line_time_us: Annotated[
         float | None,
@@ -123,7 +124,7 @@ def calibrate(
     farm: Annotated[
         Farm | None, typer.Option(help="How the work is split among workers; the result is the same. Otherwise auto.")
     ] = None,
-    publish: Annotated[bool, typer.Option(help="Make the recommended result the camera's current one.")] = True,
+    publish: PublishOption = False,
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,

@@ -12,11 +12,10 @@ import typer
 
 from apexcal.cli import FAILED
 from apexcal.client import Client
-from apexcal.commands.choices import FoldsOption, ModelsOption
+from apexcal.commands.choices import FoldsOption, ModelsOption, PresetOption, PublishOption
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import check_id, connected, find_fleet
 from apexcal.documents.fleet_requests import CameraOutcome, Counts, DryRunView, FleetRequestView
-from apexcal.documents.schedules import PresetName
 from apexcal.embedded.folder import DEFAULT
 
 _SHOWN = 20
@@ -33,9 +32,9 @@ def calibrate_fleet(
         bool, typer.Option("--new-pairs", help="Only vehicles with pairs newer than their published calibration.")
     ] = False,
     model: ModelsOption = None,
-    preset: Annotated[PresetName | None, typer.Option(help="Size of the search. Otherwise default.")] = None,
+    preset: PresetOption = None,
     folds: FoldsOption = None,
-    publish: Annotated[bool, typer.Option(help="Publish recommended results that have no objections.")] = False,
+    publish: PublishOption = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be done.")] = False,
     follow: Annotated[
         str | None, typer.Option(help="Follow this request instead of making one.", metavar="REQUEST")

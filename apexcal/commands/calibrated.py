@@ -88,7 +88,7 @@ def why_unpublished(camera: CameraSummary, *, wanted: bool) -> str:
     """Why no result of this camera became the vehicle's current calibration, and what to do about it."""
     by_hand = "A reviewer can publish a result with `apexcal publish`, or on the calibration's page."
     if not wanted:
-        return f"--no-publish said so. {by_hand}"
+        return f"--publish was not given. {by_hand}"
     reasons = camera.not_published
     if reasons:
         return " ".join([*reasons, by_hand])

@@ -9,6 +9,7 @@ import typer
 from apexcal.commands.common import usage
 from apexcal.documents.camera_models import MODELS, parse_model
 from apexcal.documents.errors import DocumentError
+from apexcal.documents.schedules import PresetName
 
 
 def known_model(name: str) -> str:
@@ -35,6 +36,14 @@ def _some_left(folds: int | None) -> int | None:
 FoldsOption = Annotated[
     int | None, typer.Option(help="Held-out blocks, 0 for none. Otherwise 5.", min=0, callback=_some_left)
 ]
+PresetOption = Annotated[
+    PresetName | None,
+    typer.Option(
+        help="What other options leave open. paper: the paper's form, in which wrong marks count; toolbox: the "
+        "larger search of its toolbox. Otherwise default: wrong marks do no harm."
+    ),
+]
+PublishOption = Annotated[bool, typer.Option("--publish", help="Publish what is recommended and has no objections.")]
 ModelsOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -18,18 +18,35 @@ Made = TypeVar("Made", FleetOut, VehicleOut)
 
 
 def rig(
-    description: Annotated[Path, typer.Argument(help="JSON file of the rig, as docs/rigs.md shows.", exists=True)],
+    description: Annotated[
+        Path | None, typer.Argument(help="JSON file of the rig, as docs/rigs.md shows.", exists=True)
+    ] = None,
     fleet: Annotated[
         str, typer.Option(help="Fleet, by name; a new name makes one. Needed where there are several.")
     ] = "",
     vehicle: Annotated[str, typer.Option(help="Vehicle, by name; a new name makes one.")] = "Vehicle",
+    correct: Annotated[
+        str, typer.Option(help="Id of a rig whose --images are corrected. No description is read then.")
+    ] = "",
+    images: Annotated[
+        list[str] | None,
+        typer.Option(help="CAMERA=raw or CAMERA=rectified; CAMERA= lets the next recording tell it. Several times."),
+    ] = None,
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Add a rig to a vehicle: its LiDAR, its cameras and roughly where they are."""
+    """Add a rig to a vehicle: its LiDAR, its cameras and roughly where they are. Or correct what its images are."""
+    if bool(description) == bool(correct) or bool(correct) != bool(images):
+        raise typer.BadParameter("Give a description, or --correct with --images.")
     with connected(url, token, data) as client:
+        if description is None:
+            words = (text.partition("=") for text in images or ())
+            kinds = {camera: {"kind": kind} if kind else None for camera, _, kind in words}
+            corrected = client.vehicles.set_images(correct, kinds, version=client.vehicles.rig(correct).version)
+            say(corrected, as_json, f"The images of the rig {corrected.name!r} are corrected.")
+            return
         document = read_rig(description)
         in_fleet = _fleet(client, fleet)
         on_vehicle = _vehicle(client, in_fleet, vehicle) if in_fleet else None

@@ -75,9 +75,10 @@ class ScheduleOverrides(Received):
 class CalibrationTemplate(Received):
     """Fit every model to every camera's pairs. Bounds, locks and priors go by parameter name.
 
-    Angles are in radians, or in degrees with ``_deg`` behind the name. ``search`` and ``bounds_preset`` default to
-    what the preset means: ``paper`` to the Euler form and Table I, the others to the rotation vector and the image
-    size. ``intrinsics`` states lenses by camera. For other cameras ``intrinsics_from: auto`` takes the lens that the
+    Angles are in radians, or in degrees with ``_deg`` behind the name. ``search``, ``bounds_preset``, ``loss`` and
+    ``outliers`` default to what the preset means: ``paper`` to the Euler form, Table I, the mean loss and all pairs;
+    the others to the rotation vector, the image size, the saturating loss, and least squares on pairs that belong.
+    ``intrinsics`` states lenses by camera. For other cameras ``intrinsics_from: auto`` takes the lens that the
     recording states (CameraInfo) if it states one, ``recording`` insists on it, ``bounds`` ignores it.
     ``intrinsics_as``: ``prior`` draws the lens to the stated one, ``locked`` fixes it there, both with distortion;
     ``bounds`` looks for focal lengths and principal point near it, where neither rig nor request bounds them;
@@ -98,8 +99,10 @@ class CalibrationTemplate(Received):
     bounds: Annotated[dict[str, tuple[Magnitude, Magnitude]], Field(default_factory=dict, max_length=40)]
     locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
     priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]
-    loss: Loss = "mean"
-    outliers: Annotated[OutlierRule, Field(description="whether outliers stay in the polished fit")] = "keep"
+    loss: Annotated[Loss, Field(description="of the search; saturating limits what a wrong mark costs")] | None = None
+    outliers: (
+        Annotated[OutlierRule, Field(description="whether pairs that do not belong stay in the polished fit")] | None
+    ) = None
     weights: Annotated[
         WeightRule,
         Field(description="auto: by the standard deviations of vertices and marks where all pairs state them"),

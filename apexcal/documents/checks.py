@@ -34,5 +34,8 @@ class Check(Document):
 
 def verdict_of(checks: Iterable[Check], scope: CheckScope) -> CheckVerdict:
     """Return the gravest verdict of the checks that concern this use: all of them for the mount alone."""
-    concerned = [check.verdict for check in checks if scope == "mount_alone" or check.scope == scope]
-    return max(concerned, key=_GRAVITY.__getitem__, default="pass")
+    gravest: CheckVerdict = "pass"
+    for check in checks:
+        if (scope == "mount_alone" or check.scope == scope) and _GRAVITY[check.verdict] > _GRAVITY[gravest]:
+            gravest = check.verdict
+    return gravest

@@ -24,6 +24,16 @@ class JobProgress(Document):
     seconds_left: float | None = None
 
 
+class WorkerStanding(Sent):
+    """How many workers answer, and the kinds of jobs that wait because none of these takes them.
+
+    A worker answers until it has been silent for 8 s, also while it compiles its kernels.
+    """
+
+    answering: int
+    unserved: list[str]
+
+
 class JobView(Sent):
     """A unit of work.
 

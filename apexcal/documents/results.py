@@ -10,6 +10,7 @@ from typing import Any, Final, Literal
 from uuid import UUID
 
 from apexcal.documents.base import Document
+from apexcal.documents.checks import Check
 from apexcal.documents.corners import CornerName
 from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
@@ -300,7 +301,8 @@ class RunResult(Document):
     ``weak_priors`` are the deviations about zero of priors that hold distortion which the pairs hardly hold.
     ``lens`` says where the lens comes from. Intrinsics and transform hold together only; ``stated_lens`` has the
     mount for who projects through the stated lens. ``common_errors`` are the deviations stated for what all pairs
-    share. ``stated_too_small`` says where halves of the pairs differ by more than is stated.
+    share. ``checks`` are those of this fit alone. ``stated_too_small`` says where halves of the pairs differ by more
+    than is stated.
     """
 
     model: str
@@ -340,6 +342,7 @@ class RunResult(Document):
     undetermined: list[dict[str, float]] | None = None
     degrees_of_freedom: Deviations | None = None
     alarms: list[str] = []
+    checks: list[Check] = []
     several_optima: list[str] = []
     shared_errors: SharedErrors | None = None
     common_errors: dict[str, float] = {}

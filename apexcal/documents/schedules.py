@@ -1,4 +1,4 @@
-"""The named schedules of the search, and the limits of their numbers."""
+"""The presets of a fit: the form of its search, how it treats its pairs, its schedule and the limits of that."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from dataclasses import dataclass, fields, replace
 from math import inf
 from typing import Any, Final, Literal, get_args
 
+from apexcal.documents.bounds import BoundsPreset
+from apexcal.documents.camera_models import SearchForm
 from apexcal.documents.errors import DocumentError
+from apexcal.documents.rules import Loss, OutlierRule
 
 PresetName = Literal["default", "paper", "toolbox"]
 
@@ -31,13 +34,28 @@ class Schedule:
     goal_px: float | None = None
 
 
+@dataclass(frozen=True)
+class Preset:
+    """What a request means where it names nothing else.
+
+    By default wrong marks do no harm: the loss of the search saturates, pairs that do not belong are left out, and
+    the others are fitted by least squares (decision 0089).
+    """
+
+    schedule: Schedule
+    search: SearchForm = "rotation_vector"
+    bounds: BoundsPreset = "image-size"
+    loss: Loss = "saturating"
+    outliers: OutlierRule = "exclude"
+
+
 # Ours reaches the same optima as the paper's numbers with some 60 % of the evaluations, on simulated rigs and on the
 # real board; four slots divide evenly among workers. Half-widths that shrink by 0.7, not 0.8, save a quarter of the
 # time and lose nothing; by 0.5 they begin to (docs/decisions/0014).
-PRESETS: Final[dict[PresetName, Schedule]] = {
-    "default": Schedule(),
-    "paper": Schedule(slots=5, scale=0.8, patience=5),
-    "toolbox": Schedule(slots=20, population=2000, generations=50, max_iterations=1),
+PRESETS: Final[dict[PresetName, Preset]] = {
+    "default": Preset(Schedule()),
+    "paper": Preset(Schedule(slots=5, scale=0.8, patience=5), "euler", "paper-table-1", "mean", "keep"),
+    "toolbox": Preset(Schedule(slots=20, population=2000, generations=50, max_iterations=1)),
 }
 
 LIMITS: Final[dict[str, dict[str, Any]]] = {
@@ -55,18 +73,19 @@ _WHOLE: Final = ("slots", "population", "generations", "max_iterations", "patien
 _WORDS: Final = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 
 
-def schedule_of(preset: object, overrides: Mapping[str, Any]) -> Schedule:
-    """The preset's schedule with single numbers replaced.
-
-    Raises:
-        DocumentError: ``unknown_preset``, ``bad_schedule``.
-    """
-    for name in get_args(PresetName):
-        if preset == name:
-            return check_schedule(_replaced(PRESETS[name], overrides))
+def parse_preset(name: object) -> Preset:
+    """The preset of that name. Raises DocumentError ``unknown_preset``."""
+    for preset in get_args(PresetName):
+        if name == preset:
+            return PRESETS[preset]
     raise DocumentError(
-        "unknown_preset", f"There is no preset named {preset!r}.", f"The presets are {', '.join(PRESETS)}."
+        "unknown_preset", f"There is no preset named {name!r}.", f"The presets are {', '.join(PRESETS)}."
     )
+
+
+def schedule_of(preset: Preset, overrides: Mapping[str, Any]) -> Schedule:
+    """The preset's schedule with single numbers replaced. Raises DocumentError ``bad_schedule``."""
+    return check_schedule(_replaced(preset.schedule, overrides))
 
 
 def _replaced(schedule: Schedule, overrides: Mapping[str, Any]) -> Schedule:

@@ -126,6 +126,10 @@ class Vehicles:
         """
         return self._http.patch(at("rigs", rig_id, "serials"), RigOut, dict(serials), version=version)
 
+    def set_images(self, rig_id: UUID | str, cameras: Mapping[str, Any], *, version: int) -> RigOut:
+        """Correct what cameras' images are: ``{"front": {"kind": "raw"}}``; null lets the next recording tell it."""
+        return self._http.patch(at("rigs", rig_id, "images"), RigOut, {"cameras": dict(cameras)}, version=version)
+
     def set_gate(self, rig_id: UUID | str, gate: Mapping[str, float], *, version: int) -> RigOut:
         """State a rig's own limits, which replace the fleet's of the same name; ``{}`` states nothing."""
         return self._http.put(at("rigs", rig_id, "gate"), RigOut, dict(gate), if_match(version))

@@ -56,6 +56,7 @@ def summary(found: Sequence[dict[str, Any]], seed: int) -> dict[str, Any]:
         "success": mean("success"),
         "ga_alone": mean("ga_alone"),
         "ga_seconds": mean("ga_seconds"),
+        "finish_seconds": mean("finish_seconds"),
         "ga_seconds_worst": max(one["ga_seconds"] for one in found),
         "ga_over_optimum_worst": max(one["ga_over_optimum"] for one in found),
         "iterations": mean("iterations"),

@@ -10,10 +10,10 @@ from benchmarks.accuracy.rigs import Rig
 from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
 from workers.geometry.spherical import axes
 from workers.solver.covariances import SIGMAS, covariances_of
-from workers.solver.polish import Fit, polish, weighted_residuals
+from workers.solver.estimate import Estimate, estimate
+from workers.solver.polish import Fit, weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict
-from workers.solver.uncertainty import uncertainty
 from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
@@ -22,16 +22,16 @@ DRAWS = 8
 INSIDE_SIGMAS = 4.0
 
 
-def error_bars(rig: Rig, problem: FitProblem, fit: Fit, rng: np.random.Generator) -> dict[str, Any]:
-    """Of the marks that were searched, whose fit is given, and of fresh ones of 1 px, polished from the truth."""
+def error_bars(rig: Rig, problem: FitProblem, found: Estimate, rng: np.random.Generator) -> dict[str, Any]:
+    """Of the marks that were searched, whose estimate is given, and of fresh ones of 1 px, fitted from the truth."""
     sigma = crb_sigma(problem, rig.truth)
     exact = predict(problem, rig.truth)[0]
-    scores, held = [_squares(rig, fit, sigma)], [_held(rig, problem, fit)]
+    scores, held = [_squares(rig, found.fit, sigma)], [_held(rig, found)]
     for _ in range(DRAWS - 1):
         again = replace(problem, pixels=exact + rng.normal(size=exact.shape))
-        refitted = polish(again, rig.truth)
-        scores.append(_squares(rig, refitted, sigma))
-        held.append(_held(rig, again, refitted))
+        refitted = estimate(again, rig.truth)
+        scores.append(_squares(rig, refitted.fit, sigma))
+        held.append(_held(rig, refitted))
     return {
         "inside": _inside(problem, rig.truth, sigma),
         "squared_scores": scores,
@@ -56,11 +56,11 @@ def weighted_error_bars(rig: Rig, rng: np.random.Generator) -> dict[str, Any]:
     sigma = crb_sigma(known, rig.truth)
     if not _inside(equal, rig.truth, sigma):
         return {"weighted_scores": [], "weighted_held": [], "equal_scores": []}
-    fit = polish(weighted, rig.truth)
+    found = estimate(weighted, rig.truth)
     return {
-        "weighted_scores": [_squares(rig, fit, sigma)],
-        "weighted_held": [_held(rig, weighted, fit)],
-        "equal_scores": [_squares(rig, polish(equal, rig.truth), sigma)],
+        "weighted_scores": [_squares(rig, found.fit, sigma)],
+        "weighted_held": [_held(rig, found)],
+        "equal_scores": [_squares(rig, estimate(equal, rig.truth).fit, sigma)],
     }
 
 
@@ -83,12 +83,12 @@ def _squares(rig: Rig, fit: Fit, sigma: Floats) -> list[float]:
     return (((np.array(fit.parameters) - rig.truth) / sigma) ** 2).tolist()
 
 
-def _held(rig: Rig, problem: FitProblem, fit: Fit) -> list[bool]:
+def _held(rig: Rig, found: Estimate) -> list[bool]:
     # The reported rotations are small turns about the camera's axes.
-    p = np.array(fit.parameters)
+    p = found.parameters
     turn = rotation_from_vector(p[:3]) @ rotation_from_vector(rig.truth[:3]).T
     error = np.concatenate([np.degrees(vector_from_rotation(turn)), (p - rig.truth)[3:]])
-    return (np.abs(error) <= uncertainty(problem, p).half_width95).tolist()
+    return (np.abs(error) <= found.spread.half_width95).tolist()
 
 
 def _inside(problem: FitProblem, truth: Floats, sigma: Floats) -> bool:

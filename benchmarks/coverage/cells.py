@@ -16,9 +16,9 @@ from workers.simulation.rig import Rig
 
 BLUNDERS: Final = (0.0, 0.02, 0.10)
 RULES: Final[dict[str, dict[str, Any]]] = {
-    "keep": {},
-    "exclude": {"outliers": "exclude"},
-    "saturating": {"loss": "saturating"},
+    "default": {},
+    "keep": {"loss": "mean", "outliers": "keep"},
+    "saturating": {"loss": "saturating", "outliers": "keep"},
 }
 _PRIOR_M: Final = 0.02
 _ELEVATION_DEG: Final = 0.03

@@ -131,8 +131,9 @@ def camera_of(model: ModelName, seed: int) -> Camera:
 
 
 def request_of(model: ModelName) -> dict[str, object]:
-    """What the rig's owner asks the solver for."""
-    return {"model": model, "image_size": list(IMAGE_SIZE), "nominal": to_document(nominal_mount())}
+    """What the rig's owner asks the solver for: the paper's loss over all pairs."""
+    request = {"model": model, "image_size": list(IMAGE_SIZE), "nominal": to_document(nominal_mount())}
+    return {**request, "loss": "mean", "outliers": "keep"}
 
 
 def field_points(ground_z: float) -> Floats:

@@ -64,7 +64,8 @@ _STATEMENTS = (
     " '{}'"
     " FROM generate_series(1, :vehicles) v, unnest(ARRAY['front', 'rear']) c",
     f"INSERT INTO correspondence_set (id, fleet_id, vehicle_id, rig_id, camera, source, content_hash, count, pairs,"
-    f" notes, created_at) SELECT {_S}, :fleet, {_V}, {_R}, c, 'import', md5('s' || v || c), 200, '{{}}', '[]', 0"
+    f" flagged, notes, created_at)"
+    f" SELECT {_S}, :fleet, {_V}, {_R}, c, 'import', md5('s' || v || c), 200, '{{}}', 0, '[]', 0"
     " FROM generate_series(1, :vehicles) v, unnest(ARRAY['front', 'rear']) c",
     f"INSERT INTO calibration (id, fleet_id, vehicle_id, rig_id, request, content_hash, state, remaining, publish,"
     f" notes, summary, created_at) SELECT {_C}, :fleet, {_V}, {_R}, '{{}}', '0', 'done', 0, 'none', '[]',"

@@ -24,7 +24,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
-from benchmarks.accuracy.rigs import PAIRS, Rig, draw_rig  # noqa: E402
+from benchmarks.accuracy.rigs import PAIRS, PLAIN, Rig, draw_rig  # noqa: E402
 from benchmarks.solver.peers.contest import GENERATIONS, POPULATION, Contest, Peer, PeerMissingError  # noqa: E402
 from benchmarks.solver.race import OURS, Time, race  # noqa: E402
 from benchmarks.solver.target import WITHIN, Optimum, evaluations_of_ours_to, evaluations_to, optimum  # noqa: E402
@@ -79,7 +79,7 @@ def measure(model: ModelName, peers: Sequence[Peer], seed: int, rounds: int) -> 
 
 def _contest(rig: Rig, seed: int, number: int) -> Contest:
     schedule = {"population": POPULATION, "generations": GENERATIONS}
-    return Contest(rig.problem(seed=number, schedule=schedule), seed + number)
+    return Contest(rig.problem(seed=number, schedule=schedule, **PLAIN), seed + number)
 
 
 def _reached(rig: Rig, contest: Contest, peers: Sequence[Peer]) -> tuple[Optimum, dict[str, int | None]]:

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy.measures import PAPER, best_mean
-from benchmarks.accuracy.rigs import draw_rig
+from benchmarks.accuracy.measures import PAPER, best_loss
+from benchmarks.accuracy.rigs import PLAIN, draw_rig
 from benchmarks.solver.operators import OPERATORS, searching_with
 from workers.geometry.models import MODELS, parse_model
 from workers.solver.polish import polish
@@ -44,13 +44,13 @@ def main() -> None:
         iterations: dict[str, list[int]] = {name: [] for name in OPERATORS}
         one_slot: dict[str, list[float]] = {name: [] for name in OPERATORS}
         once = {**SCHEDULE, "max_iterations": 1, "slots": 1}
-        warm = draw_rig(model, np.random.default_rng(0)).problem(schedule=once)
+        warm = draw_rig(model, np.random.default_rng(0)).problem(schedule=once, **PLAIN)
         for operator in range(len(OPERATORS)):
             search(warm, operator)
         for number in range(rigs):
             rig = draw_rig(model, np.random.default_rng((seed, number, MODELS.index(model))))
-            problem = rig.problem(seed=number, schedule=SCHEDULE)
-            lowest = best_mean(problem, polish(problem, rig.truth))
+            problem = rig.problem(seed=number, schedule=SCHEDULE, **PLAIN)
+            lowest = best_loss(problem, polish(problem, rig.truth))
             for operator, name in enumerate(OPERATORS):
                 began = time.process_time()
                 state = search(problem, operator)

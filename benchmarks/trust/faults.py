@@ -62,7 +62,7 @@ def cells(walked: Walked, draw: int) -> Iterator[Cell]:
         found = judge(bench, of, known, {"models": [model]})
         return Cell(fault, check in found.failed, found)
 
-    yield named("wrong_model", "off_axis", columns(paired, Errors(), random), model="pinhole")
+    yield named("wrong_model", "lens_model", columns(paired, Errors(), random), model="pinhole")
     yield named("bad_marks", "wrong_pairs", columns(paired, Errors(blunders=BLUNDERS), random))
     late = pair(walked, lens, CLOCK_MS)
     yield named("clock", "clock", columns(late, Errors(), random), late)

@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.checks import Check
 from benchmarks.coverage.calibrations import Bench, Calibration
 from benchmarks.coverage.marks import Errors
 from benchmarks.coverage.walks import Paired
 from service.calibration_runs.objection_queries import own_objections
 from workers.geometry.rotations import rotation_from_vector
 from workers.geometry.transforms import RigidTransform, from_document, to_document
-from workers.reports.contents import judged
-from workers.reports.material import FittedModel, Material
-from workers.reports.pair_errors import pair_errors
-from workers.reports.verdict import Verdict
+from workers.reports.material import FittedModel
+from workers.reports.verdict import Verdict, verdict_of
 from workers.simulation.camera import FRONT
 from workers.validation.calibration import KnownCalibration
 from workers.validation.pair_score import score_pairs
@@ -41,9 +40,9 @@ def judge(bench: Bench, paired: Paired, known: dict[str, Any], request: dict[str
     (model,) = request["models"]
     fitted = FittedModel(model, done.results[model], done.problems[model])
     against = own_objections(FRONT, done.summary, model, None, ended_well=True)
-    material = Material(fitted, [fitted], known, objections=against)
-    checks, verdict = judged(material, pair_errors(fitted.document, fitted.problem.points, fitted.problem.pixels))
-    return Judged(done, fitted, verdict, frozenset(one.name for one in checks if one.verdict == "failed"))
+    checks = [Check.model_validate(one) for one in fitted.document["checks"]]
+    failed = frozenset(one.name for one in checks if one.verdict != "pass")
+    return Judged(done, fitted, verdict_of(fitted.document, against, checks), failed)
 
 
 def agrees_elsewhere(found: Judged, others: dict[str, Any], turn: Floats, shift: Floats) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.accuracy.measures import WITHIN
-from benchmarks.accuracy.rigs import Rig
+from benchmarks.accuracy.rigs import PLAIN, Rig
 from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
 from workers.solver.baselines import baseline, linear_baseline
 from workers.solver.polish import Fit, cost_of, distances, polish
@@ -77,7 +77,7 @@ def compare(case: Case, seed: int) -> dict[str, Any]:
     lies within RIGHT_PX of the truth. `beaten`: some way found a cost more than 0.1 % below the optimum.
     `known`: the standard deviations at the optimum claim that the pairs hold the mount (none with wrong marks).
     """
-    problem = case.rig.problem(seed=seed, **case.request)
+    problem = case.rig.problem(seed=seed, **(PLAIN | case.request))
     check = case.check.problem(rotation_range_deg=180.0)
     best = polish(problem, case.rig.truth)
     ways: dict[str, dict[str, Any]] = {}

@@ -89,7 +89,7 @@ def plan_request(wanted: CalibrationTemplate, sources: Sequence[CameraPairs]) ->
         count = folds[camera.name][model]
         fits.append(FitPlan(camera, model, count, document | {"seed": seed, "folds": count}, one.cost))
     resolved = {"models": terms.models, "seed": seed}
-    resolved |= {key: terms.common[key] for key in ("search", "bounds_preset")}
+    resolved |= {key: terms.common[key] for key in ("search", "bounds_preset", "loss", "outliers")}
     request = wanted.model_dump(mode="json") | resolved
     return CalibrationPlan(fits, terms.schedule, digest, request, list(dict.fromkeys(notes)))
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from apexcal.documents.bounds import BoundsPreset, Interval
+from apexcal.documents.bounds import Interval
 from apexcal.documents.calibrations import CalibrationTemplate
-from apexcal.documents.camera_models import ModelName, SearchForm, parse_model
+from apexcal.documents.camera_models import ModelName, parse_model
 from apexcal.documents.rules import LensUse, WeightRule
 from apexcal.documents.schedules import PRESETS, Schedule
 from service.calibrations.lenses import Lens, as_stated, take_over
@@ -55,7 +55,7 @@ def resolve_terms(wanted: CalibrationTemplate) -> Terms:
             those of :func:`~service.calibrations.lenses.as_stated` and ``intrinsics_of_another_model``.
     """
     models: list[ModelName] = list(dict.fromkeys(parse_model(name) for name in wanted.models))
-    schedule = replace(PRESETS[wanted.preset], **wanted.schedule.model_dump(exclude_none=True))
+    schedule = replace(PRESETS[wanted.preset].schedule, **wanted.schedule.model_dump(exclude_none=True))
     common = _common(wanted, models, schedule)
     bounds = check_names(wanted.bounds, "bounds", models, common["search"])
     check_order(bounds)
@@ -79,16 +79,16 @@ def resolve_terms(wanted: CalibrationTemplate) -> Terms:
 
 
 def _common(wanted: CalibrationTemplate, models: list[ModelName], schedule: Schedule) -> Json:
-    paper = wanted.preset == "paper"
-    search: SearchForm = wanted.search or ("euler" if paper else "rotation_vector")
-    bounds_preset: BoundsPreset = wanted.bounds_preset or ("paper-table-1" if paper else "image-size")
+    preset = PRESETS[wanted.preset]
+    search = wanted.search or preset.search
     priors = {name: prior.model_dump() for name, prior in wanted.priors.items()}
     return {
         "search": search,
         "rotation_range_deg": wanted.rotation_range_deg,
-        "bounds_preset": bounds_preset,
+        "bounds_preset": wanted.bounds_preset or preset.bounds,
         **({"line_time_us": wanted.line_time_us} if wanted.line_time_us else {}),
-        "loss": wanted.loss,
+        "loss": wanted.loss or preset.loss,
+        "outliers": wanted.outliers or preset.outliers,
         "preset": wanted.preset,
         # Written out, so that the jobs are cut for exactly the slots that the solver runs. No more than that: the
         # seed follows from this document.
@@ -100,6 +100,4 @@ def _common(wanted: CalibrationTemplate, models: list[ModelName], schedule: Sche
         | wanted.schedule.model_dump(exclude_none=True),
         "locked": check_names(wanted.locked, "locked", models, search),
         "priors": check_names(priors, "priors", models, search),
-        # The default is left out, so that a request from before this choice still gives the same seed and bits.
-        **({} if wanted.outliers == "keep" else {"outliers": wanted.outliers}),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from uuid import UUID
 
-from sqlalchemy import Index, String, UniqueConstraint, false
+from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from service.db.base import Base, Corner, Created, Json, RowId, Version, belongs_to, partial_index
@@ -33,7 +33,7 @@ class Mark(Base):
     v: Mapped[float]
     covariance: Mapped[Json | None]
     corner: Mapped[Corner]
-    reviewed: Mapped[bool] = mapped_column(insert_default=False, server_default=false())
+    reviewed: Mapped[bool] = mapped_column(insert_default=False)
     version: Mapped[Version]
     created_at: Mapped[Created]
     updated_at: Mapped[Created]
@@ -50,7 +50,7 @@ class Verdict(Base):
     apex_id: Mapped[UUID] = belongs_to("apex.id", index=False)
     person_id: Mapped[UUID] = belongs_to("person.id")
     verdict: Mapped[str] = mapped_column(String(20))
-    reviewed: Mapped[bool] = mapped_column(insert_default=False, server_default=false())
+    reviewed: Mapped[bool] = mapped_column(insert_default=False)
     version: Mapped[Version]
     created_at: Mapped[Created]
     updated_at: Mapped[Created]

@@ -38,7 +38,7 @@ Nanoseconds = Annotated[int, mapped_column(BigInteger)]
 Bytes = Annotated[int, mapped_column(BigInteger)]
 Name = Annotated[str, mapped_column(String(200))]
 # A corner of the board. A row that names none means the tip.
-Corner = Annotated[str, mapped_column(String(10), insert_default=TOP, server_default=TOP)]
+Corner = Annotated[str, mapped_column(String(10), insert_default=TOP)]
 Digest = Annotated[str, mapped_column(String(64))]
 # The database's clock: rows that several hosts write are compared by it.
 Created = Annotated[datetime, mapped_column(Instant, insert_default=now())]

@@ -54,7 +54,7 @@ class CorrespondenceSet(Base):
     pairs: Mapped[Json | None] = mapped_column(deferred=True)
     whole_id: Mapped[UUID | None] = belongs_to("correspondence_set.id", nullable=True)
     left_out: Mapped[list[Any] | None]
-    flagged: Mapped[int] = mapped_column(default=0, server_default="0")
+    flagged: Mapped[int] = mapped_column(default=0)
     notes: Mapped[list[Any]] = mapped_column(default=list)
     created_by: Mapped[UUID | None] = refers_to("person.id")
     created_at: Mapped[Created]

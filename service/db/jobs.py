@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import BigInteger, Index, Integer, String, false, text
+from sqlalchemy import BigInteger, Index, Integer, String, text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from apexcal.documents.states import WorkState
@@ -88,7 +88,7 @@ class JobEvent(Base):
     started_at: Mapped[datetime | None]
     at: Mapped[datetime] = mapped_column(default=now())
     reason: Mapped[str | None] = mapped_column(String(100))
-    tallied: Mapped[bool] = mapped_column(default=False, server_default=false())
+    tallied: Mapped[bool] = mapped_column(default=False)
 
 
 class JobTotal(Base):

@@ -43,7 +43,7 @@ class Blob(Base):
     sha256: Mapped[str | None] = mapped_column(String(64))
     job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
     attempt: Mapped[int | None]
-    failed_removals: Mapped[int] = mapped_column(default=0, server_default="0")
+    failed_removals: Mapped[int] = mapped_column(default=0)
     remove_after: Mapped[datetime | None]
     created_at: Mapped[Created]
 
@@ -91,7 +91,7 @@ class Recording(Base):
     problem: Mapped[Json | None]
     job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
     retain_until: Mapped[datetime | None]
-    taken_bytes: Mapped[int | None] = mapped_column(BigInteger)
+    taken_bytes: Mapped[Bytes] = mapped_column(default=0)
     expires_at: Mapped[datetime | None]
     created_by: Mapped[UUID | None] = refers_to("person.id")
     version: Mapped[Version]

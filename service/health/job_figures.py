@@ -20,18 +20,17 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
 from service.db.clock import now
-from service.db.jobs import Heartbeat, Job, JobTotal, Worker
+from service.db.jobs import Heartbeat, Job, JobTotal
 from service.db.recordings import Blob
 from service.db.session import Database
 from service.jobs.queues import QUEUES
 from service.jobs.totals import BUCKETS_S
+from service.jobs.workers import answering_workers
 
 FRESH_S = 5.0
 # The blobs' rows are counted whole, so less often: for a thousandth of the time at most, however many they get.
 _BLOBS_FRESH_S = 60.0
 _BLOBS_SHARE = 1e-3
-# A worker says every 2 s that it is there. It takes up to 5 s where the database answers slowly.
-WORKER_SILENT_S = 8.0
 
 log = logging.getLogger(__name__)
 
@@ -134,10 +133,9 @@ def _totals(session: Session) -> Iterator[Metric]:
 
 
 def _workers(session: Session) -> Iterator[Metric]:
-    rows = session.scalars(select(Worker).where(Worker.at.between(now(-WORKER_SILENT_S), now()))).all()
     warm: dict[bool, int] = {True: 0, False: 0}
     processes: dict[str, int] = dict.fromkeys(QUEUES, 0)
-    for row in rows:
+    for row in answering_workers(session):
         warm[row.warm] += 1
         for queue in set(row.queues.split(",")) & set(QUEUES):
             processes[queue] += row.processes if row.warm else 0

@@ -16,13 +16,13 @@ from sqlalchemy.exc import DBAPIError
 
 from service.db.clock import now
 from service.db.ids import new_id
-from service.db.jobs import Heartbeat, Worker
+from service.db.jobs import Heartbeat
 from service.db.revisions import is_older, newest, stored
 from service.db.session import Database
 from service.db.upserts import put
-from service.health.job_figures import WORKER_SILENT_S
 from service.health.parts import PATIENCE_S, Answer, Part, ask_parts
 from service.jobs.queues import QUEUES
+from service.jobs.workers import answering_workers
 from service.settings import Settings
 from service.storage.store import Store
 
@@ -133,9 +133,8 @@ def _sweep(database: Database, settings: Settings) -> Answer:
 def _workers(database: Database) -> Answer:
     """How many answer, and how many are warm: the first start of a version compiles for about half a minute."""
     with database.reading() as session:
-        asked = select(Worker.queues, Worker.warm).where(Worker.at.between(now(-WORKER_SILENT_S), now()))
-        answering = session.execute(asked).all()
-    warm = [queues.split(",") for queues, is_warm in answering if is_warm]
+        answering = [(worker.queues.split(","), worker.warm) for worker in answering_workers(session)]
+    warm = [queues for queues, is_warm in answering if is_warm]
     idle = [queue for queue in QUEUES if not any(queue in queues for queues in warm)]
     missing = f"no warm worker takes the queues {', '.join(idle)}" if answering else "no worker answers"
     if answering and not warm:

@@ -8,7 +8,7 @@ from uuid import UUID
 from fastapi import Path, Query
 from sqlalchemy import select
 
-from apexcal.documents.jobs import JobView
+from apexcal.documents.jobs import JobView, WorkerStanding
 from apexcal.documents.states import WorkState
 from service.auth.access import ReadAccess
 from service.db.base import written
@@ -16,6 +16,8 @@ from service.db.jobs import Job
 from service.http.pages import Page, Paging, fetch
 from service.http.router import Router
 from service.job_status.views import job_view
+from service.jobs.kinds import kinds
+from service.jobs.workers import answering_workers
 
 router = Router(tags=["jobs"])
 
@@ -40,3 +42,11 @@ def get_jobs(
 def get_job(id: Annotated[int, Path(ge=0, lt=2**63)], access: ReadAccess) -> JobView:
     """One job."""
     return job_view(access.find(Job, id))
+
+
+@router.get("/workers")
+def get_workers(access: ReadAccess) -> WorkerStanding:
+    """Whether workers answer, and which kinds of jobs wait because none takes them."""
+    queues = [worker.queues.split(",") for worker in answering_workers(access.session)]
+    unserved = [kind.name for kind in kinds() if not any(kind.queue in taken for taken in queues)]
+    return WorkerStanding(answering=len(queues), unserved=unserved)

@@ -57,7 +57,6 @@ def post_recording(id: UUID, body: NewRecording, request: Request, access: Write
         reading=reading_document(access.session, rig.id, body.reading),
         retain_until=now(timedelta(days=body.retain_days).total_seconds()) if body.retain_days else None,
         created_by=access.person.id,
-        taken_bytes=0,
         expires_at=access.session.scalar(select(now(3600 * settings.upload_hours))),
     )
     access.session.add(row)

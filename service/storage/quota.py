@@ -10,18 +10,14 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 from uuid import UUID
 
-from sqlalchemy import func, select, update
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.states import RecordingState
-from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.recordings import Blob, PackedSweeps, Recording, Sensor, UploadPart
 from service.db.reports import Report
-from service.db.session import Database
 from service.db.studies import Study, StudyFile
 
-_BATCH = 500
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
@@ -72,7 +68,7 @@ def take(session: Session, recording: Recording, size: int, default: int) -> Non
 
     Raises :class:`QuotaExceededError` where it takes more than before and the fleet has no room for that.
     """
-    more = size - (recording.taken_bytes or 0)
+    more = size - recording.taken_bytes
     if more <= 0:
         return
     require_quota(session, recording.fleet_id, more, default)
@@ -130,38 +126,6 @@ def coming(session: Session, recording: Recording) -> int:
         Blob.state == "reserved", Blob.key.startswith(f"recordings/{recording.id}/parts/", autoescape=True)
     )
     return int(session.scalar(parts) or 0) + int(session.scalar(reserved) or 0)
-
-
-def count_older(database: Database, upload_hours: float) -> int:
-    """Count what recordings of an older version take, and set when their uploads end."""
-    parts = select(func.sum(UploadPart.size)).where(UploadPart.recording_id == Recording.id).scalar_subquery()
-    sensors = (
-        select(func.sum(Blob.size))
-        .join(Sensor, Sensor.blob_key == Blob.key)
-        .where(Sensor.recording_id == Recording.id)
-        .scalar_subquery()
-    )
-    counted = 0
-    while True:
-        with database.writing() as session:
-            ids = session.scalars(select(Recording.id).where(Recording.taken_bytes.is_(None)).limit(_BATCH)).all()
-            session.execute(
-                update(Recording)
-                .where(Recording.id.in_(ids))
-                .values(taken_bytes=func.coalesce(parts, 0) + func.coalesce(sensors, 0))
-                .execution_options(synchronize_session=False)
-            )
-            session.execute(
-                update(Recording)
-                .where(
-                    Recording.id.in_(ids), Recording.state == RecordingState.UPLOADING, Recording.expires_at.is_(None)
-                )
-                .values(expires_at=now(3600 * upload_hours))
-                .execution_options(synchronize_session=False)
-            )
-        counted += len(ids)
-        if len(ids) < _BATCH:
-            return counted
 
 
 def spoken(size: float) -> str:

@@ -55,7 +55,8 @@ def what_is_known(session: Session, recording: Recording, detection: Detection, 
             "The offset is found from marks: mark vertices first, at least some dozens over the whole recording.",
         )
     # At worst it searches as a calibration does, and polishes.
-    seconds = cost_of(parse_model(model), len(marks), PRESETS["default"]).seconds + 1e-6 * _MARK_US * len(marks)
+    searching = cost_of(parse_model(model), len(marks), PRESETS["default"].schedule)
+    seconds = searching.seconds + 1e-6 * _MARK_US * len(marks)
     check_job(f"an offset from {len(marks):,} marks", seconds, "Detect in a shorter part of the recording.")
     columns = zip(("stamp_ns", "u", "v"), zip(*marks, strict=True), strict=True)
     return {

@@ -263,7 +263,7 @@ def test_from_a_rig_file_to_a_calibration(embedded, simulated, tmp_path):
     (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
     calibrated = apexcal(
         *("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"]),
-        *("--model", "brown_conrady", *known_lens(simulated, tmp_path), "--folds", "2", *here),
+        *("--model", "brown_conrady", *known_lens(simulated, tmp_path), "--folds", "2", "--publish", *here),
     )
     assert calibrated.returncode == 0, calibrated.stderr
     done = json.loads(calibrated.stdout)
@@ -320,6 +320,21 @@ def test_a_refused_rig_leaves_nothing_behind_and_every_field_is_said(embedded, o
     assert "Made the fleet 'Refused'." in made.stderr
     assert "Made the vehicle 'Car'." in made.stderr
     assert "of Car in the fleet Refused is" in made.stdout
+
+
+def test_what_a_rigs_images_are_is_corrected(embedded, owner, simulated):
+    made = apexcal("rig", simulated / "rig.json", "--fleet", "Images", "--data", embedded.data, "--json")
+    rig = json.loads(made.stdout)["id"]
+    for word, kind in (("rectified", "rectified"), ("raw", "raw"), ("", None)):
+        words = ("--correct", rig, "--images", f"front={word}", "--data", embedded.data)
+        assert apexcal("rig", *words).returncode == 0
+        images = owner.vehicles.rig(rig).cameras[0].images
+        assert (images and images.kind) == kind
+    for wrong in ("front=blurred", "nobody=raw"):
+        assert apexcal("rig", "--correct", rig, "--images", wrong, "--data", embedded.data).returncode != 0
+    for unclear in ((), ("--correct", rig), ("--images", "front=raw"), (simulated / "rig.json", "--correct", rig)):
+        refused = apexcal("rig", *unclear, "--data", embedded.data)
+        assert refused.returncode == 2 and "--correct with --images" in refused.stderr
 
 
 def test_several_vehicles_of_a_name_are_told_apart_and_several_fleets_asked_for(embedded, owner, simulated):
@@ -381,9 +396,9 @@ def test_calibrate_says_what_became_of_its_result(embedded, simulated, tmp_path)
     calibrate = ("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"])
     calibrate = (*calibrate, "--model", "brown_conrady", *known_lens(simulated, tmp_path))
     for more, said in (
-        (("--folds", 0), "Nothing was published for front on Van: No pairs were held out"),
-        (("--folds", 2, "--no-publish"), "Nothing was published for front on Van: --no-publish"),
-        (("--folds", 2), "brown_conrady is now the current calibration of front on Van."),
+        (("--folds", 0, "--publish"), "Nothing was published for front on Van: No pairs were held out"),
+        (("--folds", 2), "Nothing was published for front on Van: --publish was not given"),
+        (("--folds", 2, "--publish"), "brown_conrady is now the current calibration of front on Van."),
     ):
         shown = apexcal(*calibrate, *more, *here)
         assert said in shown.stdout, shown.stdout + shown.stderr

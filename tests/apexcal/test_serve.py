@@ -170,7 +170,9 @@ def test_the_folder_is_its_owners_alone(embedded):
 
 def is_refused_on_another_disk(data: Path) -> None:
     with closing(sqlite3.connect(data / "apexcal.db")) as rows, rows:
-        rows.execute("INSERT INTO blob (key, state, size, created_at) VALUES ('a/b', 'stored', 1, 1)")
+        rows.execute(
+            "INSERT INTO blob (key, state, size, failed_removals, created_at) VALUES ('a/b', 'stored', 1, 0, 1)"
+        )
     (data / "blobs" / MARKER).unlink()
     (data / "blobs" / "lost+found").mkdir()
     refused = subprocess.run([*SERVE, "--data", str(data)], capture_output=True, text=True, timeout=40)

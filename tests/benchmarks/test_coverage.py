@@ -21,7 +21,7 @@ def walked():
 
 @pytest.mark.slow
 def test_what_is_published_holds_in_the_short_form():
-    scored = recording(100, ["clean exclude", "2% exclude", "prior_t"], 0)
+    scored = recording(100, ["clean default", "2% default", "prior_t"], 0)
     figures = summary(scored)
     assert len(scored) == 7
     # Seven calibrations of one recording: their six intervals of the mount hold together or not.
@@ -39,7 +39,7 @@ def _scored(name, *, held, doubted=False, bound=None):
 
 def test_the_worst_cell_is_compared_with_chance():
     """Four recordings of five cells: one cell that never holds is far below what chance deals to any."""
-    names = ("clean keep", "clean exclude", "2% keep", "prior_t", "weights")
+    names = ("clean keep", "clean default", "2% keep", "prior_t", "weights")
     alike = [_scored(name, held=number != 0) for number in range(4) for name in names]
     figures = summary(alike)
     assert (figures["worst_coverage95"], figures["worst_by_chance"]) == (0.75, 0.75)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.accuracy.rigs import draw_rig
+from benchmarks.accuracy.rigs import PLAIN, draw_rig
 from benchmarks.solver.peers.contest import GENERATIONS, POPULATION, Contest, Finish, Peer
 from benchmarks.solver.target import WITHIN, evaluations_of_ours_to, evaluations_to, optimum
 from workers.solver.residuals import predict
@@ -15,7 +15,8 @@ from workers.solver.slot import run_slot
 @pytest.fixture(scope="module")
 def race():
     rig = draw_rig("pinhole", np.random.default_rng(3))
-    contest = Contest(rig.problem(seed=3, schedule={"population": POPULATION, "generations": GENERATIONS}), 3)
+    schedule = {"population": POPULATION, "generations": GENERATIONS}
+    contest = Contest(rig.problem(seed=3, schedule=schedule, **PLAIN), 3)
     return rig, contest, optimum(contest.problem, rig.truth)
 
 

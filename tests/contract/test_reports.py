@@ -115,7 +115,7 @@ def test_a_report_shows_what_other_data_say(api, context, made):
     assert [one["verdict"] for one in data["elsewhere"]] == ["disagrees", "agrees"]
     assert all("u" not in one for one in data["elsewhere"])
     check = next(one for one in data["checks"] if one["name"] == "elsewhere")
-    assert check["verdict"] == "failed" and check["sentence"] in data["verdict"]["against"]
+    assert check["verdict"] == "stop" and check["sentence"] in data["verdict"]["against"]
     assert data["verdict"]["level"] == "unsound"
 
 

@@ -18,15 +18,20 @@ MOVED_M = 0.06
 
 @pytest.fixture(scope="module")
 def results(track: Track) -> list[ResultView]:
-    """Four recommended results of a vehicle of their own, the middle two of the same pairs; before the last one the
-    LiDAR moved 6 cm to the right.
+    """Those of a vehicle that all tests read and none changes."""
+    return drifted(track, "Drifter", (11, 12, 12, 13))
+
+
+def drifted(track: Track, name: str, seeds: tuple[int, ...]) -> list[ResultView]:
+    """A recommended result for the pairs of each seed, of a vehicle of this name; before the last one the LiDAR moved
+    6 cm to the right.
     """
     owner = track.owner
-    vehicle = owner.vehicles.create(track.fleet_id, "Drifter")
+    vehicle = owner.vehicles.create(track.fleet_id, name)
     rig = owner.vehicles.create_rig(vehicle.id, LEVEL_RIG)
     found: list[ResultView] = []
-    for seed, moved in ((11, 0.0), (12, 0.0), (12, 0.0), (13, MOVED_M)):
-        seen = [pair | {"y": pair["y"] + moved} for pair in pairs(150, seed)]
+    for seed in seeds:
+        seen = [pair | {"y": pair["y"] + MOVED_M * (seed == seeds[-1])} for pair in pairs(150, seed)]
         made = owner.correspondence_sets.import_pairs(rig.id, "front", seen)
         done = owner.wait(owner.calibrations.create(vehicle.id, [made.id], ["pinhole"], folds=2), timeout_s=90)
         assert done.summary
@@ -70,9 +75,7 @@ def test_two_results_are_compared_over_the_image(
 
 
 @each_view
-def test_drift_is_drawn_and_what_was_withdrawn_is_marked(
-    sign_in: SignIn, track: Track, results: list[ResultView], views: tuple[View, ...]
-) -> None:
+def test_drift_is_drawn(sign_in: SignIn, track: Track, results: list[ResultView], views: tuple[View, ...]) -> None:
     vehicle = results[0].vehicle_id
     page = sign_in("Dora", "engineer")
     page.goto(f"{track.url}/vehicles/{vehicle}")
@@ -92,11 +95,19 @@ def test_drift_is_drawn_and_what_was_withdrawn_is_marked(
     assert ends in (shifts.get_attribute("aria-label") or "")
     assert_looks(page, views)
 
+
+def test_what_was_withdrawn_is_marked_in_the_drift(sign_in: SignIn, track: Track) -> None:
+    results = drifted(track, "Recalled", (11, 12, 13))
+    page = sign_in("Dario", "engineer")
+    page.goto(f"{track.url}/vehicles/{results[0].vehicle_id}")
+    shifts = page.get_by_role("img", name=re.compile("shift from the first, mm, over time"))
+    expect(shifts.locator(".jump")).to_have_count(1)
     published = track.owner.calibrations.publish(results[-1].id, "to be withdrawn", override=True)
     track.owner.calibrations.withdraw(published.id, "the board was bent")
     page.reload()
-    expect(page.get_by_text(re.compile("Over 3 results.*1 withdrawn result is left out"))).to_be_visible()
+    expect(page.get_by_text(re.compile("Over 2 results.*1 withdrawn result is left out"))).to_be_visible()
     expect(shifts.locator("path.withdrawn")).to_have_count(3)
     expect(shifts.locator(".jump")).to_have_count(0)
     page.get_by_text("The numbers").click()
+    numbers = page.get_by_role("table").filter(has_text="From the one before").get_by_role("row").nth(1)
     expect(numbers).to_contain_text("withdrawn: the board was bent")

@@ -5,11 +5,13 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from uuid import UUID
 
 import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from tests.e2e.conftest import Track
+from tests.support.processes import wait_until
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
 
 SignIn = Callable[[str, str], Page]
@@ -93,6 +95,26 @@ def test_a_region_is_tried_before_it_is_used(sign_in: SignIn, track: Track) -> N
     page.get_by_label("Region as JSON").fill('{"quantity": "x", "op": ">", "value": 500}')
     page.get_by_role("button", name="Detect", exact=True).click()
     expect(page.get_by_role("alert")).to_contain_text("region", timeout=20_000)
+
+
+def test_what_a_cameras_images_are_is_corrected_on_the_rigs_panel(sign_in: SignIn, track: Track) -> None:
+    described = track.owner.vehicles.rig(track.rig_id)
+    vehicle = track.owner.vehicles.create(track.fleet_id, "Stereo")
+    camera = described.cameras[0].model_dump(mode="json") | {"images": None}
+    document = {"name": "Stereo", "lidar": {"frame": "velodyne"}, "cameras": [camera]}
+    rig = track.owner.vehicles.create_rig(vehicle.id, document)
+    page = sign_in("Lars", "engineer")
+    page.goto(f"{track.url}/vehicles/{vehicle.id}")
+    page.locator("summary").filter(has_text="LiDAR velodyne").click()
+    for choice, kind in (("rectified", "rectified"), ("raw", "raw"), ("as the next recording tells", None)):
+        page.get_by_label("Images of front").select_option(choice)
+        expect(page.get_by_label("Images of front").locator("option:checked")).to_have_text(choice)
+        wait_until(lambda kind=kind: kind_of_images(track, rig.id) == kind, f"{choice} is stored")
+
+
+def kind_of_images(track: Track, rig_id: UUID) -> str | None:
+    images = track.owner.vehicles.rig(rig_id).cameras[0].images
+    return images and images.kind
 
 
 def test_the_pages_own_modules() -> None:

@@ -13,11 +13,10 @@ import pytest
 from sqlalchemy import func, select
 from sqlalchemy.engine import make_url
 
-from service.db.clock import now
-from service.db.models import Blob, Job, Recording, Result, Slot, Worker
-from service.health.job_figures import WORKER_SILENT_S
+from service.db.models import Blob, Job, Recording, Result, Slot
 from service.jobs.claims import claim
 from service.jobs.messages import Message, Sender
+from service.jobs.workers import answering_workers
 from service.storage.marker import MARKER
 from tests.faults.farm import LEASE_S, Farm, seconds_of
 from tests.faults.jobs import REGION, Walk, ask, ask_two_cameras, new_rig
@@ -301,7 +300,7 @@ def _libpq(url: str) -> str:
 
 def _answering(farm: Farm) -> str:
     with farm.database.reading() as session:
-        return " ".join(session.scalars(select(Worker.name).where(Worker.at > now(-WORKER_SILENT_S), Worker.warm)))
+        return " ".join(worker.name for worker in answering_workers(session) if worker.warm)
 
 
 def test_ingestion_and_detection_killed_at_work(farm: Farm, walk: Walk):

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.reports.checks import Check, checks
+from apexcal.documents.checks import Check
+from workers.judge.validation_checks import elsewhere
 from workers.reports.coverage import field_of, missing
 from workers.reports.maps import ground_map, image_map
-from workers.reports.material import FittedModel, Material
-from workers.reports.pair_errors import PairErrors, held_out_px, pair_errors
+from workers.reports.material import Material
+from workers.reports.pair_errors import PairErrors, held_out_px, pair_errors, rings_of
 from workers.reports.rounding import rounded, tidy
-from workers.reports.verdict import Verdict, verdict_of
-from workers.solver.estimate import Estimate, estimate
+from workers.reports.verdict import verdict_of
 
 Json = dict[str, Any]
 LAYOUT = 1
@@ -26,7 +25,7 @@ _SHOWN_OF_RESULT = (
     *("model", "status", "message", "search", "loss", "weights", "pairs", "free_parameters", "iterations", "stopped"),
     *("polished", "ga", "baseline", "linear_baseline", "kept", "parameters", "intrinsics", "transform", "at_bounds"),
     *("std", "interval95_half_width", "degrees_of_freedom", "correlation", "covariance", "worst_correlation"),
-    *("sigma_px", "noise_scale", "explained_px", "marks_outside", "alarms", "shared_errors", "common_errors"),
+    *("sigma_px", "noise_scale", "explained_px", "marks_outside", "shared_errors", "common_errors"),
     *("weak_priors", "lens", "stated_lens", "halves", "stated_too_small", "prediction", "outliers"),
     *("versions", "cpu"),
 )
@@ -36,7 +35,9 @@ def contents(material: Material) -> Json:
     """The report's numbers: metres in the LiDAR's frame, pixels, degrees; of N pairs in the order of their set."""
     document = material.chosen.document
     errors = pair_errors(document, material.chosen.problem.points, material.chosen.problem.pixels)
-    made, verdict = judged(material, errors)
+    checks = [Check.model_validate(one) for one in document["checks"]] + [elsewhere(material.elsewhere)]
+    used = material.chosen.problem.weights > 0.0
+    used[[one["index"] for one in document["outliers"]]] = False
     field = field_of(material, errors)
     return tidy(
         {
@@ -44,8 +45,9 @@ def contents(material: Material) -> Json:
             "names": dict(material.names),
             "ids": dict(material.ids),
             "made_at": material.made_at,
-            "verdict": verdict._asdict(),
-            "checks": [asdict(one) for one in made],
+            "verdict": verdict_of(document, material.objections, checks)._asdict(),
+            "checks": [one.model_dump() for one in checks],
+            "rings": rings_of(errors, used),
             "result": {name: document.get(name) for name in _SHOWN_OF_RESULT},
             "recommended": material.recommended,
             "why": material.why,
@@ -58,18 +60,6 @@ def contents(material: Material) -> Json:
             "provenance": document.get("provenance"),
         }
     ) | {"pairs": _pairs(material, errors)}
-
-
-def judged(material: Material, errors: PairErrors) -> tuple[list[Check], Verdict]:
-    """The checks of the reported result, and the verdict that follows. ``errors``: those of its pairs."""
-    made = checks(material, estimate_of(material.chosen), errors)
-    return made, verdict_of(material.chosen.document, material.objections, made)
-
-
-def estimate_of(model: FittedModel) -> Estimate:
-    """The fit's estimate again. Wrong marks have a check of their own; the others look at the pairs that belong."""
-    problem, parameters = replace(model.problem, outliers="exclude"), model.document["polished"]["parameters"]
-    return estimate(problem, np.array([parameters[name] for name in problem.names]))
 
 
 def _pairs(material: Material, errors: PairErrors) -> Json:

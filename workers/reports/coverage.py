@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import groupby
-from typing import Any, Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,6 @@ Floats = NDArray[np.float64]
 COLUMNS: Final = 6
 # Bands of range: the paper's field ends at 30 m.
 BANDS_M: Final = (0.0, 6.0, 12.0, 20.0, 30.0)
-# The marks' middle 95 % have to span this share of the image's width. Beyond the marks a lens is extrapolated: in
-# decision 0044's rigs marks in the middle 0.4 left errors of 1.3 to 3.8 px over the field, wide ones 0.2 to 0.3.
-_SPAN: Final = 0.6
 
 
 class Field(NamedTuple):
@@ -68,25 +65,3 @@ def _sector(low: float, high: float, run: list[int]) -> str:
     if run[0] == 0:
         return f"left of {high:.0f} degrees"
     return f"between {low:.0f} and {high:.0f} degrees"
-
-
-def coverage_check(
-    material: Material, errors: PairErrors
-) -> tuple[str, str, Literal["passed", "failed", "unknown"], str, dict[str, Any]]:
-    """The members of the check of coverage."""
-    width, height = material.chosen.document["intrinsics"]["image_size"]
-    u, v = np.asarray(material.pairs["u"]), np.asarray(material.pairs["v"])
-    across, down = (
-        float(np.subtract(*np.quantile(values, (0.975, 0.025)))) / size for values, size in ((u, width), (v, height))
-    )
-    figures = {"width_share": across, "height_share": down}
-    spans = f"The marks span {across:.0%} of the image's width and {down:.0%} of its height"
-    if across >= _SPAN:
-        return "coverage", "Coverage", "passed", f"{spans}.", figures
-    return (
-        "coverage",
-        "Coverage",
-        "failed",
-        f"{spans}. Outside of that the lens is extrapolated, and errors are unknown. Walk to the image's edges, too.",
-        figures,
-    )

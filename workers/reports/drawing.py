@@ -116,9 +116,7 @@ def _points(figure: Figure, axes: Axes, plot: Plot, document: Json) -> None:
     drawn.set_clip_on(False)
     drawn.set_in_layout(False)
     if plot.steps:
-        for check in document["checks"]:
-            if check["name"] == plot.steps:
-                _rings(axes, check["figures"].get("rings", []))
+        _rings(axes, document[plot.steps])
     if plot.person:
         found = column(document, plot.person)
         axes.plot(found["mean_u"], found["mean_v"], "+", color=_STRONG, markersize=14, markeredgewidth=2)

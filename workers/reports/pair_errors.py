@@ -53,3 +53,23 @@ def held_out_px(heldout: Sequence[dict[str, Any]], count: int) -> Floats:
         if one.get("indices") is not None and one.get("errors_px") is not None:
             found[np.asarray(one["indices"], np.int64)] = one["errors_px"]
     return found
+
+
+def rings_of(errors: PairErrors, used: NDArray[np.bool_], count: int = 4) -> list[dict[str, float]]:
+    """Return rings about the axis with equally many of the used pairs (N,): angles, pairs, RMS distance px."""
+    used = used & errors.seen
+    if not np.any(used):
+        return []
+    angle, distance = errors.angle_deg[used], errors.distance_px[used]
+    edges = np.quantile(angle, np.linspace(0.0, 1.0, count + 1))
+    ring = np.clip(np.searchsorted(edges, angle, side="right") - 1, 0, count - 1)
+    return [
+        {
+            "from_deg": float(edges[k]),
+            "to_deg": float(edges[k + 1]),
+            "pairs": int(np.count_nonzero(ring == k)),
+            "rms_px": float(np.sqrt(np.mean(distance[ring == k] ** 2))),
+        }
+        for k in range(count)
+        if np.any(ring == k)
+    ]

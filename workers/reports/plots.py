@@ -118,7 +118,7 @@ def _residuals(document: Json) -> list[Plot]:
             "angle to the axis, degrees",
             says="The distance of each pair over its angle to the axis; lines show the RMS of quarters of the pairs.",
             x="pairs/angle_deg",
-            steps="off_axis",
+            steps="rings",
             **error,
         ),
         Plot(

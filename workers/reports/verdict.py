@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from apexcal.documents.checks import Check
 from apexcal.documents.reports import VerdictLevel
-from workers.reports.checks import Check
 
 
 class Verdict(NamedTuple):
@@ -19,15 +19,11 @@ class Verdict(NamedTuple):
 
 
 def verdict_of(document: dict[str, Any], objections: Sequence[str], checks: Sequence[Check]) -> Verdict:
-    """``objections``: what speaks against publishing the result; its alarms and failed checks count too."""
+    """``objections``: what speaks against publishing the result. Checks of the mount alone do not count."""
+    concerned = [one for one in checks if one.scope == "mount_with_lens"]
     against = list(objections)
-    status = f"The status is {document['status']}: {document['message']}"
-    if document["status"] != "ok" and not any(document["message"] in one for one in against):
-        against.insert(0, status)
-    failed = [one for one in checks if one.verdict == "failed"]
-    against += [one.sentence for one in failed if one.forbids and not _is_said(one.sentence, against)]
-    doubts = [one.sentence for one in failed if not one.forbids and not _is_said(one.sentence, against)]
-    doubts += [one for one in document.get("alarms", []) if not _is_said(one, [*against, *doubts])]
+    against += [one.sentence for one in concerned if one.verdict == "stop" and not _is_said(one.sentence, against)]
+    doubts = [one.sentence for one in concerned if one.verdict == "look" and not _is_said(one.sentence, against)]
     level: VerdictLevel = "unsound" if against else "doubtful" if doubts else "sound"
     words = {
         "unsound": f"Do not use it as it is: {_counted(len(against), 'reason speaks', 'reasons speak')} against it",

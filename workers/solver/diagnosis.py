@@ -63,7 +63,7 @@ def alarms(
     """
     p = np.array(polished.parameters)
     of_points = point_alarms(problem, p)
-    found = misfit(problem, p) + of_points + parameter_alarms(problem, p, spread)
+    found = of_points + parameter_alarms(problem, p, spread)
     edge = at_bounds(problem, p)
     if edge:
         found.append(
@@ -84,14 +84,15 @@ def _outlier_alarms(problem: FitProblem, outliers: list[Outlier], excluded: bool
     if not outliers:
         return []
     # How many and not which: everybody who sees the calibration sees alarms, only reviewers see the outliers.
-    pairs = "1 pair does" if len(outliers) == 1 else f"{len(outliers)} pairs do"
+    which = "1 pair does" if len(outliers) == 1 else f"{len(outliers)} pairs do"
     what = (
         "were left out" if excluded else "are in the fit; to leave them out: outliers: exclude, or --outliers exclude"
     )
-    found = [f"{pairs} not belong; the outliers name them. They {what}. Check their marks and their frames' times."]
-    if len(outliers) > _MANY * np.count_nonzero(problem.weights):
+    found = [f"{which} not belong; the outliers name them. They {what}. Check their marks and their frames' times."]
+    pairs = np.count_nonzero(problem.weights) + excluded * len(outliers)
+    if len(outliers) > _MANY * pairs:
         found.append(
-            f"{len(outliers)} of {np.count_nonzero(problem.weights)} pairs do not belong to the fit, too many to "
+            f"{len(outliers)} of {pairs} pairs do not belong to the fit, too many to "
             "trust it. Look at the marks, the pairing of frames, and the model."
         )
     return found

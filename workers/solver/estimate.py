@@ -129,10 +129,10 @@ def _once(problem: FitProblem, start: Floats) -> Estimate:
     fit = polish(problem, start)
     judged = judge(problem, np.array(fit.parameters))
     outliers = judged.outliers
-    if not outliers:
+    if not outliers and (problem.outliers == "keep" or problem.loss == "mean"):
         spread = uncertainty(problem, np.array(fit.parameters))
         return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, problem, problem, spread)
-    # No gross errors are left: plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
+    # Without gross errors plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
     kept = without(replace(problem, loss="mean"), outliers)
     of_kept: Fit | None = None
     if problem.outliers == "exclude":

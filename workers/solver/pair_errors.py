@@ -1,4 +1,4 @@
-"""Facts about pairs beside their fit: what explains their residuals, marks outside, nearest frames."""
+"""Facts about pairs beside their fit: what explains their residuals, marks outside, times between the two."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -9,8 +9,6 @@ from workers.solver.problem import FitProblem
 
 # Largest noise of a plane on real recordings, ring bias included (OS1-64). It holds for vertices that state nothing.
 _VERTEX_M: Final = 0.016
-# Scale from which stated errors count as too small, as in the alarm for it.
-_UNDERSTATED: Final = 1.5
 _STILL_NS: Final = 1_000_000
 
 
@@ -35,13 +33,10 @@ def marks_outside(problem: FitProblem) -> int:
     return int(np.count_nonzero(np.any((problem.pixels < -1.5) | (problem.pixels > size + 0.5), axis=1)))
 
 
-def nearest_frames(document: Mapping[str, Any], pairs: Mapping[str, Any]) -> list[str]:
-    """A sentence, if errors are larger than stated and vertices were not moved to their frames' times."""
+def paired_apart_ms(pairs: Mapping[str, Any]) -> float | None:
+    """Return the median time, ms, between vertices and the frames that they were paired with and not moved to.
+
+    None if they were moved, or the columns do not say.
+    """
     gaps = np.abs(np.array(pairs.get("gap_ns") or [0], np.float64))
-    scale = document.get("noise_scale")
-    if not scale or scale <= _UNDERSTATED or np.max(gaps) < _STILL_NS:
-        return []
-    return [
-        f"Vertices were paired with the nearest frame, half of them more than {np.median(gaps) / 1e6:.0f} ms away, "
-        "and not moved to its time. If the board moved, the pairs are wrong: detect again with pairing mode auto."
-    ]
+    return float(np.median(gaps)) / 1e6 if np.max(gaps) >= _STILL_NS else None

@@ -36,7 +36,7 @@ def prediction(found: Estimate, halves: list[Halves]) -> dict[str, Any] | None:
     v = (np.arange(_ROWS) + 0.5) * height / _ROWS - 0.5
     pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     rays, miss = unproject(problem.model, p[6:], pixels)
-    px, mm = _deviations(found, rays)
+    px, mm = deviations_along(found, rays)
     seen = (miss < _NO_RAY_PX) & np.all(np.isfinite(px), axis=0)
     return {
         "distances_m": list(DISTANCES_M),
@@ -53,8 +53,11 @@ def prediction(found: Estimate, halves: list[Halves]) -> dict[str, Any] | None:
     }
 
 
-def _deviations(found: Estimate, rays: Floats) -> tuple[Floats, Floats]:
-    """(distances, points) in px and in mm, of points on rays (P, 3) of unit length in the camera's frame."""
+def deviations_along(found: Estimate, rays: Floats) -> tuple[Floats, Floats]:
+    """Return (distances, R) standard deviations of projected points, px and mm across the ray.
+
+    The points lie at `DISTANCES_M` on rays (R, 3) of unit length in the camera's frame. The estimate states errors.
+    """
     problem, p = found.holding, found.parameters
     assert found.errors is not None
     covariance = found.errors.covariance()

@@ -11,7 +11,7 @@ from apexcal.documents.bounds import DEFAULT_ROTATION_RANGE_DEG, Interval
 from apexcal.documents.camera_models import ANGLES
 from apexcal.documents.errors import DocumentError
 from apexcal.documents.rules import Loss, OutlierRule, Weights
-from apexcal.documents.schedules import schedule_of
+from apexcal.documents.schedules import parse_preset, schedule_of
 from workers.geometry.models import parse_model, parse_search_form
 from workers.geometry.projection import image_diagonal_px
 from workers.geometry.transforms import from_document
@@ -44,8 +44,7 @@ def problem_from_document(
     priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, outliers (keep or exclude), weights (equal,
     or covariances: those given), common_errors {name: sigma}, line_time_us, stated_lens {"model",
     "f_x", ...}, preset, schedule {...}. Angles are in radians, or in degrees where their name ends in `_deg`. A
-    parameter that is locked keeps no prior. Preset `paper` implies the Euler form and Table I's bounds unless the
-    request names others. Raises SolveError.
+    parameter that is locked keeps no prior. What the request leaves out is the preset's. Raises SolveError.
     """
     try:
         return _read(document, points, pixels, weights, covariances)
@@ -74,15 +73,15 @@ def _read(
             "bad_document", f"The request has no key {unknown[0]!r}.", f"Keys: {', '.join(sorted(_KEYS))}."
         )
     model = parse_model(document["model"])
-    paper = document.get("preset") == "paper"
-    search = parse_search_form(document.get("search") or ("euler" if paper else "rotation_vector"))
+    preset = parse_preset(document.get("preset") or "default")
+    search = parse_search_form(document.get("search") or preset.search)
     nominal = from_document(document["nominal"])
     width, height = (int(size) for size in document["image_size"])
     overrides = {
         name: _interval(name, pair) for name, pair in _in_radians(document.get("bounds"), _scale_all).items()
     }
     bounds = preset_bounds(
-        parse_bounds_preset(document.get("bounds_preset") or ("paper-table-1" if paper else "image-size")),
+        parse_bounds_preset(document.get("bounds_preset") or preset.bounds),
         model,
         search,
         (width, height),
@@ -106,16 +105,18 @@ def _read(
         bounds=bounds,
         locked=locked,
         priors={name: prior for name, prior in priors.items() if name not in fixed},
-        loss=_parse_loss(document.get("loss") or "mean"),
-        schedule=schedule_of(document.get("preset") or "default", document.get("schedule") or {}),
+        loss=_parse_loss(document.get("loss") or preset.loss),
+        schedule=schedule_of(preset, document.get("schedule") or {}),
         seed=int(document.get("seed") or 0),
         camera=str(document.get("camera") or ""),
         fold=int(document.get("fold", -1) if document.get("fold") is not None else -1),
         # A hundredth of the image's diagonal: far above an honest mark's noise, far below a wrong corner.
         saturation_px=float(document.get("saturation_px") or 0.01 * image_diagonal_px((width, height))),
         mark_sigma_px=float(document.get("mark_sigma_px") or 1.0),
-        outliers=_parse_outlier_rule(document.get("outliers") or "keep"),
-        unstated=frozenset() if paper else frozenset(bounds) - overrides.keys() - fixed - priors.keys(),
+        outliers=_parse_outlier_rule(document.get("outliers") or preset.outliers),
+        unstated=frozenset()
+        if document.get("preset") == "paper"
+        else frozenset(bounds) - overrides.keys() - fixed - priors.keys(),
         common_errors=parse_common_errors(document.get("common_errors")),
         line_time_us=float(document.get("line_time_us") or 0.0),
         stated_lens=document.get("stated_lens"),

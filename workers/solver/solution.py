@@ -6,7 +6,7 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from llvmlite import binding
@@ -38,7 +38,19 @@ _LIBRARIES: Final = ("apexcal", "numpy", "scipy", "numba", "llvmlite")
 _LOSS_WORDS: Final = {"mean": "mean pixel distance", "saturating": "saturating mean pixel distance"}
 
 
+class Finished(NamedTuple):
+    """The end of a fit: its estimate, and the document that it becomes."""
+
+    estimate: Estimate
+    document: dict[str, Any]
+
+
 def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
+    """Return the document of `finished`."""
+    return finished(problem, state).document
+
+
+def finished(problem: FitProblem, state: State) -> Finished:
     """Polish the search's best and describe everything found, as plain JSON.
 
     The document's `intrinsics` and `transform` (T_camera_lidar) are the polished ones; `ga`, `polished`,
@@ -80,12 +92,13 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         )
         said.append(stated.sentence + way)
     transform = transform_of(problem, p)
-    status, message = _status(state, found)
+    unexplained = misfit(problem, p)
+    status, message = _status(state, found, unexplained)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
     # The alarms compare both stages over the pairs that the polish was given.
     ga_kept_px = mean_and_rms(kept, state.best_parameters)
     excluded = problem.outliers == "exclude"
-    return {
+    document = {
         "model": problem.model,
         "search": problem.search,
         "status": status,
@@ -117,7 +130,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "residuals_px": distances(problem, p).tolist(),
         "at_bounds": at_bounds(problem, p),
         **spread.to_document(),
-        "alarms": alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
+        "alarms": unexplained + alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
         "shared_errors": found.shared and found.shared.to_document(),
         "common_errors": problem.common_errors,
         "person_bias": found.bias and found.bias._asdict(),
@@ -131,6 +144,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "cpu": cpu_document(),
         "versions": versions_document(),
     }
+    return Finished(found, document)
 
 
 def _compared(problem: FitProblem, polished: Fit, plain: Mapping[str, Fit | None]) -> dict[str, tuple[Fit, float]]:
@@ -217,7 +231,7 @@ def _version(library: str) -> str:
         return "not installed"
 
 
-def _status(state: State, found: Estimate) -> tuple[str, str]:
+def _status(state: State, found: Estimate, unexplained: list[str]) -> tuple[str, str]:
     problem, p, spread = found.fitted, found.parameters, found.spread
     if not is_determined(problem, p, spread):
         reasons = point_alarms(problem, p)
@@ -228,9 +242,8 @@ def _status(state: State, found: Estimate) -> tuple[str, str]:
         return "unfinished", f"The schedule was stopped after {state.iteration} iterations; this is its best so far."
     if not found.outcome.converged:
         return "not_converged", f"The polish did not converge: {found.outcome.sentence}"
-    far = misfit(problem, p)
-    if far:
-        return "not_explained", far[0]
+    if unexplained:
+        return "not_explained", unexplained[0]
     reasons = {
         "converged": "no iteration brought a relative decrease above the tolerance any more",
         "goal": "the goal was reached",

@@ -56,7 +56,7 @@ def under_stated_lens(problem: FitProblem, found: Estimate) -> StatedLensFit | N
     lens = problem.stated_lens
     if lens is None:
         return None
-    of_pairs = replace(problem, weights=found.holding.weights, outliers="keep")
+    of_pairs = replace(problem, weights=found.holding.weights, loss=found.holding.loss, outliers="keep")
     model = parse_model(lens["model"])
     locked = {name: float(lens[name]) for name in INTRINSICS[model]}
     mount = _fitted(of_pairs, model, found.held_at, locked, {name: (v, v) for name, v in locked.items()})

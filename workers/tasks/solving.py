@@ -19,6 +19,7 @@ from service.calibration_runs.actions import count_down, end_run, start_finish, 
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun, Result, Slot
 from service.jobs.claims import CancelledError, Claim, Lease
+from workers.judge.fit_checks import checks_of_fit
 from workers.solver.blocks import blocks_of
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
@@ -27,7 +28,7 @@ from workers.solver.field import field
 from workers.solver.folds import Fold, folds
 from workers.solver.held_out import held_out
 from workers.solver.motion import velocities_of
-from workers.solver.pair_errors import explained_px, marks_outside, nearest_frames
+from workers.solver.pair_errors import explained_px, marks_outside
 from workers.solver.people import shares_of
 from workers.solver.problem import FitProblem
 from workers.solver.problem_document import problem_from_document
@@ -43,7 +44,7 @@ from workers.solver.schedule import (
     to_document,
 )
 from workers.solver.slot import SlotOutcome, run_slot
-from workers.solver.solution import solve_finish
+from workers.solver.solution import finished
 from workers.solver.stopping import NEVER, Stop
 from workers.tasks.context import Context
 
@@ -200,15 +201,15 @@ def _whole(context: Context, given: RunInput, run: Any, lease: Lease) -> Write:
 
 
 def solved(given: RunInput, state: State) -> Json:
-    """Polish, baselines, deviations, and the errors on the pairs that were held out."""
-    document = solve_finish(given.problem, state)
+    """Polish, baselines, deviations and checks; or the errors on the pairs that were held out."""
+    estimate, document = finished(given.problem, state)
     if given.heldout:
         document["heldout"] = held_out(given.problem, given.whole, given.heldout, document)
         return document
     document["explained_px"] = explained_px(given.problem, document)
     document["marks_outside"] = marks_outside(given.problem)
     document["field"] = field(given.problem, document)
-    document["alarms"] += nearest_frames(document, given.pairs)
+    document["checks"] = [check.model_dump() for check in checks_of_fit(estimate, document, pairs=given.pairs)]
     return document
 
 

@@ -11,12 +11,12 @@ test("what was chosen is said", () => {
   const asked: CalibrationTemplate = {
     ...newTemplate(),
     ...{ models: ["pinhole"], preset: "paper", search: "euler", folds: 0, seed: 0, publish: "recommended" },
-    line_time_us: 29.4,
+    ...{ line_time_us: 29.4, loss: "mean", outliers: "keep" },
     ...{ intrinsics_as: "locked", locked: { c_x: 960 }, bounds: { skew: [-0.1, 0.1] } },
   };
   assert.equal(
     templateInWords(asked),
-    "pinhole; preset paper; euler; a stated lens locked; c_x locked at 960; skew fitted; rolling shutter of 29.4 µs a row; nothing held out; seed 0; publish what is recommended",
+    "pinhole; preset paper; euler; a stated lens locked; c_x locked at 960; skew fitted; mean loss; outliers kept; rolling shutter of 29.4 µs a row; nothing held out; seed 0; publish what is recommended",
   );
 });
 

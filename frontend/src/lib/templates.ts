@@ -35,8 +35,8 @@ export const newTemplate = (): TemplateDraft => ({
   models: [...MODELS],
   preset: "default",
   search: null,
-  loss: "mean",
-  outliers: "keep",
+  loss: null,
+  outliers: null,
   bounds_preset: null,
   intrinsics_as: "prior",
   locked: {},
@@ -59,8 +59,8 @@ export function templateInWords(asked: CalibrationTemplate): string {
   if (use !== usual.intrinsics_as) parts.push(`a stated lens ${LENS_USES[use]}`);
   for (const [name, value] of Object.entries(asked.locked ?? {})) parts.push(`${name} locked at ${value}`);
   if (asked.bounds?.skew) parts.push("skew fitted");
-  if (asked.loss && asked.loss !== usual.loss) parts.push(`${asked.loss} loss`);
-  if (asked.outliers === "exclude") parts.push("outliers excluded");
+  if (asked.loss) parts.push(`${asked.loss} loss`);
+  if (asked.outliers) parts.push(asked.outliers === "keep" ? "outliers kept" : "outliers excluded");
   if (asked.line_time_us) parts.push(`rolling shutter of ${asked.line_time_us} µs a row`);
   const folds = asked.folds ?? usual.folds;
   parts.push(folds === 0 ? "nothing held out" : counted(folds, "fold"));

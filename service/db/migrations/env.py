@@ -1,5 +1,4 @@
-"""Alembic's environment. The connection comes from ``service.db.migrate``, which has the lock; a revision is a
-transaction of its own where the database can (PostgreSQL)."""
+"""Alembic's environment. The connection comes from ``service.db.migrate``, which has the lock and the transaction."""
 
 from alembic import context
 
@@ -22,7 +21,6 @@ def run(connection):
         target_metadata=Base.metadata,
         render_as_batch=True,
         render_item=render_item,
-        transaction_per_migration=True,
     )
     with context.begin_transaction():
         context.run_migrations()

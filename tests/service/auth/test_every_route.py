@@ -49,6 +49,7 @@ OF_ANYBODY = {
     ("post", "/v1/fleets"),
     ("get", "/v1/recordings"),
     ("get", "/v1/jobs"),
+    ("get", "/v1/workers"),
     ("get", "/v1/export-formats"),
     ("get", "/v1/calibration"),
     ("post", "/v1/calibration-files/reading"),

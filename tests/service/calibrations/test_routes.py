@@ -238,16 +238,20 @@ def test_rational_coefficients_that_are_zero_are_those_of_plumb_bob(api, enginee
     assert (stranger.status_code, stranger.json()["code"]) == (422, "unknown_camera")
 
 
-def test_outliers_are_left_out_on_request_only(api, engineer, rig):
-    known = {"models": ["pinhole"], "folds": 0}
-    made = add_set(engineer, rig)
-    kept, excluded, refused = (
-        ask(engineer, rig, made, **known, **extra) for extra in ({}, {"outliers": "exclude"}, {"outliers": "some"})
-    )
-    assert (kept.status_code, excluded.status_code, refused.status_code) == (202, 202, 422)
-    assert (kept.json()["request"]["outliers"], excluded.json()["request"]["outliers"]) == ("keep", "exclude")
-    assert "outliers" not in documents(api, kept.json()["id"])["pinhole", -1], "the seed is that of before"
-    assert documents(api, excluded.json()["id"])["pinhole", -1]["outliers"] == "exclude"
+@pytest.mark.parametrize(
+    ("asked", "loss", "outliers"),
+    [
+        ({}, "saturating", "exclude"),
+        ({"preset": "toolbox", "outliers": "keep"}, "saturating", "keep"),
+        ({"preset": "paper"}, "mean", "keep"),
+        ({"preset": "paper", "loss": "saturating"}, "saturating", "keep"),
+    ],
+)
+def test_wrong_marks_do_no_harm_unless_the_papers_form_is_asked_for(api, engineer, rig, asked, loss, outliers):
+    made = ask(engineer, rig, add_set(engineer, rig), models=["pinhole"], folds=0, **asked).json()
+    assert (made["request"]["loss"], made["request"]["outliers"]) == (loss, outliers)
+    document = documents(api, made["id"])["pinhole", -1]
+    assert (document["loss"], document["outliers"]) == (loss, outliers)
 
 
 def test_a_request_becomes_a_run_for_every_model_and_fold(api, engineer, rig):
@@ -307,7 +311,7 @@ def test_the_same_request_has_the_same_seed_whatever_its_ids_and_its_farming(api
     assert first["id"] != again["id"]
     assert first["request"]["seed"] == again["request"]["seed"]
     others = [
-        ask(engineer, rig, one, loss="saturating"),
+        ask(engineer, rig, one, loss="mean"),
         ask(engineer, rig, one, models=["pinhole"]),
         ask(engineer, rig, add_set(engineer, rig, count=61)),
         ask(engineer, rig, one, seed=7),

@@ -159,6 +159,7 @@ def _calibrations(filler: _Filler, size: Size) -> None:
             "content_hash": "'hash ' || n",
             "count": "0",
             "pairs": _NOT_NULL_JSON,
+            "flagged": "0",
             "notes": "'[]'",
             "created_at": at,
         },
@@ -305,13 +306,14 @@ def _work(filler: _Filler, size: Size) -> None:
             "size": "1",
             "marks_per_vertex": "1",
             "reading": _NOT_NULL_JSON,
+            "taken_bytes": "1",
             "warnings": "'[]'",
             "job_id": "n + 1",
             "version": "1",
             "created_at": at,
         },
     )
-    blob = {"key": "'blob/' || n", "state": "'stored'", "size": "1", "created_at": at}
+    blob = {"key": "'blob/' || n", "state": "'stored'", "size": "1", "failed_removals": "0", "created_at": at}
     filler.fill("blob", 2 * count, blob)
     filler.fill(
         "idempotency_key",
@@ -369,8 +371,8 @@ def _marking(filler: _Filler, size: Size) -> None:
             "created_at": at,
         },
     )
-    point = {"x": "1.0", "y": "1.0", "z": "1.0"}
-    sweep = {"sweep_index": "n", **point}
+    tip = {"corner": "'top'"}
+    sweep = {"sweep_index": "n", "x": "1.0", "y": "1.0", "z": "1.0", **tip}
     filler.fill("apex", count, {"id": filler.id(_APEX), "recording_id": filler.id(_RECORDING, "0"), **sweep})
     filler.fill(
         "vertex",
@@ -405,16 +407,22 @@ def _marking(filler: _Filler, size: Size) -> None:
         },
     )
     mine = {"person_id": filler.id(2, "0")}
-    of_recording = {"recording_id": filler.id(_RECORDING, "0"), "version": "1", "created_at": at, "updated_at": at}
+    answer = {
+        "recording_id": filler.id(_RECORDING, "0"),
+        "reviewed": filler.bool(False),
+        "version": "1",
+        "created_at": at,
+        "updated_at": at,
+    }
     filler.fill(
         "verdict",
         size.answered,
-        {"id": filler.id(_VERDICT), "apex_id": filler.id(_APEX), **mine, "verdict": "'confirmed'", **of_recording},
+        {"id": filler.id(_VERDICT), "apex_id": filler.id(_APEX), **mine, "verdict": "'confirmed'", **answer},
     )
     filler.fill(
         "mark",
         size.answered,
-        {"id": filler.id(_OTHER), **camera, **mine, "frame_index": "n", "u": "1.0", "v": "1.0", **of_recording},
+        {"id": filler.id(_OTHER), **camera, **mine, "frame_index": "n", "u": "1.0", "v": "1.0", **tip, **answer},
     )
     filler.fill(
         "marking_task",

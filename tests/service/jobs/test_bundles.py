@@ -6,8 +6,8 @@ from apexcal.documents.schedules import PRESETS, Schedule
 from service.jobs.bundles import BUNDLE_S, RUN_S, TRIP_MS, TRIPS_PER_BUNDLE, choose_farming, cut, shards
 from service.jobs.costs import RunCost, run_cost
 
-SMALL = run_cost("pinhole", 222, PRESETS["paper"])
-LARGE = run_cost("brown_conrady", 2000, PRESETS["toolbox"])
+SMALL = run_cost("pinhole", 222, PRESETS["paper"].schedule)
+LARGE = run_cost("brown_conrady", 2000, PRESETS["toolbox"].schedule)
 
 
 def test_a_request_may_force_either_form():

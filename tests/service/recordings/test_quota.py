@@ -12,7 +12,6 @@ from service.db.clock import now
 from service.db.models import Fleet
 from service.db.recordings import Blob, Recording, UploadPart
 from service.recordings.retention import delete_overdue, expire_uploads
-from service.storage.quota import count_older
 from tests.support.people import Api
 from tests.support.uploads import new_recording, new_vehicle, put_part, upload
 
@@ -130,15 +129,3 @@ def test_a_finished_upload_does_not_end(api: Api, engineer, vehicle) -> None:
     upload(engineer, created["id"], [b"x" * 100])
     let_uploads_end(api)
     assert expire_uploads(api.database) == 0
-
-
-def test_recordings_of_an_older_version_are_counted_later(api: Api, engineer, fleet, vehicle) -> None:
-    created = announce(engineer, vehicle, None).json()
-    put_part(engineer, created["id"], 1, b"x" * 700)
-    with api.database.writing() as session:
-        session.execute(update(Recording).values(taken_bytes=None, expires_at=None))
-    assert taken(engineer, fleet) == 0
-    assert count_older(api.database, 2.0) == 1 and taken(engineer, fleet) == 700
-    with api.database.reading() as session:
-        assert session.scalar(select(Recording.expires_at > now()))
-    assert count_older(api.database, 2.0) == 0

@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 
 from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
-from tests.workers.solver.walks import finish
+from tests.workers.solver.walks import ended
+from workers.judge.fit_checks import checks_of_fit
 from workers.reports.material import FittedModel, Material, PersonMark
 from workers.solver.problem_document import problem_from_document
 
@@ -48,9 +49,9 @@ def made(pairs: int = 222, wrong: int = 3, lens: str = "brown_conrady", model: s
         problem = problem_from_document(document, walked.points, pixels)
         start = [known.get(one, 0.0) for one in problem.names]
         held = {"indices": list(range(0, pairs, 5)), "errors_px": [0.5 + 0.01 * i for i in range(0, pairs, 5)]}
-        result = finish(problem, start) | {
-            "provenance": {"request": document, "pairs_sha256": "00", "sources_sha256": "11"}
-        }
+        found, result = ended(problem, start)
+        result["provenance"] = {"request": document, "pairs_sha256": "00", "sources_sha256": "11"}
+        result["checks"] = [check.model_dump() for check in checks_of_fit(found, result)]
         fitted.append(FittedModel(name, result, problem, [held]))
     fitted.sort(key=lambda one: one.name)
     columns = dict(zip("xyz", walked.points.T.tolist(), strict=True))

@@ -16,6 +16,8 @@ from workers.solver.residuals import predict
 
 NOMINAL = to_document(RigidTransform("camera_front_optical", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
 SIZE = (1280, 960)
+# Least squares of all pairs: what many tests compare with.
+PLAIN = {"loss": "mean", "outliers": "keep"}
 DISTORTION = {
     "pinhole": [],
     "brown_conrady": [0.0, -0.15, 0.03, 0.0005, -0.0005, -0.002],

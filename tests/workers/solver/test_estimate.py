@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from tests.workers.solver.draws import few_or_many
-from tests.workers.solver.rigs import residual_pairs, simulated
+from tests.workers.solver.rigs import PLAIN, residual_pairs, simulated
 from workers.geometry.rotations import vector_from_rotation
 from workers.solver.estimate import estimate
 from workers.solver.residuals import predict
@@ -34,7 +34,7 @@ def finish(problem, parameters):
 
 @pytest.mark.parametrize("share", [0.004, 0.1, 0.3])
 def test_wrong_marks_that_a_robust_loss_ignores_do_not_widen_what_it_states(share):
-    clean, truth = simulated("pinhole", 47, loss="saturating")
+    clean, truth = simulated("pinhole", 47, loss="saturating", outliers="keep")
     problem, wrong = spoiled(clean, share)
     solution = finish(problem, truth)
     assert solution["status"] == "ok"
@@ -46,7 +46,7 @@ def test_wrong_marks_that_a_robust_loss_ignores_do_not_widen_what_it_states(shar
 
 
 def test_wrong_marks_that_are_kept_count_as_what_they_moved_the_result_by():
-    clean, truth = simulated("pinhole", 47)
+    clean, truth = simulated("pinhole", 47, **PLAIN)
     problem, _ = spoiled(clean, 0.1)
     kept, without = finish(problem, truth), finish(replace(problem, outliers="exclude"), truth)
     turns = [np.array(one["transform"]["rotation"]["matrix"]) for one in (kept, without)]
@@ -75,7 +75,7 @@ def test_intervals_beside_wrong_marks_that_are_kept_hold_their_share(model, draw
     """Marks on one side of the apex, as those of another corner are, move the result."""
     held, before = [], []
     for seed in range(draws):
-        clean, truth = simulated(model, 900 + seed)
+        clean, truth = simulated(model, 900 + seed, **PLAIN)
         wrong = np.random.default_rng(seed).choice(len(clean.points), 22, replace=False)
         marks = clean.pixels.copy()
         marks[wrong] += (5.0, 60.0)
@@ -94,14 +94,14 @@ def test_intervals_beside_wrong_marks_that_are_kept_hold_their_share(model, draw
 def test_intervals_beside_wrong_marks_hold_their_share(model, draws):
     held = []
     for seed in range(draws):
-        clean, truth = simulated(model, 900 + seed, loss="saturating")
+        clean, truth = simulated(model, 900 + seed, loss="saturating", outliers="keep")
         found = estimate(spoiled(clean, 0.1, seed)[0], truth)
         held += (np.abs(found.parameters - truth) <= found.spread.half_width95)[3:].tolist()
     assert 0.88 <= np.mean(held) <= 0.99
 
 
 def test_a_few_wrong_marks_are_named_also_where_the_pairs_hold_too_little():
-    problem, truth = simulated("brown_conrady", 48)
+    problem, truth = simulated("brown_conrady", 48, **PLAIN)
     # A narrow rig: nothing but a small patch far ahead.
     ahead = np.argsort(np.hypot(*(problem.pixels - np.array(problem.image_size) / 2).T))[:40]
     narrow = replace(

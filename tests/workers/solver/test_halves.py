@@ -8,7 +8,7 @@ from scipy import stats
 
 from apexcal.documents.results import RunResult
 from tests.workers.solver.draws import few_or_many
-from tests.workers.solver.rigs import real_correspondences, real_problem
+from tests.workers.solver.rigs import PLAIN, real_correspondences, real_problem
 from tests.workers.solver.walks import Recomputed, finish, posed, walked
 from workers.solver.blocks import blocks_of
 from workers.solver.estimate import estimate
@@ -31,7 +31,7 @@ def recomputed(document, again, first):
 
 
 def test_halves_of_a_walk_are_those_of_its_stretches():
-    problem, truth = walked(31)
+    problem, truth = walked(31, **PLAIN)
     document = finish(problem, truth)
     again = Recomputed(document, problem.points, problem.pixels)
     labels = problem.blocks.labels
@@ -116,7 +116,7 @@ def test_poses_that_share_errors_are_counted_and_no_reason_for_doubt(draws):
 
 
 def test_folds_have_no_halves():
-    problem, truth = walked(31)
+    problem, truth = walked(31, **PLAIN)
     document = finish(replace(problem, fold=2), truth)
     assert (document["halves"], document["prediction"]) == ([], None)
 

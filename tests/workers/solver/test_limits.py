@@ -62,7 +62,7 @@ CASES = {
     "one plane to a millimetre": (lambda x: in_a_plane(x, 1e-3), None, "one plane"),
     "nearly one plane": (lambda x: in_a_plane(x, 0.02), None, "do not determine"),
     "behind the camera": (lambda x: -x, same, "behind the camera"),
-    "one frame's vertices again and again": (four, four, "4 different vertices"),
+    "one frame's vertices again and again": (four, four, "different vertices only"),
 }
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
+from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, simulated
 from workers.geometry.models import MODELS
 from workers.geometry.projection import project
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
@@ -32,7 +32,7 @@ def small_board(seed, noise_px=3.0):
     marks, _ = project("pinhole", np.array(list(LENS.values())), points @ FORWARD_LIDAR_TO_OPTICAL.T)
     request = {
         "model": "pinhole", "image_size": SIZE, "nominal": NOMINAL, "locked": LENS, "rotation_range_deg": 120.0,
-        "bounds": dict.fromkeys(("t_x", "t_y", "t_z"), (-15.0, 15.0)), "seed": seed,
+        "bounds": dict.fromkeys(("t_x", "t_y", "t_z"), (-15.0, 15.0)), "seed": seed, **PLAIN,
     }  # fmt: skip
     return problem_from_document(request, points, marks + noise_px * rng.normal(size=marks.shape))
 

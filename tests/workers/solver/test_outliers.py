@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.workers.solver.rigs import real_correspondences, real_problem, simulated
+from tests.workers.solver.rigs import PLAIN, real_correspondences, real_problem, simulated
 from workers.geometry.models import MODELS
 from workers.solver import polish as polishing
 from workers.solver.estimate import estimate
@@ -14,7 +14,7 @@ from workers.solver.polish import polish
 
 @pytest.mark.parametrize("model", MODELS)
 def test_gross_outliers_are_named_and_good_pairs_are_not(model):
-    problem, truth = simulated(model, 60)
+    problem, truth = simulated(model, 60, **PLAIN)
     rng = np.random.default_rng(0)
     bad = np.sort(rng.choice(222, 22, replace=False))
     marks = problem.pixels.copy()

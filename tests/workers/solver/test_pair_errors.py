@@ -8,7 +8,7 @@ import pytest
 from tests.workers.solver.rigs import SIZE, simulated
 from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
 from workers.solver.field import field
-from workers.solver.pair_errors import explained_px, marks_outside, nearest_frames
+from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import solve_finish
@@ -36,12 +36,9 @@ def test_marks_outside_of_the_image_are_counted(solved):
     problem.pixels[:3] -= (5000.0, 0.0)
 
 
-def test_the_nearest_frame_is_named_where_errors_are_larger_than_stated():
-    (said,) = nearest_frames({"noise_scale": 2.0}, {"gap_ns": [-20_000_000, 10_000_000, 0]})
-    assert "half of them more than 10 ms away" in said and "pairing mode auto" in said
-    assert nearest_frames({"noise_scale": 2.0}, {"gap_ns": [0, 0]}) == []
-    assert nearest_frames({"noise_scale": 1.2}, {"gap_ns": [20_000_000]}) == []
-    assert nearest_frames({"noise_scale": None}, {}) == []
+def test_the_time_between_vertices_and_their_frames_is_told():
+    assert paired_apart_ms({"gap_ns": [-20_000_000, 10_000_000, 0]}) == 10.0
+    assert paired_apart_ms({"gap_ns": [0, 0]}) is None and paired_apart_ms({}) is None
 
 
 def test_the_field_is_where_the_result_puts_fixed_points_with_its_deviations(solved):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.workers.solver.rigs import residual_pairs, simulated
+from tests.workers.solver.rigs import PLAIN, residual_pairs, simulated
 from workers.geometry.models import MODELS, SEARCH_FORMS
 from workers.solver.baselines import baseline
 from workers.solver.outliers import judge
@@ -47,7 +47,7 @@ def test_the_transform_is_what_is_projected():
 
 @pytest.mark.parametrize("model", MODELS)
 def test_polish_is_stationary_and_below_the_truth(model):
-    problem, truth = simulated(model, 6)
+    problem, truth = simulated(model, 6, **PLAIN)
     fit = polish(problem, truth)
     assert fit.outcome.converged
     assert fit.rms_px <= mean_and_rms(problem, truth)[1]
@@ -64,7 +64,7 @@ def test_plain_baseline_reaches_the_optimum_of_a_roughly_known_mount(model):
 
 
 def test_weights_leave_out_and_robust_polish_shrugs_off():
-    problem, truth = simulated("pinhole", 8)
+    problem, truth = simulated("pinhole", 8, **PLAIN)
     wrong = problem.pixels.copy()
     wrong[:40] += 150.0
     weights = np.where(np.arange(222) < 40, 0.0, 1.0)

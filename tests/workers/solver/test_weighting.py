@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
+from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, simulated
 from workers.geometry.models import MODELS
 from workers.geometry.spherical import axes
 from workers.solver.covariances import SIGMAS, Covariances, covariances_of
@@ -37,7 +37,7 @@ def scores(model, seeds):
     """RMS error over Cramer-Rao sigma, and share inside the intervals: by covariances, and by equal weights."""
     squares, held = [], []
     for seed in seeds:
-        problem, truth, exact = unequal(model, seed)
+        problem, truth, exact = unequal(model, seed, **PLAIN)
         known = whitened(replace(problem, points=exact), truth)
         J = weighted_residuals(known, truth)[1] / known.mark_sigma_px
         sigma = np.sqrt(np.diag(np.linalg.inv(J.T @ J)))

@@ -8,7 +8,7 @@ from tests.workers.solver.rigs import simulated
 from workers.solver.blocks import Blocks, blocks_of
 from workers.solver.residuals import predict
 from workers.solver.schedule import start
-from workers.solver.solution import solve_finish
+from workers.solver.solution import finished
 
 CORNERS = np.array([[0, 0, 0.42], [0, 0.42, 0], [0, -0.42, 0], [0, 0, -0.42]])
 
@@ -50,10 +50,15 @@ def walked(seed, turned_deg=0.0, model="pinhole", **request):
     return replace(here, pixels=pixels, blocks=blocks), truth
 
 
+def ended(problem, parameters):
+    """The end of a search that came to these parameters: estimate and document."""
+    searched = {"best_parameters": tuple(parameters), "best_loss": 2.0, "slot_losses": (2.0,), "history": (2.0,)}
+    return finished(problem, replace(start(problem), iteration=1, stopped="converged", **searched))
+
+
 def finish(problem, parameters):
     """The document of a search that ended at these parameters."""
-    searched = {"best_parameters": tuple(parameters), "best_loss": 2.0, "slot_losses": (2.0,), "history": (2.0,)}
-    return solve_finish(problem, replace(start(problem), iteration=1, stopped="converged", **searched))
+    return ended(problem, parameters).document
 
 
 class Recomputed:

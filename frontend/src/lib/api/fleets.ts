@@ -2,7 +2,17 @@
 
 import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import type { DraftedRig, Fleet, Gate, Rig, RigDraftRequest, RigRequest, SensorSerials, Vehicle } from "./types.ts";
+import type {
+  DraftedRig,
+  Fleet,
+  Gate,
+  ImageKind,
+  Rig,
+  RigDraftRequest,
+  RigRequest,
+  SensorSerials,
+  Vehicle,
+} from "./types.ts";
 
 export const fleet = (id: string | undefined): Read<Fleet> => read("/v1/fleets/{id}", { id });
 
@@ -51,6 +61,14 @@ export const putGate = (of: "fleets" | "rigs", id: string, version: number, body
   const options = { params: { path: { id } }, body, headers: asRead(version) };
   return of === "fleets" ? client.PUT("/v1/fleets/{id}/gate", options) : client.PUT("/v1/rigs/{id}/gate", options);
 };
+
+/** Corrects whether a camera's images are raw or rectified; null lets the next recording tell it. */
+export const patchImages = ({ id, version }: Rig, camera: string, kind: ImageKind | null): Promise<unknown> =>
+  client.PATCH("/v1/rigs/{id}/images", {
+    params: { path: { id } },
+    body: { cameras: { [camera]: kind && { kind } } },
+    headers: asRead(version),
+  });
 
 /** Corrects serial numbers; those left out stay. */
 export const patchSerials = ({ id, version }: Rig, body: SensorSerials): Promise<unknown> =>

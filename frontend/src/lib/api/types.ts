@@ -11,11 +11,13 @@ export function every<Name extends string>(names: Record<Name, unknown>): readon
 
 export type ProblemDocument = Schemas["ProblemView"];
 export type WorkState = Schemas["WorkState"];
-export type JobProgress = Schemas["JobProgress"];
+export type Work = Pick<Schemas["JobView"], "kind" | "progress" | "seconds_left">;
+export type WorkerStanding = Schemas["WorkerStanding"];
 
 export type Fleet = Schemas["FleetOut"];
 export type Vehicle = Schemas["VehicleOut"];
 export type Rig = Schemas["RigOut"];
+export type ImageKind = Schemas["Images"]["kind"];
 export type RigRequest = Schemas["NewRig"];
 export type RigDraftRequest = Schemas["DraftRequest"];
 export type DraftedRig = Schemas["RigDraft"];

@@ -1,0 +1,230 @@
+"""Each check finds what it is for, and a sound fit passes all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.workers.judge.fits import FOCAL_PX, checked, failed, lens_of, rig
+from tests.workers.solver.rigs import PLAIN, SIZE
+from tests.workers.solver.walks import posed
+from workers.judge.agreement_checks import fit, optima
+from workers.judge.fit_checks import without_outliers
+from workers.judge.pair_checks import places_of
+from workers.judge.precision_checks import mount_alone
+from workers.judge.time_checks import image_velocities
+from workers.judge.topics import graded
+from workers.judge.validation_checks import elsewhere
+from workers.solver.estimate import estimate
+
+
+@pytest.mark.parametrize("lens", ["pinhole", "brown_conrady", "kannala_brandt"])
+def test_a_sound_fit_passes_all(lens):
+    checks = checked(*rig(lens))
+    assert failed(checks) == {}
+    assert all(check.sentence and not check.remedy for check in checks.values() if check.verdict == "pass")
+
+
+def test_every_check_that_fails_says_what_to_do():
+    checks = checked(*rig("brown_conrady", model="pinhole"))
+    assert failed(checks) and all(check.remedy for check in checks.values() if check.verdict != "pass")
+
+
+def below(share):
+    """Marks of that share of the pairs lie 80 px too low, as on the hand."""
+
+    def edit(points, pixels, rng):
+        pixels[rng.uniform(size=len(pixels)) < share, 1] += 80.0
+
+    return edit
+
+
+def test_a_few_slips_pass_and_more_are_looked_at():
+    assert failed(checked(*rig(edit=below(0.02)))) == {}
+    found = checked(*rig(edit=below(0.12)))["wrong_pairs"]
+    assert (found.verdict, found.figures["excluded"]) == ("look", found.figures["wrong"])
+    assert checked(*rig("pinhole", edit=below(0.32)))["wrong_pairs"].verdict == "stop"
+
+
+def test_wrong_marks_in_the_fit_are_never_passed():
+    one = checked(*rig(edit=below(0.01), **PLAIN))["wrong_pairs"]
+    assert one.verdict == "look" and "in the fit and move the mount by" in one.sentence
+    assert checked(*rig(edit=below(0.12), **PLAIN))["wrong_pairs"].verdict == "stop"
+
+
+def test_other_checks_look_at_the_pairs_that_belong():
+    problem, start = rig(edit=below(0.05), **PLAIN)
+    found = estimate(problem, np.array(start))
+    assert not without_outliers(found).fitted.weights.all() and found.fitted.weights.all()
+    assert failed(checked(problem, start)).keys() == {"wrong_pairs", "precision"}
+
+
+@pytest.mark.parametrize(("lens", "model"), [("brown_conrady", "pinhole"), ("kannala_brandt", "pinhole")])
+def test_a_lens_model_that_does_not_fit_stops(lens, model):
+    assert checked(*rig(lens, model=model))["lens_model"].verdict == "stop"
+
+
+def test_decentring_under_a_model_without_it_is_found():
+    def decentred(points, pixels, rng):
+        centre, half = np.array(SIZE) / 2, np.hypot(*SIZE) / 2
+        x, y = ((pixels - centre) / half).T
+        pixels += 8.0 * np.column_stack([3 * x * x + y * y, 2 * x * y])
+
+    assert checked(*rig("kannala_brandt", edit=decentred))["lens_model"].verdict != "pass"
+
+
+def test_bounds_that_are_reached_stop():
+    bounds = {"f_x": [400.0, 0.97 * FOCAL_PX]}
+    problem, start = rig("pinhole", bounds=bounds)
+    check = checked(problem, start)["bounds"]
+    assert check.verdict == "stop" and "f_x" in check.sentence
+
+
+@pytest.mark.parametrize(("off_m", "verdict"), [(0.0, "pass"), (0.02, "pass"), (0.2, "stop")])
+def test_a_prior_that_is_off_stops_where_it_moves_the_result(off_m, verdict):
+    check = checked(*rig("pinhole", priors={"t_x": {"mean": off_m, "sigma": 0.02}}))["priors"]
+    assert check.verdict == verdict and (verdict == "pass" or "t_x" in check.sentence)
+
+
+def test_a_prior_that_is_off_and_moves_nothing_is_looked_at():
+    check = checked(*rig("pinhole", priors={"f_x": {"mean": FOCAL_PX + 60.0, "sigma": 12.0}}))["priors"]
+    assert check.verdict == "look"
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(1.0, "pass"), (1.05, "stop")])
+def test_a_stated_lens_that_does_not_explain_the_pairs_stops_a_result_that_rests_on_it(factor, verdict):
+    names = ("f_x", "f_y", "c_x", "c_y")
+    values = dict(zip(names, lens_of("pinhole").tolist(), strict=True))
+    values |= {"f_x": factor * values["f_x"], "f_y": factor * values["f_y"]}
+    stated = {"model": "pinhole", **values, "image_size": list(SIZE)}
+    locked = checked(*rig("pinhole", locked=values, stated_lens=stated))
+    assert locked["stated_lens"].verdict == verdict
+    assert (locked["mount_alone"].verdict == "pass") == (factor == 1.0) or factor != 1.0
+    # A lens of its own holds, but not on the vehicle that projects through the stated one.
+    free = checked(*rig("pinhole", stated_lens=stated))
+    assert free["stated_lens"].verdict == ("pass" if factor == 1.0 else "look")
+
+
+def test_marks_that_fill_the_middle_only_are_looked_at():
+    problem, start = rig("pinhole", pairs=400)
+    size = np.array(SIZE)
+    for share, missing in ((0.5, "width"), (0.3, "height")):
+        axis = ("width", "height").index(missing)
+        inside = np.abs(problem.pixels[:, axis] - size[axis] / 2) < 0.5 * share * size[axis]
+        check = checked(replace(problem, weights=inside * 1.0), start)["coverage"]
+        assert check.verdict == "look" and f"more of its {missing}" in check.remedy
+
+
+def test_few_pairs_and_few_places_are_looked_at():
+    lens = dict(zip(("f_x", "f_y", "c_x", "c_y"), lens_of("pinhole").tolist(), strict=True))
+    check = checked(*rig("pinhole", pairs=8, locked=lens))["pairs"]
+    assert check.verdict == "look" and "degrees of freedom" in check.sentence
+    near = np.random.default_rng(1).normal(0.0, 0.2, (40, 3))
+    assert places_of(np.concatenate([near, near + np.array([5.0, 0.0, 0.0])])) == 2
+    check = checked(*posed(1, poses=2, repeats=20, locked=lens))["pairs"]
+    assert check.verdict == "look" and check.figures["places"] == 2
+
+
+@pytest.mark.parametrize(("noise_px", "verdict"), [(1.2, "pass"), (2.5, "look"), (5.0, "stop")])
+def test_noise_beyond_what_marks_and_vertices_explain(noise_px, verdict):
+    check = checked(*rig("pinhole", noise_px=noise_px))["noise"]
+    assert check.verdict == verdict
+    check = checked(*rig("pinhole", noise_px=noise_px), gap_ns=[30_000_000] * 222)["noise"]
+    assert ("pairing mode auto" in check.remedy) == (verdict != "pass")
+
+
+def test_marks_outside_of_the_image():
+    problem, start = rig("pinhole")
+    assert checked(problem, start)["marks_outside"].verdict == "pass"
+    for count, verdict in ((1, "look"), (20, "stop")):
+        pixels = problem.pixels.copy()
+        pixels[:count, 0] = -30.0
+        assert checked(replace(problem, pixels=pixels), start)["marks_outside"].verdict == verdict
+
+
+def moving(problem, seed=5):
+    velocities = np.random.default_rng(seed).normal(0.0, 0.8, (len(problem.points), 3))
+    return replace(problem, velocities=velocities)
+
+
+def test_late_clocks_stop_with_their_offset():
+    problem, start = rig("pinhole")
+    assert checked(problem, start)["clock"].sentence == "The pairs do not say how the board moved."
+    problem = moving(problem)
+    sound = checked(problem, start)["clock"]
+    assert sound.verdict == "pass" and abs(sound.figures["seconds"]) < 4.0 * sound.figures["deviation_seconds"]
+    late = problem.pixels + 0.04 * image_velocities(estimate(problem, np.array(start)))
+    check = checked(replace(problem, pixels=late), start)["clock"]
+    assert check.verdict == "stop" and abs(abs(check.figures["seconds"]) - 0.04) < 0.01
+
+
+def test_rows_that_are_read_in_turn_stop_and_no_clock_is_named():
+    problem, start = rig("pinhole")
+    problem = moving(problem)
+    assert checked(problem, start)["rolling_shutter"].verdict == "pass"
+    moved = image_velocities(estimate(problem, np.array(start)))
+    late = problem.pixels + 60e-6 * problem.rows_below[:, None] * moved
+    checks = checked(replace(problem, pixels=late), start)
+    assert (checks["rolling_shutter"].verdict, checks["clock"].verdict) == ("stop", "pass")
+    assert abs(abs(checks["rolling_shutter"].figures["line_time_us"]) - 60.0) < 20.0
+
+
+@pytest.mark.parametrize(("turned_deg", "verdict"), [(0.06, "look"), (0.5, "stop")])
+def test_a_mount_that_turned_halfway_is_found_by_halves(turned_deg, verdict):
+    def turn(points, pixels, rng):
+        half = len(points) // 2
+        slope = (pixels[half:, 0] - SIZE[0] / 2) / FOCAL_PX
+        pixels[half:, 0] += np.radians(turned_deg) * FOCAL_PX * (1.0 + slope**2)
+
+    assert checked(*rig("pinhole", edit=turn, noise_px=0.3))["halves"].verdict == verdict
+
+
+def test_large_shared_errors_are_looked_at_and_small_ones_are_counted():
+    def check(offset_m):
+        return checked(*posed(3, poses=24, repeats=2, offset_m=offset_m, noise_px=0.7))["shared_errors"]
+
+    assert check(0.0).verdict == "pass"
+    small, large = check(0.004), check(0.05)
+    assert small.verdict == "pass" and "The standard deviations count that" in small.sentence
+    assert large.verdict == "look" and large.figures["noise_px"] < 1.0
+
+
+def test_precision_is_judged_where_points_are_used():
+    """A free lens leaves the mount alone open, and points where the marks are well placed."""
+    many = checked(*rig())
+    assert many["precision"].verdict == "pass" and many["precision"].figures["half_width_at_20_m_px"] < 2.0
+    few = checked(*rig(pairs=24))["precision"]
+    assert few.verdict == "look" and "times what 2 px or 1.5 mrad allow" in few.sentence
+    assert checked(*rig(pairs=24, noise_px=6.0))["precision"].verdict == "stop"
+
+
+def test_the_mount_alone_is_judged_by_degrees_and_millimetres():
+    half = dict.fromkeys(("rotation_x", "rotation_y", "rotation_z"), 0.3)
+    half |= dict.fromkeys(("t_x", "t_y", "t_z"), 0.03)
+    assert mount_alone({"interval95_half_width": half, "lens": "stated"}).verdict == "pass"
+    for name, value in (("rotation_x", 0.5), ("t_z", 0.05), ("t_z", None)):
+        check = mount_alone({"interval95_half_width": half | {name: value}, "lens": "fitted"})
+        assert (check.verdict, check.scope) == ("stop", "mount_alone")
+
+
+def test_ends_and_other_optima_stop():
+    assert fit({"status": "ok", "message": "Stopped."}).verdict == "pass"
+    assert fit({"status": "not_determined", "message": "Open."}).verdict == "stop"
+    assert optima({"several_optima": []}).verdict == "pass"
+    assert optima({"several_optima": ["Another optimum is nearly as deep."]}).verdict == "stop"
+
+
+def test_other_data_that_disagrees_stops():
+    agrees = {"verdict": "agrees", "sentence": "It holds."}
+    against = {"verdict": "disagrees", "sentence": "The camera has turned."}
+    unknown = {"verdict": "unknown", "sentence": "Too few."}
+    assert elsewhere([]).verdict == elsewhere([unknown]).verdict == elsewhere([unknown, agrees]).verdict == "pass"
+    check = elsewhere([agrees, against, unknown])
+    assert (check.verdict, check.sentence) == ("stop", "The camera has turned.")
+    assert check.figures == {"agrees": 1, "disagrees": 1, "unknown": 1}
+
+
+def test_an_effect_is_graded_by_chance_and_size():
+    assert graded(1e-4, 1.0, 0.5) == "stop"
+    assert graded(1e-4, 0.3, 0.5) == graded(4e-3, 9.0, 0.5) == "look"
+    assert graded(1e-9, 0.2, 0.5) == graded(0.01, 9.0, 0.5) == "pass"

@@ -1,0 +1,119 @@
+"""Checks of the fit as a whole: how it ended, other optima, halves of the pairs, and errors that pairs share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from apexcal.documents.checks import Check
+from apexcal.documents.results import Halves
+from workers.judge.topics import Topic, is_grave
+from workers.solver.estimate import Estimate
+from workers.solver.halves import too_small
+
+Result = Mapping[str, Any]
+_FIT: Final = Topic("fit", "Fit")
+_OPTIMA: Final = Topic("optima", "Other optima")
+_HALVES: Final = Topic("halves", "Halves of the pairs")
+_SHARED: Final = Topic("shared_errors", "Errors that pairs share")
+_TURN_LIMIT_RAD: Final = 1.5e-3
+# Twice the log likelihood ratio that independent errors exceed in one of thousand cases, by the number of components.
+# Each component is zero half of the time (Self and Liang 1987).
+_BEYOND_CHANCE: Final = {1: 9.55, 2: 11.76}
+
+
+def fit(result: Result) -> Check:
+    """Whether the fit ended well."""
+    ended = result["status"] == "ok"
+    return _FIT.fails(
+        "pass" if ended else "stop",
+        result["message"],
+        "Mark more vertices at other places, lock what is known, or correct the request.",
+    )
+
+
+def optima(result: Result) -> Check:
+    """Whether slots, search and baselines ended in one place."""
+    others = result["several_optima"]
+    return _OPTIMA.fails(
+        "stop" if others else "pass",
+        " ".join(others) or "Search, slots and baselines found no other optimum.",
+        "Bound or lock what is known of mount and lens, mark vertices at other places, or run more slots.",
+        others=float(len(others)),
+    )
+
+
+def halves(estimate: Estimate, result: Result) -> Check:
+    """Whether fits of two halves of the pairs agree within what is stated.
+
+    A difference beyond chance stops a result if it is larger than its use allows.
+    """
+    compared = [Halves.model_validate(one) for one in result["halves"]]
+    if not compared:
+        return _HALVES.passes("The pairs are too few for two fits.")
+    figures: dict[str, float | None] = {}
+    for one in compared:
+        figures |= {f"{one.split}_ratio": one.ratio, f"{one.split}_field_px": one.field_px}
+        figures |= {"turned_deg": one.turned_deg} if one.turned_deg is not None else {}
+    apart = [one for one in compared if not one.holds]
+    if not apart:
+        ratios = " and ".join(f"{one.ratio:.2f}" for one in compared)
+        return _HALVES.passes(
+            f"Two fits of halves differ by {ratios} times the stated standard deviation; 1 is expected.", **figures
+        )
+    focal_px = float(np.sqrt(estimate.parameters[6] * estimate.parameters[7]))
+    grave = any(is_grave(one.field_px, focal_px) or _is_turned(one) for one in apart)
+    return _HALVES.fails(
+        "stop" if grave else "look",
+        " ".join(too_small(apart, estimate.holding)),
+        "Check whether the mount moved or the clocks drifted, the lens model and the marks.",
+        **figures,
+    )
+
+
+def _is_turned(one: Halves) -> bool:
+    if one.turned_deg is None or one.turned_ratio is None or one.turned_limit is None:
+        return False
+    return one.turned_ratio > one.turned_limit and np.radians(one.turned_deg) > _TURN_LIMIT_RAD
+
+
+def shared_errors(estimate: Estimate, result: Result) -> Check:
+    """Whether pairs of one pose, or near in time, err together by more than each errs alone.
+
+    The stated deviations count what pairs share, so that smaller shared errors are no doubt.
+    """
+    shared = result["shared_errors"]
+    if not shared:
+        return _SHARED.passes("The pairs name no poses, or are too few to tell.")
+    over_time, own_px = shared.get("over_time"), shared["noise_px"]
+    grave = shared["evidence"] > _BEYOND_CHANCE[len(shared["deviations"])]
+    grave &= estimate.spread.sigma_px**2 > 2.0 * own_px**2
+    if over_time:
+        grave |= over_time["evidence"] > _BEYOND_CHANCE[1] and over_time["shift_px"] > own_px
+    sizes = " and ".join(_size(*one) for one in shared["deviations"].items() if one[1] > 0.0)
+    blocks = "group" if shared["by"] == "group" else "stretch of the walk"
+    stretches = f"; groups near in time by {over_time['shift_px']:.2g} px" if over_time else ""
+    sentence = (
+        f"Pairs of one {blocks} err together, by {sizes} from one to the next{stretches}. "
+        f"{'The standard deviations count that; they' if shared['counted'] else 'Deviations that counted it'} "
+        f"are {shared['widening']:.2f} times those of independent errors."
+        if sizes
+        else "Pairs of one pose, or near in time, err independently."
+    )
+    return _SHARED.fails(
+        "look" if grave else "pass",
+        sentence,
+        "Check the clocks, the board and whether the camera moved; more poses help, more pairs of one do not.",
+        evidence=shared["evidence"],
+        widening=shared["widening"],
+        noise_px=own_px,
+        **shared["deviations"],
+    )
+
+
+def _size(name: str, deviation: float) -> str:
+    if name == "offset_m":
+        return f"{1e3 * deviation:.2g} mm"
+    return f"{deviation:.2g} {'px' if name == 'shift_px' else 'degrees'}"

@@ -1,0 +1,53 @@
+"""All checks that one fit to all pairs of a camera shows, made where the fit is made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from apexcal.documents.checks import Check
+from workers.judge.agreement_checks import fit, halves, optima, shared_errors
+from workers.judge.lens_checks import bounds, lens_model, priors, stated_lens
+from workers.judge.pair_checks import coverage, noise, number_of_pairs, outside, wrong_pairs
+from workers.judge.precision_checks import mount_alone, precision
+from workers.judge.time_checks import clock, rolling_shutter
+from workers.solver.estimate import Estimate, estimate
+
+
+def checks_of_fit(
+    found: Estimate, result: Mapping[str, Any], *, pairs: Mapping[str, Sequence[Any]] | None = None
+) -> list[Check]:
+    """Return the checks of a fit, the gravest kinds first.
+
+    found: the estimate of the fit; result: the document that it became; pairs: the columns of its set. Wrong marks
+    have a check of their own. All others look at the pairs that belong.
+    """
+    belonging = without_outliers(found)
+    clocks = clock(belonging)
+    return [
+        fit(result),
+        optima(result),
+        wrong_pairs(found, result),
+        outside(found.fitted),
+        number_of_pairs(belonging),
+        coverage(belonging.holding),
+        noise(belonging, result, pairs or {}),
+        lens_model(belonging),
+        bounds(result),
+        priors(belonging),
+        stated_lens(result),
+        clocks,
+        rolling_shutter(belonging, result, clocks),
+        shared_errors(belonging, result),
+        halves(belonging, result),
+        precision(found, result),
+        mount_alone(result),
+    ]
+
+
+def without_outliers(found: Estimate) -> Estimate:
+    """Return the estimate of the pairs that belong: itself, or if the fit keeps others, that without them."""
+    if not found.outliers or found.fitted.outliers == "exclude":
+        return found
+    return estimate(replace(found.fitted, outliers="exclude"), found.held_at)

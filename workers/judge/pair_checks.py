@@ -1,0 +1,166 @@
+"""Checks of the pairs: marks that do not belong, their number and places, what they cover, and their noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from apexcal.documents.checks import Check, CheckVerdict
+from workers.geometry.rotations import vector_from_rotation
+from workers.judge.topics import LOOK_RATE, STOP_RATE, Topic
+from workers.solver.estimate import Estimate
+from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import transform_of
+
+Floats = NDArray[np.float64]
+Result = Mapping[str, Any]
+_WRONG: Final = Topic("wrong_pairs", "Wrong marks")
+_OUTSIDE: Final = Topic("marks_outside", "Marks outside of the image")
+_PAIRS: Final = Topic("pairs", "Number of pairs and places")
+_COVERAGE: Final = Topic("coverage", "Coverage of the image")
+_NOISE: Final = Topic("noise", "Noise of the marks")
+# Share of marks that slip of a careful hand (SPEC: about 1 % in public data, 2 % in the worst of them).
+_SLIPS: Final = 0.02
+# Half of the share at which any fit may follow the wrong pairs (Hampel's breakdown point, one half).
+_MOST_WRONG: Final = 0.25
+# The noise is known to a tenth by so many degrees of freedom, 1 / (2 * 0.1^2) (JCGM 100:2008, equation E.7).
+_LEAST_FREEDOM: Final = 50.0
+# Places of the board farther apart than this are different ones: a board's corners lie within it.
+_APART_M: Final = 1.5
+# What one place shares is known to a third by so many places (the same equation: 1 / (2 (1/3)^2) = 4.5 freedoms).
+_LEAST_PLACES: Final = 6
+# The marks' middle 95 % have to span this share of the image's width. Beyond the marks a lens is extrapolated: in
+# decision 0044's rigs marks in the middle 0.4 left errors of 1.3 to 3.8 px over the field, wide ones 0.2 to 0.3.
+_WIDTH: Final = 0.6
+_HEIGHT: Final = 0.4
+# Ratio of the residuals' noise to what marks and vertices explain: a person's marks are as good as stated to a third
+# (`people.STATED_FREEDOM`), so 1.5 is a deviation and a half above, and 3 is none of a person's.
+_UNEXPLAINED: Final = 1.5
+_GROSS: Final = 3.0
+
+
+def wrong_pairs(estimate: Estimate, result: Result) -> Check:
+    """Whether more pairs than slips of the hand explain do not belong, and whether they are in the fit."""
+    count = len(result["outliers"])
+    excluded = sum(bool(one["excluded"]) for one in result["outliers"])
+    pairs = int(np.count_nonzero(estimate.fitted.weights)) + excluded
+    chance = float(special.bdtrc(count - 1, pairs, _SLIPS)) if count else 1.0
+    verdict: CheckVerdict = "pass"
+    if count > _MOST_WRONG * pairs or (count > excluded and chance < STOP_RATE):
+        verdict = "stop"
+    elif chance < LOOK_RATE or count > excluded:
+        verdict = "look"
+    where = "left out of the fit" if excluded else "in the fit" + _moved(estimate)
+    return _WRONG.fails(
+        verdict,
+        f"{count} of {pairs} pairs do not belong; they are {where}."
+        if count
+        else f"All of the {pairs} pairs belong together.",
+        "Look at these marks, at the times of their frames and at the corner that was marked"
+        + ("." if excluded else "; leave them out (outliers: exclude, or --outliers exclude)."),
+        wrong=float(count),
+        excluded=float(excluded),
+        pairs=float(pairs),
+        probability=chance,
+    )
+
+
+def _moved(estimate: Estimate) -> str:
+    if estimate.kept is None:
+        return ""
+    to, begin = (transform_of(estimate.fitted, p) for p in (estimate.parameters, estimate.held_at))
+    turn = float(np.degrees(np.linalg.norm(vector_from_rotation(to.R @ begin.R.T))))
+    shift_mm = 1e3 * float(np.linalg.norm(to.t - begin.t))
+    return f" and move the mount by {turn:.2g} degrees and {shift_mm:.2g} mm, which the deviations include"
+
+
+def outside(problem: FitProblem) -> Check:
+    """Whether marks lie outside of the image, where nobody sees anything."""
+    count, pairs = marks_outside(problem), len(problem.pixels)
+    return _OUTSIDE.fails(
+        "stop" if count > _SLIPS * pairs else "look" if count else "pass",
+        f"{count} of {pairs} marks lie outside of the image." if count else "All marks lie inside the image.",
+        "Check the image size, and the order and signs of u and v.",
+        outside=float(count),
+    )
+
+
+def number_of_pairs(estimate: Estimate) -> Check:
+    """Whether pairs and places are enough to know their own errors."""
+    problem = estimate.holding
+    used = problem.weights > 0.0
+    freedom, places = estimate.spread.freedom or 0.0, places_of(problem.points[used])
+    few = [] if freedom >= _LEAST_FREEDOM else [f"{freedom:.0f} degrees of freedom, of {_LEAST_FREEDOM:.0f}"]
+    few += [] if places >= _LEAST_PLACES else [f"{places} places of the board, of {_LEAST_PLACES}"]
+    pairs = int(np.count_nonzero(used))
+    return _PAIRS.fails(
+        "look" if few else "pass",
+        f"{pairs} pairs leave {' and '.join(few)} that tell how large their errors are."
+        if few
+        else f"{pairs} pairs for {len(problem.free)} parameters tell how large their errors are.",
+        "Mark the board at more places, or lock what is known.",
+        pairs=float(pairs),
+        degrees_of_freedom=freedom,
+        places=float(places),
+    )
+
+
+def places_of(points: Floats) -> int:
+    """Return how many of the points (N, 3), metres, lie apart from each other, up to the number that is enough."""
+    left, count = points, 0
+    while len(left) and count < _LEAST_PLACES:
+        left = left[np.linalg.norm(left - left[0], axis=1) > _APART_M]
+        count += 1
+    return count
+
+
+def coverage(problem: FitProblem) -> Check:
+    """Whether the marks span the image. Outside of them the lens is extrapolated."""
+    u, v = problem.pixels[problem.weights > 0.0].T
+    width, height = problem.image_size
+    across, down = (
+        float(np.subtract(*np.quantile(values, (0.975, 0.025)))) / size for values, size in ((u, width), (v, height))
+    )
+    short = [name for name, share, least in (("width", across, _WIDTH), ("height", down, _HEIGHT)) if share < least]
+    return _COVERAGE.fails(
+        "look" if short else "pass",
+        f"The marks span {across:.0%} of the image's width and {down:.0%} of its height."
+        + (" Outside of that the lens is extrapolated, and errors are unknown." if short else ""),
+        f"Walk where the board reaches the image's edges, for more of its {' and '.join(short)}.",
+        width_share=across,
+        height_share=down,
+    )
+
+
+def noise(estimate: Estimate, result: Result, pairs: Mapping[str, Sequence[Any]]) -> Check:
+    """Whether marks and vertices explain the residuals' noise. `pairs`: columns of the set, if at hand."""
+    problem, sigma, freedom = estimate.holding, estimate.spread.sigma_px, estimate.spread.freedom
+    explained = explained_px(problem, result)
+    ratio = sigma / explained
+    chance = float(special.chdtrc(freedom, freedom * ratio**2)) if freedom else 1.0
+    verdict: CheckVerdict = "pass"
+    if chance < LOOK_RATE and ratio > _UNEXPLAINED:
+        verdict = "stop" if ratio > _GROSS and chance < STOP_RATE else "look"
+    apart = paired_apart_ms(pairs)
+    nearest = (
+        f" Half of the vertices were paired with a frame more than {apart:.0f} ms away and not moved to its time: "
+        "detect again with pairing mode auto."
+        if apart
+        else ""
+    )
+    said = f"Residuals show a noise of {sigma:.2g} px per coordinate"
+    return _NOISE.fails(
+        verdict,
+        f"{said}, which marks and vertices explain."
+        if verdict == "pass"
+        else f"{said}; what is stated of marks and vertices explains {explained:.2g} px.",
+        f"Check the marks, the times and the lens model: one of them is worse than stated.{nearest}",
+        noise_px=sigma,
+        explained_px=explained,
+        probability=chance,
+    )

@@ -1,0 +1,94 @@
+"""Checks of precision: of projected points, where mount and lens are used together, and of the mount alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from apexcal.documents.camera_models import ANGLES
+from apexcal.documents.checks import Check
+from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD, Topic
+from workers.solver.estimate import Estimate
+from workers.solver.prediction import DISTANCES_M, deviations_along
+from workers.solver.residuals import predict, transform_of
+
+Floats = NDArray[np.float64]
+# scipy publishes no types.
+_student_quantile: Callable[[float, float], float] = special.stdtrit
+_USE: Final = Topic("precision", "Precision where it is used")
+_ALONE: Final = Topic("mount_alone", "Mount without its lens", "mount_alone")
+ALONE_LIMIT_DEG: Final = 0.4
+ALONE_LIMIT_MM: Final = 40.0
+"""95 % half-widths that a mount may have if it is used with another lens: at 5 m 0.4 degrees are 35 mm, as much as
+the offset."""
+# Not stated at all, or by so much more than the limit, is of no use.
+_USELESS: Final = 3.0
+# Marks that stand for the field, and the share of them that has to be good enough: their middle 95 %.
+_MARKS: Final = 60
+_MIDDLE: Final = 0.95
+
+
+def precision(estimate: Estimate, result: Mapping[str, Any]) -> Check:
+    """Whether points at 5, 20 and 50 m, over the field that marks cover, are placed as well as their use needs."""
+    if estimate.errors is None:
+        return _USE.fails("stop", "The pairs do not tell how precise the result is.", "Mark more vertices.")
+    px, mm = deviations_along(estimate, marked_rays(estimate))
+    prediction = result.get("prediction") or {}
+    # Halves that differ by more than is stated say by how much more.
+    factor = prediction.get("expected_over_stated", 1.0) * _student_quantile(max(estimate.freedom, 1.0), 0.975)
+    px, angle = factor * px, factor * 1e-3 * mm / np.array(DISTANCES_M)[:, None]
+    worst = float(np.max(np.quantile(np.minimum(px / USE_LIMIT_PX, angle / USE_LIMIT_RAD), _MIDDLE, axis=1)))
+    widest = np.quantile(px, _MIDDLE, axis=1).tolist()
+    named = [f"{distance:.0f}" for distance in DISTANCES_M]
+    return _USE.fails(
+        "pass" if worst <= 1.0 else "look" if worst <= _USELESS else "stop",
+        f"Where the marks are, points at {' / '.join(named)} m are placed within "
+        f"{' / '.join(f'{one:.2g}' for one in widest)} px (95 %)"
+        + (
+            "."
+            if worst <= 1.0
+            else f": {worst:.1f} times what {USE_LIMIT_PX:g} px or {1e3 * USE_LIMIT_RAD:g} mrad allow."
+        ),
+        "Mark more vertices, nearer and towards the image's edges, or lock or state the lens.",
+        over_limit=worst,
+        **{f"half_width_at_{name}_m_px": value for name, value in zip(named, widest, strict=True)},
+    )
+
+
+def marked_rays(estimate: Estimate) -> Floats:
+    """(R, 3) unit vectors, camera frame, towards vertices that stand for the field that marks cover."""
+    problem, p = estimate.holding, estimate.held_at
+    used = np.flatnonzero((problem.weights > 0.0) & (predict(problem, p)[1] == 0.0))
+    rays = transform_of(problem, p).apply(problem.points[used[:: -(-len(used) // _MARKS)]])
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+
+def mount_alone(result: Mapping[str, Any]) -> Check:
+    """Whether the mount is known well enough for who uses it with another lens, by degrees and millimetres."""
+    half_widths = result["interval95_half_width"]
+    turns = [value for name, value in half_widths.items() if name in ANGLES]
+    shifts = [value for name, value in half_widths.items() if name.startswith("t_")]
+    turn, shift = _largest(turns), _largest(shifts)
+    lens = result["lens"]
+    good = turn is not None and shift is not None and turn <= ALONE_LIMIT_DEG and 1e3 * shift <= ALONE_LIMIT_MM
+    known = "not determined"
+    if turn is not None and shift is not None:
+        known = f"known to {turn:.2g} degrees and {1e3 * shift:.2g} mm"
+    return _ALONE.fails(
+        "pass" if good else "stop",
+        f"The mount alone is {known} (95 %); its lens is {lens}.",
+        f"Use it with its lens. For the mount alone state or lock the lens: {ALONE_LIMIT_DEG:g} degrees and "
+        f"{ALONE_LIMIT_MM:g} mm are needed.",
+        half_width_deg=turn,
+        half_width_mm=None if shift is None else 1e3 * shift,
+    )
+
+
+def _largest(values: list[float | None]) -> float | None:
+    """The largest; 0 if all are locked, None if one is not determined."""
+    finite = [value for value in values if value is not None]
+    return max(finite, default=0.0) if len(finite) == len(values) else None

@@ -1,0 +1,93 @@
+"""Whether residuals follow a pattern: a fit's residuals tested for further unknowns, by one linear step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from workers.judge.topics import LOOK_RATE
+from workers.solver.error_model import ErrorModel, weighed
+from workers.solver.estimate import Estimate
+from workers.solver.shared_errors import shared_errors
+from workers.solver.weighting import whitened
+
+Floats = NDArray[np.float64]
+# scipy publishes no types.
+_chance_above: Callable[..., Any] = special.fdtrc
+# A direction that the fit's own parameters leave less than this share of tells nothing of its own.
+_LEAST_SHARE: Final = 0.02
+
+
+class PatternTest(NamedTuple):
+    """What the residuals say of further unknowns.
+
+    `values` (e,) and their `deviations` (e,), infinite where the fit's own parameters do the same. `probability` of
+    such residuals without the unknowns. `pattern` (N, 2): the residuals that they explain, px.
+    """
+
+    values: Floats
+    deviations: Floats
+    probability: float
+    pattern: Floats
+
+
+def pattern_test(estimate: Estimate, columns: Floats) -> PatternTest | None:
+    """Test unknowns by which the pixels change as `columns` (N, 2, e) say, px per unit of each.
+
+    The unknowns and the fit's own parameters are solved for together, linearised at the fit. What stretches of a walk
+    share would absorb them. There the pairs count as independent first; what then is beyond chance is tested again
+    beside the shared errors, which explain more. None if the result states no errors.
+    """
+    if estimate.errors is None or estimate.plain is None:
+        return None
+    problem = whitened(estimate.holding, estimate.held_at)
+    rows = weighed(problem, np.nan_to_num(columns))
+    combined = _told_apart(estimate.plain, rows)
+    if combined.shape[1] == 0:
+        nothing = np.zeros(columns.shape[2])
+        return PatternTest(nothing, nothing + np.inf, 1.0, np.zeros(columns.shape[:2]))
+    if problem.blocks is None or not problem.blocks.over_time:
+        return _tested(estimate.errors.with_columns(rows @ combined), columns, combined)
+    wider = estimate.plain.with_columns(rows @ combined)
+    alone = _tested(wider, columns, combined)
+    if alone.probability >= LOOK_RATE:
+        return alone
+    shared = shared_errors(problem, estimate.held_at, wider)
+    return alone if shared is None else _tested(shared.errors, columns, combined)
+
+
+def _tested(errors: ErrorModel, columns: Floats, combined: Floats) -> PatternTest:
+    """The test of the last unknowns of `errors`, of which (e, k) `combined` are made of the columns."""
+    count = combined.shape[1]
+    # The residual is projection minus mark: the pixels move by -step to meet the marks.
+    step, covariance = errors.step()[-count:], errors.covariance()[-count:, -count:]
+    statistic = float(step @ np.linalg.pinv(covariance, hermitian=True) @ step) / count
+    freedom = min(float(np.median(errors.of_pairs().freedoms()[-count:])), 1e9)
+    values = combined @ step
+    variances = np.einsum("ei,ij,ej->e", combined, covariance, combined)
+    return PatternTest(
+        values,
+        np.sqrt(np.where(variances > 0.0, variances, np.inf)),
+        float(_chance_above(count, freedom, statistic)),
+        np.einsum("nce,e->nc", np.nan_to_num(columns), values),
+    )
+
+
+def _told_apart(errors: ErrorModel, rows: Floats) -> Floats:
+    """(e, k) the combinations of unknowns that the fit's own parameters cannot do."""
+    own = errors.fit.jacobian.reshape(-1, len(errors.scale))
+    G = rows.reshape(len(own), -1)
+    lengths = np.linalg.norm(G, axis=0)
+    scale = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
+    # Priors hold parameters too: they count as rows.
+    root = np.linalg.cholesky(errors.fit.prior * errors.noise + 1e-12 * np.eye(len(errors.scale))).T
+    basis, sizes, _ = np.linalg.svd(np.concatenate([own, root]), full_matrices=False)
+    kept = basis[:, sizes > 1e-9 * sizes[0]]
+    padded = np.concatenate([G * scale, np.zeros((len(root), G.shape[1]))])
+    rest = padded - kept @ (kept.T @ padded)
+    _, left, turn = np.linalg.svd(rest, full_matrices=False)
+    return scale[:, None] * turn[left > _LEAST_SHARE].T

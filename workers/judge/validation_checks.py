@@ -1,0 +1,27 @@
+"""The check of a result on data that it was not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from apexcal.documents.checks import Check
+from workers.judge.topics import Topic
+
+_ELSEWHERE: Final = Topic("elsewhere", "Other recordings")
+
+
+def elsewhere(validations: Sequence[Mapping[str, Any]]) -> Check:
+    """Whether validations on other data agree with the result."""
+    if not validations:
+        return _ELSEWHERE.passes("No validation tested the result on other data.")
+    verdicts = [one["verdict"] for one in validations]
+    figures = {verdict: float(verdicts.count(verdict)) for verdict in ("agrees", "disagrees", "unknown")}
+    against = [one["sentence"] for one in validations if one["verdict"] == "disagrees"]
+    return _ELSEWHERE.fails(
+        "stop" if against else "pass",
+        " ".join(against)
+        or f"{figures['agrees']:.0f} of {len(verdicts)} validations on other data agree, none disagrees.",
+        "Check whether the camera moved since, and calibrate again.",
+        **figures,
+    )
