@@ -1,14 +1,11 @@
 """What waits for a row's lock holds up nobody else: each route is one call of one thread, and readers have theirs."""
 
-import socket
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from inspect import iscoroutinefunction, unwrap
-from pathlib import Path
 from typing import Any
 from uuid import UUID, uuid4
 
@@ -27,9 +24,9 @@ from service.http.router import Route
 from service.http.threads import CONNECTIONS, LOCK_S, WAIT_S
 from tests.service.calibrations.test_results import seed_results
 from tests.service.detections.seeding import seed_rig
+from tests.service.http.conftest import ServedProcess
 from tests.support.databases import one_database
 from tests.support.people import Actor, Api
-from tests.support.processes import start, stop, wait_until
 from tests.support.uploads import digest, new_recording
 
 # More than a process has threads and connections for them, whatever for.
@@ -51,28 +48,6 @@ def test_a_route_opens_its_session_in_its_own_call(route: Any) -> None:
     assert iscoroutinefunction(route.endpoint), "FastAPI would give it a thread, and then its answer another"
     for one in dependencies(route.dependant):
         assert not {inner.call for inner in one.dependencies} & ACCESS, "a dependency's call would open the session"
-
-
-@pytest.fixture
-def process(api: Api, tmp_path: Path) -> Iterator[str]:
-    """A server process on the test's database; its address."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    serve = ("-m", "uvicorn", "service.app:create_app", "--factory", "--host", "127.0.0.1", "--no-access-log")
-    more = ("--http", "service.http.connections:PatientProtocol", "--port", str(port))
-    child = start([sys.executable, *serve, *more], tmp_path / "server.log")
-    url = f"http://127.0.0.1:{port}"
-
-    def answers() -> bool:
-        try:
-            return httpx.get(f"{url}/healthz").status_code == 200
-        except httpx.TransportError:
-            return False
-
-    wait_until(answers, "the server's start", 120)
-    yield url
-    stop(child)
 
 
 Write = Callable[[httpx.Client, int], httpx.Response]
@@ -111,7 +86,7 @@ def parts(api: Api, fleet: UUID, writers: Sequence[Actor]) -> tuple[Write, Any]:
 
 @pytest.mark.parametrize("kind", [publications, vehicles, parts], ids=lambda kind: kind.__name__)
 def test_writers_of_a_row_that_is_held_end_together_and_hold_up_nobody(
-    api: Api, process: str, kind: Callable[[Api, UUID, Sequence[Actor]], tuple[Write, Any]]
+    api: Api, process: ServedProcess, kind: Callable[[Api, UUID, Sequence[Actor]], tuple[Write, Any]]
 ) -> None:
     fleet, elsewhere = api.fleet(), api.fleet()
     writers = [api.member(fleet, "admin", f"admin {number}") for number in range(2)]
@@ -121,7 +96,7 @@ def test_writers_of_a_row_that_is_held_end_together_and_hold_up_nobody(
     has_one_writer = api.database.engine.dialect.name == "sqlite"
     with ExitStack() as stack:
         clients = [
-            stack.enter_context(httpx.Client(base_url=process, headers=one.headers, timeout=60, limits=limits))
+            stack.enter_context(httpx.Client(base_url=process.url, headers=one.headers, timeout=60, limits=limits))
             for one in (*writers, bystander)
         ]
         pool = stack.enter_context(ThreadPoolExecutor(AT_ONCE + 1))
