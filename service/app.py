@@ -23,9 +23,8 @@ from service.auth.gate import Gate
 from service.auth.retention import remove_ended
 from service.broker.hints import COURIER as HINTS
 from service.broker.hints import Publisher
-from service.calibrations import alias_routes, publication_routes, vehicle_routes
+from service.calibrations import result_routes
 from service.calibrations import routes as calibrations
-from service.calibrations.retrieval import Retrieval
 from service.correspondence_sets import routes as correspondence_sets
 from service.db.session import Database
 from service.detections import routes as detections
@@ -55,6 +54,9 @@ from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
 from service.jobs.retention import forget_jobs
 from service.observability import logs, request_ids
+from service.publications import routes as publications
+from service.publications import vehicle_routes
+from service.publications.retrieval import Retrieval
 from service.recordings import frame_routes, original_routes, presigned_routes, sweep_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
@@ -91,8 +93,8 @@ ROUTERS: tuple[APIRouter, ...] = (
     overlay_routes.router,
     mark_routes.router,
     correspondence_sets.router,
-    publication_routes.router,
-    alias_routes.router,
+    result_routes.router,
+    publications.router,
     exports.router,
     imports.router,
     reports.router,
@@ -176,7 +178,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         with drain.before_stopping():
             yield
         await _end(upkeep)
-        app.state.retrieval.close()
+        await app.state.retrieval.close()
         app.state.sender.close()
         app.state.publisher.close()
         for database in (app.state.database, upkeep_database, *app.state.health_databases):
@@ -199,7 +201,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.store = _opened(settings)
     app.state.room = Room(app.state.store, settings.min_free_bytes)
     adopt_if_known(app.state.database, app.state.store)
-    app.state.retrieval = Retrieval(app.state.database)
+    app.state.retrieval = Retrieval(app.state.database, app.state.threads)
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)
     # An import of 32 MiB takes some 130 MB while it is read, an answer of 100,000 pairs 20 MB and then 6.
@@ -211,7 +213,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
     for room in (problems, store_problems, etags, idempotency):
         room.install(app)
-    app.add_middleware(vehicle_routes.UsualFirst, retrieval=app.state.retrieval)
     app.add_middleware(headers.SafeHeaders, stores=[app.state.store.origin] if app.state.store.signs else [])
     app.add_middleware(draining.PoliteClosing, drain=drain)
     app.add_middleware(watching.Watched, figures=metrics_routes.install(app, version("apexcal")))

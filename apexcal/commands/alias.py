@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from apexcal.client import Client
+from apexcal.client import Client, ClientError
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, say, usage
 from apexcal.commands.connect import check_id, connected
 from apexcal.commands.publications import (
@@ -16,10 +16,11 @@ from apexcal.commands.publications import (
     OverrideOption,
     VehicleOption,
     find_vehicle_camera,
+    lines,
     saying_objections,
 )
 from apexcal.documents.fleets import VehicleOut
-from apexcal.documents.publications import AliasMoveView
+from apexcal.documents.publications import PublicationView
 from apexcal.embedded.folder import DEFAULT
 
 
@@ -50,23 +51,35 @@ def alias(
     with connected(url, token, data) as client, saying_objections():
         on, of = find_vehicle_camera(client, fleet, vehicle, camera)
         if moves:
-            to = check_id(result, "result") if result else None
-            made = client.calibrations.move_alias(on.id, of, name, to, reason.strip(), override=override)
-            say(made, as_json, _line(made))
+            if remove:
+                made = _removed(client, on, of, name, reason.strip())
+            else:
+                _check_camera(client, on, of, check_id(result, "result"))
+                made = client.calibrations.publish(result, reason.strip(), override=override, alias=name)
+            say(made, as_json, _text(made))
             return
-        found = _found(client, on, of, name, limit)
-    say(found, as_json, "\n".join(map(_line, found)) or f"{of} of {on.name} has no such alias yet.")
+        listed = _listed(client, on, of, name, limit)
+    say(listed, as_json, "\n".join(map(_text, listed)) or f"{of} of {on.name} has no such alias yet.")
 
 
-def _found(client: Client, on: VehicleOut, of: str, name: str, limit: int) -> list[AliasMoveView]:
+def _listed(client: Client, on: VehicleOut, of: str, name: str, limit: int) -> list[PublicationView]:
     if name:
-        return list(islice(client.calibrations.alias_moves(on.id, of, name), limit))
+        return list(islice(client.calibrations.publications(on.id, of, name), limit))
     return client.calibrations.aliases(on.id, of)
 
 
-def _line(move: AliasMoveView) -> str:
-    by = f" by {move.moved_by}" if move.moved_by else ""
-    to = f"{move.model}, result {move.result_id}" if move.result_id else "nowhere"
-    against = [f"\n  Against: {one}" for one in (move.override.objections if move.override else [])]
-    first = f"{move.alias} of {move.camera} leads to {to}, {move.moved_at.isoformat()}{by}: {move.reason}"
-    return "".join([first, *against])
+def _check_camera(client: Client, on: VehicleOut, of: str, result_id: str) -> None:
+    result = client.calibrations.result(result_id)
+    if (result.vehicle_id, result.camera) != (on.id, of):
+        raise ClientError("this result is of another camera or vehicle", f"Take one of {of} of {on.name}.")
+
+
+def _removed(client: Client, on: VehicleOut, of: str, name: str, reason: str) -> PublicationView:
+    newest = next(client.calibrations.publications(on.id, of, name), None)
+    if newest is None:
+        raise ClientError(f"{of} of {on.name} has no alias {name}", "`apexcal alias` lists those that it has.")
+    return client.calibrations.withdraw(newest.id, reason)
+
+
+def _text(publication: PublicationView) -> str:
+    return "\n".join([f"{publication.alias} of {publication.camera}", *(f"  {line}" for line in lines(publication))])

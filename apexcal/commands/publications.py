@@ -38,8 +38,8 @@ def publications(
     with connected(url, token, data) as client:
         on, of = find_vehicle_camera(client, fleet, vehicle, camera)
         found = list(islice(client.calibrations.publications(on.id, of), limit))
-    lines = [line for one in found for line in _lines(one)]
-    say(found, as_json, "\n".join(lines) or f"Nothing was published for {of} of {on.name} yet.")
+    listed = [line for publication in found for line in lines(publication)]
+    say(found, as_json, "\n".join(listed) or f"Nothing was published for {of} of {on.name} yet.")
 
 
 def find_vehicle_camera(client: Client, fleet: str, vehicle: str, camera: str) -> tuple[VehicleOut, str]:
@@ -71,25 +71,17 @@ def given(publication: PublicationView, vehicle: str) -> str:
     return "\n".join([sentence, *_against(publication)])
 
 
-def _lines(publication: PublicationView) -> list[str]:
+def lines(publication: PublicationView) -> list[str]:
+    """Where the alias leads since when, by whom, why, and against which objections."""
     by = f" by {publication.published_by}" if publication.published_by else ""
     current = ", current" if publication.is_current else ""
-    first = (
-        f"{publication.published_at.isoformat()}{by}: {publication.model}, result {publication.result_id}{current}"
-    )
+    to = "withdrawn" if publication.led_to is None else f"{publication.model}, result {publication.result_id}"
+    if publication.led_to is not None and publication.result_id is None:
+        to = f"result {publication.led_to}, which was deleted"
     reason = [f"  {publication.reason}"] if publication.reason else []
-    return [first, *reason, *_against(publication), *_withdrawn(publication)]
-
-
-def _withdrawn(publication: PublicationView) -> list[str]:
-    said = publication.withdrawn
-    if said is None:
-        return []
-    by = f" by {said.withdrawn_by}" if said.withdrawn_by else ""
-    return [f"  Withdrawn {said.withdrawn_at.isoformat()}{by}: {said.reason}"]
+    return [f"{publication.published_at.isoformat()}{by}: {to}{current}", *reason, *_against(publication)]
 
 
 def _against(publication: PublicationView) -> list[str]:
-    return [
-        f"  Published against: {one}" for one in (publication.override.objections if publication.override else [])
-    ]
+    objections = publication.override.objections if publication.override else []
+    return [f"  Published against: {objection}" for objection in objections]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated
+from uuid import UUID
 
 import typer
 
@@ -47,18 +49,17 @@ def rollback(
                 f"{of} of {on.name} had no result before the current one",
                 "`apexcal publications` lists what it was given.",
             )
-        made = client.calibrations.publish(before.result_id, reason.strip(), override=override)
+        made = client.calibrations.publish(before, reason.strip(), override=override)
     say(made, as_json, given(made, on.name))
 
 
-def _before(publications: list[PublicationView]) -> PublicationView | None:
+def _before(moves: list[PublicationView]) -> UUID | None:
     """The result given before the current one was first given, so going back twice goes further back.
 
-    Withdrawn results are skipped.
+    ``moves``: the newest first. Results that were withdrawn or deleted are skipped.
     """
-    results = [one.result_id for one in publications]
-    if not results:
-        return None
-    withdrawn = {one.result_id for one in publications if one.withdrawn is not None}
-    first = len(results) - 1 - results[::-1].index(results[0])
-    return next((one for one in publications[first + 1 :] if one.result_id not in withdrawn), None)
+    withdrawn = {before.led_to for after, before in pairwise(moves) if after.led_to is None}
+    results = [move.led_to for move in moves if move.led_to is not None]
+    first = max((index for index, result in enumerate(results) if result == results[0]), default=0)
+    skipped = withdrawn | {move.led_to for move in moves if move.result_id is None}
+    return next((result for result in results[first + 1 :] if result not in skipped), None)

@@ -32,8 +32,8 @@ def withdraw(
     with connected(url, token, data) as client:
         on, of = find_vehicle_camera(client, fleet, vehicle, camera)
         newest = next(client.calibrations.publications(on.id, of), None)
-        if newest is None:
-            raise ClientError(f"nothing was published for {of} of {on.name}", "There is nothing to withdraw.")
+        if newest is None or newest.result_id is None:
+            raise ClientError(f"{of} of {on.name} is given nothing", "There is nothing to withdraw.")
         made = client.calibrations.withdraw(newest.id, reason.strip())
     say(
         made,

@@ -1,4 +1,4 @@
-"""What a vehicle's camera is given: requests to publish, to withdraw and to move aliases, and what became of them."""
+"""What a vehicle's camera is given: requests to publish and to withdraw, and what became of them."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ class Override(Received):
 
 
 class PublicationRequest(Received):
-    """Why a result is published. ``override`` is needed where the service has objections, and kept with them.
+    """Under which alias a result is published, and why. ``override`` is needed where the service has objections.
 
-    A result that was published before needs a reason.
+    It is kept with them. A result that the alias led to before needs a reason.
     """
 
+    alias: AliasName = CURRENT
     reason: Reason | None = None
     override: Override | None = None
 
@@ -49,53 +50,13 @@ class WithdrawalRequest(Received):
     reason: Reason
 
 
-class WithdrawalView(Sent):
-    """Who withdrew a publication, when and why. ``withdrawn_by`` is null where the person is no longer known."""
-
-    withdrawn_at: datetime
-    withdrawn_by: str | None
-    reason: str
-
-
 class PublicationView(Sent):
-    """A result that a vehicle's camera was given: by whom, when, why, and against which objections.
+    """A move of an alias of a vehicle's camera: to which result, by whom, when, why, and against which objections.
 
-    ``published_by`` is a name, null where the person is no longer known. ``reason`` is null where none was given.
-    ``withdrawn`` is null unless it was withdrawn; ``gate`` is null if neither rig nor fleet stated one.
-    """
-
-    id: UUID
-    fleet_id: UUID
-    vehicle_id: UUID
-    camera: str
-    result_id: UUID
-    calibration_id: UUID
-    model: str
-    published_at: datetime
-    published_by: str | None
-    reason: str | None
-    override: OverrideView | None
-    is_current: bool
-    withdrawn: WithdrawalView | None = None
-    gate: Stored[GateVerdict | None] = None
-
-
-class AliasMoveRequest(Received):
-    """Where an alias shall lead, and why. Without a ``result_id`` it is removed.
-
-    Against the service's objections it needs ``override``; then the reason also says why.
-    """
-
-    result_id: UUID | None = None
-    reason: Reason
-    override: bool = False
-
-
-class AliasMoveView(Sent):
-    """One step of an alias: to which result, by whom, when, why and against which objections.
-
-    ``result_id`` is null if the alias was removed or the result was deleted. ``led_to`` is the result's id, also
-    after the result was deleted; null if the alias was removed.
+    ``number`` counts the alias's moves from 1. ``result_id`` is null if the alias leads nowhere since: it was
+    withdrawn, or its result was deleted. ``led_to`` is the result's id, also after the result was deleted; null of a
+    withdrawal. ``published_by`` is a name, null where the person is no longer known. ``reason`` is null where none
+    was given; ``gate`` if neither rig nor fleet stated one. ``is_current``: the alias leads to this result now.
     """
 
     id: UUID
@@ -103,13 +64,14 @@ class AliasMoveView(Sent):
     vehicle_id: UUID
     camera: str
     alias: str
+    number: int
     result_id: UUID | None
-    led_to: UUID | None = None
+    led_to: UUID | None
     calibration_id: UUID | None
     model: str | None
-    moved_at: datetime
-    moved_by: str | None
-    reason: str
+    published_at: datetime
+    published_by: str | None
+    reason: str | None
     override: OverrideView | None
     gate: Stored[GateVerdict | None]
     is_current: bool

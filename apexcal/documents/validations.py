@@ -12,7 +12,7 @@ from apexcal.documents.base import Document, Magnitude, Name, Received, Sent, St
 from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
 from apexcal.documents.jobs import JobView, ProblemView
-from apexcal.documents.publications import WithdrawalView
+from apexcal.documents.publications import PublicationView
 from apexcal.documents.results import Deviations, Intrinsics, SolvedTransform
 from apexcal.documents.states import WorkState
 from apexcal.documents.transforms import Transform
@@ -182,7 +182,7 @@ class DriftStep(Sent):
     std: Stored[Deviations | None] = None
     from_previous: Stored[DriftDifference | None]
     from_first: Stored[DriftDifference | None]
-    withdrawn: WithdrawalView | None = None
+    withdrawn: PublicationView | None = None
 
 
 class DriftDifference(Document):

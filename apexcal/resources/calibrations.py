@@ -12,7 +12,7 @@ from apexcal.documents.comparisons import ResultComparison
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
 from apexcal.documents.exports import VEHICLE_HEADER, VehicleCalibration
 from apexcal.documents.overlays import OverlayView
-from apexcal.documents.publications import CURRENT, AliasMoveView, PublicationView
+from apexcal.documents.publications import CURRENT, PublicationView
 from apexcal.documents.reports import ReportView
 from apexcal.documents.results import ResultView
 from apexcal.documents.summaries import CurrentCalibration
@@ -148,53 +148,33 @@ class Calibrations:
             at("calibrations", calibration_id, "slots"), SlotView, camera=camera, model=model, fold=fold
         )
 
-    def publish(self, result_id: UUID | str, reason: str | None = None, *, override: bool = False) -> PublicationView:
-        """Make a result its camera's current calibration.
+    def publish(
+        self, result_id: UUID | str, reason: str | None = None, *, override: bool = False, alias: str = CURRENT
+    ) -> PublicationView:
+        """Make a result its camera's current calibration, or let another alias lead to it.
 
         ApiError ``objections`` where something speaks against it (``fields["objections"]``): ``override`` publishes
         all the same, for this ``reason``, and both are kept. A result that was published before needs a reason.
         """
-        if override:
-            return self._http.post(
-                at("results", result_id, "publication"), PublicationView, {"override": {"reason": reason or ""}}
-            )
-        return self._http.post(
-            at("results", result_id, "publication"), PublicationView, {"reason": reason} if reason else {}
-        )
+        why = {"override": {"reason": reason or ""}} if override else {"reason": reason}
+        return self._http.post(at("results", result_id, "publication"), PublicationView, {"alias": alias, **why})
 
-    def publications(self, vehicle_id: UUID | str, camera: str) -> Iterator[PublicationView]:
-        """What a camera was given, newest first: by whom, when, why and against which objections."""
-        return self._http.items(at("vehicles", vehicle_id, "cameras", camera, "publications"), PublicationView)
+    def publications(self, vehicle_id: UUID | str, camera: str, alias: str = CURRENT) -> Iterator[PublicationView]:
+        """What a camera was given under an alias, newest first: by whom, when, why and against which objections."""
+        address = at("vehicles", vehicle_id, "cameras", camera, "publications")
+        return self._http.items(address, PublicationView, alias=alias)
 
     def withdraw(self, publication_id: UUID | str, reason: str) -> PublicationView:
-        """Withdraw a publication.
+        """Withdraw what an alias leads to; the answer is the alias's move to nowhere.
 
-        If it is the current one, :meth:`current` raises ApiError ``calibration_withdrawn`` until something is
-        published. The one before does not come back by itself.
+        :meth:`current` then raises ApiError ``calibration_withdrawn`` until something is published. The one before
+        does not come back by itself. A withdrawal of ``current`` also removes aliases that lead to the same result.
         """
         return self._http.post(at("publications", publication_id, "withdrawal"), PublicationView, {"reason": reason})
 
-    def aliases(self, vehicle_id: UUID | str, camera: str) -> list[AliasMoveView]:
-        """Where each alias of a camera leads, beside ``current``."""
-        return self._http.get(_aliases(vehicle_id, camera), Page[AliasMoveView]).items
-
-    def alias_moves(self, vehicle_id: UUID | str, camera: str, alias: str) -> Iterator[AliasMoveView]:
-        """Where an alias led, newest first: since when, by whom and why."""
-        return self._http.items(_aliases(vehicle_id, camera) + at(alias, "moves"), AliasMoveView)
-
-    def move_alias(
-        self,
-        vehicle_id: UUID | str,
-        camera: str,
-        alias: str,
-        result_id: UUID | str | None,
-        reason: str,
-        *,
-        override: bool = False,
-    ) -> AliasMoveView:
-        """Let an alias lead to a result, or, with None, nowhere. ApiError ``objections`` as of :meth:`publish`."""
-        body = {"result_id": None if result_id is None else str(result_id), "reason": reason, "override": override}
-        return self._http.post(_aliases(vehicle_id, camera) + at(alias, "moves"), AliasMoveView, body)
+    def aliases(self, vehicle_id: UUID | str, camera: str) -> list[PublicationView]:
+        """Where each alias of a camera leads, by its last move."""
+        return self._http.get(at("vehicles", vehicle_id, "cameras", camera, "aliases"), Page[PublicationView]).items
 
     def current(self, vehicle_id: UUID | str, camera: str, alias: str = CURRENT) -> CurrentCalibration:
         """A camera's current calibration, or what another alias leads to.
@@ -245,7 +225,3 @@ class Calibrations:
         return self._http.get_if_changed(
             at("vehicles", vehicle_id, "cameras", camera, "calibration"), CurrentCalibration, etag
         )
-
-
-def _aliases(vehicle_id: UUID | str, camera: str) -> str:
-    return at("vehicles", vehicle_id, "cameras", camera, "aliases")

@@ -75,8 +75,8 @@ _STATEMENTS = (
     f" SELECT {_N}, :fleet, {_C}, {_S}, c, 'brown_conrady', -1, 'runs', 1, 1, '{{}}', 'done', 1, 0, false, 0 {_EACH}",
     f"INSERT INTO result (id, fleet_id, calibration_id, run_id, camera, model, fold, document, created_at)"
     f" SELECT {_E}, :fleet, {_C}, {_N}, c, 'brown_conrady', -1, CAST(:result AS json), 0 {_EACH}",
-    f"INSERT INTO publication (id, fleet_id, vehicle_id, camera, result_id, number, created_at)"
-    f" SELECT {_P}, :fleet, {_V}, c, {_E}, n, n {_EACH}",
+    f"INSERT INTO publication (id, fleet_id, vehicle_id, camera, alias, result_id, led_to, number, created_at)"
+    f" SELECT {_P}, :fleet, {_V}, c, 'current', {_E}, {_E}, n, n {_EACH}",
     "ANALYZE",
 )
 

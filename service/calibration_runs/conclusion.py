@@ -12,10 +12,10 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
 from service.calibration_runs.objection_queries import objections, own_objections
-from service.calibration_runs.publication_actions import hold_publications, publish_by_itself
 from service.db.base import Json
 from service.db.calibrations import FULL, Calibration, CalibrationRun, Result, Slot
 from service.db.clock import now
+from service.publications.actions import hold_publications, publish_by_itself
 
 
 class RunRow(NamedTuple):

@@ -15,12 +15,11 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
 from service.calibration_runs.gate_verdicts import failures, gate_verdict
-from service.calibration_runs.mounted_sensors import Calibrated, swapped_sensors
-from service.calibration_runs.publication_actions import current_publication, is_withdrawn
-from service.db.aliases import Withdrawal
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig, RigCamera
+from service.publications.mounted_sensors import Calibrated, swapped_sensors
+from service.publications.queries import current_publication, withdrawals
 
 # Ratio of held-out to fitted error above which a fit says little about other places. Twenty real pairs for sixteen
 # parameters give 3.3, enough pairs 1.1.
@@ -55,17 +54,8 @@ def objections(session: Session, result: Result) -> list[str]:
 
 def _said_of_it(session: Session, result: Result, vehicle_id: UUID) -> list[str]:
     """Objections to a result that was withdrawn before, or whose sensor was swapped since."""
-    published = and_(
-        *(Publication.vehicle_id == Withdrawal.vehicle_id, Publication.camera == Withdrawal.camera),
-        Publication.number == Withdrawal.number,
-    )
-    withdrawn = session.execute(
-        select(Withdrawal.created_at, Withdrawal.reason)
-        .join(Publication, published)
-        .where(Publication.result_id == result.id)
-        .order_by(Withdrawal.number)
-    )
-    reasons = [f"It was withdrawn ({_told(at)}): {reason}" for at, reason in withdrawn]
+    withdrawn = [move for _, move in withdrawals(session, [result.id]) if move is not None]
+    reasons = [f"It was withdrawn ({_told(move.created_at)}): {move.reason}" for move in withdrawn]
     mounted = session.execute(
         select(RigCamera.serial, Rig)
         .select_from(CalibrationRun)
@@ -187,11 +177,11 @@ def _standing(session: Session, *where: ColumnElement[bool]) -> _Standing | None
 
 def _own_and_current(session: Session, result: Result, vehicle_id: UUID) -> tuple[_Standing, _Standing] | None:
     """A result and its camera's current one; None where there is none, it was withdrawn, or it is the same."""
-    newest = current_publication(session, vehicle_id, result.camera)
+    published = current_publication(session, vehicle_id, result.camera)
     # A withdrawn result is no standard.
-    if newest is None or is_withdrawn(session, newest):
+    if published is None:
         return None
-    own, current = _standing(session, Result.id == result.id), _standing(session, Result.id == newest.result_id)
+    own, current = _standing(session, Result.id == result.id), _standing(session, Result.id == published.result_id)
     if own is None or current is None or own.result_id == current.result_id:
         return None
     return own, current

@@ -1,4 +1,4 @@
-"""Tables of correspondence sets, calibrations, runs, slots, results and publications."""
+"""Tables of correspondence sets, calibrations, runs, slots and results."""
 
 from __future__ import annotations
 
@@ -7,16 +7,13 @@ from functools import cached_property
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Index, String, UniqueConstraint, func, literal_column, text
+from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, object_session
 
 from apexcal.documents.states import WorkState
 from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, partial_index, refers_to
 
 _UNENDED = "state IN ('queued', 'running')"
-# The number of publications that have none: they are newer than all that have one. Written out, so that the index
-# is found.
-_UNNUMBERED = "2147483647"
 
 FULL = -1
 """The fold of a fit to all pairs."""
@@ -169,39 +166,3 @@ class Result(Base):
     document: Mapped[Json]
     created_at: Mapped[Created]
     __table_args__ = (UniqueConstraint("run_id"),)
-
-
-class Publication(Base):
-    """A result that a vehicle's camera was given, never changed; the newest one is current.
-
-    ``number`` counts a camera's publications from 1: by it, and by no clock, one is newer than another. It is null
-    where a version of the service before wrote the row; such rows are newer than all that have a number, and the
-    next publication numbers them. ``reason`` is why it was published, in the publisher's words. ``overridden`` has
-    what spoke against it, where it was published all the same. ``gate`` is the verdict of the gates of rig and fleet,
-    where there were any.
-    """
-
-    __tablename__ = "publication"
-    __table_args__ = (
-        Index(
-            "ix_publication_newness",
-            *("vehicle_id", "camera", text(f"coalesce(number, {_UNNUMBERED})"), "created_at", "id"),
-        ),
-        Index("uq_publication_vehicle_id_camera_number", "vehicle_id", "camera", "number", unique=True),
-    )
-
-    id: Mapped[RowId]
-    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
-    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
-    camera: Mapped[Name]
-    result_id: Mapped[UUID] = belongs_to("result.id")
-    number: Mapped[int | None]
-    published_by: Mapped[UUID | None] = refers_to("person.id")
-    reason: Mapped[str | None] = mapped_column(String(500))
-    overridden: Mapped[list[Any] | None]
-    gate: Mapped[Json | None]
-    created_at: Mapped[Created]
-
-
-# By which one of a camera's publications is newer than another, in this order: that of the index.
-NEWNESS = (func.coalesce(Publication.number, literal_column(_UNNUMBERED)), Publication.created_at, Publication.id)

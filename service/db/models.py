@@ -1,6 +1,5 @@
 """All tables in one place, for the code that asks and for migrations."""
 
-from service.db.aliases import AliasMove, Withdrawal
 from service.db.annotations import (
     AnnotationRevision,
     Answer,
@@ -16,7 +15,6 @@ from service.db.calibrations import (
     Calibration,
     CalibrationRun,
     CorrespondenceSet,
-    Publication,
     Result,
     Slot,
 )
@@ -25,6 +23,7 @@ from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.jobs import Heartbeat, Job, JobEvent, JobTotal, Worker
 from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person, SignInLink
+from service.db.publications import Publication
 from service.db.recordings import (
     Blob,
     BlobHold,
@@ -40,7 +39,6 @@ from service.db.studies import Study, StudyFile
 from service.db.validations import Validation
 
 __all__ = [
-    "AliasMove",
     "AnnotationRevision",
     "Answer",
     "Apex",
@@ -88,6 +86,5 @@ __all__ = [
     "Verdict",
     "Vertex",
     "VertexFrame",
-    "Withdrawal",
     "Worker",
 ]

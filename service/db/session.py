@@ -82,7 +82,7 @@ def open_engine(url: str, *, patient: bool = False, lock_s: float = LOCK_S, conn
     if parsed.get_backend_name() != "sqlite":
         waits = connect_args(parsed, patient=patient, lock_s=lock_s)
         engine = create_engine(parsed, json_serializer=_to_json, connect_args=waits, **pool)
-        _ping_before_use(engine)
+        ping_before_use(engine)
         return engine
     engine = create_engine(
         url, json_serializer=_to_json, connect_args={"timeout": lock_s, "check_same_thread": False}, **pool
@@ -105,7 +105,7 @@ def open_engine(url: str, *, patient: bool = False, lock_s: float = LOCK_S, conn
     return engine
 
 
-def _ping_before_use(engine: Engine) -> None:
+def ping_before_use(engine: Engine) -> None:
     """Replace pooled connections that the server has closed meanwhile.
 
     As SQLAlchemy's ``pool_pre_ping``, which would ask the server before each of a job's three transactions.
@@ -131,6 +131,11 @@ def _autocommit(engine: Engine) -> dict[str, Any]:
     return {} if engine.dialect.name == "sqlite" else {"isolation_level": "AUTOCOMMIT"}
 
 
+def _repeatable(engine: Engine) -> dict[str, Any]:
+    # SQLite's transactions see one moment anyway.
+    return {} if engine.dialect.name == "sqlite" else {"isolation_level": "REPEATABLE READ"}
+
+
 class Database:
     """Sessions of one engine.
 
@@ -146,6 +151,9 @@ class Database:
         event.listen(self.engine, "checkin", self._close_late)
         self.couriers: dict[str, Callable[[list[Any]], None]] = {}
         self._reading = sessionmaker(self.engine, expire_on_commit=False)
+        self._snapshot = sessionmaker(
+            self.engine.execution_options(**_repeatable(self.engine)), expire_on_commit=False
+        )
         self._writing = sessionmaker(self.engine.execution_options(**{_WRITES: True}), expire_on_commit=False)
         self._alone = self.engine.execution_options(**{_ALONE: True}, **_autocommit(self.engine))
 
@@ -153,6 +161,12 @@ class Database:
     def reading(self) -> Iterator[Session]:
         """A session that only reads; whatever it changed is rolled back."""
         with self._reading() as session:
+            yield session
+
+    @contextmanager
+    def snapshot(self) -> Iterator[Session]:
+        """A session that only reads, all of it as it was at the session's first statement."""
+        with self._snapshot() as session:
             yield session
 
     @contextmanager
@@ -178,12 +192,6 @@ class Database:
         """
         with self._alone.connect() as connection:
             yield connection
-
-    def driver_connection(self) -> Any:
-        """A connection of the driver, outside the pool, for the caller to close. Raises the driver's errors."""
-        dialect, url = self.engine.dialect, self.engine.url
-        arguments, named = dialect.create_connect_args(url)
-        return dialect.connect(*arguments, **named, **connect_args(url, patient=False))
 
     def _deliver(self, outbox: dict[str, list[Any]]) -> None:
         for name, items in outbox.items():

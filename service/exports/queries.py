@@ -14,8 +14,7 @@ from apexcal.documents.results import StatedLensFit
 from service.calibration_runs.image_frames import T_images_camera, joint_of_images
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
-from service.exports.given_queries import Asked, given
-from service.http.problems import Problem, not_found
+from service.http.problems import not_found
 
 if TYPE_CHECKING:
     from service.exports.calibrated import Calibrated, CalibratedCamera
@@ -27,15 +26,6 @@ _Cameras = Select[Result, Rig, RigCamera, str, list[float] | None, list[float] |
 def of_result(session: Session, result_id: UUID) -> Calibrated:
     """One result. Raises :class:`Problem` 404 where it is gone."""
     return _of(session, _cameras().where(Result.id == result_id))
-
-
-def of_given(session: Session, vehicle: Vehicle, asked: Asked) -> Calibrated:
-    """What cameras are given. Raises :class:`Problem` as :func:`given`, and 409 where it is deleted meanwhile."""
-    results = [one.result.id for one in given(session, vehicle, asked).values()]
-    found = of_results(session, results)
-    if len(found.cameras) < len(results):
-        raise Problem(409, "conflict", "One of the calibrations was deleted at this moment.", "Ask again.")
-    return found
 
 
 def of_results(session: Session, result_ids: Sequence[UUID]) -> Calibrated:

@@ -1,4 +1,4 @@
-"""The table of export formats, and a vehicle's own URDF with one joint as calibrated."""
+"""The table of export formats, and a sent URDF with one joint as calibrated."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ from uuid import UUID
 
 from fastapi.responses import Response
 
-from apexcal.documents.base import Sought
 from apexcal.documents.exports import FormatView, UrdfRequest
 from service.auth.access import CurrentIdentity, ReadAccess
 from service.db.calibrations import Result
-from service.db.fleets import Vehicle
 from service.exports.answers import notes_header, table
-from service.exports.given_queries import Asked
-from service.exports.queries import of_given, of_result
+from service.exports.queries import of_result
 from service.http.bodies import DOCUMENT
 from service.http.router import Router
 
@@ -24,7 +21,7 @@ if TYPE_CHECKING:
 router = Router(tags=["exports"])
 
 _TEXT = {"schema": {"type": "string"}}
-_XML: dict[int | str, dict[str, Any]] = {200: {"content": {"application/xml": _TEXT, "application/yaml": _TEXT}}}
+XML: dict[int | str, dict[str, Any]] = {200: {"content": {"application/xml": _TEXT, "application/yaml": _TEXT}}}
 
 
 @router.get("/export-formats", response_model=list[FormatView])
@@ -33,27 +30,14 @@ def list_formats(identity: CurrentIdentity) -> list[dict[str, object]]:
     return table()
 
 
-@router.post(
-    "/vehicles/{vehicle_id}/cameras/{camera}/calibration/urdf",
-    max_body_size=DOCUMENT,
-    response_class=Response,
-    responses=_XML,
-)
-def patch_urdf(vehicle_id: UUID, camera: Sought, body: UrdfRequest, access: ReadAccess) -> Response:
-    """The sent URDF with one joint's origin as the camera's current calibration has it; all other bytes stay.
-
-    Or the sent calibration file of Autoware with the pose of the ``joint``'s child. Nothing is stored.
-    """
-    return _patched(body, of_given(access.session, access.find(Vehicle, vehicle_id), Asked([camera])))
-
-
-@router.post("/results/{result_id}/urdf", max_body_size=DOCUMENT, response_class=Response, responses=_XML)
+@router.post("/results/{result_id}/urdf", max_body_size=DOCUMENT, response_class=Response, responses=XML)
 def patch_urdf_of_result(result_id: UUID, body: UrdfRequest, access: ReadAccess) -> Response:
     """The sent URDF with one joint's origin as a result has it; all other bytes stay. Nothing is stored."""
-    return _patched(body, of_result(access.session, access.find(Result, result_id).id))
+    return patched_answer(body, of_result(access.session, access.find(Result, result_id).id))
 
 
-def _patched(body: UrdfRequest, calibrated: Calibrated) -> Response:
+def patched_answer(body: UrdfRequest, calibrated: Calibrated) -> Response:
+    """The sent file with the mount of the one camera of ``calibrated``."""
     # Imported here: they need NumPy, which takes a twentieth of the start.
     from service.exports import autoware_patch
     from service.exports.urdf_patch import patched

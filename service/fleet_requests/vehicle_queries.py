@@ -21,10 +21,12 @@ from sqlalchemy import ColumnElement, ScalarSelect, exists, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from apexcal.documents.fleet_requests import VehicleFilter
+from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import WorkState
 from service.db.base import written
-from service.db.calibrations import NEWNESS, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
+from service.db.publications import Publication
 from service.http.problems import Problem
 
 
@@ -181,13 +183,17 @@ def _calibrated_since(session: Session, fleet_id: UUID, since: datetime) -> set[
 
 
 def _published_sets(session: Session, fleet_id: UUID) -> dict[tuple[UUID, str], UUID]:
-    """By vehicle and camera, the set that the current calibration was made from."""
+    """By vehicle and camera, the set that was published last, withdrawn or not: a withdrawal makes no pairs new."""
     current = (
         select(CalibrationRun.set_id)
         .join(Result, Result.run_id == CalibrationRun.id)
         .join(Publication, Publication.result_id == Result.id)
-        .where(Publication.vehicle_id == Rig.vehicle_id, Publication.camera == RigCamera.name)
-        .order_by(*(key.desc() for key in NEWNESS))
+        .where(
+            Publication.vehicle_id == Rig.vehicle_id,
+            Publication.camera == RigCamera.name,
+            Publication.alias == CURRENT,
+        )
+        .order_by(Publication.number.desc())
         .limit(1)
         .correlate(Rig, RigCamera)
         .scalar_subquery()

@@ -12,14 +12,16 @@ from sqlalchemy.orm import Session, aliased
 from apexcal.documents.base import stored
 from apexcal.documents.calibrations import ProgressView
 from apexcal.documents.fleet_requests import CameraOutcome, Counts, FleetRequestView, RequestVehicleView
+from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import VehicleState, WorkState
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, Publication, Result
+from service.db.calibrations import Calibration, CalibrationRun, Result
 from service.db.clock import utc_now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Vehicle
 from service.db.jobs import Job
 from service.db.people import Person
+from service.db.publications import Publication
 
 # Before this many vehicles have ended, their pace tells too little.
 _LEAST_ENDED = 3
@@ -77,7 +79,7 @@ def _published(session: Session, ids: Sequence[UUID]) -> dict[UUID, int]:
         select(of, func.count(FleetRequestVehicle.vehicle_id.distinct()))
         .join(Result, Result.calibration_id == FleetRequestVehicle.calibration_id)
         .join(Publication, Publication.result_id == Result.id)
-        .where(of.in_(ids))
+        .where(of.in_(ids), Publication.alias == CURRENT)
         .group_by(of)
     )
     return {row[0]: row[1] for row in session.execute(statement)} if ids else {}

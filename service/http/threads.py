@@ -27,10 +27,8 @@ _IDENTITY = 3
 _LOCKED = 2
 # All else, such as imported pairs and upkeep. It is anyio's own limit, 40 by default.
 OTHERS = 6
-# A thread outside of these limits: the reader of vehicles' states.
-_OUTSIDE = 1
 # A connection for each thread: nobody waits for one.
-CONNECTIONS = _READERS + _WRITERS + _MARKING + _IDENTITY + _LOCKED + OTHERS + _OUTSIDE
+CONNECTIONS = _READERS + _WRITERS + _MARKING + _IDENTITY + _LOCKED + OTHERS
 # So long does a request wait for threads and locks together. Rows are locked for milliseconds.
 WAIT_S = 5.0
 # So long does one try wait for one lock. PostgreSQL may let a statement wait twice for a row: behind others who wait,

@@ -9,11 +9,10 @@ from uuid import UUID
 from sqlalchemy import delete, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
+from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import VehicleState
-from service.calibration_runs.alias_actions import aliases_to
 from service.calibration_runs.fleet_request_actions import drop_calibrations
-from service.calibration_runs.publication_actions import current_ids, hold_publications
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.detections import Detection
 from service.db.fleet_requests import FleetRequestVehicle
 from service.db.recordings import Recording, UploadPart
@@ -22,6 +21,8 @@ from service.db.studies import Study
 from service.db.validations import Validation
 from service.http.problems import Problem
 from service.jobs.queue import abandon
+from service.publications.actions import hold_publications
+from service.publications.queries import aliases_to
 from service.recordings.blob_queries import sensor_keys, study_keys
 from service.storage.blobs import condemn
 
@@ -102,16 +103,10 @@ def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
 
 
 def _refuse_in_use(session: Session, vehicle_id: UUID, calibrations: Sequence[UUID]) -> None:
-    cameras = session.scalars(
-        select(Publication.camera)
-        .join(Result, Result.id == Publication.result_id)
-        .where(
-            Publication.id.in_(current_ids(Publication.vehicle_id == vehicle_id)),
-            Result.calibration_id.in_(calibrations),
-        )
-    ).all()
-    used = [f"current calibration of {camera}" for camera in sorted(cameras)]
-    used += [f"alias {alias} of {camera}" for alias, camera in aliases_to(session, vehicle_id, calibrations)]
+    used = [
+        f"{'current calibration' if alias == CURRENT else f'alias {alias}'} of {camera}"
+        for alias, camera in aliases_to(session, vehicle_id, calibrations)
+    ]
     if used:
         raise Problem(
             409,

@@ -12,12 +12,12 @@ from service.db.base import Json
 from service.db.fleets import Vehicle
 from service.db.recordings import Recording, Sensor
 from service.exports.calibrated import CalibratedCamera
-from service.exports.given_queries import Asked
-from service.exports.queries import of_given
 from service.exports.transform import Transform, numbers
 from service.http.problems import Problem
 from service.imports.drafting import recorded_tree
 from service.imports.frame_tree import FrameTree, Joint, unusable
+from service.publications.camera_queries import published_exports
+from service.publications.selection import Selection
 
 
 def plan_copy(session: Session, recording: Recording, wanted: CopyRequest) -> Json:
@@ -49,8 +49,8 @@ def recorded_cameras(
     """
     sensors = {one.name: one for one in session.scalars(select(Sensor).where(Sensor.recording_id == recording.id))}
     vehicle = session.get_one(Vehicle, recording.vehicle_id)
-    given = of_given(session, vehicle, Asked(wanted.cameras, wanted.alias)).cameras
-    cameras = [one for one in given if one.name in sensors]
+    published = published_exports(session, vehicle, Selection(wanted.cameras, wanted.alias)).cameras
+    cameras = [one for one in published if one.name in sensors]
     missing = [name for name in (*wanted.cameras, *wanted.joints) if name not in {one.name for one in cameras}]
     if missing or not cameras:
         raise Problem(

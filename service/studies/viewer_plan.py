@@ -11,8 +11,9 @@ from service.db.base import Json
 from service.db.fleets import Vehicle
 from service.db.recordings import Recording
 from service.exports.calibrated import CalibratedCamera
-from service.exports.given_queries import Asked, given
 from service.exports.transform import Transform, numbers
+from service.publications.camera_queries import published_cameras
+from service.publications.selection import Selection
 from service.studies.copy_plan import frame_of, recorded_cameras
 
 
@@ -26,7 +27,7 @@ def plan_viewer_file(session: Session, recording: Recording, wanted: CopyRequest
     vehicle = session.get_one(Vehicle, recording.vehicle_id)
     offsets = {
         name: one.clock_offset_ns
-        for name, one in given(session, vehicle, Asked(wanted.cameras, wanted.alias)).items()
+        for name, one in published_cameras(session, vehicle, Selection(wanted.cameras, wanted.alias)).items()
     }
     lidar = frame_of(sensors["lidar"], cameras[0].lidar_frame)
     recorded = {one.name: frame_of(sensors[one.name], one.frame) for one in cameras}

@@ -9,14 +9,15 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, and_, func, or_, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.publications import WithdrawalView
+from apexcal.documents.publications import PublicationView
 from apexcal.documents.states import WorkState
 from apexcal.documents.validations import Drift, DriftStep
-from service.db.aliases import Withdrawal
 from service.db.base import Json
-from service.db.calibrations import FULL, NEWNESS, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
-from service.db.people import Person
+from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.publications import Publication
 from service.http.problems import Problem
+from service.publications.queries import withdrawals
+from service.publications.views import publication_views
 
 # What is compared of a result; its document also has the errors of all its pairs.
 COMPARED: Final = ("intrinsics", "transform", "std", "covariance", "field")
@@ -31,7 +32,7 @@ class _Recommended(NamedTuple):
     document: Json
     at: datetime
     spread: Json | None
-    withdrawn: WithdrawalView | None
+    withdrawn: PublicationView | None
 
 
 def drift_of(session: Session, vehicle_id: UUID, camera: str, limit: int, after: str | None = None) -> Drift:
@@ -117,23 +118,12 @@ def _recommended(session: Session, camera: str, dated: list[tuple[Json | None, d
     return found
 
 
-def _withdrawn(session: Session, result_ids: list[UUID]) -> dict[UUID, WithdrawalView | None]:
-    """By result, where its newest publication was withdrawn."""
-    of_publication = and_(
-        *(Withdrawal.vehicle_id == Publication.vehicle_id, Withdrawal.camera == Publication.camera),
-        Withdrawal.number == Publication.number,
-    )
-    rows = session.execute(
-        select(Publication.result_id, Withdrawal, Person.name)
-        .outerjoin(Withdrawal, of_publication)
-        .outerjoin(Person, Person.id == Withdrawal.said_by)
-        .where(Publication.result_id.in_(result_ids))
-        .order_by(*NEWNESS)
-    )
-    return {
-        result_id: row and WithdrawalView(withdrawn_at=row.created_at, withdrawn_by=by, reason=row.reason)
-        for result_id, row, by in rows
-    }
+def _withdrawn(session: Session, result_ids: list[UUID]) -> dict[UUID, PublicationView | None]:
+    """By result, the withdrawal of its newest publication, if any."""
+    last = dict(withdrawals(session, result_ids))
+    ids = [move.id for move in last.values() if move is not None]
+    views = {view.id: view for view in publication_views(session, select(Publication).where(Publication.id.in_(ids)))}
+    return {result_id: move and views[move.id] for result_id, move in last.items()}
 
 
 def _step(found: list[_Recommended], shown: list[int], place: int) -> DriftStep:

@@ -9,11 +9,11 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.validations import GivenCalibration, ValidationRequest
 from service.auth.access import Access
-from service.calibration_runs.publication_actions import current_publication, is_withdrawn
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Result
 from service.db.fleets import Vehicle
 from service.http.problems import Problem
+from service.publications.queries import current_publication
 
 # What a worker needs of a result; a document also has the errors of all its pairs.
 _NEEDED = ("intrinsics", "transform", "covariance", "sigma_px", "model", "status")
@@ -35,15 +35,16 @@ def validated(access: Access, vehicle: Vehicle, wanted: ValidationRequest) -> Va
     if wanted.calibration is not None:
         return Validated(None, _given(wanted.calibration))
     if wanted.result_id is None:
-        newest = current_publication(access.session, vehicle.id, wanted.camera)
-        if newest is None or is_withdrawn(access.session, newest):
+        published = current_publication(access.session, vehicle.id, wanted.camera)
+        result = published and access.session.get(Result, published.result_id)
+        if result is None:
             raise Problem(
                 404,
                 "no_calibration",
                 f"The camera {wanted.camera!r} has no published calibration.",
                 "Give `result_id`, or `calibration` with a lens and a transform.",
             )
-        return _of(access.session, access.session.get_one(Result, newest.result_id))
+        return _of(access.session, result)
     result = access.find(Result, wanted.result_id, "engineer")
     of_vehicle = access.session.get_one(Calibration, result.calibration_id).vehicle_id
     if of_vehicle != vehicle.id:

@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 from apexcal.cli import app
 from service.db.calibrations import Result
 from service.db.fleets import Rig, RigCamera
-from tests.service.calibrations.given import another_rig
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, seed_results
 from tests.service.detections.seeding import seed_rig
+from tests.service.publications.given import another_rig
 from tests.support.databases import one_database
 from tests.support.people import Actor
 
@@ -173,16 +173,14 @@ def test_an_alias_is_pulled_by_its_name(car):
     result = car.publish()
     older = car.viewer.get(car.history).json()["items"][1]["result_id"]
     assert car.pull("--alias", "canary").exit_code == 4
-    moves = f"/vehicles/{car.rig.vehicle_id}/cameras/front/aliases/canary/moves"
-    assert car.reviewer.post(moves, {"result_id": older, "reason": "To try."}).status_code == 201
+    assert car.reviewer.post(f"/results/{older}/publication", {"alias": "canary"}).status_code == 201
     assert car.pull("--alias", "canary").exit_code == 0 and car.kept() == older
     assert car.pull().exit_code == 0 and car.kept() == result
 
 
 def test_an_alias_whose_result_was_deleted_keeps_the_last_file_and_says_so(car):
     _, (tried, _) = seed_results(car.api, car.rig)
-    moves = f"/vehicles/{car.rig.vehicle_id}/cameras/front/aliases/canary/moves"
-    assert car.reviewer.post(moves, {"result_id": str(tried), "reason": "To try."}).status_code == 201
+    assert car.reviewer.post(f"/results/{tried}/publication", {"alias": "canary"}).status_code == 201
     assert car.pull("--alias", "canary").exit_code == 0 and car.kept() == str(tried)
     good = car.file.read_bytes()
     with car.api.database.writing() as session:

@@ -13,7 +13,7 @@ from sqlalchemy import update
 
 from service.db.fleets import Rig, RigCamera
 from tests.apexcal.test_pull import Car, cut_off
-from tests.service.calibrations.given import another_rig
+from tests.service.publications.given import another_rig
 from tests.support.databases import one_database
 
 pytestmark = one_database

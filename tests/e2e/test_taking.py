@@ -59,28 +59,28 @@ def test_an_alias_is_moved_back_and_removed(sign_in: SignIn, track: Track, given
     first, second = given.results
     owner = track.owner.calibrations
     for result, why in ((first, "Two cars try it."), (second, "The next one.")):
-        owner.move_alias(given.vehicle, "front", "canary", result, why)
+        owner.publish(result, why, override=True, alias="canary")
     page = sign_in("Ulla", "reviewer")
     page.goto(f"{track.url}/vehicles/{given.vehicle}")
     page.get_by_text("Aliases", exact=True).click()
     page.get_by_role("button", name="canary", exact=True).click()
-    back = page.get_by_role("button", name=re.compile("^Move back: canary to pinhole"))
+    back = page.get_by_role("button", name=re.compile("^Publish again: pinhole"))
     expect(back).to_have_count(1)
     back.focus()
     page.keyboard.press("Enter")
-    expect(back).to_have_attribute("aria-expanded", "true")
-    form = page.locator("form").filter(has_text="The reason is kept with the move.")
-    expect(form.get_by_role("button", name="Move the alias")).to_be_disabled()
-    form.get_by_label(re.compile("^Why")).fill("The next one is off.")
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("Let canary lead to this pinhole for front?")
+    expect(dialog.get_by_role("button", name="Publish")).to_be_disabled()
+    dialog.get_by_role("textbox").fill("The next one is off.")
     assert_looks(page)
-    form.get_by_role("button", name="Move the alias").click()
+    dialog.get_by_role("button", name="Publish").click()
     expect(page.get_by_text("The next one is off.").first).to_be_visible()
     assert str(owner.current(given.vehicle, "front", "canary").result_id) == first
-    (newest, *_) = owner.alias_moves(given.vehicle, "front", "canary")
-    assert (newest.reason, newest.moved_by) == ("The next one is off.", "Ulla")
-    page.get_by_role("button", name="Remove: canary").click()
-    form.get_by_label(re.compile("^Why")).fill("The test is over.")
-    form.get_by_role("button", name="Remove the alias").click()
+    (newest, *_) = owner.publications(given.vehicle, "front", "canary")
+    assert (newest.reason, newest.published_by) == ("The next one is off.", "Ulla")
+    page.get_by_role("button", name=re.compile("^Withdraw: pinhole")).click()
+    dialog.get_by_role("textbox").fill("The test is over.")
+    dialog.get_by_role("button", name="Withdraw", exact=True).click()
     expect(page.get_by_text("The test is over.").first).to_be_visible()
     with pytest.raises(ApiError, match="The test is over"):
         owner.current(given.vehicle, "front", "canary")
@@ -89,7 +89,7 @@ def test_an_alias_is_moved_back_and_removed(sign_in: SignIn, track: Track, given
     viewer.get_by_text("Aliases", exact=True).click()
     viewer.get_by_role("button", name="canary", exact=True).click()
     expect(viewer.get_by_text("The next one is off.")).to_be_visible()
-    expect(viewer.get_by_role("button", name=re.compile("^Move back"))).to_have_count(0)
+    expect(viewer.get_by_role("button", name=re.compile("^Publish again"))).to_have_count(0)
 
 
 def test_a_result_is_compared_with_a_file_and_given_an_alias(

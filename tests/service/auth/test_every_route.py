@@ -200,8 +200,9 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         wave=0,
     )
     publication = Publication(
-        id=new_id(), fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, camera="front", result_id=result.id
+        id=new_id(), fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, camera="front", alias="current", number=1
     )
+    publication.result_id = publication.led_to = result.id
     validation = Validation(
         id=new_id(), fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, kind="pairs", camera="front", set_id=pairs.id
     )

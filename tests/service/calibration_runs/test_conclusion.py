@@ -262,7 +262,7 @@ def test_a_result_that_foretells_worse_than_the_current_one_does_not_publish_its
         )  # fmt: skip
         session.add(given)
         session.flush()
-        session.add(Publication(**of_vehicle, camera="front", result_id=given.id))
+        session.add(Publication(**of_vehicle, camera="front", alias="current", number=1, result_id=given.id))
     end_model(database, runs["pinhole"], 5.0, "pinhole")
     end_model(database, runs["brown_conrady"], 1.0, "brown_conrady")
     _, summary, _ = ended(database, calibration_id)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from sqlalchemy import select, update
 
-from service.db.calibrations import Publication, Result
+from service.db.calibrations import Result
 from service.db.fleets import Rig
-from tests.service.calibrations.given import another_rig, history, publish, put_pairs
+from service.db.publications import Publication
 from tests.service.calibrations.test_results import DOCUMENT, FOUND, current_address, seed_results
+from tests.service.publications.given import another_rig, history, publish, put_pairs
 
 # As the solver names them (workers/solver/uncertainty.py).
 STD = {

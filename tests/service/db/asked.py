@@ -13,16 +13,12 @@ from apexcal.documents.fleet_requests import VehicleFilter
 from service.annotations.task_actions import next_tasks
 from service.auth.access import Access, Identity
 from service.auth.retention import remove_ended
-from service.calibration_runs.publication_actions import current_publication
 from service.calibrations.actions import waiting_runs
-from service.calibrations.given_state import Look, read_states
 from service.calibrations.routes import list_calibrations
 from service.correspondence_sets.routes import list_sets
 from service.db.clock import utc_now
 from service.db.models import Detection, Person, Sensor, Vehicle
 from service.db.session import Database
-from service.exports.given_queries import Asked as Question
-from service.exports.given_queries import given
 from service.fleet_requests.routes import list_request_vehicles
 from service.fleet_requests.vehicle_queries import choose
 from service.fleets.routes import get_vehicles
@@ -30,6 +26,10 @@ from service.http.pages import Window
 from service.job_status.routes import get_jobs
 from service.jobs.retention import forget_jobs
 from service.jobs.sweep import sweep
+from service.publications.camera_queries import published_cameras
+from service.publications.queries import current_publication
+from service.publications.selection import Selection
+from service.publications.state_queries import state_of_vehicle
 from service.recordings.retention import delete_overdue
 from service.recordings.routes import get_recordings
 from service.storage.store import Store
@@ -75,11 +75,12 @@ def requests(database: Database) -> dict[str, Asked]:
         return _reading(database, ask)
 
     def given_now(session: Session) -> Any:
-        return given(session, session.get_one(Vehicle, vehicle), Question(["front"]))
+        return published_cameras(session, session.get_one(Vehicle, vehicle), Selection(["front"]))
 
     def look() -> Any:
         with database.alone() as connection:
-            return read_states(connection, "current", [Look("apx_x", vehicle, "current")])
+            statement = state_of_vehicle(connection.dialect.name)
+            return connection.execute(statement, {"vehicle": vehicle, "alias": "current"}).all()
 
     return {
         "runs that wait": _reading(database, lambda session: waiting_runs(session, 8)),

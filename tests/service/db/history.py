@@ -226,7 +226,10 @@ def _published(filler: _Filler, size: Size) -> None:
             "fleet_id": filler.id(1, "0"),
             "vehicle_id": filler.id(3, of_vehicle),
             "camera": camera,
+            "alias": "'current'",
+            "number": "n + 1",
             "result_id": filler.id(_RESULT, f"n * {RUNS_OF_A_CALIBRATION}"),
+            "led_to": filler.id(_RESULT, f"n * {RUNS_OF_A_CALIBRATION}"),
             "created_at": filler.at(count=count),
         },
     )

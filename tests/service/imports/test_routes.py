@@ -11,9 +11,9 @@ from service.exports.transform import Transform
 from service.exports.urdf_patch import patched
 from service.exports.urdf_tree import read_joints
 from service.imports.drafting import urdf_tree
-from tests.service.calibrations.given import publish
 from tests.service.calibrations.test_results import DOCUMENT, current_address, seed_results
 from tests.service.detections.seeding import LEVEL, seed_recording, seed_rig
+from tests.service.publications.given import publish
 from tests.support.databases import one_database
 
 pytestmark = one_database

@@ -264,7 +264,8 @@ def test_deleting_takes_all_that_came_from_it(api: Api, engineer, recording) -> 
 def test_a_calibration_in_use_is_not_lost_by_accident(api: Api, engineer, recording) -> None:
     result = calibrated(api, engineer, recording)
     with api.database.writing() as session:
-        publication = Publication(fleet_id=result.fleet_id, camera="front", result_id=result.id)
+        publication = Publication(fleet_id=result.fleet_id, camera="front", alias="current", number=1)
+        publication.result_id = publication.led_to = result.id
         publication.vehicle_id = session.get_one(Calibration, result.calibration_id).vehicle_id
         session.add(publication)
     before = rows(api)
@@ -273,7 +274,13 @@ def test_a_calibration_in_use_is_not_lost_by_accident(api: Api, engineer, record
     assert "front" in refused.json()["detail"] and rows(api) == before
     assert engineer.get("/jobs", params={"state": "queued"}).json()["items"]
     assert engineer.delete(f"/recordings/{recording['id']}", params={"with_published": True}).status_code == 204
-    assert "publication" not in rows(api) and set(rows(api)) <= KEPT
+    assert set(rows(api)) <= KEPT | {"publication"}
+    with api.database.reading() as session:
+        (move,) = session.scalars(select(Publication))
+        assert (move.result_id, move.led_to) == (None, result.id), "what the camera was given is remembered"
+    address = f"/vehicles/{recording['vehicle_id']}/cameras/front/calibration"
+    gone = engineer.get(address)
+    assert (gone.status_code, gone.json()["code"]) == (410, "calibration_deleted")
 
 
 def test_what_was_to_go_goes_by_itself(api: Api, engineer, recording) -> None:
@@ -284,7 +291,8 @@ def test_what_was_to_go_goes_by_itself(api: Api, engineer, recording) -> None:
     with api.database.writing() as session:
         late = update(Recording).where(Recording.id == UUID(recording["id"]))
         session.execute(late.values(retain_until=utc_now() - timedelta(seconds=1)))
-        publication = Publication(fleet_id=result.fleet_id, camera="front", result_id=result.id)
+        publication = Publication(fleet_id=result.fleet_id, camera="front", alias="current", number=1)
+        publication.result_id = publication.led_to = result.id
         publication.vehicle_id = UUID(recording["vehicle_id"])
         session.add(publication)
     for _ in range(2):

@@ -17,8 +17,8 @@ from service.exports.urdf_tree import read_joints
 from service.imports.drafting import urdf_tree
 from service.jobs.sweep import sweep
 from tests.faults.jobs import pairs
-from tests.service.calibrations.given import publish
 from tests.service.detections.seeding import seed_rig
+from tests.service.publications.given import publish
 from tests.support.databases import one_database
 from tests.support.work import work
 from tests.workers.readers.making_packets import captured, packets, write_pcap

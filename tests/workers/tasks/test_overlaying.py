@@ -11,9 +11,9 @@ from service.db.calibrations import CorrespondenceSet, Result
 from service.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.db.models import Blob, Disclosure, Fleet, Recording, Sensor, Study, Verdict
 from service.jobs.sweep import sweep
-from tests.service.calibrations.given import another_rig
 from tests.service.calibrations.test_results import DOCUMENT, seed_results
 from tests.service.detections.seeding import LEVEL, seed_rig
+from tests.service.publications.given import another_rig
 from tests.support.databases import one_database
 from tests.support.work import work
 from tests.workers.readers.making_recordings import START_NS, clouds, images, interleaved, png, scene, write_bag

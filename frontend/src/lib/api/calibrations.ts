@@ -4,7 +4,6 @@ import { bodyOf, client, once, send, type Page } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
 import {
   isUnderWay,
-  type AliasMove,
   type Calibration,
   type CalibrationRequest,
   type CorrespondenceSet,
@@ -99,15 +98,18 @@ export async function calibrateWithout(found: Result, pairs: number[]): Promise<
 
 export const resultUrl = (id: string): string => `/v1/results/${id}`;
 
-/** Gives a result to its camera. `reason` also overrides the service's objections where `against` them. */
-export const publish = (result_id: string, reason?: string, against = false): Promise<unknown> =>
+/** The alias that vehicles follow if they name none. */
+export const CURRENT = "current";
+
+/** Lets an alias lead to a result. `reason` also overrides the service's objections where `against` them. */
+export const publish = (result_id: string, reason?: string, against = false, alias = CURRENT): Promise<unknown> =>
   client.POST("/v1/results/{result_id}/publication", {
     params: { path: { result_id } },
-    body: against && reason ? { override: { reason } } : reason ? { reason } : {},
+    body: { alias, ...(against && reason ? { override: { reason } } : { reason: reason ?? null }) },
     ...once(),
   });
 
-/** Withdraws a publication. The camera is given nothing until something is published. */
+/** Withdraws what an alias leads to. The camera is given nothing under it until something is published. */
 export const withdraw = (publication_id: string, reason: string): Promise<unknown> =>
   client.POST("/v1/publications/{publication_id}/withdrawal", {
     params: { path: { publication_id } },
@@ -115,36 +117,9 @@ export const withdraw = (publication_id: string, reason: string): Promise<unknow
     ...once(),
   });
 
-/** Where each alias of a camera leads, beside `current`. */
-export const aliases = (vehicle_id: string, camera: string): Read<Page<AliasMove>> =>
+/** Where each alias of a camera leads. */
+export const aliases = (vehicle_id: string, camera: string): Read<Page<Publication>> =>
   read("/v1/vehicles/{vehicle_id}/cameras/{camera}/aliases", { vehicle_id, camera });
-
-export const ALIAS_MOVES_PER_PAGE = 10;
-
-export const aliasMoves = (
-  vehicle_id: string,
-  camera: string,
-  alias: string,
-  after: string | undefined,
-): Read<Page<AliasMove>> =>
-  read(
-    "/v1/vehicles/{vehicle_id}/cameras/{camera}/aliases/{alias}/moves",
-    { vehicle_id, camera, alias },
-    { after, limit: ALIAS_MOVES_PER_PAGE },
-  );
-
-/** Lets an alias lead to a result, or nowhere. If there are objections, `override` must be true. */
-export const moveAlias = (
-  vehicle_id: string,
-  camera: string,
-  alias: string,
-  body: { result_id: string | null; reason: string; override: boolean },
-): Promise<unknown> =>
-  client.POST("/v1/vehicles/{vehicle_id}/cameras/{camera}/aliases/{alias}/moves", {
-    params: { path: { vehicle_id, camera, alias } },
-    body,
-    ...once(),
-  });
 
 /** What calibration files of other programs hold. Nothing is stored. */
 export const readFiles = (body: StatedFiles): Promise<ReadFiles> =>
@@ -158,11 +133,16 @@ export const compareWithFiles = (result_id: string, files: StatedFiles, camera: 
 
 export const PUBLICATIONS_PER_PAGE = 10;
 
-export const publications = (vehicle_id: string, camera: string, after: string | undefined): Read<Page<Publication>> =>
+export const publications = (
+  vehicle_id: string,
+  camera: string,
+  alias: string,
+  after: string | undefined,
+): Read<Page<Publication>> =>
   read(
     "/v1/vehicles/{vehicle_id}/cameras/{camera}/publications",
     { vehicle_id, camera },
-    { after, limit: PUBLICATIONS_PER_PAGE },
+    { alias, after, limit: PUBLICATIONS_PER_PAGE },
   );
 
 export const currentUrl = (vehicleId: string, camera: string): string =>

@@ -96,7 +96,6 @@ export type Outlier = Schemas["Outlier"];
 export type OverlayFile = Pick<Schemas["OverlayView"], "id" | "state" | "frame" | "job" | "problem">;
 export type Report = Schemas["ReportView"];
 export type Publication = Schemas["PublicationView"];
-export type AliasMove = Schemas["AliasMoveView"];
 export type StatedFiles = Schemas["CalibrationFiles"];
 export type ReadFiles = Schemas["ReadFiles"];
 export type StatedComparison = Schemas["StatedComparison"];

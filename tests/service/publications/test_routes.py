@@ -9,10 +9,10 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import select, text, update
 
-from service.calibration_runs.publication_actions import current_publication
-from service.db.calibrations import Calibration, CorrespondenceSet, Publication, Result
+from service.db.calibrations import Calibration, CorrespondenceSet, Result
 from service.db.clock import utc_now
 from service.db.fleets import Rig
+from service.db.publications import Publication
 from tests.service.calibrations.test_results import FOUND, current_address, seed_results
 
 ON_BOUNDS = FOUND | {"at_bounds": ["f_x", "k1"]}
@@ -158,13 +158,13 @@ import sys
 from uuid import UUID
 from tests.faults.campaign.shifted import shift
 shift(float(sys.argv[2]))
-from service.calibration_runs.publication_actions import Words, hold_to_publish, publish
+from service.publications.actions import Grounds, hold_to_publish, publish
 from service.db.calibrations import Result
 from service.db.session import Database
 database = Database(sys.argv[1])
 with database.writing() as session:
     result = session.get_one(Result, UUID(sys.argv[3]))
-    publish(session, hold_to_publish(session, result), result, Words(None, None))
+    publish(session, hold_to_publish(session, result), result, Grounds(None, None))
 """
 
 
@@ -186,38 +186,6 @@ def test_the_newest_is_what_was_published_last_whatever_the_clocks_say(api, rig,
         times = session.scalars(select(Publication.created_at).order_by(Publication.number)).all()
     assert times == sorted(times)
     assert all(abs(at - asked_at) < timedelta(seconds=100) for at in times), "they are the database's"
-
-
-def test_what_an_older_version_publishes_meanwhile_is_the_newest(api, rig, reviewer):
-    """It writes no number, and its clock may be behind; what it wrote before the upgrade keeps its order."""
-    first, second, third, fourth = (seed_results(api, rig, folds=(-1,))[1][0] for _ in range(4))
-    hours = timedelta(hours=1)
-
-    def by_older(result, at):
-        with api.database.writing() as session:
-            row = Publication(fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, camera="front", result_id=result)
-            row.created_at = at
-            session.add(row)
-
-    def current():
-        return reviewer.get(current_address(rig)).json()["result_id"]
-
-    by_older(second, utc_now())
-    by_older(first, utc_now() - hours)
-    assert current() == str(second), "by time, as it was before the upgrade"
-    assert reviewer.post(f"/results/{third}/publication").status_code == 201
-    assert current() == str(third)
-    by_older(fourth, utc_now() - 2 * hours)
-    assert current() == str(fourth)
-    assert [row["result_id"] for row in history(reviewer, rig)["items"]] == [
-        str(one) for one in (fourth, third, second, first)
-    ]
-    again = reviewer.post(f"/results/{third}/publication", {"reason": "It is the better one."})
-    assert again.status_code == 201 and current() == str(third)
-    with api.database.reading() as session:
-        numbers = session.scalars(select(Publication.number).order_by(Publication.number)).all()
-        found = current_publication(session, rig.vehicle_id, "front")
-    assert numbers == [1, 2, 3, 4, 5] and found is not None and found.number == 5
 
 
 def test_a_deleted_result_is_no_500(api, rig, reviewer):

@@ -1,17 +1,30 @@
-"""What a request asks of a vehicle's calibration: cameras, alias, moment, and the sensors that are mounted."""
+"""Which of a vehicle's calibrations a request selects: cameras, alias, moment, and the sensors that are mounted."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated
+from datetime import datetime
+from typing import Annotated, NamedTuple
 
 from fastapi import Depends, Query
 from pydantic import AwareDatetime
 
 from apexcal.documents.base import Sought
 from apexcal.documents.publications import CURRENT, AliasName
-from service.exports.given_queries import Asked
 from service.http.problems import Problem
+
+
+class Selection(NamedTuple):
+    """Part of what a vehicle is given. No ``cameras``: all of them.
+
+    ``mounted`` are serial numbers that the client read off its sensors: by the camera's name, or ``lidar``.
+    """
+
+    cameras: Sequence[str] = ()
+    alias: str = CURRENT
+    as_of: datetime | None = None
+    mounted: Mapping[str, str] = {}
+
 
 _ALIAS = "`current`, or another alias of the cameras, such as `canary`"
 _AS_OF = "a moment in the past"
@@ -25,29 +38,29 @@ CameraQuery = Annotated[list[Sought] | None, Query(max_length=64, description="o
 
 async def _of_all(
     camera: CameraQuery = None, alias: AliasQuery = CURRENT, as_of: MomentQuery = None, serial: SerialQuery = None
-) -> Asked:
-    return Asked(sorted(set(camera or [])), alias, as_of, _mounted(serial or []))
+) -> Selection:
+    return Selection(sorted(set(camera or [])), alias, as_of, _mounted(serial or []))
 
 
-async def _of_one(alias: AliasQuery = CURRENT, as_of: MomentQuery = None, serial: SerialQuery = None) -> Asked:
-    return Asked((), alias, as_of, _mounted(serial or []))
+async def _of_one(alias: AliasQuery = CURRENT, as_of: MomentQuery = None, serial: SerialQuery = None) -> Selection:
+    return Selection((), alias, as_of, _mounted(serial or []))
 
 
-AskedOfVehicle = Annotated[Asked, Depends(_of_all)]
-AskedOfCamera = Annotated[Asked, Depends(_of_one)]
+VehicleSelection = Annotated[Selection, Depends(_of_all)]
+CameraSelection = Annotated[Selection, Depends(_of_one)]
 
 
 def _mounted(serials: Sequence[str]) -> Mapping[str, str]:
     """Serial numbers by sensor. Raises :class:`Problem` 422 ``invalid_serial``."""
-    found: dict[str, str] = {}
-    for one in serials:
-        name, equals, serial = one.partition("=")
-        if not (name and equals and serial) or found.get(name, serial) != serial:
+    mounted: dict[str, str] = {}
+    for text in serials:
+        name, equals, serial = text.partition("=")
+        if not (name and equals and serial) or mounted.get(name, serial) != serial:
             raise Problem(
                 422,
                 "invalid_serial",
-                f"`serial` is {one!r}, which is not one sensor and its serial number.",
+                f"`serial` is {text!r}, which is not one sensor and its serial number.",
                 "Write front=SN123 for the camera `front`, and lidar=SN456 for the LiDAR.",
             )
-        found[name] = serial
-    return found
+        mounted[name] = serial
+    return mounted

@@ -7,9 +7,9 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, or_, select
 
 from service.auth.access import Access
-from service.calibration_runs.mounted_sensors import carries
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.http.problems import Problem
+from service.publications.mounted_sensors import carries
 
 
 def vehicle_of(access: Access, name: str | None, fleet: str | None, sensor: str | None) -> Vehicle:

@@ -30,8 +30,8 @@ def camera_address(rig, camera="front"):
     return f"/vehicles/{rig.vehicle_id}/cameras/{camera}"
 
 
-def history(actor, rig):
-    return actor.get(camera_address(rig) + "/publications").json()["items"]
+def history(actor, rig, alias="current"):
+    return actor.get(camera_address(rig) + "/publications", params={"alias": alias}).json()["items"]
 
 
 def another_rig(api, rig, name, **changed):

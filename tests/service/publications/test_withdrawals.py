@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from uuid import UUID
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import delete, select
 
-from service.calibrations import publication_routes
-from service.db.aliases import Withdrawal
-from service.db.calibrations import Calibration, Publication, Result
+from service.db.calibrations import Calibration, Result
 from service.db.fleets import Rig, RigCamera
-from tests.service.calibrations.given import history, publish, same_moment, withdraw
+from service.db.publications import Publication
+from service.publications import routes
 from tests.service.calibrations.test_results import FOUND, current_address, seed_results
 from tests.service.detections.seeding import LEVEL
+from tests.service.publications.given import history, publish, same_moment, withdraw
 
 
 def addresses(rig):
@@ -23,8 +23,8 @@ def test_the_one_before_does_not_come_back_by_itself(api, rig, reviewer, viewer)
     older, newer = publish(api, rig, reviewer), publish(api, rig, reviewer)
     etags = [viewer.get(one).headers["etag"] for one in addresses(rig)]
     made = withdraw(reviewer, newer)
-    assert made["withdrawn"]["withdrawn_by"] == "Rea" and made["withdrawn"]["reason"] == "It pulls to the left."
-    assert not made["is_current"]
+    assert made["published_by"] == "Rea" and made["reason"] == "It pulls to the left."
+    assert made["result_id"] is None and made["led_to"] is None and not made["is_current"]
     for address, etag in zip(addresses(rig), etags, strict=True):
         for headers in ({}, {"If-None-Match": etag}):
             gone = viewer.get(address, headers=headers)
@@ -37,17 +37,16 @@ def test_the_one_before_does_not_come_back_by_itself(api, rig, reviewer, viewer)
     # A moment before, it was given.
     then = viewer.get(addresses(rig)[1], params={"as_of": newer["published_at"]}).json()["cameras"]["front"]
     assert then["publication_id"] == newer["id"]
-    assert same_moment(then["validity"]["until"], made["withdrawn"]["withdrawn_at"])
-    at = made["withdrawn"]["withdrawn_at"]
-    assert viewer.get(addresses(rig)[1], params={"as_of": at}).status_code == 410
-    assert [one["is_current"] for one in history(viewer, rig)] == [False, False]
+    assert same_moment(then["validity"]["until"], made["published_at"])
+    assert viewer.get(addresses(rig)[1], params={"as_of": made["published_at"]}).status_code == 410
+    assert [one["is_current"] for one in history(viewer, rig)] == [False, False, False]
     # The way back: the older one again, with a reason.
     back = reviewer.post(f"/results/{older['result_id']}/publication", {"reason": "The newer one is off."})
     assert back.status_code == 201, back.text
     assert viewer.get(current_address(rig)).json()["result_id"] == older["result_id"]
     rows = history(viewer, rig)
-    assert [one["result_id"] for one in rows] == [older["result_id"], newer["result_id"], older["result_id"]]
-    assert [one["withdrawn"] is not None for one in rows] == [False, True, False] and rows[0]["is_current"]
+    assert [one["result_id"] for one in rows] == [older["result_id"], None, newer["result_id"], older["result_id"]]
+    assert [one["is_current"] for one in rows] == [True, False, False, False]
 
 
 def test_a_withdrawn_result_is_given_again_by_an_override_only(api, rig, reviewer, viewer):
@@ -60,7 +59,7 @@ def test_a_withdrawn_result_is_given_again_by_an_override_only(api, rig, reviewe
     assert reviewer.post(again, {"override": {"reason": "It was the tyre."}}).status_code == 201
     assert viewer.get(current_address(rig)).status_code == 200
     with api.database.reading() as session:
-        assert [row.number for row in session.scalars(select(Publication).order_by(Publication.number))] == [1, 2]
+        assert [row.number for row in session.scalars(select(Publication).order_by(Publication.number))] == [1, 2, 3]
 
 
 def test_twice_is_once_and_only_reviewers_may(api, fleet, rig, reviewer, viewer):
@@ -73,47 +72,52 @@ def test_twice_is_once_and_only_reviewers_may(api, fleet, rig, reviewer, viewer)
     again = reviewer.post(address, {"reason": "Another."})
     assert (again.status_code, again.json()) == (200, first)
     with api.database.reading() as session:
-        assert len(session.scalars(select(Withdrawal)).all()) == 1
+        assert len(session.scalars(select(Publication)).all()) == 2
 
 
-def test_one_that_is_not_current_can_be_withdrawn_and_changes_nothing_for_cars(api, rig, reviewer, viewer):
+def test_what_the_camera_is_no_longer_given_cannot_be_withdrawn(api, rig, reviewer, viewer):
     older, newer = publish(api, rig, reviewer), publish(api, rig, reviewer)
-    withdraw(reviewer, older)
+    refused = reviewer.post(f"/publications/{older['id']}/withdrawal", {"reason": "The mast was bent."})
+    assert (refused.status_code, refused.json()["code"]) == (409, "not_current")
     assert viewer.get(current_address(rig)).json()["publication_id"] == newer["id"]
-    assert [one["is_current"] for one in history(viewer, rig)] == [True, False]
-    against = reviewer.get(f"/results/{older['result_id']}").json()["objections"]
-    assert any(one.startswith("It was withdrawn") for one in against)
-    then = viewer.get(addresses(rig)[1], params={"as_of": newer["published_at"]}).json()["cameras"]["front"]
-    assert then["publication_id"] == newer["id"] and then["validity"]["until"] is None
+    gone = withdraw(reviewer, newer)
+    refused = reviewer.post(f"/publications/{gone['id']}/withdrawal", {"reason": "Again."})
+    assert (refused.status_code, refused.json()["code"]) == (409, "not_current")
+    assert reviewer.get(f"/results/{older['result_id']}").json()["objections"] == []
+
+
+def delete_of(api, publication):
+    """Delete the publication's result with its calibration."""
+    with api.database.writing() as session:
+        found = session.get_one(Result, UUID(publication["result_id"]))
+        session.execute(delete(Calibration).where(Calibration.id == found.calibration_id))
 
 
 def test_deleting_what_was_withdrawn_does_not_bring_back_the_one_before(api, rig, reviewer, viewer):
     older, newer = publish(api, rig, reviewer), publish(api, rig, reviewer)
-    withdraw(reviewer, newer)
-    with api.database.writing() as session:
-        session.execute(delete(Calibration).where(Calibration.id == select(Result.calibration_id).where(
-            Result.id == UUID(newer["result_id"])).scalar_subquery()))  # fmt: skip
-    assert [one["id"] for one in history(viewer, rig)] == [older["id"]]
+    gone = withdraw(reviewer, newer)
+    delete_of(api, newer)
+    assert [one["id"] for one in history(viewer, rig)] == [gone["id"], newer["id"], older["id"]]
     assert viewer.get(current_address(rig)).json()["code"] == "calibration_withdrawn"
-    # The next publication is newer than what was withdrawn, though that number is free again.
     newest = publish(api, rig, reviewer)
     assert viewer.get(current_address(rig)).json()["publication_id"] == newest["id"]
 
 
-def test_rows_of_an_older_version_are_numbered_and_withdrawn(api, rig, reviewer, viewer):
-    first, second = publish(api, rig, reviewer), publish(api, rig, reviewer)
-    with api.database.writing() as session:
-        session.execute(update(Publication).where(Publication.id == UUID(second["id"])).values(number=None))
-    withdraw(reviewer, second)
-    assert viewer.get(current_address(rig)).json()["code"] == "calibration_withdrawn"
-    # An older process publishes beside us: it numbers nothing, and what it publishes is the newest.
-    _, (result, _) = seed_results(api, rig)
-    with api.database.writing() as session:
-        of = session.scalars(select(Publication)).first()
-        session.add(Publication(fleet_id=of.fleet_id, vehicle_id=of.vehicle_id, camera="front", result_id=result))
-    assert viewer.get(current_address(rig)).json()["result_id"] == str(result)
-    assert [one["withdrawn"] is not None for one in history(viewer, rig)] == [False, True, False]
-    assert first["id"] == history(viewer, rig)[2]["id"]
+def test_deleting_what_is_given_does_not_bring_back_the_one_before(api, rig, reviewer, viewer):
+    older, newer = publish(api, rig, reviewer), publish(api, rig, reviewer)
+    etags = [viewer.get(one).headers["etag"] for one in addresses(rig)]
+    delete_of(api, newer)
+    for address, etag in zip(addresses(rig), etags, strict=True):
+        gone = viewer.get(address, headers={"If-None-Match": etag})
+        assert (gone.status_code, gone.json()["code"]) == (410, "calibration_deleted"), gone.text
+        assert [one["result_id"] for one in gone.json()["deleted"]] == [newer["result_id"]]
+    first, second = history(viewer, rig)
+    assert (first["result_id"], first["led_to"], first["is_current"]) == (None, newer["result_id"], False)
+    refused = reviewer.post(f"/publications/{newer['id']}/withdrawal", {"reason": "It is gone."})
+    assert (refused.status_code, refused.json()["code"]) == (409, "not_current")
+    back = reviewer.post(f"/results/{older['result_id']}/publication", {"reason": "The other one is gone."})
+    assert back.status_code == 201 and second["id"] == older["id"]
+    assert viewer.get(current_address(rig)).json()["result_id"] == older["result_id"]
 
 
 def test_what_was_withdrawn_is_no_measure_of_what_comes(api, rig, reviewer):
@@ -125,31 +129,13 @@ def test_what_was_withdrawn_is_no_measure_of_what_comes(api, rig, reviewer):
     assert reviewer.get(f"/results/{worse}").json()["objections"] == []
 
 
-def test_a_row_of_an_older_version_does_not_take_the_number_of_what_was_withdrawn(api, rig, reviewer, viewer):
-    publish(api, rig, reviewer)
-    newer = publish(api, rig, reviewer)
-    withdraw(reviewer, newer)
-    with api.database.writing() as session:
-        of = session.get_one(Publication, UUID(newer["id"]))
-        session.execute(
-            delete(Calibration).where(Calibration.id == session.get_one(Result, of.result_id).calibration_id)
-        )
-    _, (result, _) = seed_results(api, rig)
-    with api.database.writing() as session:
-        session.add(Publication(fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, camera="front", result_id=result))
-    unnumbered = history(viewer, rig)[0]
-    assert unnumbered["result_id"] == str(result) and unnumbered["is_current"]
-    assert withdraw(reviewer, unnumbered)["withdrawn"]["reason"] == "It pulls to the left."
-    assert viewer.get(current_address(rig)).json()["code"] == "calibration_withdrawn"
-
-
 def test_what_is_deleted_at_this_moment_is_not_found(api, rig, reviewer, monkeypatch):
     given = publish(api, rig, reviewer)
 
     def hold(session, vehicle_id):
         session.execute(delete(Publication).execution_options(synchronize_session=False))
 
-    monkeypatch.setattr(publication_routes, "hold_publications", hold)
+    monkeypatch.setattr(routes, "hold_publications", hold)
     answer = reviewer.post(f"/publications/{given['id']}/withdrawal", {"reason": "x"})
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
 

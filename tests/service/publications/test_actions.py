@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from datetime import UTC, datetime
 from threading import Barrier
 from typing import Any
 
@@ -12,8 +11,9 @@ import pytest
 from sqlalchemy import select, update
 
 from service.calibration_runs.conclusion import conclude, runs_of
-from service.calibration_runs.publication_actions import Words, hold_to_publish, publish
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.publications import Publication
+from service.publications.actions import Grounds, hold_to_publish, publish
 from service.recordings.actions import delete_recording
 from tests.service.calibration_runs.test_conclusion import document
 from tests.service.calibrations.test_results import FOUND, current_address, seed_results
@@ -51,7 +51,7 @@ def publish_here(session, result_id):
     """As the route does, in a transaction that stays open."""
     result = session.get_one(Result, result_id)
     calibration = hold_to_publish(session, result)
-    publish(session, calibration, result, Words(None, None))
+    publish(session, calibration, result, Grounds(None, None))
 
 
 def post(actor, result_id, body=None):
@@ -81,14 +81,11 @@ def test_a_deletion_that_waits_for_the_publication_is_refused_and_nothing_is_los
 
 
 def test_going_back_to_a_result_that_is_being_deleted(api, rig, engineer):
-    """Two publications that have no number yet are numbered and deleted at the same moment."""
     recording, old = of_recording(api, rig)
     _, (new,) = seed_results(api, rig, folds=(-1,))
     with api.database.writing() as session:
-        for result, second in ((old, 1), (new, 2)):
-            row = Publication(fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, camera="front", result_id=result)
-            row.created_at = datetime(2026, 1, 1, 0, 0, second, tzinfo=UTC)
-            session.add(row)
+        for result in (old, new):
+            publish_here(session, result)
     with ThreadPoolExecutor(1) as pool:
         with api.database.writing() as session:
             delete_recording(session, recording, with_published=False)

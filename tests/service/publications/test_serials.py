@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.service.calibrations.given import another_rig, publish
 from tests.service.calibrations.test_results import current_address
+from tests.service.publications.given import another_rig, publish
 from tests.support.uploads import RIG
 
 

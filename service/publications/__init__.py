@@ -1,0 +1,1 @@
+"""Publications: where the aliases of a camera lead, and what a vehicle is given."""

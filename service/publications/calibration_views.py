@@ -1,0 +1,97 @@
+"""What vehicles are given, as documents: lens, transforms, quality, and for which sensors they hold."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from service.calibration_runs.image_frames import T_images_camera, joint_of_images
+from service.db.base import Json
+from service.db.calibrations import Calibration, Result
+from service.db.fleets import Vehicle
+from service.publications.camera_queries import PublishedCamera, cameras_of, next_moves, published_cameras
+from service.publications.selection import Selection
+from service.publications.views import override_view
+
+
+def vehicle_document(session: Session, vehicle: Vehicle, selection: Selection) -> Json:
+    """All selected cameras in one document. Raises :class:`Problem` as :func:`published_cameras`."""
+    cameras = camera_documents(session, vehicle, selection)
+    without = [] if selection.cameras else sorted(cameras_of(session, vehicle.id) - set(cameras))
+    return {
+        "vehicle_id": vehicle.id,
+        "vehicle": vehicle.name,
+        "alias": selection.alias,
+        "as_of": selection.as_of,
+        "cameras": cameras,
+        "without": without,
+    }
+
+
+def camera_documents(session: Session, vehicle: Vehicle, selection: Selection) -> dict[str, Json]:
+    """A document for each camera, by name. Raises :class:`Problem` as :func:`published_cameras`."""
+    published = published_cameras(session, vehicle, selection)
+    as_of = selection.as_of
+    until = {} if as_of is None else next_moves(session, vehicle.id, selection.alias, as_of)
+    return {name: _document(camera, until.get(name)) for name, camera in published.items()}
+
+
+def _document(camera: PublishedCamera, until: datetime | None) -> Json:
+    publication, result, rig, mount = camera.publication, camera.result, camera.rig, camera.mount
+    turn = T_images_camera(mount.frame, mount.images)
+    joint = joint_of_images(mount.joint, turn, rig.lidar_frame)
+    transform: Json = result.document["transform"] | {"to_frame": turn["to_frame"]}
+    document: dict[str, Any] = {
+        "vehicle_id": str(publication.vehicle_id),
+        "camera": camera.camera,
+        "alias": publication.alias,
+        "published_at": publication.created_at,
+        "published_by": camera.published_by,
+        "reason": publication.reason,
+        "override": override_view(publication),
+        "publication_id": str(publication.id),
+        "result_id": str(result.id),
+        "calibration_id": str(camera.calibration.id),
+        "model": result.model,
+        "intrinsics": result.document["intrinsics"],
+        "T_camera_lidar": transform,
+        "clock_offset_ns": camera.clock_offset_ns,
+        "validity": {
+            "since": publication.created_at,
+            "until": until,
+            "camera_serial": mount.serial,
+            "lidar_serial": rig.lidar_serial,
+        },
+        "quality": _quality(result, camera.calibration),
+    }
+    if rig.T_vehicle_lidar:
+        # Imported here: it needs NumPy, which takes a twentieth of the start.
+        from service.calibration_runs.transforms import T_vehicle_camera
+
+        document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, transform)
+    if joint:
+        from service.calibration_runs.transforms import T_parent_child
+
+        document["T_parent_child"] = T_parent_child(joint, transform)
+    return document
+
+
+def _quality(result: Result, calibration: Calibration) -> Json:
+    cameras: Json = (calibration.summary or {}).get("cameras", {})
+    summary: Json = cameras.get(result.camera, {}).get("models", {}).get(result.model, {})
+    polished = result.document["polished"]
+    # Calibrations before decision 0045 have none.
+    stated: Json = summary.get("between_models") or result.document
+    return {
+        "pairs": result.document.get("pairs"),
+        "mean_px": polished["mean_px"],
+        "rms_px": polished["rms_px"],
+        "heldout_mean_px": summary.get("heldout_mean_px"),
+        "heldout_rms_px": summary.get("heldout_rms_px"),
+        "std": stated.get("std"),
+        "std_of_model": result.document.get("std"),
+        "interval95_half_width": stated.get("interval95_half_width"),
+        "alarms": result.document.get("alarms", []),
+    }

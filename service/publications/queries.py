@@ -1,0 +1,81 @@
+"""Where aliases lead, and where results were published and withdrawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from uuid import UUID
+
+from sqlalchemy import ColumnElement, Select, and_, exists, select
+from sqlalchemy.orm import Session, aliased
+
+from apexcal.documents.publications import CURRENT
+from service.db.calibrations import Result
+from service.db.publications import Publication
+
+
+def newest_publication(session: Session, vehicle_id: UUID, camera: str, alias: str = CURRENT) -> Publication | None:
+    """The last move of an alias, also one to nowhere; None before the first."""
+    return session.scalar(moves_of(vehicle_id, camera, alias).limit(1))
+
+
+def current_publication(session: Session, vehicle_id: UUID, camera: str, alias: str = CURRENT) -> Publication | None:
+    """The move by which an alias leads to a result now; None where it leads nowhere."""
+    newest = newest_publication(session, vehicle_id, camera, alias)
+    return newest if newest is not None and newest.result_id is not None else None
+
+
+def moves_of(vehicle_id: UUID, camera: str, alias: str) -> Select[Publication]:
+    """A query for an alias's moves, the newest first."""
+    of_alias = (Publication.vehicle_id == vehicle_id, Publication.camera == camera, Publication.alias == alias)
+    return select(Publication).where(*of_alias).order_by(Publication.number.desc())
+
+
+def newest_publications(vehicle_id: UUID, camera: str) -> Select[Publication]:
+    """A query for the last move of each alias of a camera, by name; includes aliases that lead nowhere now."""
+    of_camera = (Publication.vehicle_id == vehicle_id, Publication.camera == camera)
+    return select(Publication).where(*of_camera, is_newest()).order_by(Publication.alias)
+
+
+def aliases_to(session: Session, vehicle_id: UUID, calibrations: Sequence[UUID]) -> list[tuple[str, str]]:
+    """The aliases that lead to a result of one of these calibrations, each with its camera."""
+    rows = session.execute(
+        select(Publication.alias, Publication.camera)
+        .join(Result, Result.id == Publication.result_id)
+        .where(Publication.vehicle_id == vehicle_id, Result.calibration_id.in_(calibrations), is_newest())
+        .order_by(Publication.camera, Publication.alias)
+    )
+    return [(alias, camera) for alias, camera in rows]
+
+
+def was_published(session: Session, result: Result, alias: str) -> bool:
+    """Whether the alias ever led to this result."""
+    earlier = (Publication.result_id == result.id, Publication.alias == alias)
+    return session.scalar(select(Publication.id).where(*earlier).limit(1)) is not None
+
+
+def withdrawal_of(session: Session, publication: Publication) -> Publication | None:
+    """The move to nowhere right after this one, or None."""
+    number = publication.number + 1
+    of_alias = moves_of(publication.vehicle_id, publication.camera, publication.alias)
+    return session.scalar(of_alias.where(Publication.number == number, Publication.led_to.is_(None)))
+
+
+def withdrawals(session: Session, result_ids: Sequence[UUID]) -> list[tuple[UUID, Publication | None]]:
+    """Each time that `current` led to one of these results, oldest first: the result's id, and its withdrawal."""
+    following = aliased(Publication)
+    of_alias = (following.vehicle_id == Publication.vehicle_id, following.camera == Publication.camera)
+    is_next = and_(*of_alias, following.alias == Publication.alias, following.number == Publication.number + 1)
+    rows = session.execute(
+        select(Publication.result_id, following)
+        .outerjoin(following, and_(is_next, following.led_to.is_(None)))
+        .where(Publication.result_id.in_(result_ids), Publication.alias == CURRENT)
+        .order_by(Publication.number)
+    )
+    return [(result_id, withdrawal) for result_id, withdrawal in rows if result_id is not None]
+
+
+def is_newest() -> ColumnElement[bool]:
+    """Whether a publication is the last move of its alias."""
+    later = aliased(Publication)
+    of_alias = (later.vehicle_id == Publication.vehicle_id, later.camera == Publication.camera)
+    return ~exists().where(*of_alias, later.alias == Publication.alias, later.number > Publication.number)

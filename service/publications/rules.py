@@ -1,0 +1,81 @@
+"""What may be published and withdrawn: fits to all pairs; against objections, only under an override."""
+
+from __future__ import annotations
+
+from uuid import UUID
+
+from sqlalchemy.orm import Session
+
+from apexcal.documents.publications import CURRENT, PublicationRequest
+from service.calibration_runs.objection_queries import objections
+from service.db.calibrations import FULL, Result
+from service.db.publications import Publication
+from service.http.problems import Problem
+from service.publications.actions import Grounds
+from service.publications.queries import newest_publications, was_published
+
+# A list of them is one page. People have two or three.
+_MOST_ALIASES = 100
+
+
+def check_publishable(result: Result) -> None:
+    """Raises :class:`Problem` 409 ``not_publishable`` for a fit that held pairs out."""
+    if result.fold != FULL:
+        raise Problem(
+            409,
+            "not_publishable",
+            "This result left a block of the pairs out, to measure the model on it.",
+            "Publish the result of the same model that was fitted to all pairs.",
+        )
+
+
+def grounds_of(session: Session, result: Result, wanted: PublicationRequest, person_id: UUID) -> Grounds:
+    """Why this person publishes a result now, with what speaks against it.
+
+    Raises:
+        Problem: 409 ``objections`` without an override; 422 ``reason_missing`` where the alias led to it before.
+    """
+    against = objections(session, result)
+    if against and wanted.override is None:
+        more = f" ({len(against) - 1} more in `objections`)" if len(against) > 1 else ""
+        raise Problem(
+            409,
+            "objections",
+            f"There are objections to publishing this result: {against[0]}{more}",
+            'Look at it first. To publish it all the same, say why: {"override": {"reason": "..."}}.',
+            objections=against,
+        )
+    reason = wanted.override.reason if wanted.override else wanted.reason
+    if reason is None and was_published(session, result, wanted.alias):
+        raise Problem(
+            422,
+            "reason_missing",
+            "This result was published before, and another one after it.",
+            'Say why it is given again: {"reason": "..."}.',
+        )
+    return Grounds(person_id, reason, against)
+
+
+def check_alias(session: Session, vehicle_id: UUID, camera: str, alias: str) -> None:
+    """Raises :class:`Problem` 409 ``too_many_aliases``."""
+    if alias == CURRENT:
+        return
+    names = {move.alias for move in session.scalars(newest_publications(vehicle_id, camera))}
+    if alias not in names and len(names) >= _MOST_ALIASES:
+        raise Problem(
+            409,
+            "too_many_aliases",
+            f"A camera has at most {_MOST_ALIASES} aliases.",
+            "Move one that is there already.",
+        )
+
+
+def check_current(publication: Publication, current: Publication | None) -> None:
+    """Raises :class:`Problem` 409 ``not_current`` where the alias has moved on since, or its result was deleted."""
+    if current is None or current.id != publication.id:
+        raise Problem(
+            409,
+            "not_current",
+            f"The alias {publication.alias!r} of {publication.camera!r} leads elsewhere by now.",
+            "Withdraw the newest publication: GET /v1/vehicles/{id}/cameras/{camera}/publications lists it first.",
+        )

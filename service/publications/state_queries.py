@@ -1,0 +1,64 @@
+"""What decides a vehicle's calibration and who may see it, in one statement of look-ups by indexes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from hashlib import sha256
+
+from sqlalchemy import Select, String, Uuid, and_, bindparam, cast, func, or_, select
+from sqlalchemy.orm import aliased
+
+from service.db.calibrations import Calibration, Result
+from service.db.clock import now
+from service.db.fleets import Rig, RigCamera, Vehicle
+from service.db.people import ApiToken, Membership, Person
+from service.db.publications import Publication
+
+
+def state_of_vehicle(dialect: str) -> Select[str]:
+    """A query for a row of text for each camera of each rig; none if there is no such vehicle.
+
+    It takes ``vehicle`` and ``alias``. The database makes the text, so that each driver reads the same.
+    """
+    move, publisher = aliased(Publication), aliased(Person)
+    of_alias = (move.vehicle_id == Vehicle.id, move.camera == RigCamera.name, move.alias == bindparam("alias"))
+    newest = select(move.id).where(*of_alias).order_by(move.number.desc()).limit(1)
+    # A result that is deleted leaves its publication. A calibration's figures are known since its end.
+    state = (
+        *(Vehicle.id, Vehicle.version, Rig.id, Rig.version, RigCamera.name),
+        *(Publication.id, Publication.result_id, Calibration.finished_at, publisher.name),
+    )
+    text = func.json_array(*state) if dialect == "sqlite" else cast(func.json_build_array(*state), String)
+    return (
+        select(text)
+        .select_from(Vehicle)
+        .outerjoin(Rig, Rig.vehicle_id == Vehicle.id)
+        .outerjoin(RigCamera, RigCamera.rig_id == Rig.id)
+        .outerjoin(Publication, Publication.id == newest.correlate(Vehicle, RigCamera).scalar_subquery())
+        .outerjoin(Result, Result.id == Publication.result_id)
+        .outerjoin(Calibration, Calibration.id == Result.calibration_id)
+        .outerjoin(publisher, publisher.id == Publication.published_by)
+        .where(Vehicle.id == bindparam("vehicle", type_=Uuid()))
+    )
+
+
+def state_for_token(dialect: str) -> Select[str]:
+    """The same where the API token with the hash ``secret`` may see the vehicle, else no row."""
+    lasts = or_(ApiToken.expires_at.is_(None), ApiToken.expires_at > now())
+    in_fleet = and_(Membership.person_id == Person.id, Membership.fleet_id == Vehicle.fleet_id)
+    return (
+        state_of_vehicle(dialect)
+        .join(ApiToken, and_(ApiToken.secret_hash == bindparam("secret"), ApiToken.revoked_at.is_(None), lasts))
+        .join(Person, Person.id == ApiToken.person_id)
+        .outerjoin(Membership, in_fleet)
+        .where(
+            or_(ApiToken.fleet_id.is_(None), ApiToken.fleet_id == Vehicle.fleet_id),
+            or_(Person.is_owner, Membership.role.is_not(None)),
+        )
+    )
+
+
+def digest_of(rows: Iterable[str]) -> str | None:
+    """A hash of a state; None without rows. The rows are sorted here, because the statements have no ORDER BY."""
+    texts = sorted(rows)
+    return sha256("\n".join(texts).encode()).hexdigest() if texts else None

@@ -1,0 +1,78 @@
+"""Publications as the answers show them: by whom, when, why, and against which objections."""
+
+from __future__ import annotations
+
+from uuid import UUID
+
+from sqlalchemy import Select, select
+from sqlalchemy.orm import Session
+
+from apexcal.documents.base import stored
+from apexcal.documents.publications import OverrideView, PublicationView
+from service.db.calibrations import Result
+from service.db.people import Person
+from service.db.publications import Publication
+from service.http.pages import Page, Window
+from service.http.problems import Problem
+from service.publications.queries import is_newest, moves_of
+
+
+def publication_page(
+    session: Session, vehicle_id: UUID, camera: str, alias: str, window: Window
+) -> Page[PublicationView]:
+    """One page of the moves of an alias, the newest first. The cursor is the number of the last on the page."""
+    statement = moves_of(vehicle_id, camera, alias)
+    if window.after is not None:
+        if not (window.after.isascii() and window.after.isdecimal() and len(window.after) < 10):
+            raise Problem(
+                422,
+                "invalid_cursor",
+                f"`after` is no cursor of this list: {window.after!r}.",
+                "Give the `next` of a page.",
+            )
+        statement = statement.where(Publication.number < int(window.after))
+    views = publication_views(session, statement.limit(window.limit + 1))
+    items = views[: window.limit]
+    return Page(items=items, next=str(items[-1].number) if len(views) > window.limit else None)
+
+
+def publication_view(session: Session, publication: Publication) -> PublicationView:
+    """One publication."""
+    return publication_views(session, select(Publication).where(Publication.id == publication.id))[0]
+
+
+def publication_views(session: Session, statement: Select[Publication]) -> list[PublicationView]:
+    """The publications of a query, in its order."""
+    rows = session.execute(
+        statement.add_columns(Result.calibration_id, Result.model, Person.name, is_newest())
+        .outerjoin(Result, Result.id == Publication.result_id)
+        .outerjoin(Person, Person.id == Publication.published_by)
+    )
+    return [
+        PublicationView(
+            id=row.id,
+            fleet_id=row.fleet_id,
+            vehicle_id=row.vehicle_id,
+            camera=row.camera,
+            alias=row.alias,
+            number=row.number,
+            result_id=row.result_id,
+            led_to=row.led_to,
+            calibration_id=calibration_id,
+            model=model,
+            published_at=row.created_at,
+            published_by=published_by,
+            reason=row.reason,
+            override=override_view(row),
+            gate=stored(row.gate),
+            is_current=bool(is_last) and row.result_id is not None,
+        )
+        for row, calibration_id, model, published_by, is_last in rows
+    ]
+
+
+def override_view(publication: Publication) -> OverrideView | None:
+    """The objections against which it was published."""
+    if not publication.overridden:
+        return None
+    return OverrideView(reason=publication.reason or "", objections=publication.overridden)
