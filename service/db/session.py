@@ -82,7 +82,7 @@ def open_engine(url: str, *, patient: bool = False, lock_s: float = LOCK_S, conn
     if parsed.get_backend_name() != "sqlite":
         waits = connect_args(parsed, patient=patient, lock_s=lock_s)
         engine = create_engine(parsed, json_serializer=_to_json, connect_args=waits, **pool)
-        ping_before_use(engine)
+        _ping_before_use(engine)
         return engine
     engine = create_engine(
         url, json_serializer=_to_json, connect_args={"timeout": lock_s, "check_same_thread": False}, **pool
@@ -105,7 +105,7 @@ def open_engine(url: str, *, patient: bool = False, lock_s: float = LOCK_S, conn
     return engine
 
 
-def ping_before_use(engine: Engine) -> None:
+def _ping_before_use(engine: Engine) -> None:
     """Replace pooled connections that the server has closed meanwhile.
 
     As SQLAlchemy's ``pool_pre_ping``, which would ask the server before each of a job's three transactions.

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
+import logging
 from hashlib import sha256
 from uuid import UUID
 
 from fastapi import Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse, Response
+from psycopg import Error as PostgresError
 from sqlalchemy.orm import Session
 
 from apexcal.documents.exports import VEHICLE_HEADER
 from service.auth.access import Identity, identified
 from service.auth.secrets import TOKEN_PREFIX, secret_hash
 from service.db.fleets import Vehicle
-from service.db.loop_engine import open_loop_engine
+from service.db.loop_connections import LoopConnections
 from service.db.session import Database
 from service.exports.answers import exported
 from service.http.etags import Conditions, content_etag, names, repr_digest
@@ -31,6 +33,8 @@ _FORM = "2"
 # Two statements run at once on a second core; the others wait in the loop.
 _CONNECTIONS = 4
 
+log = logging.getLogger(__name__)
+
 
 class Retrieval:
     """Answers vehicles. Each answer, and its ETag, is of one state of the database, read after the request came.
@@ -42,13 +46,15 @@ class Retrieval:
         dialect = database.engine.dialect.name
         self._database = database
         self._threads = threads
-        self._loop_engine = open_loop_engine(database, _CONNECTIONS, WAIT_S)
         self._for_token, self._of_vehicle = state_for_token(dialect), state_of_vehicle(dialect)
+        self._loop = LoopConnections(database, _CONNECTIONS, WAIT_S) if dialect == "postgresql" else None
+        self._compiled = self._for_token.compile(dialect=database.engine.dialect)
+        self._text = str(self._compiled).encode()
 
     async def close(self) -> None:
         """Close the connections."""
-        if self._loop_engine is not None:
-            await self._loop_engine.dispose()
+        if self._loop is not None:
+            await self._loop.close()
 
     async def answer(self, request: Request, vehicle_id: UUID, selection: Selection, wanted: str | None) -> Response:
         """The answer to a request. Raises :class:`Problem`."""
@@ -84,10 +90,14 @@ class Retrieval:
         if kind.lower() != "bearer" or not token.startswith(TOKEN_PREFIX):
             return None
         given = {"secret": secret_hash(token), "vehicle": vehicle_id, "alias": alias}
-        if self._loop_engine is None:
-            return await self._threads.identity.run(self._look, given)
-        async with self._loop_engine.connect() as connection:
-            return digest_of(await connection.scalars(self._for_token, given))
+        if self._loop is not None:
+            try:
+                rows = await self._loop.rows(self._text, {**self._compiled.params, **given})
+                return digest_of(row[0] for row in rows)
+            except (PostgresError, TimeoutError):
+                # A connection may have ended. The thread's way has a new one, or says what is wrong.
+                log.info("a look at a vehicle's state is repeated in a thread", exc_info=True)
+        return await self._threads.identity.run(self._look, given)
 
     def _look(self, given: dict[str, object]) -> str | None:
         with self._database.alone() as connection:
