@@ -191,6 +191,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         lifespan=lifespan,
         openapi_url="/v1/openapi.json",
         separate_input_output_schemas=False,
+        # Requests are counted by `watching`; FastAPI asks the environment about OpenTelemetry at each of them.
+        telemetry={"tracing": False, "metrics": False, "logs": False},
         docs_url=None,
         redoc_url=None,
     )

@@ -34,16 +34,15 @@ def preset_bounds(
     image_size: tuple[int, int],
     nominal_t: Sequence[float],
     nominal_angles: Sequence[float] | None = None,
-    rotation_range_deg: float = DEFAULT_ROTATION_RANGE_DEG,
+    reach: float = radians(DEFAULT_ROTATION_RANGE_DEG),
 ) -> dict[str, Interval]:
     """(lower, upper) of every parameter of the model, in radians, metres and pixels.
 
     ``image-size`` follows from image_size (width, height) in pixels and from the nominal T_camera_lidar: its
     translation in metres, and its Euler angles zyx in radians (None: any angle). ``paper-table-1`` is Table I of the
-    paper. The angles of the ``rotation_vector`` form are +-rotation_range_deg in both; those of the ``euler`` form
-    are Table I's, or +-rotation_range_deg about the nominal's angles.
+    paper. The angles of the ``rotation_vector`` form are +-reach (radians) in both; those of the ``euler`` form
+    are Table I's, or +-reach about the nominal's angles.
     """
-    reach = radians(rotation_range_deg)
     bounds = _LENS | dict.fromkeys(("rotation_x", "rotation_y", "rotation_z"), (-reach, reach))
     if preset == "paper-table-1":
         bounds |= _TABLE_1

@@ -138,13 +138,17 @@ class Tally(Sent):
 
 
 class AnswerView(Sent):
-    """What was kept of an answer, and nothing of others'."""
+    """What was kept of an answer, and nothing of others'.
+
+    ``progress`` counts the answer too; null where ``GET /v1/detections/{id}/progress`` has to count all anew.
+    """
 
     id: UUID
     version: int
     verdict: VerdictName
     mark: Pixel | None
     reviewed: bool
+    progress: Progress | None
 
 
 class OwnPair(Sent):

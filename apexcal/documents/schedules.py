@@ -39,7 +39,8 @@ class Preset:
     """What a request means where it names nothing else.
 
     By default wrong marks do no harm: the loss of the search saturates, pairs that do not belong are left out, and
-    the others are fitted by least squares (decision 0089).
+    the others are fitted by least squares (decision 0089). ``weak_priors``: whether weak priors may hold distortion
+    of which the request says nothing.
     """
 
     schedule: Schedule
@@ -47,6 +48,7 @@ class Preset:
     bounds: BoundsPreset = "image-size"
     loss: Loss = "saturating"
     outliers: OutlierRule = "exclude"
+    weak_priors: bool = True
 
 
 # Ours reaches the same optima as the paper's numbers with some 60 % of the evaluations, on simulated rigs and on the
@@ -54,7 +56,7 @@ class Preset:
 # time and lose nothing; by 0.5 they begin to (docs/decisions/0014).
 PRESETS: Final[dict[PresetName, Preset]] = {
     "default": Preset(Schedule()),
-    "paper": Preset(Schedule(slots=5, scale=0.8, patience=5), "euler", "paper-table-1", "mean", "keep"),
+    "paper": Preset(Schedule(slots=5, scale=0.8, patience=5), "euler", "paper-table-1", "mean", "keep", False),
     "toolbox": Preset(Schedule(slots=20, population=2000, generations=50, max_iterations=1)),
 }
 

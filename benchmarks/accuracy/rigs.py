@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.fit_requests import fit_request
 from workers.geometry.models import ModelName
 from workers.geometry.projection import fold_angle, image_diagonal_px, project
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
 from workers.geometry.transforms import RigidTransform, to_document
-from workers.solver.problem import FitProblem
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import FitProblem, fit_problem
 
 Floats = NDArray[np.float64]
 PAIRS = 222
@@ -44,9 +44,9 @@ class Rig:
     truth: Floats
 
     def problem(self, marks: Floats | None = None, **request: Any) -> FitProblem:
-        """The fit of these pairs inside the default bounds; `request` as in `problem_from_document`."""
+        """The fit of these pairs inside the default bounds; `request` as in `fit_request`."""
         document = {"model": self.model, "image_size": self.image_size, "nominal": to_document(NOMINAL), **request}
-        return problem_from_document(document, self.points, self.marks if marks is None else marks)
+        return fit_problem(fit_request(**document), self.points, self.marks if marks is None else marks)
 
 
 def draw_rig(

@@ -2,8 +2,8 @@
 
 ``python -m benchmarks.annotators.load`` reads a plan as JSON from standard input and prints what it measured as JSON.
 It is a process of its own, so that what it does with its time is not the service's. An annotator asks as the page
-does: the answer, then the next tasks with two ahead, then the progress; between answers they think. A page follows
-the fleet's events and reads the progress again after a hint of the marking, once a second at most.
+does: the progress once, then tasks with two ahead and the answer, which has the progress; between answers they think.
+A page follows the fleet's events and reads the progress again after a hint of the marking, once a second at most.
 """
 
 from __future__ import annotations
@@ -92,7 +92,9 @@ class Load:
 
     async def _annotate(self, token: str) -> None:
         person, detection = Connection(self, token), f"/detections/{self.plan['detection']}"
+        progress = f"{detection}/progress?camera=front"
         await person.open()
+        await person.ask("progress", "GET", progress)
         await self._think()
         wanted = {"camera": "front", "ahead": _AHEAD}
         while True:
@@ -108,9 +110,10 @@ class Load:
                 "verdict": "confirmed",
                 "mark": {"u": 100.0 * self._draw.random(), "v": 100.0 * self._draw.random()},
             }
-            status, _ = await person.ask("answer", "POST", f"/tasks/{task['task_id']}/answer", answer)
+            status, taken = await person.ask("answer", "POST", f"/tasks/{task['task_id']}/answer", answer)
             self.accepted += status == 200
-            await person.ask("progress", "GET", f"{detection}/progress?camera=front")
+            if status != 200 or taken["progress"] is None:
+                await person.ask("progress", "GET", progress)
 
     async def _think(self) -> None:
         await asyncio.sleep(self._draw.uniform(*self.plan["think_s"]))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from apexcal.documents.fit_requests import FitRequest, fit_request
 from workers.geometry.errors import InputError
 from workers.geometry.transforms import to_document
 from workers.simulation.camera import Camera, make_camera, nominal_mount
@@ -110,10 +111,5 @@ def _estimate(case: Case, detector: str, found: list[Vertex], walk: Walk, camera
     return replace(blank, offset_ms=estimate.offset_ns * 1e-6, sigma_ms=estimate.sigma_ns * 1e-6)
 
 
-def _request(camera: Camera) -> dict[str, Any]:
-    return {
-        "model": camera.model,
-        "image_size": list(camera.image_size),
-        "nominal": to_document(nominal_mount()),
-        "mark_sigma_px": _MARK_PX,
-    }
+def _request(camera: Camera) -> FitRequest:
+    return fit_request(camera.model, camera.image_size, to_document(nominal_mount()), mark_sigma_px=_MARK_PX)

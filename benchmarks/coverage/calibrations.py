@@ -22,8 +22,8 @@ from benchmarks.coverage.marks import Errors, columns
 from benchmarks.coverage.poses import still
 from benchmarks.coverage.walks import Paired, Walked, pair
 from service.calibration_runs.camera_summary import camera_summary
-from service.calibrations.cameras import CameraPairs
 from service.calibrations.plan import CalibrationPlan, plan_request
+from service.calibrations.resolve import CameraPairs
 from service.db.base import Json
 from service.db.calibrations import FULL, CorrespondenceSet, Result
 from service.db.fleets import RigCamera
@@ -86,7 +86,7 @@ class Bench:
         problems: dict[str, FitProblem] = {}
         for fit in plan.fits:
             for fold in range(FULL, fit.folds):
-                given = read_run(fit.problem | {"fold": fold}, fold, known)
+                given = read_run(fit.of_fold(fold), fold, known)
                 if fold == FULL:
                     problems[fit.model] = given.problem
                 document = (solved if fold == FULL else _held_out)(given, states[fit.model])
@@ -108,7 +108,7 @@ class Bench:
         clean = columns(paired, Errors(), np.random.default_rng(self._walked.rig.settings.seed))
         for fit in _plan(paired, clean, {}).fits:
             if fit.model in models and (*of, fit.model) not in self._searched:
-                problem = read_run(fit.problem | {"fold": FULL}, FULL, clean).problem
+                problem = read_run(fit.of_fold(FULL), FULL, clean).problem
                 self._searched[*of, fit.model] = replace(run_schedule(problem)[0], first_slot_parameters=())
         return {model: self._searched[*of, model] for model in models}
 

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.fit_requests import fit_request
 from workers.geometry.models import ModelName
 from workers.geometry.transforms import to_document
 from workers.simulation.camera import FRONT, Camera, make_camera, nominal_mount
@@ -119,7 +120,7 @@ def offset_of(paired: Paired, marks: Floats) -> OffsetEstimate:
     camera = paired.camera
     request = {"model": camera.model, "image_size": list(camera.image_size), "nominal": paired.nominal}
     stamps = paired.walked.rig.cameras[0].stamps_ns[paired.frames]
-    return estimate_offset(Track.of(paired.walked.vertices), stamps, marks, request | {"mark_sigma_px": 1.0})
+    return estimate_offset(Track.of(paired.walked.vertices), stamps, marks, fit_request(**request, mark_sigma_px=1.0))
 
 
 def pair_at(walked: Walked, camera: Camera, offset_ns: int) -> Paired:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.corners import CORNERS, TOP, CornerName
+from apexcal.documents.fit_requests import fit_request
 from apexcal.documents.pairs import SIGMAS
 from benchmarks.detection.real import DATA, RECORDINGS, angles, read, regions
 from workers.geometry.projection import project
@@ -26,7 +27,7 @@ from workers.solver.blocks import blocks_of
 from workers.solver.covariances import covariances_of
 from workers.solver.errors import SolveError
 from workers.solver.folds import folds
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import solve_finish
 from workers.vertices.detectors import detect_range
@@ -151,8 +152,8 @@ def solved(pairs: Columns, chosen: Sequence[int], model: str, *, locked: bool) -
     points = np.column_stack([taken[axis] for axis in "xyz"])
     request = REQUEST | {"model": model} | ({"locked": LENS} if locked else {})
     covariances = covariances_of({name: taken[name] for name in SIGMAS}, points, 1.0)
-    problem = problem_from_document(
-        request, points, np.column_stack([taken["u"], taken["v"]]), covariances=covariances
+    problem = fit_problem(
+        fit_request(**request), points, np.column_stack([taken["u"], taken["v"]]), covariances=covariances
     )
     blocks = blocks_of(taken)
     problem = replace(problem, blocks=blocks)

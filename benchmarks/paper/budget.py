@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from apexcal.documents.fit_requests import fit_request
 from benchmarks.paper.fits import errors_of_truth, errors_on, fit, rms
 from benchmarks.paper.pairs import CLICK_PX, Pairs, Switches, Way, make_pairs, without
 from benchmarks.paper.recordings import Walked, camera_of, field_points, request_of
@@ -70,5 +71,5 @@ def score(
 
 def _offset(train: Walked, detector: str, marked: Pairs) -> int:
     """The clocks' offset as it is estimated from the training marks alone, nanoseconds."""
-    request = {**request_of("brown_conrady"), "mark_sigma_px": CLICK_PX}
+    request = fit_request(**request_of("brown_conrady"), mark_sigma_px=CLICK_PX)
     return estimate_offset(train.tracks[detector], marked.stamps_ns, marked.marks, request).offset_ns

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.fit_requests import fit_request
 from benchmarks.paper.pairs import CLICK_PX, Pairs, weights_of
 from benchmarks.paper.recordings import request_of
 from workers.geometry.models import ModelName
@@ -15,7 +16,7 @@ from workers.geometry.projection import distances_px, image_diagonal_px, project
 from workers.geometry.transforms import RigidTransform
 from workers.simulation.camera import Camera
 from workers.solver.polish import polish
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 from workers.solver.residuals import transform_of
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import intrinsics_document
@@ -43,12 +44,12 @@ class Fitted:
 def fit(pairs: Pairs, model: ModelName, seed: int) -> Fitted:
     """Search and polish; pairs whose vertices state a covariance are then weighed by it in one more polish."""
     request = {**request_of(model), "seed": seed, "schedule": _SCHEDULE, "mark_sigma_px": CLICK_PX}
-    problem = problem_from_document(request, pairs.points, pairs.marks)
+    problem = fit_problem(fit_request(**request), pairs.points, pairs.marks)
     state, _ = run_schedule(problem)
     p = polish(problem, state.best_parameters).parameters
     if np.isfinite(pairs.covariance).any():
         weights = weights_of(pairs, float(intrinsics_document(problem, np.array(p))["f_x"]))
-        p = polish(problem_from_document(request, pairs.points, pairs.marks, weights), p).parameters
+        p = polish(fit_problem(fit_request(**request), pairs.points, pairs.marks, weights), p).parameters
     found = np.array(p)
     return Fitted(model, intrinsics_document(problem, found), transform_of(problem, found), len(pairs.points))
 

@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,7 +130,7 @@ def camera_of(model: ModelName, seed: int) -> Camera:
     return make_camera(model, seed)
 
 
-def request_of(model: ModelName) -> dict[str, object]:
+def request_of(model: ModelName) -> dict[str, Any]:
     """What the rig's owner asks the solver for: the paper's loss over all pairs."""
     request = {"model": model, "image_size": list(IMAGE_SIZE), "nominal": to_document(nominal_mount())}
     return {**request, "loss": "mean", "outliers": "keep"}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import CTE, ColumnElement, Select, and_, exists, func, or_, select
+from sqlalchemy import CTE, ColumnElement, Select, and_, case, exists, func, or_, select
 from sqlalchemy.orm import aliased
 
 from service.db.annotations import Mark, MarkingTask, Verdict
@@ -42,6 +42,15 @@ def answers_of_others(person_id: Any) -> ColumnElement[int]:
         .where(_verdict.apex_id == Vertex.apex_id, _verdict.person_id != person_id, _is_complete())
         .correlate_except(_verdict)
         .scalar_subquery()
+    )
+
+
+def answers_closing(person: Any, wanted: Any) -> ColumnElement[int]:
+    """The number of answers on the enclosing query's ``Vertex``; one of ``person`` counts as ``wanted``."""
+    counted = func.sum(case((_verdict.person_id == person, wanted), else_=1))
+    answers = select(func.coalesce(counted, 0)).select_from(_verdict)
+    return (
+        answers.where(_verdict.apex_id == Vertex.apex_id, _is_complete()).correlate_except(_verdict).scalar_subquery()
     )
 
 

@@ -9,18 +9,27 @@ from __future__ import annotations
 from datetime import datetime
 from uuid import UUID
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from service.db.clock import now
 from service.db.people import Person
 from service.db.recordings import Recording
 
+# Built once: to build a statement takes half as long as to execute it.
+_PERSON = (
+    select(now())
+    .select_from(Person)
+    .where(Person.id == bindparam("person"))
+    .with_for_update(key_share=True, of=Person)
+)
+_MARKS_WANTED = select(Recording.marks_per_vertex).where(Recording.id == bindparam("recording"))
+_RECORDING, _SHARED = _MARKS_WANTED.with_for_update(key_share=True), _MARKS_WANTED.with_for_update(read=True)
+
 
 def lock_person(session: Session, person_id: UUID) -> datetime:
     """Lock a person's marking until the transaction ends; returns the time by the database's clock."""
-    row = select(now()).select_from(Person).where(Person.id == person_id).with_for_update(key_share=True, of=Person)
-    return session.scalars(row).one()
+    return session.scalars(_PERSON, {"person": person_id}).one()
 
 
 def lock_recording(session: Session, recording_id: UUID, *, shared: bool = False) -> int:
@@ -28,5 +37,4 @@ def lock_recording(session: Session, recording_id: UUID, *, shared: bool = False
 
     Rows that refer to the recording may still be inserted. ``shared``: others may hand out of it meanwhile.
     """
-    row = select(Recording.marks_per_vertex).where(Recording.id == recording_id)
-    return session.scalars(row.with_for_update(read=shared, key_share=not shared)).one()
+    return session.scalars(_SHARED if shared else _RECORDING, {"recording": recording_id}).one()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
 from uuid import UUID
 
-from sqlalchemy import select
+from sqlalchemy import delete, insert, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
@@ -12,7 +13,7 @@ from service.db.annotations import AnnotationRevision, Mark, Verdict
 from service.db.base import Json
 from service.db.clock import utc_now
 from service.db.ids import new_id
-from service.db.recordings import CameraFrame, Sensor
+from service.db.recordings import CameraFrame
 from service.http.problems import Problem
 
 
@@ -41,37 +42,28 @@ def write_mark(
     session: Session,
     before: Mark | None,
     person_id: UUID,
-    camera: Sensor,
+    recording_id: UUID,
     frame: CameraFrame,
     u: float,
     v: float,
     *,
     corner: str = TOP,
     reviewed: bool = False,
-) -> Mark:
+) -> int:
     """Set a person's mark of a corner in a frame, which was ``before``. Saying the same again changes nothing.
 
-    ``reviewed``: something of others' answers had been told to the person before.
+    ``reviewed``: something of others' answers had been told to the person before. Returns the mark's version.
 
     Raises:
         Problem: ``mark_outside_image``.
     """
     check_inside(u, v, frame)
     if before is not None and (before.u, before.v) == (u, v):
-        return before
-    if before is None:
-        whose = {"person_id": person_id, "sensor_id": camera.id, "frame_index": frame.index, "corner": corner}
-        mark = Mark(id=new_id(), recording_id=camera.recording_id, version=0, **whose)
-        session.add(mark)
-    else:
-        mark = before
-        mark.updated_at = utc_now()
-    mark.u, mark.v, mark.reviewed, mark.version = u, v, reviewed, mark.version + 1
-    value = {"sensor_id": camera.id.hex, "frame_index": frame.index, "u": u, "v": v}
-    if corner != TOP:
-        value["corner"] = corner
-    _keep_revision(session, "mark", mark, value)
-    return mark
+        return before.version
+    whose = {"recording_id": recording_id, "person_id": person_id}
+    at: Json = {"sensor_id": frame.sensor_id, "frame_index": frame.index}
+    value = at | {"sensor_id": frame.sensor_id.hex, "u": u, "v": v} | ({"corner": corner} if corner != TOP else {})
+    return _write(session, Mark, before, whose, at | {"corner": corner, "u": u, "v": v, "reviewed": reviewed}, value)
 
 
 def write_verdict(
@@ -83,32 +75,48 @@ def write_verdict(
     verdict: str,
     *,
     reviewed: bool = False,
-) -> Verdict:
+) -> None:
     """Set a person's verdict on an apex, which was ``before``. Saying the same again changes nothing.
 
     ``reviewed`` as for a mark. Call ``reopen`` first where the verdict changes: a confirmation may lack its mark.
     """
-    if before is not None and before.verdict == verdict:
-        return before
-    if before is None:
-        row = Verdict(id=new_id(), recording_id=recording_id, apex_id=apex_id, person_id=person_id, version=0)
-        session.add(row)
-    else:
-        row = before
-        row.updated_at = utc_now()
-    row.verdict, row.reviewed, row.version = verdict, reviewed, row.version + 1
-    _keep_revision(session, "verdict", row, {"apex_id": apex_id.hex, "verdict": verdict})
-    return row
+    if before is None or before.verdict != verdict:
+        whose = {"recording_id": recording_id, "person_id": person_id}
+        columns = {"apex_id": apex_id, "verdict": verdict, "reviewed": reviewed}
+        _write(session, Verdict, before, whose, columns, {"apex_id": apex_id.hex, "verdict": verdict})
 
 
 def take_back(session: Session, row: Mark | Verdict) -> None:
     """Remove a mark or a verdict, after ``reopen``; that it was there stays in its revisions."""
-    subject = "mark" if isinstance(row, Mark) else "verdict"
-    row.version += 1
-    _keep_revision(session, subject, row, {"taken_back": True})
-    session.delete(row)
+    whose = {"recording_id": row.recording_id, "person_id": row.person_id}
+    _keep_revision(session, type(row), row.id, row.version + 1, whose, {"taken_back": True})
+    table: Any = type(row).__table__
+    session.execute(delete(table).where(table.c.id == row.id))
 
 
-def _keep_revision(session: Session, subject: str, row: Mark | Verdict, value: Json) -> None:
-    whose = {"recording_id": row.recording_id, "person_id": row.person_id, "subject_id": row.id}
-    session.add(AnnotationRevision(**whose, subject=subject, version=row.version, value=value))
+def _write(
+    session: Session,
+    kind: type[Mark | Verdict],
+    before: Mark | Verdict | None,
+    whose: Json,
+    columns: Json,
+    value: Json,
+) -> int:
+    """Write a row in place of ``before``, and ``value`` as its revision; returns its version."""
+    table: Any = kind.__table__
+    if before is None:
+        row_id, version = new_id(), 1
+        session.execute(insert(table), {"id": row_id, **whose, **columns})
+    else:
+        row_id, version = before.id, before.version + 1
+        changed = {**columns, "version": version, "updated_at": utc_now()}
+        session.execute(update(table).where(table.c.id == row_id).values(changed))
+    _keep_revision(session, kind, row_id, version, whose, value)
+    return version
+
+
+def _keep_revision(
+    session: Session, kind: type[Mark | Verdict], subject_id: UUID, version: int, whose: Json, value: Json
+) -> None:
+    row = {**whose, "subject": kind.__tablename__, "subject_id": subject_id, "version": version, "value": value}
+    session.execute(insert(AnnotationRevision.__table__), row)  # pyright: ignore[reportArgumentType] - it is a table

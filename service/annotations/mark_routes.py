@@ -48,7 +48,7 @@ def read_mark(
     mark = find_mark(access.session, access.person.id, sensor.id, frame.index, corner)
     if mark is None:
         raise Problem(404, "not_marked", "You have not marked this frame.", "PUT the mark with If-None-Match: *.")
-    return _answer(mark, conditions)
+    return _answer(mark_view(mark), conditions)
 
 
 @router.put(MARK)
@@ -75,8 +75,9 @@ def put_mark(
         _check_no_answer(access, sensor, frame, corner, mark)
     reviewed = bool(session.scalar(select(is_told(me, sensor.id, frame.index, corner))))
     with counted(session, me, sensor.id, frame.index, corner, None):
-        written = write_mark(session, mark, me, sensor, frame, pixel.u, pixel.v, corner=corner, reviewed=reviewed)
-    return _answer(written, conditions)
+        at = {"corner": corner, "reviewed": reviewed}
+        version = write_mark(session, mark, me, recording_id, frame, pixel.u, pixel.v, **at)
+    return _answer(MarkView(u=pixel.u, v=pixel.v, version=version), conditions)
 
 
 def _frame(access: Access, recording_id: UUID, camera: str, index: int, role: Role) -> tuple[Sensor, CameraFrame]:
@@ -132,6 +133,6 @@ def _check_edit(mark: Mark | None, pixel: Pixel, conditions: Conditions, request
     conditions.require(version_etag(mark.version))
 
 
-def _answer(mark: Mark, conditions: Conditions) -> MarkView:
+def _answer(mark: MarkView, conditions: Conditions) -> MarkView:
     conditions.offer(version_etag(mark.version))
-    return mark_view(mark)
+    return mark

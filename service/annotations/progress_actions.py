@@ -27,6 +27,11 @@ from service.detections.views import marked_corners
 
 _vertex, _frame = aliased(Vertex), aliased(VertexFrame)
 _COUNTERS = ("answered", "complete", "mine")
+_WANTED = (
+    select(Recording.marks_per_vertex)
+    .join(Detection, Detection.recording_id == Recording.id)
+    .where(Detection.id == bindparam("detection"))
+)
 
 
 @contextmanager
@@ -49,7 +54,6 @@ def counted(
     whose = (session, person_id, sensor_id, frame_index, corner, apex_id)
     before = set() if is_first else {row[:2] for row in _touched(*whose) if row.answered}
     yield
-    session.flush()
     changes: dict[tuple[UUID, UUID], Counter[str]] = {}
     for row in _touched(*whose):
         sign = row.answered - (row[:2] in before)
@@ -75,10 +79,10 @@ def counted(
 def read_progress(access: Access, database: Database, detection: Detection, camera: Sensor) -> Progress:
     """Progress of the marking in one camera, as the asker sees it."""
     session, person_id = access.session, access.person.id
-    names = {"detection": detection.id, "sensor": camera.id, "person": person_id, "recording": detection.recording_id}
-    *kept, wanted_now = session.execute(_sums(), names).one()
-    if kept[0] is not None and kept[1] == wanted_now:
-        return _progress(*kept)
+    standing = progress_of(session, person_id, detection.id, camera.id)
+    if standing is not None:
+        return standing
+    wanted_now = session.scalars(_WANTED, {"detection": detection.id}).one()
     if detection.state != WorkState.DONE:
         return _progress(*_count(session, detection, camera, person_id, wanted_now)[0])
     # Its connection goes back first: a request that held two could wait for others that do the same.
@@ -103,14 +107,20 @@ def read_progress(access: Access, database: Database, detection: Detection, came
     return _progress(*found)
 
 
+def progress_of(session: Session, person_id: UUID, detection_id: UUID, sensor_id: UUID) -> Progress | None:
+    """Progress as the counters tell it to a person; None where all has to be counted again."""
+    names = {"detection": detection_id, "sensor": sensor_id, "person": person_id}
+    *sums, wanted = session.execute(_sums(), names).one()
+    return _progress(*sums) if sums[0] is not None and sums[1] == wanted else None
+
+
 @cache
 def _sums() -> Select[*tuple[Any, ...]]:
-    """Progress as the counters tell it to a person, and how many marks of each vertex are wanted now."""
+    """The counters' sums with a person's own, and how many marks of each vertex are wanted now."""
     row, total = MarkingProgress, func.sum
     mine = total(case((row.person_id == bindparam("person"), row.mine), else_=0))
-    wanted = select(Recording.marks_per_vertex).where(Recording.id == bindparam("recording")).scalar_subquery()
     sums = (total(row.vertices), total(row.marks_wanted), total(row.answered), mine, total(row.complete))
-    return select(*sums, wanted).where(_of(bindparam("detection"), bindparam("sensor")))
+    return select(*sums, _WANTED.scalar_subquery()).where(_of(bindparam("detection"), bindparam("sensor")))
 
 
 def _progress(vertices: int, marks_wanted: int, answered: int, mine: int, complete: int) -> Progress:
@@ -155,7 +165,7 @@ def _touched_statement() -> Select[*tuple[Any, ...]]:
 
 @cache
 def _changing(dialect: str) -> Any:
-    upsert = upserting(dialect, MarkingProgress)
+    upsert = upserting(dialect, MarkingProgress.__table__)
     more = {name: getattr(MarkingProgress, name) + getattr(upsert.excluded, name) for name in _COUNTERS}
     return upsert.on_conflict_do_update(index_elements=["detection_id", "sensor_id", "person_id"], set_=more)
 

@@ -20,13 +20,13 @@ from apexcal.documents.marking import (
     Undo,
 )
 from apexcal.documents.roles import rank
-from service.annotations.answer_actions import answer_view, give, undo
+from service.annotations.answer_actions import give, undo
 from service.annotations.disclosure_actions import Sight, answered_by_others, tell
 from service.annotations.locks import lock_person
 from service.annotations.progress_actions import read_progress
 from service.annotations.progress_queries import own_pairs, tally, visible_answers
 from service.annotations.task_actions import next_tasks
-from service.annotations.views import Subject, find_subject, mark_view, task_views
+from service.annotations.views import Subject, find_subject, mark_view, task_view
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.annotations import Verdict
@@ -57,7 +57,7 @@ def ask_task(detection_id: UUID, wanted: NextTask, access: WriteAccess, request:
     tasks = next_tasks(access.session, detection, camera, access.person.id, lease_s, wanted.skip, wanted.ahead)
     if not tasks:
         return Response(status_code=204)
-    first, *ahead = task_views(access.session, tasks)
+    first, *ahead = map(task_view, tasks)
     return first.model_copy(update={"ahead": ahead})
 
 
@@ -65,9 +65,9 @@ def ask_task(detection_id: UUID, wanted: NextTask, access: WriteAccess, request:
 def answer_task(task_id: UUID, answer: Answer, access: WriteAccess) -> AnswerView:
     """Judge a vertex: verdict and mark at once. The same id again is the same answer. [annotator]"""
     found = _locked(access, task_id)
-    row = give(access.session, found, answer)
-    hint(access.session, found.fleet_id, "marking", found.task.detection_id)
-    return answer_view(row)
+    given = give(access.session, found, answer)
+    hint(access.session, found.fleet_id, "marking", found.detection_id)
+    return given
 
 
 @router.post("/tasks/{task_id}/undo")
@@ -75,8 +75,8 @@ def undo_answer(task_id: UUID, answer: Undo, access: WriteAccess, request: Reque
     """Take one's own last answer back; its vertex is leased to the same person at once. [annotator]"""
     found = _locked(access, task_id)
     again = undo(access.session, found, answer, request.app.state.settings.mark_lease_s)
-    hint(access.session, found.fleet_id, "marking", found.task.detection_id)
-    return task_views(access.session, again)[0]
+    hint(access.session, found.fleet_id, "marking", found.detection_id)
+    return task_view(again)
 
 
 def _locked(access: Access, task_id: UUID) -> Subject:

@@ -44,39 +44,44 @@ def next_tasks(
     everything that they have not seen. The task named by ``skip`` is given back and not returned by this call.
     """
     clock = lock_person(session, person_id)
-    mine = (MarkingTask.detection_id == detection.id, MarkingTask.person_id == person_id)
-    if skip is not None:
-        give_back = update(MarkingTask).where(MarkingTask.id == skip, *mine).values(leased_until=clock)
-        session.execute(give_back.execution_options(synchronize_session=False))
     corners = marked_corners(detection)
     names = {"detection": detection.id, "person": person_id, "camera": camera.id, "corners": corners}
-    held = session.execute(_held(), names | {"most": 1 + ahead}).all()
-    leased = [row.vertex_id for row in held]
+    passed: list[UUID] = []
+    if skip is not None:
+        passed += session.scalars(_giving_back(), names | {"skipped": skip, "clock": clock})
+    leased = [*session.scalars(_held(), names | {"most": 1 + ahead})]
     if len(leased) < 1 + ahead:
         wanted = lock_recording(session, detection.recording_id, shared=True)
-        passed = [one for one in (skip, *(row.id for row in held)) if one is not None]
-        whose = (session, detection.recording_id, detection.id, camera.id, person_id)
-        leased += Seeker(*whose, wanted, corners, passed).take(1 + ahead - len(leased))
+        seeker = Seeker(session, detection.recording_id, names | {"wanted": wanted}, [*passed, *leased])
+        leased += seeker.take(1 + ahead - len(leased))
     if not leased:
         return []
     common = {"detection_id": detection.id, "sensor_id": camera.id, "person_id": person_id, "created_at": clock}
     until = clock + timedelta(seconds=lease_s)
     rows = [
-        common | {"id": new_id(), "vertex_id": vertex_id, "leased_until": until - _APART * place}
-        for place, vertex_id in enumerate(leased)
+        common | {"id": new_id(), "vertex_id": vertex_id, "leased_until": until - _APART * index}
+        for index, vertex_id in enumerate(leased)
     ]
     session.execute(_leasing(session.get_bind().dialect.name), rows)
-    found = subjects(session, person_id, vertices=leased, camera_id=camera.id)
-    return sorted(found, key=lambda one: leased.index(one.task.vertex_id))
+    tasks = subjects(session, person_id, vertices=leased, camera_id=camera.id)
+    return sorted(tasks, key=lambda task: leased.index(task.id))
 
 
 @cache
-def _held() -> Select[Any, Any]:
-    """Tasks of a person's live leases with their vertices."""
+def _giving_back() -> Any:
+    task: Any = MarkingTask.__table__
+    own = (task.c.detection_id == bindparam("detection"), task.c.person_id == bindparam("person"))
+    skipped = update(task).where(task.c.id == bindparam("skipped"), *own)
+    return skipped.values(leased_until=bindparam("clock")).returning(task.c.vertex_id)
+
+
+@cache
+def _held() -> Select[UUID]:
+    """The vertices of a person's live leases."""
     person = bindparam("person", type_=Uuid())
     of_camera = (VertexFrame.vertex_id == Vertex.id) & (VertexFrame.sensor_id == MarkingTask.sensor_id)
     return (
-        select(MarkingTask.id, MarkingTask.vertex_id)
+        select(MarkingTask.vertex_id)
         .join(Vertex, Vertex.id == MarkingTask.vertex_id)
         .join(VertexFrame, of_camera)
         .where(MarkingTask.detection_id == bindparam("detection"), MarkingTask.person_id == person)
@@ -90,15 +95,21 @@ def _held() -> Select[Any, Any]:
 
 @cache
 def _leasing(dialect: str) -> Any:
-    lease = upserting(dialect, MarkingTask)
+    lease = upserting(dialect, MarkingTask.__table__)
     return lease.on_conflict_do_update(
         index_elements=["vertex_id", "sensor_id", "person_id"],
         set_={"leased_until": lease.excluded.leased_until, "answered_at": None},
     )
 
 
-def reopen(session: Session, recording_id: UUID) -> None:
-    """Say that vertices of this recording take answers again; before anything that refers to it is written."""
+def reopen(session: Session, person_id: UUID, recording_id: UUID, apex_id: UUID) -> None:
+    """Say that an apex takes answers again; before anything that refers to the recording is written.
+
+    The person's tasks on it in all cameras and detections count as not answered.
+    """
     lock_recording(session, recording_id)
     gone = delete(MarkingFrontier).where(MarkingFrontier.recording_id == recording_id)
     session.execute(gone.execution_options(synchronize_session=False))
+    of_apex = MarkingTask.vertex_id.in_(select(Vertex.id).where(Vertex.apex_id == apex_id))
+    tasks = update(MarkingTask).where(MarkingTask.person_id == person_id, of_apex).values(answered_at=None)
+    session.execute(tasks.execution_options(synchronize_session=False))

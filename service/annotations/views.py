@@ -1,15 +1,15 @@
-"""Views of tasks, marks and answers."""
+"""Views of tasks and marks."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import quote
 from uuid import UUID
 
-from sqlalchemy import Select, and_, bindparam, or_, select
-from sqlalchemy.orm import Session, defer
+from sqlalchemy import Row, Select, and_, bindparam, func, select
+from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.detections import Moved, VertexSummary
 from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskView
@@ -19,24 +19,14 @@ from service.auth.access import Access
 from service.db.annotations import Answer, Mark, MarkingTask, Verdict
 from service.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.db.recordings import CameraFrame, Sensor
+from service.detections.views import SUMMARY
 from service.http.problems import not_found
 
+# A task with all that its answer touches: the columns of `_subjects`.
+Subject = Row[*tuple[Any, ...]]
 
-class Subject(NamedTuple):
-    """A task with all that its answer touches: the vertex, its frame in the camera, and what its person said of it.
-
-    ``told``: whether something of others' answers was told to the person.
-    """
-
-    task: MarkingTask
-    vertex: Vertex
-    camera: Sensor
-    frame: CameraFrame
-    pairing: VertexFrame
-    mark: Mark | None
-    verdict: Verdict | None
-    fleet_id: UUID
-    told: bool
+_frame, _mark = aliased(CameraFrame, name="camera_frame"), aliased(Mark, name="mark")
+_verdict, _last, _any = aliased(Verdict, name="verdict"), aliased(Answer, name="last"), aliased(Answer)
 
 
 def subjects(
@@ -53,25 +43,33 @@ def subjects(
     ``lock``: nobody else answers on their apexes until the transaction ends.
     """
     names = {"person": person_id, "task": task_id, "vertices": vertices, "camera": camera_id}
-    rows = session.execute(_subjects(of_task=task_id is not None, lock=lock), names)
-    return [Subject(*row) for row in rows]
+    return [*session.execute(_subjects(of_task=task_id is not None, lock=lock), names)]
 
 
 @cache
 def _subjects(*, of_task: bool, lock: bool) -> Select[*tuple[Any, ...]]:
-    told = is_told(MarkingTask.person_id, VertexFrame.sensor_id, VertexFrame.frame_index, Vertex.corner)
+    """Tasks with their vertices, frames, and what their persons said; a vertex's columns are those of a summary.
+
+    ``told``: whether something of others' answers was told to the person. ``last``: the last answer of theirs.
+    """
+    person, corner = MarkingTask.person_id, Vertex.corner
+    told = is_told(person, VertexFrame.sensor_id, VertexFrame.frame_index, corner).label("told")
+    newest = select(func.max(_any.version)).where(*_is_own(_any)).correlate_except(_any).scalar_subquery()
     statement = (
-        select(MarkingTask, Vertex, Sensor, CameraFrame, VertexFrame, Mark, Verdict, Detection.fleet_id, told)
+        select(MarkingTask.id.label("task_id"), MarkingTask.detection_id, person, MarkingTask.leased_until)
+        .add_columns(Detection.fleet_id, Sensor.recording_id, Sensor.name.label("camera"), VertexFrame.gap_ns)
+        .add_columns(*(getattr(VertexFrame, name).label(f"moved_{name}") for name in Moved.model_fields))
+        .add_columns(_frame, _mark, _verdict, _last, told, Vertex.apex_id, *SUMMARY)
         .select_from(MarkingTask)
         .join(Detection, Detection.id == MarkingTask.detection_id)
         .join(Vertex, Vertex.id == MarkingTask.vertex_id)
         .join(Sensor, Sensor.id == MarkingTask.sensor_id)
         .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == Sensor.id))
-        .join(CameraFrame, and_(CameraFrame.sensor_id == Sensor.id, CameraFrame.index == VertexFrame.frame_index))
-        .outerjoin(Mark, and_(is_paired(Mark), Mark.person_id == MarkingTask.person_id))
-        .outerjoin(Verdict, and_(Verdict.person_id == MarkingTask.person_id, Verdict.apex_id == Vertex.apex_id))
-        .where(MarkingTask.person_id == bindparam("person"))
-        .options(defer(Vertex.covariance), defer(Vertex.corners), defer(VertexFrame.corners))
+        .join(_frame, and_(_frame.sensor_id == Sensor.id, _frame.index == VertexFrame.frame_index))
+        .outerjoin(_mark, and_(is_paired(_mark), _mark.person_id == person))
+        .outerjoin(_verdict, and_(_verdict.person_id == person, _verdict.apex_id == Vertex.apex_id))
+        .outerjoin(_last, and_(*_is_own(_last), _last.version == newest))
+        .where(person == bindparam("person"))
         .execution_options(populate_existing=True)
     )
     if of_task:
@@ -82,6 +80,12 @@ def _subjects(*, of_task: bool, lock: bool) -> Select[*tuple[Any, ...]]:
     if not lock:
         return statement
     return statement.join(Apex, Apex.id == Vertex.apex_id).with_for_update(key_share=True, of=Apex)
+
+
+def _is_own(answer: Any) -> tuple[Any, ...]:
+    """Whether an answer is the enclosing query's person's, on its ``Vertex`` in the task's camera."""
+    of_person = (answer.person_id == MarkingTask.person_id, answer.sensor_id == MarkingTask.sensor_id)
+    return (*of_person, answer.apex_id == Vertex.apex_id)
 
 
 def find_subject(access: Access, task_id: UUID) -> Subject:
@@ -97,59 +101,35 @@ def mark_view(mark: Mark) -> MarkView:
     return MarkView(u=mark.u, v=mark.v, version=mark.version)
 
 
-def task_views(session: Session, found: Sequence[Subject]) -> list[TaskView]:
-    """Tasks of one person in one camera, with all that is needed to judge them and nothing of what others said."""
-    if not found:
-        return []
-    last = {row.apex_id: row for row in own_answers(session, found[0], [one.vertex.apex_id for one in found])}
-    return [_task_view(one, own_answer(one, last.get(one.vertex.apex_id))) for one in found]
-
-
-def _task_view(found: Subject, own: Own) -> TaskView:
-    task, vertex, camera, frame, pairing = found[:5]
+def task_view(found: Subject) -> TaskView:
+    """A person's task, with all that is needed to judge it and nothing of what others said."""
+    frame, address = found.camera_frame, f"/v1/recordings/{found.recording_id}/cameras/{quote(found.camera, safe='')}"
+    moved = {name: getattr(found, f"moved_{name}") for name in Moved.model_fields}
     return TaskView(
-        task_id=task.id,
-        person_id=task.person_id,
-        leased_until=task.leased_until,
-        vertex=VertexSummary.model_validate(vertex, from_attributes=True),
-        camera=camera.name,
+        task_id=found.task_id,
+        person_id=found.person_id,
+        leased_until=found.leased_until,
+        vertex=VertexSummary.model_validate(found, from_attributes=True),
+        camera=found.camera,
         frame=TaskFrame(
             index=frame.index,
             stamp_ns=frame.stamp_ns,
             width=frame.width,
             height=frame.height,
-            url=f"/v1/recordings/{camera.recording_id}/cameras/{quote(camera.name, safe='')}/frames/{frame.index}",
+            url=f"{address}/frames/{frame.index}",
         ),
-        gap_ns=pairing.gap_ns,
-        moved=Moved.model_validate(pairing) if pairing.x is not None else None,
+        gap_ns=found.gap_ns,
+        moved=Moved(**moved) if found.moved_x is not None else None,
         predicted=None,
-        own=own,
+        own=own_answer(found),
     )
 
 
-def own_answers(session: Session, found: Subject, apexes: Sequence[UUID], id: UUID | None = None) -> list[Answer]:
-    """All answers of a subject's person on these apexes in its camera, also those taken back, by version.
-
-    With ``id``: and whose answer it may be.
-    """
-    whose = {"person": found.task.person_id, "sensor": found.camera.id, "apexes": apexes, "id": id}
-    return list(session.scalars(_own_answers(), whose))
-
-
-@cache
-def _own_answers() -> Select[Any]:
-    own = and_(
-        Answer.person_id == bindparam("person"),
-        Answer.apex_id.in_(bindparam("apexes", expanding=True)),
-        Answer.sensor_id == bindparam("sensor"),
-    )
-    return select(Answer).where(or_(own, Answer.id == bindparam("id"))).order_by(Answer.version)
-
-
-def own_answer(found: Subject, last: Answer | None) -> Own:
+def own_answer(found: Subject) -> Own:
     """What a person says of a vertex, and where they marked it; also the mark of an answer that they took back."""
+    last: Answer | None = found.last
     mark: Mark | Answer | None = found.mark
-    if mark is None and last is not None and last.frame_index == found.frame.index:
+    if mark is None and last is not None and last.frame_index == found.camera_frame.index:
         mark = last
     # Without a version: the verdict of an answer in another camera.
     said = last or found.verdict

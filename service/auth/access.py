@@ -211,7 +211,7 @@ def identify(request: Request) -> Identity:
         raise _not_signed_in("The request carries neither a session nor an API token.")
     if not is_token:
         check_origin(request, request.app.state.settings.public_url)
-    with database.looking() as session:
+    with database.reading() as session:
         return _look_up(session, secret, is_token=is_token)
 
 

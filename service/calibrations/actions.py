@@ -109,6 +109,6 @@ def _run(
         farm=farming.farm,
         slots=plan.schedule.slots,
         bundle=farming.bundle,
-        problem=fit.problem | {"fold": fold},
+        problem=fit.of_fold(fold),
         state=WorkState.QUEUED,
     )

@@ -11,8 +11,8 @@ from sqlalchemy.orm import Session
 from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.lenses import lens_of_images
 from apexcal.documents.readings import ImageKind
-from service.calibrations.cameras import CameraPairs
 from service.calibrations.lenses import check_size, is_of_images
+from service.calibrations.resolve import CameraPairs
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import RigCamera

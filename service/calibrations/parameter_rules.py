@@ -1,19 +1,19 @@
-"""Values of parameters as requests and rigs give them, brought under the solver's names and units."""
+"""Checks of bounds, locks and priors by parameter name."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from math import radians
 from typing import Any
 
-from apexcal.documents.bounds import Interval
-from apexcal.documents.camera_models import ModelName, SearchForm, all_names, bare_name
+from apexcal.documents.bounds import LEAST_FOCAL_PX, Interval, preset_bounds
+from apexcal.documents.camera_models import ANGLES, MODELS, ModelName, SearchForm, all_names, bare_name
+from apexcal.documents.fit_requests import FitRequest, in_radians
 from service.http.problems import Problem
 
-
-def in_radians(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The same values under the solver's names: what is given in degrees becomes radians."""
-    return {bare_name(name): _radians(value) if bare_name(name) != name else value for name, value in given.items()}
+_OF_LENS = (
+    "The lens as stated has it: is it in pixels of these images? Where it is right, give the rig bounds of {} that "
+    "hold it, or take the lens as bounds (intrinsics_as: bounds; --intrinsics-as bounds)."
+)
 
 
 def check_names(
@@ -54,9 +54,65 @@ def check_order(bounds: Mapping[str, Interval]) -> None:
             )
 
 
-def _radians(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: radians(number) for name, number in value.items()}
-    if isinstance(value, list | tuple):
-        return [radians(number) for number in value]
-    return radians(value)
+def check_locks(locked: Mapping[str, float], bounds: Mapping[str, Interval]) -> None:
+    """Refuse what is wrong whatever the camera: 422 ``locked_out_of_bounds``.
+
+    ``bounds`` are those that the request itself gives.
+    """
+    for name, value in locked.items():
+        if name in ("f_x", "f_y") and value < LEAST_FOCAL_PX:
+            raise Problem(
+                422,
+                "locked_out_of_bounds",
+                f"{name} is locked at {value:g}, and no camera has a focal length below {LEAST_FOCAL_PX:g} px.",
+                "It is half the image's width over the tangent of half its angle of view, in pixels.",
+                parameter=name,
+            )
+        if name in bounds:
+            _check(name, value, bounds[name], "the request's own bounds", "")
+
+
+def check_camera_locks(
+    locked: Mapping[str, float],
+    of_lens: Mapping[str, float],
+    bounds: Mapping[str, Interval],
+    rig: Mapping[str, Interval],
+    fit: FitRequest,
+) -> None:
+    """Refuse what lies where this camera would not be looked for: 422 ``locked_out_of_bounds``.
+
+    ``locked`` are the request's own values, ``of_lens`` those at which it holds the camera's stated lens.
+    ``bounds`` are the request's, which go before ``rig``, the rig's of this camera, and these before the preset's;
+    ``fit`` is a request of this camera.
+    """
+    nominal_t = fit.nominal.translation_m
+    # Any angle about the nominal mount may be right where it looks straight ahead: it has several then.
+    found = {
+        name: interval
+        for model in MODELS
+        for name, interval in preset_bounds(
+            fit.bounds_preset, model, fit.search, fit.image_size, nominal_t, reach=fit.rotation_range_rad
+        ).items()
+    }
+    for name, value in {**of_lens, **locked}.items():
+        if name in bounds:
+            continue
+        whose = "the rig's bounds" if name in rig else f"the bounds of {fit.bounds_preset}"
+        hint = _OF_LENS if name in of_lens else ""
+        _check(name, value, rig.get(name) or found[name], whose, f" of {fit.camera}", hint)
+
+
+def _check(name: str, value: float, interval: Interval, whose: str, of: str, hint: str = "") -> None:
+    low, high = interval
+    if low <= value <= high:
+        return
+    unit = " rad" if name in ANGLES else ""
+    raise Problem(
+        422,
+        "locked_out_of_bounds",
+        f"{name}{of} is locked at {value:g}{unit}, outside of [{low:g}, {high:g}]{unit}, {whose}.",
+        hint.format(name)
+        or f"Correct it; where it is right, give bounds of {name} that hold it, in the request or the rig.",
+        parameter=name,
+        bounds=[low, high],
+    )

@@ -16,9 +16,9 @@ from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.calibrations.actions import ask_to_end, create
-from service.calibrations.cameras import CameraPairs
 from service.calibrations.lens_queries import with_recorded_lenses
 from service.calibrations.plan import plan_request
+from service.calibrations.resolve import CameraPairs
 from service.calibrations.slot_views import slot_page
 from service.calibrations.views import calibration_views, vertices_apart
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot

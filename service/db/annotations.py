@@ -140,8 +140,7 @@ class MarkingFrontier(Base):
     """How far a person's marking is in one camera: no vertex of a lower rank is new to them and takes their answer.
 
     The search for the next one starts here. It holds for ``marks_wanted`` marks of each vertex. Whatever makes a
-    vertex take answers again removes the rows of its recording. ``nothing_at`` is when a look at
-    all vertices, the person's answered ones too, last found nothing.
+    vertex take answers again removes the rows of its recording.
     """
 
     __tablename__ = "marking_frontier"
@@ -152,7 +151,6 @@ class MarkingFrontier(Base):
     recording_id: Mapped[UUID] = belongs_to("recording.id")
     marks_wanted: Mapped[int]
     rank: Mapped[int]
-    nothing_at: Mapped[datetime | None]
 
 
 class MarkingProgress(Base):

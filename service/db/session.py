@@ -35,8 +35,8 @@ def post(session: Session, courier: str, item: Any) -> None:
     session.info.setdefault(_OUTBOX, {}).setdefault(courier, []).append(item)
 
 
-def upserting(dialect: str, model: type[Any]) -> Any:
-    """An insert of this kind of database, for ``on_conflict_do_update``."""
+def upserting(dialect: str, model: Any) -> Any:
+    """An insert of this kind of database into a model's table or a table, for ``on_conflict_do_...``."""
     return (sqlite if dialect == "sqlite" else postgresql).insert(model)
 
 
@@ -78,7 +78,7 @@ def open_engine(url: str, *, patient: bool = False, lock_s: float = LOCK_S, conn
     that two writers queue up instead of failing on an upgrade of their locks.
     """
     parsed = make_url(url)
-    pool = {"pool_size": connections or 5, "max_overflow": 0 if connections else 20}
+    pool = {"pool_size": connections or 5, "max_overflow": 0 if connections else 20, "pool_use_lifo": True}
     if parsed.get_backend_name() != "sqlite":
         waits = connect_args(parsed, patient=patient, lock_s=lock_s)
         engine = create_engine(parsed, json_serializer=_to_json, connect_args=waits, **pool)
@@ -150,16 +150,19 @@ class Database:
         self._is_closed = False
         event.listen(self.engine, "checkin", self._close_late)
         self.couriers: dict[str, Callable[[list[Any]], None]] = {}
-        self._reading = sessionmaker(self.engine, expire_on_commit=False)
         self._snapshot = sessionmaker(
             self.engine.execution_options(**_repeatable(self.engine)), expire_on_commit=False
         )
         self._writing = sessionmaker(self.engine.execution_options(**{_WRITES: True}), expire_on_commit=False)
         self._alone = self.engine.execution_options(**{_ALONE: True}, **_autocommit(self.engine))
+        self._reading = sessionmaker(self._alone, autoflush=False, expire_on_commit=False)
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
-        """A session that only reads; whatever it changed is rolled back."""
+        """A session that only reads, on a connection as :meth:`alone` has it: each statement sees its own moment.
+
+        None of them ends with a rollback: psycopg forgets the prepared statements of a connection with each.
+        """
         with self._reading() as session:
             yield session
 
@@ -168,6 +171,7 @@ class Database:
         """A session that only reads, all of it as it was at the session's first statement."""
         with self._snapshot() as session:
             yield session
+            session.commit()  # nothing: see `reading`
 
     @contextmanager
     def writing(self) -> Iterator[Session]:
@@ -176,12 +180,6 @@ class Database:
             with session.begin():
                 yield session
             self._deliver(session.info.pop(_OUTBOX, {}))
-
-    @contextmanager
-    def looking(self) -> Iterator[Session]:
-        """A session that only reads, on a connection as :meth:`alone` has it: each statement sees its own moment."""
-        with self.alone() as connection, Session(connection, expire_on_commit=False) as session:
-            yield session
 
     @contextmanager
     def alone(self) -> Iterator[Connection]:

@@ -70,7 +70,7 @@ def _take_back_frontiers(session: Session, detection: Detection, rank: int) -> N
     session.execute(
         update(MarkingFrontier)
         .where(MarkingFrontier.detection_id == detection.id)
-        .values(rank=case((MarkingFrontier.rank > rank, rank), else_=MarkingFrontier.rank), nothing_at=None)
+        .values(rank=case((MarkingFrontier.rank > rank, rank), else_=MarkingFrontier.rank))
         .execution_options(synchronize_session=False)
     )
 

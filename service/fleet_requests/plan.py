@@ -11,9 +11,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, selectinload
 
 from apexcal.documents.calibrations import CalibrationRequest, CalibrationTemplate
-from service.calibrations.cameras import CameraPairs
 from service.calibrations.lens_queries import with_recorded_lenses
 from service.calibrations.plan import CalibrationPlan, plan_request
+from service.calibrations.resolve import CameraPairs
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import Rig

@@ -123,9 +123,9 @@ def _without_row(database: Database, page: list[Listed], before: datetime) -> li
 
 def _lost(database: Database, listed: set[str], began: datetime) -> Iterator[str]:
     """Keys that were stored before the listing began, are so still, and were not on it."""
-    with database.reading() as session:
+    with database.engine.connect() as connection:
         stored = select(Blob.key).where(Blob.state == "stored", Blob.created_at < began)
-        for key in session.scalars(stored.execution_options(yield_per=_PAGE)):
+        for key in connection.scalars(stored.execution_options(yield_per=_PAGE)):
             if key not in listed:
                 yield key
 

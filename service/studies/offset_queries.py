@@ -10,7 +10,7 @@ from apexcal.documents.corners import TOP
 from apexcal.documents.schedules import PRESETS
 from service.annotations.consensus import agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
-from service.calibrations.fit_documents import describe_camera
+from service.calibrations.resolve import camera_request
 from service.calibrations.work_rules import check_job, cost_of
 from service.db.base import Json
 from service.db.detections import Detection, Vertex, VertexFrame
@@ -61,6 +61,6 @@ def what_is_known(session: Session, recording: Recording, detection: Detection, 
     columns = zip(("stamp_ns", "u", "v"), zip(*marks, strict=True), strict=True)
     return {
         "camera": camera.name,
-        "problem": describe_camera(of_rig, parse_model(model), "rotation_vector"),
+        "problem": camera_request(of_rig, parse_model(model)).model_dump(mode="json"),
         "marks": {name: list(column) for name, column in columns},
     }

@@ -167,8 +167,8 @@ def _mark(session: Session, recording: Recording, person: Person, ledger: Ledger
     session.flush()
     camera = session.scalars(select(Sensor).where(Sensor.recording_id == recording.id)).one()
     frame = session.get_one(CameraFrame, (camera.id, 0))
-    mark = write_mark(session, None, person.id, camera, frame, 10.0, 20.0)
-    ledger.marks[person.id, recording.id, 0] = (10.0, 20.0, mark.version)
+    version = write_mark(session, None, person.id, recording.id, frame, 10.0, 20.0)
+    ledger.marks[person.id, recording.id, 0] = (10.0, 20.0, version)
 
 
 def _done(fleet_id: UUID, kind: str, subject_id: UUID, payload: dict[str, Any]) -> Job:

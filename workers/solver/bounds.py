@@ -5,23 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from apexcal.documents import bounds
-from apexcal.documents.bounds import BOUNDS_PRESETS, DEFAULT_ROTATION_RANGE_DEG, BoundsPreset, Interval
+from apexcal.documents.bounds import BoundsPreset, Interval
 from workers.geometry.models import ModelName, SearchForm
 from workers.geometry.rotations import euler_from_rotation
 from workers.geometry.transforms import RigidTransform
 from workers.solver.errors import SolveError
-
-
-def parse_bounds_preset(name: object) -> BoundsPreset:
-    """The preset of that name. Raises SolveError `unknown_bounds_preset`."""
-    for preset in BOUNDS_PRESETS:
-        if name == preset:
-            return preset
-    raise SolveError(
-        "unknown_bounds_preset",
-        f"There is no preset of bounds named {name!r}.",
-        f"The presets are {', '.join(BOUNDS_PRESETS)}; single parameters are narrowed with `bounds`.",
-    )
 
 
 def preset_bounds(
@@ -30,20 +18,14 @@ def preset_bounds(
     form: SearchForm,
     image_size: tuple[int, int],
     nominal: RigidTransform,
-    rotation_range_deg: float = DEFAULT_ROTATION_RANGE_DEG,
+    reach: float,
 ) -> dict[str, Interval]:
     """(lower, upper) of every parameter of the model about a nominal T_camera_lidar; radians, metres and pixels.
 
-    See `apexcal.documents.bounds.preset_bounds`. Raises SolveError `bounds_inside_out`.
+    See `apexcal.documents.bounds.preset_bounds`.
     """
-    if not 0.0 < rotation_range_deg <= 180.0:
-        raise SolveError(
-            "bounds_inside_out",
-            f"rotation_range_deg is {rotation_range_deg}; it must be above 0 and at most 180 degrees.",
-            "30 suits a mount that is roughly known, 180 any mount at all.",
-        )
     angles = euler_from_rotation(nominal.R).tolist()
-    return bounds.preset_bounds(preset, model, form, image_size, nominal.t.tolist(), angles, rotation_range_deg)
+    return bounds.preset_bounds(preset, model, form, image_size, nominal.t.tolist(), angles, reach)
 
 
 def narrowed(preset: Mapping[str, Interval], overrides: Mapping[str, Interval]) -> dict[str, Interval]:

@@ -6,19 +6,18 @@ by its own noise and by the track's covariance as the image sees it; marks far f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from apexcal.documents.fit_requests import FitRequest
 from workers.geometry.errors import InputError
 from workers.solver.offset_fit import Marks, Track, fit_offset, marks_under, scores, weak_priors, whitening
 from workers.solver.outcomes import Outcome
 from workers.solver.polish import distances, polish
-from workers.solver.problem import FitProblem
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.schedule import run_schedule
 from workers.solver.stopping import NEVER, Stop
 
@@ -67,7 +66,7 @@ def estimate_offset(
     track: Track,
     frame_stamps_ns: ArrayLike,
     pixels: ArrayLike,
-    request: Mapping[str, Any],
+    request: FitRequest,
     *,
     about_ns: int = 0,
     search_ns: int = SEARCH_NS,
@@ -80,8 +79,7 @@ def estimate_offset(
         track: the apex over time, LiDAR clock; `workers.vertices.tracks.Track` is one.
         frame_stamps_ns: (N,) stamps of the marked frames, camera clock.
         pixels: (N, 2) the marks.
-        request: what `problem.problem_from_document` takes: model, image_size, nominal and, where known, bounds,
-            locked, priors; `mark_sigma_px` is the marks' noise per coordinate.
+        request: the camera and what is known of it; its loss is the saturating one here, whatever it says.
         about_ns, search_ns: offsets within about_ns +- search_ns are looked for.
         max_sigma_ns: an estimate that is less certain than this is refused.
         stop: who may end it.
@@ -93,7 +91,7 @@ def estimate_offset(
     stamps = np.asarray(frame_stamps_ns, np.int64).reshape(-1)
     marked = np.asarray(pixels, np.float64).reshape(-1, 2)
     marks = Marks.of(track, stamps, marked, about_ns, search_ns)
-    problem = problem_from_document({**request, "loss": "saturating"}, marks.points(0.0)[0], marked)
+    problem = fit_problem(request.model_copy(update={"loss": "saturating"}), marks.points(0.0)[0], marked)
     problem = replace(problem, stop=stop)
     x, outcome = _start(problem, marks), Outcome.OUT_OF_STEPS
     seen = np.zeros(len(stamps), np.bool_)

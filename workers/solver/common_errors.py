@@ -4,13 +4,12 @@ They are not estimated, because pairs hardly distinguish them from the mount. Ea
 stated standard deviation, as C + K S K^T.
 """
 
-from collections.abc import Callable, Mapping
-from typing import Final, cast
+from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.rules import COMMON_ERRORS
 from workers.geometry.spherical import axes
 from workers.solver.error_model import weighed
 from workers.solver.errors import SolveError
@@ -18,24 +17,6 @@ from workers.solver.problem import FitProblem
 from workers.solver.residuals import by_point
 
 Floats = NDArray[np.float64]
-
-
-def parse_common_errors(given: object) -> dict[str, float]:
-    """Standard deviations by name, in the units of their names.
-
-    Raises SolveError `unknown_common_error`, `bad_common_error`.
-    """
-    stated = {name: float(sigma) for name, sigma in cast("Mapping[str, float]", given or {}).items()}
-    for name, sigma in stated.items():
-        if name not in COMMON_ERRORS:
-            raise SolveError(
-                "unknown_common_error", f"There is no common error {name!r}.", f"They are {', '.join(COMMON_ERRORS)}."
-            )
-        if not np.isfinite(sigma) or sigma < 0.0:
-            raise SolveError(
-                "bad_common_error", f"The common error {name} has the deviation {sigma}.", "It is 0 or above."
-            )
-    return stated
 
 
 def common_errors(problem: FitProblem, p: Floats) -> Floats:

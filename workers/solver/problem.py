@@ -7,9 +7,10 @@ from math import isfinite, pi
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from apexcal.documents.bounds import Interval
+from apexcal.documents.fit_requests import FitRequest
 from apexcal.documents.rules import Loss, OutlierRule
 from apexcal.documents.schedules import Schedule, check_schedule
 from workers.geometry.models import (
@@ -18,9 +19,9 @@ from workers.geometry.models import (
     parameter_names,
 )
 from workers.geometry.projection import image_diagonal_px
-from workers.geometry.transforms import RigidTransform
+from workers.geometry.transforms import RigidTransform, from_document
 from workers.solver.blocks import Blocks
-from workers.solver.bounds import check_names, narrowed
+from workers.solver.bounds import check_names, narrowed, preset_bounds
 from workers.solver.covariances import Covariances
 from workers.solver.errors import SolveError
 from workers.solver.stopping import NEVER, Stop
@@ -56,26 +57,26 @@ class FitProblem:
     pixels: NDArray[np.float64] = field(repr=False)
     weights: NDArray[np.float64] = field(repr=False)
     bounds: dict[str, Interval]
-    locked: dict[str, float] = field(default_factory=dict[str, float])
-    priors: dict[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
-    loss: Loss = "mean"
-    schedule: Schedule = field(default_factory=Schedule)
-    seed: int = 0
-    camera: str = ""
-    fold: int = -1
-    saturation_px: float = 20.0
-    mark_sigma_px: float = 1.0
+    locked: dict[str, float]
+    priors: dict[str, tuple[float, float]]
+    unstated: frozenset[str]
+    loss: Loss
+    saturation_px: float
+    outliers: OutlierRule
+    mark_sigma_px: float
+    common_errors: dict[str, float]
+    line_time_us: float
+    stated_lens: Mapping[str, Any] | None
+    schedule: Schedule
+    seed: int
+    camera: str
+    fold: int
     noise_scale: float = 1.0
-    outliers: OutlierRule = "keep"
     covariances: Covariances | None = field(default=None, repr=False)
     whitening: NDArray[np.float64] | None = field(default=None, repr=False)
     blocks: Blocks | None = field(default=None, repr=False)
-    common_errors: dict[str, float] = field(default_factory=dict[str, float])
     velocities: NDArray[np.float64] | None = field(default=None, repr=False)
     people: NDArray[np.float64] | None = field(default=None, repr=False)
-    line_time_us: float = 0.0
-    stated_lens: Mapping[str, Any] | None = None
-    unstated: frozenset[str] = frozenset()
     stop: Stop = field(default=NEVER, repr=False)
 
     def __post_init__(self) -> None:
@@ -158,6 +159,51 @@ class FitProblem:
     def diagonal_px(self) -> float:
         """Length of the image's diagonal."""
         return image_diagonal_px(self.image_size)
+
+
+def fit_problem(
+    request: FitRequest,
+    points: ArrayLike,
+    pixels: ArrayLike,
+    weights: ArrayLike | None = None,
+    covariances: Covariances | None = None,
+) -> FitProblem:
+    """Return the problem of a request and its pairs: points (N, 3) m, pixels (N, 2), weights (N,), 1 by default.
+
+    Raises SolveError as `FitProblem`; `no_covariances` if the request weighs by covariances and there are none.
+    """
+    if request.weights == "covariances" and covariances is None:
+        raise SolveError("no_covariances", "No covariances came with the pairs.", "Ask for equal weights.")
+    nominal = from_document(request.nominal.model_dump())
+    bounds = preset_bounds(
+        request.bounds_preset, request.model, request.search, request.image_size, nominal, request.rotation_range_rad
+    )
+    marks = np.ascontiguousarray(pixels, dtype=np.float64)
+    return FitProblem(
+        model=request.model,
+        search=request.search,
+        nominal=nominal,
+        image_size=request.image_size,
+        points=np.ascontiguousarray(points, dtype=np.float64),
+        pixels=marks,
+        weights=np.ones(len(marks)) if weights is None else np.ascontiguousarray(weights, dtype=np.float64),
+        bounds=narrowed(bounds, request.bounds),
+        locked=request.locked,
+        priors={name: (prior.mean, prior.sigma) for name, prior in request.priors.items()},
+        unstated=frozenset(request.unstated),
+        loss=request.loss,
+        saturation_px=request.saturation_px,
+        outliers=request.outliers,
+        mark_sigma_px=request.mark_sigma_px,
+        common_errors=dict[str, float](request.common_errors.items()),
+        line_time_us=request.line_time_us,
+        stated_lens=request.stated_lens,
+        schedule=request.schedule,
+        seed=request.seed,
+        camera=request.camera,
+        fold=request.fold,
+        covariances=covariances if request.weights == "covariances" else None,
+    )
 
 
 def _check_pairs(points: NDArray[np.float64], pixels: NDArray[np.float64], weights: NDArray[np.float64]) -> None:

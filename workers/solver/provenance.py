@@ -9,7 +9,7 @@ from typing import Any, Final
 
 _SOURCES: Final = (
     *("workers/geometry/**/*.py", "workers/solver/**/*.py"),
-    *(f"apexcal/documents/{name}.py" for name in ("bounds", "camera_models", "pairs", "schedules")),
+    *(f"apexcal/documents/{name}.py" for name in ("bounds", "camera_models", "fit_requests", "pairs", "schedules")),
 )
 _NUMBERS: Final = frozenset("xyzuv")
 

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from apexcal.documents.fit_requests import fit_request
 from apexcal.documents.schedules import Schedule
 from workers.geometry.models import MODELS
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
-from workers.geometry.transforms import RigidTransform
-from workers.solver.bounds import preset_bounds
+from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.fitness import Fitness, fitness_of
 from workers.solver.genetic import Found, genetic_search
-from workers.solver.problem import FitProblem
+from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.random_streams import stream_key
 from workers.solver.residuals import residuals_and_jacobian
 from workers.solver.stopping import Stop
@@ -66,14 +66,11 @@ def run_slot(
 
 def warm_up() -> None:
     """Compile every kernel, or load it from the cache; called in a worker's parent before it forks."""
-    nominal = RigidTransform("camera", "lidar", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3))
+    nominal = to_document(RigidTransform("camera", "lidar", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
     points = np.random.default_rng(0).uniform((5.0, -1.0, -1.0), (9.0, 1.0, 1.0), (32, 3))
-    schedule = Schedule(slots=1, population=64, generations=2, max_iterations=1)
+    schedule = {"slots": 1, "population": 64, "generations": 2, "max_iterations": 1}
     for model in MODELS:
-        bounds = preset_bounds("image-size", model, "rotation_vector", (640, 480), nominal)
-        problem = FitProblem(
-            model, "rotation_vector", nominal, (640, 480), points, points[:, 1:] * 100.0 + 200.0, np.ones(32),
-            bounds, schedule=schedule,
-        )  # fmt: skip
+        request = fit_request(model, (640, 480), nominal, schedule=schedule)
+        problem = fit_problem(request, points, points[:, 1:] * 100.0 + 200.0)
         run_slot(problem, problem.lower.tolist(), problem.upper.tolist(), 0, 0)
         residuals_and_jacobian(problem, 0.5 * (problem.lower + problem.upper))

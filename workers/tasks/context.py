@@ -42,7 +42,7 @@ class Context:
         self.pairs_of = lru_cache(maxsize=_SETS)(self._load_pairs)
 
     def _load_pairs(self, set_id: UUID) -> Json:
-        with self.database.looking() as session:
+        with self.database.reading() as session:
             return session.get_one(CorrespondenceSet, set_id, options=[undefer(CorrespondenceSet.pairs)]).columns
 
     @contextmanager

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.fit_requests import FitRequest
 from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, held_together
 from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
@@ -30,8 +31,7 @@ from workers.solver.held_out import held_out
 from workers.solver.motion import velocities_of
 from workers.solver.pair_errors import explained_px, marks_outside
 from workers.solver.people import shares_of
-from workers.solver.problem import FitProblem
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.provenance import pairs_sha256, sources_sha256
 from workers.solver.rolling_shutter import at_their_rows
 from workers.solver.schedule import (
@@ -90,17 +90,16 @@ def read_run(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> RunI
 
     ``document``: the run's ``problem``. ``pairs``: its set's columns of equal length, in metres and pixels.
     """
-    request = dict(document)
-    count = request.pop("folds", 0)
+    request = FitRequest.model_validate(document)
     whole = replace(_problem(request, pairs, None), stop=stop)
     if fold < 0:
         return RunInput(document, whole, pairs, whole, None)
-    heldout = folds(held_together(pairs), count)[fold]
+    heldout = folds(held_together(pairs), request.folds)[fold]
     fitted = np.setdiff1d(np.arange(len(whole.points)), heldout.indices)
     return RunInput(document, replace(_problem(request, pairs, fitted), stop=stop), pairs, whole, heldout)
 
 
-def _problem(request: Json, pairs: Json, chosen: NDArray[np.int64] | None) -> FitProblem:
+def _problem(request: FitRequest, pairs: Json, chosen: NDArray[np.int64] | None) -> FitProblem:
     """The problem of some pairs of a set, or of all."""
     columns = {
         name: np.asarray(pairs[name]) for name in ("x", "y", "z", "u", "v", *COVARIANCE_COLUMNS) if name in pairs
@@ -110,15 +109,15 @@ def _problem(request: Json, pairs: Json, chosen: NDArray[np.int64] | None) -> Fi
     points = np.column_stack([columns["x"], columns["y"], columns["z"]]).astype(np.float64)
     pixels = np.column_stack([columns["u"], columns["v"]]).astype(np.float64)
     covariances = None
-    if request.get("weights") == "covariances":
+    if request.weights == "covariances":
         known = {name: columns[name] for name in COVARIANCE_COLUMNS if name in columns}
-        covariances = covariances_of(known, points, float(request.get("mark_sigma_px") or 1.0))
+        covariances = covariances_of(known, points, request.mark_sigma_px)
     velocities = _velocities(pairs)
     if velocities is None and CLOCK_SIGMA in pairs:
         # Boards that stand still are where they are, whatever the clocks say.
-        stated = {name: value for name, value in request.get("common_errors", {}).items() if name != "clock_ms"}
-        request = request | {"common_errors": stated}
-    problem = problem_from_document(request, points, pixels, covariances=covariances)
+        stated = {name: value for name, value in request.common_errors.items() if name != "clock_ms"}
+        request = request.model_copy(update={"common_errors": stated})
+    problem = fit_problem(request, points, pixels, covariances=covariances)
     blocks, people = blocks_of(pairs), shares_of(pairs)
     if chosen is not None:
         blocks = blocks and blocks.taken(chosen)

@@ -12,6 +12,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
+from apexcal.documents.fit_requests import FitRequest
 from service.db.base import Json
 from service.db.detections import Detection, Vertex
 from service.db.studies import Study
@@ -74,7 +75,7 @@ def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Sessi
         Track.of(vertices),
         np.array(marks["stamp_ns"], np.int64),
         np.column_stack([marks["u"], marks["v"]]).astype(np.float64),
-        study.asked["problem"],
+        FitRequest.model_validate(study.asked["problem"]),
         stop=lease,
         about_ns=paired_under_ns,  # marks exist only on frames that were paired under it
     )

@@ -275,7 +275,10 @@ export class Marking {
       if (outbox.wasDropped(answer.order)) this.forget(answer.taskId);
       else this.history.push(answer);
     }
-    if (left.length > 0) void this.count();
+    const last = left.at(-1);
+    const progress = last && outbox.progress.get(last.answer.order);
+    if (progress) this.progress = progress;
+    else if (last) void this.count();
   }
 
   /** The next task, if there is one that takes an answer. */

@@ -9,7 +9,7 @@ import type { KeptAnswer } from "./answers_kept.ts";
 import * as annotations from "./api/annotations.ts";
 import { ApiProblem } from "./api/http.ts";
 import * as people from "./api/people.ts";
-import type { OwnAnswer } from "./api/types.ts";
+import type { MarkingProgress, OwnAnswer } from "./api/types.ts";
 import { session } from "./session.svelte.ts";
 
 /** So many are kept at most: hours of work without a network. */
@@ -22,6 +22,8 @@ const LATER = new Set([0, 401, 408, 425, 429]);
 
 class Outbox {
   private answers = $state.raw<readonly KeptAnswer[]>([]);
+  /** By an answer's order, the progress that came with it where this tab sent it. */
+  readonly progress = new Map<number, MarkingProgress>();
   /** The last attempt to send failed. */
   late = $state(false);
   private attempts = 0;
@@ -154,7 +156,8 @@ class Outbox {
     const { id, version, verdict, mark } = answer;
     try {
       const sent = { id, version, verdict, mark: mark && { u: mark.u, v: mark.v } };
-      await annotations.answerTask(answer.taskId, sent, AbortSignal.timeout(PATIENCE_MS));
+      const { progress } = await annotations.answerTask(answer.taskId, sent, AbortSignal.timeout(PATIENCE_MS));
+      if (progress) this.progress.set(answer.order, progress);
       return null;
     } catch (error) {
       if (!(error instanceof ApiProblem) || LATER.has(error.status) || error.status >= 500) return "later";

@@ -44,6 +44,7 @@ def test_an_answer_that_is_sent_twice_is_one(api, seed, ann):
         "verdict": "confirmed",
         "mark": {"u": 1.5, "v": 2.5},
         "reviewed": False,
+        "progress": None,
     }
     assert len(rows(api, Answer)) == len(rows(api, Mark)) == len(rows(api, Verdict)) == 1
 
@@ -169,3 +170,17 @@ def test_undo_in_one_camera_leaves_the_answer_in_the_other(api, seed, ann):
     marks = ann.get(f"/detections/{seed.detection_id}/marks?camera=front").json()["items"]
     assert [(item["verdict"], item["mark"]["u"]) for item in marks] == [("confirmed", 1.0)]
     assert ann.get(f"/detections/{seed.detection_id}/marks?camera=rear").json()["items"] == []
+
+
+def test_what_a_changed_verdict_leaves_without_its_mark_is_asked_again(api, fleet, ann):
+    """Rejected in both cameras, then confirmed in one: the other one's answer is no longer complete."""
+    seed = seed_marking(api.database, fleet, vertices=1)
+    add_rear_camera(api, seed)
+    front, rear = ask(ann, seed), ask(ann, seed, camera="rear")
+    for task in (front, rear):
+        assert reply(ann, task, "rejected").status_code == 200
+    assert ask(ann, seed, camera="rear") is None
+    assert reply(ann, front, "confirmed", version=1).status_code == 200
+    again = ask(ann, seed, camera="rear")
+    assert (again["task_id"], again["own"]["version"]) == (rear["task_id"], 1)
+    assert ask(ann, seed) is None

@@ -3,6 +3,7 @@
 import pytest
 from sqlalchemy import func, select
 
+from service.annotations import task_queries
 from service.db.annotations import MarkingFrontier
 from service.db.detections import Apex, Vertex, VertexFrame
 from service.db.jobs import Job
@@ -52,7 +53,8 @@ def test_a_request_makes_a_bounded_number_of_vertices_and_jobs_the_others(api, s
     assert (after["job"]["state"], after["state"]) == ("done", "done")
 
 
-def test_who_was_done_with_the_tips_gets_the_corners_as_they_are_made(api, seed, context):
+def test_who_was_done_with_the_tips_gets_the_corners_as_they_are_made(api, seed, context, monkeypatch):
+    monkeypatch.setattr(task_queries, "_STEP", 1)
     engineer, ada = api.member(seed.fleet_id, "engineer"), api.member(seed.fleet_id, "annotator")
     while task := ask(ada, seed):
         reply(ada, task)

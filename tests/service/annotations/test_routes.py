@@ -230,6 +230,9 @@ def test_progress_counts_vertices_and_answers(api, fleet):
         "reviewed": 0,
         "people": [{"name": "one", "answers": 3}, {"name": "two", "answers": 1}],
     }
+    told = reply(one, ask(one, seed)).json()["progress"]
+    assert told == {"vertices": 4, "marks_wanted": 2, "answered": 4, "mine": 4, "complete": 1}
+    assert told == one.get(f"/detections/{seed.detection_id}/progress?camera=front").json()
 
 
 def test_a_detection_that_is_not_done_hands_nothing_out(api, fleet):

@@ -8,9 +8,10 @@ from collections import Counter
 import pytest
 from sqlalchemy import insert
 
+from service.annotations import task_queries
 from service.annotations.mark_actions import write_mark, write_verdict
 from service.annotations.task_actions import next_tasks
-from service.db.annotations import Mark, MarkingFrontier, MarkingTask, Verdict
+from service.db.annotations import Mark, MarkingTask, Verdict
 from service.db.clock import now, utc_now
 from service.db.detections import Detection, Vertex
 from service.db.people import Person
@@ -37,13 +38,13 @@ def work_off(database, seed, person_id, failures):
                 detection = session.get_one(Detection, seed.detection_id)
                 camera = session.get_one(Sensor, seed.camera_id)
                 tasks = next_tasks(session, detection, camera, person_id, LEASE_S)
-                vertex_id = tasks[0].task.vertex_id if tasks else None
+                vertex_id = tasks[0].id if tasks else None
             if vertex_id is None:
                 return
             with database.writing() as session:
                 vertex = session.get_one(Vertex, vertex_id)
                 frame = session.get_one(CameraFrame, (seed.camera_id, vertex.sweep_index))
-                write_mark(session, None, person_id, session.get_one(Sensor, seed.camera_id), frame, 1.0, 2.0)
+                write_mark(session, None, person_id, seed.recording_id, frame, 1.0, 2.0)
                 write_verdict(session, None, person_id, seed.recording_id, vertex.apex_id, "confirmed")
                 session.query(MarkingTask).filter_by(vertex_id=vertex_id, person_id=person_id).update(
                     {"answered_at": now()}
@@ -98,9 +99,9 @@ def test_handing_out_takes_little_time_near_the_end_of_a_thousand_vertices(datab
         with database.writing() as session:
             detection = session.get_one(Detection, seed.detection_id)
             camera = session.get_one(Sensor, seed.camera_id)
-            ((task, *_),) = next_tasks(session, detection, camera, last, LEASE_S)
-            assert task.vertex_id == seed.vertices[990 + len(taken)]
-            session.query(MarkingTask).filter_by(id=task.id).update({"leased_until": now(-1)})
+            (task,) = next_tasks(session, detection, camera, last, LEASE_S)
+            assert task.id == seed.vertices[990 + len(taken)]
+            session.query(MarkingTask).filter_by(id=task.task_id).update({"leased_until": now(-1)})
         taken.append(time.process_time() - began)
     print(f"hand-out {1e3 * statistics.median(taken):.1f} ms")
     assert statistics.median(taken) < 0.25  # processor time: some ms; seconds where an index is missed
@@ -110,24 +111,11 @@ def ask(database, seed, person_id):
     with database.writing() as session:
         detection, camera = session.get_one(Detection, seed.detection_id), session.get_one(Sensor, seed.camera_id)
         tasks = next_tasks(session, detection, camera, person_id, LEASE_S)
-        return tasks[0].task.vertex_id if tasks else None
+        return tasks[0].id if tasks else None
 
 
-def test_what_an_older_version_took_back_is_found_a_minute_after_nothing_was_left(database):
-    """It does not say that a vertex takes answers again, so the frontier lies beyond."""
-    seed = seed_marking(database, make_fleet(database), vertices=5)
-    first, second = make_people(database, 2)
-    seed_answers(database, seed, [first], 5)
-    assert ask(database, seed, second) is None
-    with database.writing() as session:
-        session.query(Verdict).filter_by(apex_id=seed.apexes[2]).delete()
-    assert ask(database, seed, second) is None
-    with database.writing() as session:
-        session.query(MarkingFrontier).update({"nothing_at": now(-61)})
-    assert ask(database, seed, second) == seed.vertices[2]
-
-
-def test_what_another_held_and_gave_back_lies_not_behind_the_frontier(database):
+def test_what_another_held_and_gave_back_lies_not_behind_the_frontier(database, monkeypatch):
+    monkeypatch.setattr(task_queries, "_STEP", 1)
     seed = seed_marking(database, make_fleet(database), vertices=5)
     first, second = make_people(database, 2)
     assert ask(database, seed, first) == seed.vertices[0]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.documents.fit_requests import fit_request
 from service.calibration_runs.evidence import Pairs, weigh
 from service.calibration_runs.model_choice import Candidate, choose
 from tests.workers.solver.draws import few_or_many
@@ -13,7 +14,7 @@ from workers.geometry.models import INTRINSICS
 from workers.solver.estimate import estimate
 from workers.solver.folds import folds
 from workers.solver.polish import distances, polish
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 
 AREA_PX2 = 1280.0 * 960.0
 FREE = {"pinhole": 10, "brown_conrady": 16, "kannala_brandt": 14}
@@ -217,7 +218,7 @@ def test_the_true_model_is_recommended_on_simulated_rigs(truth, share, draws):
         models = {}
         for model in ("pinhole", "brown_conrady"):
             document = {"model": model, "image_size": SIZE, "nominal": NOMINAL, "outliers": "exclude"}
-            one = problem_from_document(document, problem.points[order], marks[order])
+            one = fit_problem(fit_request(**document), problem.points[order], marks[order])
             start = parameters if model == truth else parameters[:10]
             models[model] = held_out(one, start)
         wrong += choose(models, SIZE[0] * SIZE[1]).recommended != truth

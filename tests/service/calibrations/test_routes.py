@@ -79,13 +79,13 @@ def test_intrinsics_that_the_recording_states_hold_the_lens(api, fleet, engineer
     for changed, priors, stated in (({"intrinsics_as": "free"}, 0, True), ({"intrinsics_from": "bounds"}, 0, False)):
         request |= changed
         document = documents(api, ask_it().json()["id"])["pinhole", -1]
-        assert (len(document["priors"]), "stated_lens" in document) == (priors, stated)
+        assert (len(document["priors"]), document["stated_lens"] is not None) == (priors, stated)
     request.clear()
     request |= usual
     with api.database.writing() as session:
         session.get_one(Sensor, seed.camera_id).facts = {"camera_info": stated_of(1280)}
     document = documents(api, ask_it().json()["id"])["pinhole", -1]
-    assert "stated_lens" not in document, "it is of other images, and nobody insists on it"
+    assert document["stated_lens"] is None, "it is of other images, and nobody insists on it"
     request["intrinsics_as"] = "locked"
     assert ask_it().json()["code"] == "intrinsics_of_another_size"
 
@@ -299,7 +299,15 @@ def test_only_what_a_model_has_goes_into_its_document(api, engineer, rig):
     assert brown["locked"] == {"skew": 0.0, "t_x": 0.1}
     assert pinhole["priors"] == {"rotation_y": {"mean": pytest.approx(1.5707963), "sigma": pytest.approx(3.1415927)}}
     assert brown["priors"]["k1"] == {"mean": 0.0, "sigma": 0.1}
-    assert pinhole["schedule"] == {"slots": 3, "population": 800, "generations": 30, "goal_px": 0.5}
+    usual = {
+        "population": 800,
+        "generations": 30,
+        "scale": 0.7,
+        "max_iterations": 60,
+        "patience": 3,
+        "tolerance": 1e-4,
+    }
+    assert pinhole["schedule"] == {"slots": 3, "goal_px": 0.5, **usual}
     with api.database.reading() as session:
         assert {run.slots for run in session.query(CalibrationRun)} == {3}
 

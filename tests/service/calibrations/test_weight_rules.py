@@ -25,14 +25,14 @@ def test_all_pairs_that_state_errors_weigh_by_them_unless_equal_is_asked_for(api
         assert answer.status_code == 202, answer.text
         document = documents(api, answer.json()["id"])["pinhole", -1]
         said = any("weigh by the standard deviations" in note for note in answer.json()["notes"])
-        assert said == ("weights" in document)
+        assert said == (document["weights"] == "covariances")
         return document
 
     for made in (stated, marked):
         assert outcome(made)["weights"] == outcome(made, weights="covariances")["weights"] == "covariances"
-        assert "weights" not in outcome(made, weights="equal")
+        assert outcome(made, weights="equal")["weights"] == "equal"
         assert outcome(made)["seed"] != outcome(made, weights="equal")["seed"]
-    assert "weights" not in outcome(plain), "the seed is that of before"
+    assert outcome(plain)["weights"] == "equal"
     assert outcome(plain) == outcome(plain, weights="equal")
     refused = ask(engineer, rig, plain, **known, weights="covariances")
     assert (refused.status_code, refused.json()["code"]) == (422, "no_covariances")

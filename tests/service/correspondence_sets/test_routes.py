@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import select
 
 from apexcal.documents.states import WorkState
-from service.calibrations.common_error_rules import common_errors
+from service.calibrations.pair_rules import common_errors
 from service.db.calibrations import CorrespondenceSet
 from service.db.detections import Detection, VertexFrame
 from service.db.recordings import Recording, Sensor
@@ -95,7 +95,7 @@ def test_pairs_state_the_deviation_of_the_clock_offset_that_they_were_made_with(
     pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
     assert [pair["sigma_clock_ms"] for pair in pairs] == [1.1, 1.1]
     with api.database.reading() as session:
-        stated = common_errors(session.get_one(CorrespondenceSet, UUID(made["id"])), {})["common_errors"]
+        stated = common_errors(session.get_one(CorrespondenceSet, UUID(made["id"])), {})
     assert stated == {"elevation_deg": 0.1, "person_px": 0.289, "clock_ms": 1.1}
 
 

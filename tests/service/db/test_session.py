@@ -75,6 +75,19 @@ def on_postgres(postgres: Postgres):
     opened.close()
 
 
+def test_readers_leave_a_connection_its_prepared_statements(on_postgres: Database):
+    def prepared() -> int:
+        with on_postgres.reading() as session:
+            return session.scalar(text("SELECT count(*) FROM pg_prepared_statements")) or 0
+
+    for _ in range(10):
+        with on_postgres.reading() as session:
+            session.execute(text(_COUNT))
+        with on_postgres.snapshot() as session:
+            session.execute(text(_COUNT))
+    assert prepared() > 0
+
+
 def cut(postgres: Postgres, database: Database) -> None:
     """End the pooled connection's server process from another connection."""
     with database.reading() as session:

@@ -51,6 +51,6 @@ def test_each_writing_route_gives_up_a_lock_in_time(api: Api) -> None:
         answers = list(pool.map(ask, writing))
     print(f"{len(answers)} routes, the slowest in {max(one[-1] for one in answers):.2f} s")
     assert len(answers) > 40
-    assert not [one for one in answers if one[-1] > 2 * WAIT_S - 1], "a thread and a lock are waited for together"
+    assert not [one for one in answers if one[-1] > 3 * WAIT_S - 1], "a thread and a lock are waited for together"
     others = {path: (status, code) for _, path, status, code, _ in answers if code not in ("locked", "busy")}
     assert set(others) == COMPUTED | (ONLY_READING if has_one_writer else set()), others

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import DISTORTION, NOMINAL, SIZE
 from tests.workers.solver.walks import ended
 from workers.geometry.models import INTRINSICS
@@ -11,7 +12,7 @@ from workers.geometry.projection import project, unproject
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from workers.judge.fit_checks import checks_of_fit
 from workers.solver.blocks import blocks_of
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 
 FOCAL_PX = 700.0
 
@@ -40,7 +41,7 @@ def rig(lens="brown_conrady", seed=1, pairs=222, noise_px=1.0, *, model=None, ed
     pixels = pixels + noise_px * rng.normal(size=pixels.shape)
     model = model or lens
     given = {"model": model, "image_size": SIZE, "nominal": NOMINAL, **request}
-    problem = problem_from_document(given, points, pixels)
+    problem = fit_problem(fit_request(**given), points, pixels)
     start = dict(zip(_names(lens), lens_values.tolist(), strict=True))
     blocks = blocks_of({"x": points[:, 0], "stamp_ns": np.arange(pairs) * 400_000_000})
     return replace(problem, blocks=blocks), [start.get(name, 0.0) for name in problem.names]

@@ -6,11 +6,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
 from tests.workers.solver.walks import ended
 from workers.judge.fit_checks import checks_of_fit
 from workers.reports.material import FittedModel, Material, PersonMark
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 
 MODELS = ("pinhole", "brown_conrady")
 CURVES = [
@@ -46,7 +47,7 @@ def made(pairs: int = 222, wrong: int = 3, lens: str = "brown_conrady", model: s
     fitted: list[FittedModel] = []
     for name in {*MODELS, lens, model}:
         document = {"model": name, "image_size": SIZE, "nominal": NOMINAL, "seed": 1}
-        problem = problem_from_document(document, walked.points, pixels)
+        problem = fit_problem(fit_request(**document), walked.points, pixels)
         start = [known.get(one, 0.0) for one in problem.names]
         held = {"indices": list(range(0, pairs, 5)), "errors_px": [0.5 + 0.01 * i for i in range(0, pairs, 5)]}
         found, result = ended(problem, start)

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from apexcal.documents.fit_requests import fit_request
 from workers.geometry.projection import project
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
 from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.polish import mean_and_rms, polish
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
 
 NOMINAL = to_document(RigidTransform("camera_front_optical", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
@@ -45,7 +46,7 @@ def simulated(model, seed, pairs=222, mount_deg=15.0, noise_px=1.0, **request):
     assert len(seen) == pairs
     marks = pixels[seen] + rng.normal(size=(pairs, 2)) * noise_px
     document = {"model": model, "image_size": SIZE, "nominal": NOMINAL, "seed": seed, **request}
-    problem = problem_from_document(document, points[seen], marks)
+    problem = fit_problem(fit_request(**document), points[seen], marks)
     w = vector_from_rotation(R @ FORWARD_LIDAR_TO_OPTICAL.T)
     return problem, np.concatenate([w, t, lens])
 
@@ -80,4 +81,4 @@ def real_correspondences():
 def real_problem(model, **request):
     points, pixels, _ = real_correspondences()
     document = {"model": model, "image_size": [1920, 1208], "nominal": NOMINAL, **request}
-    return problem_from_document(document, points, pixels)
+    return fit_problem(fit_request(**document), points, pixels)

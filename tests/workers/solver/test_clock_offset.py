@@ -3,19 +3,24 @@ import json
 import numpy as np
 import pytest
 
+from apexcal.documents.fit_requests import fit_request
 from tests.workers.vertices.walks import START_NS, seconds, vertices, walk
 from workers.geometry.errors import InputError
 from workers.geometry.rotations import rotation_from_euler
 from workers.geometry.transforms import RigidTransform, to_document
 from workers.simulation.camera import CAMERA_FRAME, LIDAR_FRAME, make_camera, nominal_mount
-from workers.solver import offset_fit
-from workers.solver.clock_offset import estimate_offset
+from workers.solver import clock_offset, offset_fit
 from workers.solver.errors import SolveError
 from workers.vertices.pairing import pair
 from workers.vertices.tracks import Track
 
 MS = 1_000_000
 LENGTH_S = 60.0
+
+
+def estimate_offset(track, stamps, pixels, request, **named):
+    """The estimate of a request that is not complete."""
+    return clock_offset.estimate_offset(track, stamps, pixels, fit_request(**request), **named)
 
 
 def marked(seed, offset_ns, *, plan="rows", model="brown_conrady", wrong=0.0, length_s=LENGTH_S, share=0.35):

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
 from workers.geometry.models import MODELS
 from workers.solver.errors import SolveError
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import solve_finish
@@ -92,7 +93,7 @@ def test_a_number_that_is_none_is_refused_by_its_pair(model, what, value):
     given = {"points": rng.uniform(2, 9, (40, 3)), "pixels": rng.uniform(0, 900, (40, 2)), "weights": np.ones(40)}
     given[what][17] = value
     with pytest.raises(SolveError, match="pair 17") as caught:
-        problem_from_document({"model": model, "image_size": SIZE, "nominal": NOMINAL}, **given)
+        fit_problem(fit_request(model=model, image_size=SIZE, nominal=NOMINAL), **given)
     assert caught.value.code == "non_finite"
 
 
@@ -102,7 +103,7 @@ def test_fewer_pairs_than_free_parameters_are_refused(model, pairs):
     rng = np.random.default_rng(0)
     document = {"model": model, "image_size": SIZE, "nominal": NOMINAL}
     with pytest.raises(SolveError) as caught:
-        problem_from_document(document, rng.uniform(2, 9, (pairs, 3)), rng.uniform(0, 900, (pairs, 2)))
+        fit_problem(fit_request(**document), rng.uniform(2, 9, (pairs, 3)), rng.uniform(0, 900, (pairs, 2)))
     assert caught.value.code == "too_few_pairs"
     assert f"{pairs} pairs" in caught.value.message
     assert "smaller model" in caught.value.hint

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, simulated
 from workers.geometry.models import MODELS
 from workers.geometry.projection import project
@@ -14,7 +15,7 @@ from workers.solver import polish as polishing
 from workers.solver.folds import folds
 from workers.solver.optima import other_optima
 from workers.solver.polish import distances, mean_and_rms, polish, weighted_residuals
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 from workers.solver.schedule import from_document, run_schedule, start, to_document
 from workers.solver.solution import solve_finish
 
@@ -34,7 +35,7 @@ def small_board(seed, noise_px=3.0):
         "model": "pinhole", "image_size": SIZE, "nominal": NOMINAL, "locked": LENS, "rotation_range_deg": 120.0,
         "bounds": dict.fromkeys(("t_x", "t_y", "t_z"), (-15.0, 15.0)), "seed": seed, **PLAIN,
     }  # fmt: skip
-    return problem_from_document(request, points, marks + noise_px * rng.normal(size=marks.shape))
+    return fit_problem(fit_request(**request), points, marks + noise_px * rng.normal(size=marks.shape))
 
 
 def test_a_small_board_has_two_mounts_and_either_names_the_other():

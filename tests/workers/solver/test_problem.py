@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+from apexcal.documents.errors import DocumentError
+from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
-from workers.solver.errors import SolveError
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 
 POINTS = np.random.default_rng(0).uniform((4, -2, -1), (20, 2, 1), (40, 3))
 PIXELS = np.random.default_rng(1).uniform(0, 900, (40, 2))
@@ -11,8 +12,8 @@ REQUEST = {"model": "pinhole", "image_size": SIZE, "nominal": NOMINAL}
 
 
 def refusal(document=None, points=POINTS, pixels=PIXELS, weights=None):
-    with pytest.raises(SolveError) as caught:
-        problem_from_document(REQUEST | (document or {}), points, pixels, weights)
+    with pytest.raises(DocumentError) as caught:
+        fit_problem(fit_request(**(REQUEST | (document or {}))), points, pixels, weights)
     assert caught.value.message
     return caught.value
 
@@ -24,22 +25,23 @@ def refusal(document=None, points=POINTS, pixels=PIXELS, weights=None):
         ({"model": "omni"}, "unknown_model"),
         ({"search": "quaternion"}, "unknown_search_form"),
         ({"bounds": {"f_x": [900, 300]}}, "bounds_inside_out"),
-        ({"bounds": {"f_x": [300]}}, "bad_document"),
-        ({"bounds": {"f_x": [float("nan"), 300]}}, "non_finite"),
+        ({"bounds": {"f_x": [300]}}, "bad_fit_request"),
+        ({"bounds": {"f_x": [float("nan"), 300]}}, "bad_fit_request"),
         ({"bounds": {"k1": [0, 1]}}, "unknown_parameter"),
         ({"locked": {"alpha": 0.0}}, "unknown_parameter"),
-        ({"locked": {"f_x": float("inf")}}, "non_finite"),
-        ({"priors": {"f_x": {"mean": 500, "sigma": 0}}}, "bad_prior"),
-        ({"bounds_preset": "huge"}, "unknown_bounds_preset"),
-        ({"rotation_range_deg": -3}, "bounds_inside_out"),
-        ({"loss": "rms"}, "unknown_loss"),
+        ({"locked": {"f_x": float("inf")}}, "bad_fit_request"),
+        ({"priors": {"f_x": {"mean": 500, "sigma": 0}}}, "bad_fit_request"),
+        ({"bounds_preset": "huge"}, "bad_fit_request"),
+        ({"rotation_range_deg": -3}, "bad_fit_request"),
+        ({"loss": "rms"}, "bad_fit_request"),
         ({"preset": "fast"}, "unknown_preset"),
         ({"schedule": {"slots": 0}}, "bad_schedule"),
         ({"schedule": {"slots": "many"}}, "bad_schedule"),
         ({"schedule": {"islands": 3}}, "bad_schedule"),
-        ({"nominal": {"to_frame": "a"}}, "bad_transform"),
-        ({"image_size": None}, "bad_document"),
-        ({"nonsense": 1}, "bad_document"),
+        ({"nominal": {"to_frame": "a"}}, "bad_fit_request"),
+        ({"image_size": (0, 480)}, "bad_fit_request"),
+        ({"common_errors": {"clock_ms": -1.0}}, "bad_fit_request"),
+        ({"common_errors": {"moon": 1.0}}, "bad_fit_request"),
     ],
 )
 def test_requests_that_cannot_be_run_are_answered(document, code):
@@ -60,20 +62,24 @@ def test_pairs_that_cannot_be_fitted_are_answered():
 
 def test_locks_lower_the_number_of_pairs_needed():
     locked = {"f_x": 700, "f_y": 700, "c_x": 640, "c_y": 480}
-    problem = problem_from_document(REQUEST | {"locked": locked}, POINTS[:6], PIXELS[:6])
+    problem = fit_problem(fit_request(**(REQUEST | {"locked": locked})), POINTS[:6], PIXELS[:6])
     assert len(problem.free) == 6
     assert problem.bounds["f_x"] == (700.0, 700.0)
 
 
 def test_what_cannot_move_has_no_prior():
     prior = {"mean": 900, "sigma": 1}
-    problem = problem_from_document(
-        REQUEST
-        | {
-            "locked": {"f_x": 700},
-            "bounds": {"f_y": [700, 700]},
-            "priors": dict.fromkeys(("f_x", "f_y", "c_x"), prior),
-        },
+    problem = fit_problem(
+        fit_request(
+            **(
+                REQUEST
+                | {
+                    "locked": {"f_x": 700},
+                    "bounds": {"f_y": [700, 700]},
+                    "priors": dict.fromkeys(("f_x", "f_y", "c_x"), prior),
+                }
+            )
+        ),
         POINTS,
         PIXELS,
     )

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, real_correspondences, real_problem
 from tests.workers.solver.test_outliers import PUBLISHED
 from workers.solver.folds import folds
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import evaluate, solve_finish
 
@@ -31,7 +32,7 @@ def test_the_top_vertices_alone_are_said_to_hold_too_little_and_held_out_poses_s
     points, pixels, poses = real_correspondences()
     top = points[:, 2] == np.repeat(points[:, 2].reshape(20, 4).max(axis=1), 4)
     assert top.sum() == 20
-    solution = solve(problem_from_document(REQUEST, points[top], pixels[top]))
+    solution = solve(fit_problem(fit_request(**REQUEST), points[top], pixels[top]))
     assert any("does not determine all 16 parameters" in alarm for alarm in solution["alarms"])
     fitted = solution["polished"]["mean_px"]
     assert fitted < 3.0, "they are fitted well"
@@ -40,7 +41,7 @@ def test_the_top_vertices_alone_are_said_to_hold_too_little_and_held_out_poses_s
     errors = []
     for number, (held_out, _) in enumerate(folds(poses[top], 5)):
         kept = np.setdiff1d(np.arange(20), held_out)
-        one = solve(problem_from_document(REQUEST | {"fold": number}, points[top][kept], pixels[top][kept]))
+        one = solve(fit_problem(fit_request(**(REQUEST | {"fold": number})), points[top][kept], pixels[top][kept]))
         score = evaluate(one["intrinsics"], one["transform"], points[top][held_out], pixels[top][held_out])
         errors += score["errors_px"]
     assert len(errors) == 20

@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import (
     NOMINAL,
     PLAIN,
@@ -17,7 +18,7 @@ from workers.geometry.transforms import from_document
 from workers.solver.errors import SolveError
 from workers.solver.folds import folds
 from workers.solver.polish import polish
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule, start
 from workers.solver.solution import evaluate, solve_finish
 from workers.solver.uncertainty import uncertainty
@@ -67,7 +68,7 @@ def test_whole_poses_held_out_of_the_real_board():
     for index, (held_out, _) in enumerate(folds(poses, 5)):
         kept = np.setdiff1d(np.arange(80), held_out)
         request = {"model": "kannala_brandt", "image_size": [1920, 1208], "nominal": NOMINAL, "fold": index}
-        solution = solve(problem_from_document(request, points[kept], pixels[kept]))
+        solution = solve(fit_problem(fit_request(**request), points[kept], pixels[kept]))
         score = evaluate(solution["intrinsics"], solution["transform"], points[held_out], pixels[held_out])
         errors += score["errors_px"]
     assert len(errors) == 80
@@ -126,7 +127,7 @@ def test_standard_deviations_are_those_of_repeated_walks():
         noisy = problem.pixels + np.random.default_rng(seed).normal(size=problem.pixels.shape)
         clean, _ = simulated("pinhole", 70, noise_px=0.0)
         request = {"model": "pinhole", "image_size": problem.image_size, "nominal": NOMINAL}
-        repeat = problem_from_document(request, problem.points, noisy - problem.pixels + clean.pixels)
+        repeat = fit_problem(fit_request(**request), problem.points, noisy - problem.pixels + clean.pixels)
         fit = polish(repeat, truth)
         spread = uncertainty(repeat, np.array(fit.parameters))
         stds.append(spread.std[3:])
@@ -156,7 +157,7 @@ def test_alarms_speak_of_edges_rank_and_correlation():
     seen, _ = simulated("pinhole", 52)
     one_place = np.repeat(seen.points[:1], 12, axis=0), np.repeat(seen.pixels[:1], 12, axis=0)
     request = {"model": "pinhole", "image_size": seen.image_size, "nominal": NOMINAL}
-    degenerate = solve(problem_from_document(request, *one_place))
+    degenerate = solve(fit_problem(fit_request(**request), *one_place))
     assert any("do not determine" in alarm for alarm in degenerate["alarms"])
     assert None in degenerate["std"].values()
 

@@ -6,12 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
+from apexcal.documents.fit_requests import fit_request
 from apexcal.documents.results import RunResult
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import NOMINAL
 from tests.workers.solver.walks import finish
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 
 SIZE = (1920, 1200)
 NAMES = ("f_x", "f_y", "c_x", "c_y", "skew", "k1", "k2", "k3", "k4", "k5")
@@ -56,7 +57,7 @@ class Walk:
         if use == "locked":
             asked["locked"] = stated
         lens = {"model": "brown_conrady", **stated}
-        problem = problem_from_document(asked | {"stated_lens": lens}, self.points[:count], self.marks[:count])
+        problem = fit_problem(fit_request(**(asked | {"stated_lens": lens})), self.points[:count], self.marks[:count])
         turn = vector_from_rotation(self.R @ FORWARD_LIDAR_TO_OPTICAL.T)
         document = finish(problem, np.concatenate([turn, self.t, [TRUE[name] for name in NAMES]]))
         RunResult.model_validate(document)
@@ -112,9 +113,7 @@ def test_too_few_pairs_for_a_free_lens_cannot_tell():
 
 def test_a_result_without_a_stated_lens_says_that_its_lens_was_fitted():
     walk = Walk(2)
-    problem = problem_from_document(
-        {"model": "pinhole", "image_size": SIZE, "nominal": NOMINAL}, walk.points, walk.marks
-    )
+    problem = fit_problem(fit_request(model="pinhole", image_size=SIZE, nominal=NOMINAL), walk.points, walk.marks)
     turn = vector_from_rotation(walk.R @ FORWARD_LIDAR_TO_OPTICAL.T)
     found = finish(problem, np.concatenate([turn, walk.t, [TRUE[name] for name in NAMES[:4]]]))
     assert (found["lens"], found["stated_lens"]) == ("fitted", None)

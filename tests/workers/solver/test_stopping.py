@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from tests.workers.solver.rigs import simulated
-from tests.workers.solver.test_clock_offset import marked
+from tests.workers.solver.test_clock_offset import estimate_offset, marked
 from workers.geometry.models import MODELS
 from workers.solver.baselines import linear_baseline, linear_starts
-from workers.solver.clock_offset import estimate_offset
 from workers.solver.outliers import judge
 from workers.solver.polish import polish
 from workers.solver.schedule import run_schedule

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, real_correspondences, simulated
 from workers.solver.degeneracy import is_determined, parameter_alarms, point_alarms
 from workers.solver.polish import polish
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import solve_finish
 from workers.solver.uncertainty import Uncertainty, plan_uncertainty, uncertainty
@@ -92,7 +93,7 @@ def test_the_top_vertices_of_the_real_board_do_not_hold_all_parameters():
     top = points[:, 2] == [points[i // 4 * 4 : i // 4 * 4 + 4, 2].max() for i in range(80)]
     assert top.sum() == 20
     request = {"model": "brown_conrady", "image_size": [1920, 1208], "schedule": SHORT}
-    problem = problem_from_document({**request, "nominal": NOMINAL}, points[top], pixels[top])
+    problem = fit_problem(fit_request(**{**request, "nominal": NOMINAL}), points[top], pixels[top])
     alarms = solve_finish(problem, run_schedule(problem)[0])["alarms"]
     assert any("does not determine all" in alarm or "do not determine" in alarm for alarm in alarms)
 

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.documents.errors import DocumentError
+from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, simulated
 from workers.geometry.models import MODELS
 from workers.geometry.spherical import axes
@@ -13,7 +15,7 @@ from workers.solver.errors import SolveError
 from workers.solver.fitness import fitness_of, loss_px, pack_pairs
 from workers.solver.outliers import judge
 from workers.solver.polish import polish, weighted_residuals
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
 from workers.solver.slot import run_slot
@@ -200,10 +202,10 @@ def test_covariances_that_are_none_are_refused():
     assert caught.value.code == "no_covariances"
     document = {"model": "pinhole", "image_size": SIZE, "nominal": NOMINAL}
     stated = Covariances(*good)
-    for asked, code in (("covariances", "no_covariances"), ("vertices", "bad_document")):
-        with pytest.raises(SolveError) as caught:
-            problem_from_document(document | {"weights": asked}, problem.points, problem.pixels)
+    for asked, code in (("covariances", "no_covariances"), ("vertices", "bad_fit_request")):
+        with pytest.raises(DocumentError) as caught:
+            fit_problem(fit_request(**(document | {"weights": asked})), problem.points, problem.pixels)
         assert caught.value.code == code
     for asked, used in (({}, None), ({"weights": "equal"}, None), ({"weights": "covariances"}, stated)):
-        made = problem_from_document(document | asked, problem.points, problem.pixels, covariances=stated)
+        made = fit_problem(fit_request(**(document | asked)), problem.points, problem.pixels, covariances=stated)
         assert made.covariances is used

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from apexcal.documents.fit_requests import fit_request
 from workers.geometry.projection import project
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
 from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.polish import polish
-from workers.solver.problem_document import problem_from_document
+from workers.solver.problem import fit_problem
 from workers.solver.rig_consistency import SolvedCamera
 from workers.solver.schedule import advance, start
 from workers.solver.slot import SlotOutcome
@@ -59,7 +60,7 @@ def solved(mount, points, pixels, stamps=None, detection=None, **request):
     """The camera as a calibration has it: polished from the truth, and described."""
     nominal = RigidTransform(mount.name, "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3))
     document = {"model": "pinhole", "image_size": SIZE, "nominal": to_document(nominal), **request}
-    problem = problem_from_document(document, points, pixels)
+    problem = fit_problem(fit_request(**document), points, pixels)
     at = np.concatenate([np.radians(mount.turn_deg), mount.t, mount.lens])
     best = polish(problem, np.clip(at, problem.lower, problem.upper))
     state = advance(problem, start(problem), [SlotOutcome(best.mean_px, tuple(best.parameters), 0)] * 4)

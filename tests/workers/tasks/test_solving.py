@@ -7,12 +7,11 @@ from uuid import uuid4
 import numpy as np
 import pytest
 
-from apexcal.documents.schedules import Schedule
+from apexcal.documents.fit_requests import fit_request
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
-from workers.geometry.transforms import RigidTransform
-from workers.solver.bounds import preset_bounds
+from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.errors import SolveError
-from workers.solver.problem import FitProblem
+from workers.solver.problem import fit_problem
 from workers.solver.slot import SlotOutcome, run_slot
 from workers.tasks.solving import _slot_row
 
@@ -21,13 +20,11 @@ WORKER: Any = SimpleNamespace(worker="host:1")
 
 def slot_of(marks_px: float) -> SlotOutcome:
     """The best of a slot whose marks lie so far from the image's corner."""
-    nominal = RigidTransform("camera", "lidar", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3))
+    nominal = to_document(RigidTransform("camera", "lidar", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
     points = np.random.default_rng(0).uniform((5.0, -1.0, -1.0), (9.0, 1.0, 1.0), (32, 3))
-    bounds = preset_bounds("image-size", "pinhole", "rotation_vector", (640, 480), nominal)
-    problem = FitProblem(
-        "pinhole", "rotation_vector", nominal, (640, 480), points, np.full((32, 2), marks_px), np.ones(32), bounds,
-        schedule=Schedule(slots=1, population=64, generations=2, max_iterations=1),
-    )  # fmt: skip
+    schedule = {"slots": 1, "population": 64, "generations": 2, "max_iterations": 1}
+    request = fit_request("pinhole", (640, 480), nominal, loss="mean", schedule=schedule)
+    problem = fit_problem(request, points, np.full((32, 2), marks_px))
     with np.errstate(over="ignore", invalid="ignore"):
         return run_slot(problem, problem.lower.tolist(), problem.upper.tolist(), 0, 0)
 

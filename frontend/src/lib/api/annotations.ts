@@ -2,7 +2,7 @@
 
 import { bodyOf, client } from "./http.ts";
 import { read, type Read } from "./reads.ts";
-import type { MarkingProgress, MarkingTally, MarkingTask, NewAnswer, OwnPairs } from "./types.ts";
+import type { MarkingProgress, MarkingTally, MarkingTask, NewAnswer, OwnPairs, TakenAnswer } from "./types.ts";
 
 /** The next task for this person, or the one that they hold, with `ahead` that follow; null when nothing is left. */
 export const nextTask = async (
@@ -19,8 +19,8 @@ export const nextTask = async (
   )) ?? null;
 
 /** The same answer sent again is the same: its id says so. */
-export const answerTask = (id: string, answer: NewAnswer, signal: AbortSignal): Promise<unknown> =>
-  client.POST("/v1/tasks/{task_id}/answer", { params: { path: { task_id: id } }, body: answer, signal });
+export const answerTask = (id: string, answer: NewAnswer, signal: AbortSignal): Promise<TakenAnswer> =>
+  bodyOf(client.POST("/v1/tasks/{task_id}/answer", { params: { path: { task_id: id } }, body: answer, signal }));
 
 /** Takes the answer of this version back. The task is this person's again; the same id twice does it once. */
 export const undoAnswer = (taskId: string, id: string, version: number): Promise<MarkingTask> =>

@@ -77,6 +77,7 @@ export type MarkingProgress = Schemas["Progress"];
 export type MarkingTally = Schemas["Tally"];
 export type OwnPairs = Schemas["OwnPairs"];
 export type MarkPoint = Schemas["Pixel"];
+export type TakenAnswer = Schemas["AnswerView"];
 export type NewAnswer = Schemas["Answer"] & { mark: MarkPoint | null };
 export type OwnAnswer = Schemas["Own"];
 export type VerdictName = NewAnswer["verdict"];

@@ -243,7 +243,6 @@ def create():
         belongs_to("recording_id", "recording.id"),
         sa.Column("marks_wanted", sa.Integer(), nullable=False),
         sa.Column("rank", sa.Integer(), nullable=False),
-        sa.Column("nothing_at", sa.BigInteger()),
     )
     op.create_table(
         "marking_progress",

@@ -1,8 +1,9 @@
-"""Errors that all pairs of a camera share, from the request or from their detector's known error."""
+"""What a camera's pairs state of their errors: what they weigh by, and the errors that all of them share."""
 
 from __future__ import annotations
 
-from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, SIGMAS, tells_motion
+from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MARK_SIGMA, SIGMAS, states_errors, tells_motion
+from apexcal.documents.rules import WeightRule, Weights
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.http.problems import Problem
@@ -15,8 +16,35 @@ _ELEVATION_DEG = {"refined": 0.01, "ring_rules": 0.1}
 _PERSON_PX = 0.289
 
 
+def weighing(camera: str, pairs: Json, wanted: WeightRule) -> Weights:
+    """What the pairs weigh by; the workers make weights of it. ``pairs``: a set's columns, each for all its pairs.
+
+    Raises:
+        Problem: 422 ``no_covariances``, weights by covariances are asked for and the pairs state none.
+    """
+    if states_errors(pairs):
+        return "equal" if wanted == "equal" else "covariances"
+    if wanted == "covariances":
+        raise Problem(
+            422,
+            "no_covariances",
+            f"The pairs of {camera} state no standard deviations that they could weigh by.",
+            f"Detect with `refined`, import the columns {', '.join(SIGMAS)} or {MARK_SIGMA}, or leave the choice of "
+            "weights out (weights: covariances; --weights covariances).",
+            camera=camera,
+        )
+    return "equal"
+
+
+def weighing_note(camera: str, weights: Weights) -> list[str]:
+    """A sentence where the pairs weigh by their errors."""
+    if weights == "equal":
+        return []
+    return [f"{camera}: pairs weigh by the standard deviations that they state (weights: equal counts all alike)."]
+
+
 def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
-    """The member ``common_errors`` of the solver's document; empty if nothing is known.
+    """Standard deviations by name; empty if nothing is known.
 
     ``asked`` are the deviations that the request gives. Nothing is known of imported pairs.
 
@@ -31,8 +59,7 @@ def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
         known["person_px"] = _PERSON_PX
         if CLOCK_SIGMA in pairs.columns and "stamp_ns" in pairs.columns:
             known["clock_ms"] = pairs.columns[CLOCK_SIGMA][0]
-    stated = {name: value for name, value in (known | asked).items() if value}
-    return {"common_errors": stated} if stated else {}
+    return {name: value for name, value in (known | asked).items() if value}
 
 
 def _check_motion(pairs: CorrespondenceSet, asked: Json) -> None:

@@ -1,0 +1,221 @@
+"""Turns a calibration template and the cameras of a rig into one `FitRequest` for each camera and model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from apexcal.documents.bounds import Interval
+from apexcal.documents.calibrations import CalibrationTemplate
+from apexcal.documents.camera_models import (
+    EXTRINSICS,
+    MODELS,
+    ModelName,
+    SearchForm,
+    all_names,
+    bare_name,
+    parameter_names,
+    parse_model,
+)
+from apexcal.documents.fit_requests import FitRequest, fit_request, in_radians
+from apexcal.documents.schedules import PRESETS, Schedule, schedule_of
+from service.calibration_runs.image_frames import T_images_camera
+from service.calibrations.lenses import Known, Lens, as_stated, check_size, lens_notes, take_over
+from service.calibrations.pair_rules import common_errors, weighing
+from service.calibrations.parameter_rules import check_camera_locks, check_locks, check_names, check_order
+from service.db.base import Json
+from service.db.calibrations import CorrespondenceSet
+from service.db.fleets import RigCamera
+from service.http.problems import Problem
+
+
+@dataclass(frozen=True)
+class CameraPairs:
+    """A camera of the rig and the set that it is calibrated from.
+
+    ``stated`` is what the recording says of the camera's intrinsics, where the request starts from that.
+    """
+
+    camera: RigCamera
+    pairs: CorrespondenceSet
+    stated: Json | None = None
+
+
+@dataclass(frozen=True)
+class ResolvedTemplate:
+    """A template without open choices, checked as far as that goes without cameras.
+
+    Bounds, locks and priors go by the parameters' own names, in radians. ``lenses`` are the request's own, by camera.
+    """
+
+    asked: CalibrationTemplate
+    models: list[ModelName]
+    search: SearchForm
+    schedule: Schedule
+    bounds: Mapping[str, Interval]
+    locked: Mapping[str, float]
+    priors: Mapping[str, Json]
+    lenses: Mapping[str, Lens]
+
+    @property
+    def settled(self) -> set[str]:
+        """Parameters that the request itself bounds or locks."""
+        return {*self.bounds, *self.locked}
+
+    @property
+    def named(self) -> set[str]:
+        """Parameters of which the request itself says something."""
+        return self.settled | set(self.priors)
+
+
+@dataclass(frozen=True)
+class ResolvedCamera:
+    """A camera that a request calibrates. ``models`` are those of the request's that can be its lens.
+
+    ``bounds`` are the rig's, in radians, metres and pixels.
+    """
+
+    camera: RigCamera
+    pairs: CorrespondenceSet
+    bounds: Mapping[str, Interval]
+    lens: Lens | None
+    models: Sequence[ModelName]
+
+    @property
+    def name(self) -> str:
+        """The camera's name in its rig."""
+        return self.camera.name
+
+    def notes(self, template: ResolvedTemplate) -> list[str]:
+        """What its set says of itself, what of the rig's bounds is of no use, and what became of its lens."""
+        parameters = {name for form in EXTRINSICS for name in all_names(MODELS, form)}
+        unused = [name for name in self.camera.bounds if bare_name(name) not in parameters]
+        notes = [f"{self.name}: {note}" for note in self.pairs.notes]
+        notes += [f"The rig's bounds of {self.name} name {n!r}, which no model has; unused." for n in unused]
+        if self.lens:
+            settled = template.settled | set(self.camera.bounds)
+            notes += [f"{self.name}: {note}" for note in lens_notes(self.lens, template.models, settled)]
+        return notes
+
+
+def resolve_template(asked: CalibrationTemplate) -> ResolvedTemplate:
+    """Check what can be checked without a camera.
+
+    Raises:
+        DocumentError: ``unknown_model``.
+        Problem: 422 ``unknown_parameter``, ``bounds_inside_out``, ``locked_out_of_bounds``, and of the given lenses
+            those of :func:`~service.calibrations.lenses.as_stated` and ``intrinsics_of_another_model``.
+    """
+    models: list[ModelName] = list(dict.fromkeys(parse_model(name) for name in asked.models))
+    preset = PRESETS[asked.preset]
+    search = asked.search or preset.search
+    schedule = schedule_of(preset, asked.schedule.model_dump(exclude_none=True))
+    priors = {name: prior.model_dump() for name, prior in asked.priors.items()}
+    locked = check_names(asked.locked, "locked", models, search)
+    priors = check_names(priors, "priors", models, search)
+    bounds = check_names(asked.bounds, "bounds", models, search)
+    check_order(bounds)
+    check_locks(locked, bounds)
+    lenses = {
+        camera: take_over(camera, as_stated(camera, given.model_dump()), models, asked.intrinsics_as)
+        for camera, given in asked.intrinsics.items()
+    }
+    return ResolvedTemplate(asked, models, search, schedule, bounds, locked, priors, lenses)
+
+
+def resolve_cameras(template: ResolvedTemplate, sources: Sequence[CameraPairs]) -> list[ResolvedCamera]:
+    """The cameras with their lenses. What the request gives goes before what a recording says.
+
+    Raises:
+        Problem: 422 ``unknown_camera``, ``intrinsics_of_another_size``, ``intrinsics_of_another_model``.
+    """
+    cameras = [source.camera.name for source in sources]
+    strangers = sorted(set(template.lenses) - set(cameras)) if cameras else []
+    if strangers:
+        raise Problem(
+            422,
+            "unknown_camera",
+            f"intrinsics names {strangers[0]!r}, of which there are no pairs in this request.",
+            f"Its cameras are {', '.join(cameras)}.",
+            cameras=cameras,
+        )
+    return [_camera(template, source) for source in sources]
+
+
+def _camera(template: ResolvedTemplate, source: CameraPairs) -> ResolvedCamera:
+    camera = source.camera
+    lens = template.lenses.get(camera.name)
+    if lens is not None:
+        check_size(lens.stated, camera, f"The intrinsics of {camera.name} are")
+    elif source.stated is not None:
+        lens = take_over(camera.name, source.stated, template.models, template.asked.intrinsics_as)
+    models = template.models if lens is None else list(lens.known)
+    return ResolvedCamera(camera, source.pairs, in_radians(camera.bounds), lens, models)
+
+
+def resolve_fits(template: ResolvedTemplate, camera: ResolvedCamera) -> list[FitRequest]:
+    """The camera's requests, one for each of its models; the seed is 0 and nothing is held out.
+
+    Raises:
+        Problem: 422 ``locked_out_of_bounds``, ``no_covariances``, ``no_motion``.
+    """
+    of_lens = camera.lens.locks_besides(template.named) if camera.lens else {}
+    fits = [_fit(template, camera, model) for model in camera.models]
+    for fit in fits[:1]:
+        check_camera_locks(template.locked, of_lens, template.bounds, camera.bounds, fit)
+    return fits
+
+
+def _fit(template: ResolvedTemplate, camera: ResolvedCamera, model: ModelName) -> FitRequest:
+    """The request with only the parameters that this model has.
+
+    What the template says of a parameter goes before what is known of the lens; the rig's bounds go before its
+    bounds. Skew is 0 unless anyone names it. Table I of the paper leaves it open.
+    """
+    asked, named = template.asked, template.named
+    names = parameter_names(model, template.search)
+    known = camera.lens.known[model] if camera.lens else Known()
+
+    def of_model(values: Mapping[str, object]) -> Json:
+        return {name: value for name, value in values.items() if name in names}
+
+    def unnamed(values: Mapping[str, object]) -> Json:
+        return {name: value for name, value in values.items() if name not in named}
+
+    bounds = known.bounds | of_model(camera.bounds)
+    preset = asked.bounds_preset or PRESETS[asked.preset].bounds
+    skews = "skew" in names and preset != "paper-table-1" and "skew" not in {*named, *bounds, *known.priors}
+    return camera_request(
+        camera.camera,
+        model,
+        preset=asked.preset,
+        search=template.search,
+        bounds_preset=preset,
+        rotation_range_deg=asked.rotation_range_deg,
+        bounds=bounds | of_model(template.bounds),
+        locked=({"skew": 0.0} if skews else {}) | unnamed(known.locked) | of_model(template.locked),
+        priors=unnamed(known.priors) | of_model(template.priors),
+        loss=asked.loss,
+        outliers=asked.outliers,
+        weights=weighing(camera.name, camera.pairs.columns, asked.weights),
+        common_errors=common_errors(camera.pairs, asked.common_errors.model_dump(exclude_none=True)),
+        line_time_us=asked.line_time_us,
+        stated_lens=camera.lens and camera.lens.parameters,
+        schedule=asked.schedule.model_dump(exclude_none=True),
+    )
+
+
+def camera_request(
+    camera: RigCamera, model: ModelName, search: SearchForm = "rotation_vector", **options: Any
+) -> FitRequest:
+    """The request of a camera as its rig describes it.
+
+    ``options``: of ``fit_request``; without ``bounds`` the rig's hold.
+    """
+    frame = T_images_camera(camera.nominal["to_frame"], camera.images)["to_frame"]
+    of_rig = in_radians(camera.bounds)
+    names = parameter_names(model, search)
+    given: Json = {"bounds": {name: value for name, value in of_rig.items() if name in names}, **options}
+    size = (camera.image_width, camera.image_height)
+    return fit_request(model, size, camera.nominal | {"to_frame": frame}, camera=camera.name, search=search, **given)
