@@ -20,7 +20,6 @@ from workers.judge.calibration_checks import checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
 from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.models.summary import Fit, camera_summary
-from workers.models.summary import Fit, camera_summary
 from workers.simulation.camera import FRONT
 from workers.solver.errors import SolveError
 from workers.solver.schedule import run_schedule

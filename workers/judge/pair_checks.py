@@ -121,7 +121,7 @@ def places_of(points: Floats) -> int:
     return count
 
 
-def coverage(problem: FitProblem, result: Result) -> Check:
+def coverage(problem: FitProblem, result: FitResult) -> Check:
     """Whether the marks span the image, or else tell the lens beyond them.
 
     A wide walk has few heights, because a board is carried upright. It tells the lens above and below as far as the

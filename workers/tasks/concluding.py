@@ -88,7 +88,7 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
         of_runs = select(CalibrationRun.id, CalibrationRun.set_id).where(
             CalibrationRun.calibration_id == calibration.id
         )
-        sets = {run_id: set_id for run_id, set_id in session.execute(of_runs)}
+        sets = {row.id: row.set_id for row in session.execute(of_runs)}
         current = {camera: _current(session, calibration.vehicle_id, camera) for camera in cameras}
         elsewhere = other_data(session, [one for found in cameras.values() for one in found if one.fold == FULL])
     rig = _compared(solved, stated, summaries) if len(cameras) > 1 else None
