@@ -16,7 +16,7 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers bench-annotators faults check lock clean
+.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-judge bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers bench-annotators faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -62,6 +62,9 @@ bench-accuracy: setup  ## how often the solver ends on the optimum, and whether 
 
 bench-coverage: setup  ## whether what is published holds, on data with blunders and shared errors; RUNS=1 for a short form
 	$(BIN)/python -m benchmarks.coverage
+
+bench-judge: setup  ## whether what is published by itself is right, and which check finds what; DRAWS=30 for a short form
+	$(BIN)/python -m benchmarks.judge
 
 bench-trust: setup  ## whether a report's verdict names what is wrong, and accuses no sound result; RUNS=1 for a short form
 	$(BIN)/python -m benchmarks.trust

@@ -214,7 +214,7 @@ class Halves(Document):
 
     Each ratio compares a difference with its stated size under the fit to all pairs: ``ratio`` over the parameters,
     ``field_ratio`` over the marks, ``turned_ratio`` of a turn of the mount alone (``turned_deg``). By chance
-    one in 200 sound results exceeds a limit; one in 50 exceeds ``turned_limit``.
+    one in 1000 sound results exceeds each limit.
     """
 
     split: Literal["alternating", "first_and_last"]

@@ -40,7 +40,7 @@ from workers.tasks.solving import RunInput, read_run, solved
 
 Floats = NDArray[np.float64]
 Request = dict[str, Any]
-_NO_WORK: Final[Json] = {"workers": [], "ga_seconds": 0.0, "evaluations": 0}
+NO_WORK: Final[Json] = {"workers": [], "ga_seconds": 0.0, "evaluations": 0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class Bench:
 
     def fit(self, paired: Paired, errors: Errors, known: Json, request: Request) -> Calibration:
         """These pairs, calibrated as the request asks."""
-        plan = _plan(paired, known, request)
+        plan = planned(paired, known, request)
         states = self._states(paired, {fit.model for fit in plan.fits})
         results: list[Result] = []
         problems: dict[str, FitProblem] = {}
@@ -89,10 +89,10 @@ class Bench:
                 given = read_run(fit.of_fold(fold), fold, known)
                 if fold == FULL:
                     problems[fit.model] = given.problem
-                document = (_solved if fold == FULL else _held_out)(given, states[fit.model])
+                document = (_solved if fold == FULL else held_out_document)(given, states[fit.model])
                 of = {"id": uuid4(), "run_id": uuid4(), "camera": FRONT, "model": fit.model, "fold": fold}
                 results.append(Result(**of, document=document))
-        summary = camera_summary(results, defaultdict(lambda: _NO_WORK))
+        summary = camera_summary(results, defaultdict(lambda: NO_WORK))
         full = {result.model: result.document for result in results if result.fold == FULL}
         return Calibration(paired, errors, summary, full, known, problems)
 
@@ -106,7 +106,7 @@ class Bench:
     def _states(self, paired: Paired, models: Collection[str]) -> dict[str, State]:
         of = (paired.camera.model, paired.is_still, paired.camera.image_size)
         clean = columns(paired, Errors(), np.random.default_rng(self._walked.rig.settings.seed))
-        for fit in _plan(paired, clean, {}).fits:
+        for fit in planned(paired, clean, {}).fits:
             if fit.model in models and (*of, fit.model) not in self._searched:
                 problem = read_run(fit.of_fold(FULL), FULL, clean).problem
                 self._searched[*of, fit.model] = replace(run_schedule(problem)[0], first_slot_parameters=())
@@ -117,7 +117,7 @@ def _solved(given: RunInput, state: State) -> Json:
     return solved(given, state).model_dump(mode="json", exclude_unset=True)
 
 
-def _held_out(given: RunInput, state: State) -> Json:
+def held_out_document(given: RunInput, state: State) -> Json:
     """What the end of a calibration reads of a fit to a part of the pairs."""
     problem = given.problem
     found = estimate(problem, np.array(state.best_parameters))
@@ -134,7 +134,7 @@ def _held_out(given: RunInput, state: State) -> Json:
     return document | {"heldout": heldout.model_dump()}
 
 
-def _plan(paired: Paired, known: Json, request: Request) -> CalibrationPlan:
+def planned(paired: Paired, known: Json, request: Request) -> CalibrationPlan:
     width, height = paired.camera.image_size
     camera = RigCamera(name=FRONT, image_width=width, image_height=height, nominal=paired.nominal, bounds={})
     pairs = CorrespondenceSet(

@@ -24,13 +24,15 @@ _IMPORTED: Final = ("x", "y", "z", "u", "v", "group")
 class Errors:
     """What is wrong with a recording besides the vertices' and marks' own noise.
 
-    ``blunders``: share of marks on another corner of the board. ``noises_px``: of the people, stated by each mark
+    ``blunders``: share of marks on another corner of the board.
+    ``on_hand``: share of marks on the hand below the tip. ``noises_px``: of the people, stated by each mark
     where there are several. ``elevation_deg``: of all vertices. ``pose_m``, ``pose_deg``: offset and turn of each
     pose of a still board, the same for its pairs. ``second_half_deg``: turn of the mount about the vertical in the
     second half. ``line_time_us``: of a rolling shutter.
     """
 
     blunders: float = 0.0
+    on_hand: float = 0.0
     noises_px: tuple[float, ...] = (NOISE_PX,)
     elevation_deg: float = 0.0
     pose_m: float = 0.0
@@ -73,7 +75,19 @@ def _marked(paired: Paired, errors: Errors, random: np.random.Generator) -> Floa
     if wrong.size:
         corners = _other_corners(paired.walked.poses(taken[wrong]), random)
         pixels[wrong] = camera.project(corners)
+    wrong = np.flatnonzero(random.uniform(size=len(taken)) < errors.on_hand) if errors.on_hand else wrong[:0]
+    if wrong.size:
+        pixels[wrong] = camera.project(_hand(paired.walked.poses(taken[wrong]), random))
     return np.where(np.isfinite(pixels), pixels, 0.0)
+
+
+def _hand(poses: Poses, random: np.random.Generator) -> Floats:
+    """(M, 3) a hand's place: below the tip by the same share of the board all the time, to two centimetres."""
+    left, right = (
+        length * edge for length, edge in zip(poses.board_m, (poses.edge_left, poses.edge_right), strict=True)
+    )
+    share = random.uniform(0.35, 0.75)
+    return poses.apex + share * (left + right) + random.normal(0.0, 0.02, poses.apex.shape)
 
 
 def _other_corners(poses: Poses, random: np.random.Generator) -> Floats:

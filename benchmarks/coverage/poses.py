@@ -14,18 +14,18 @@ POSES: Final = 6
 PAIRS: Final = 210
 
 
-def still(paired: Paired) -> Paired:
-    """The board of a walk in six of its places where all its corners are seen, as 35 pairs each.
+def still(paired: Paired, poses: int = POSES) -> Paired:
+    """The board of a walk in a few of its places where all its corners are seen, as 210 pairs in all.
 
     Each vertex has errors of its own, of the size that the detector states at that place.
     """
-    corner = np.arange(PAIRS // POSES) % CORNERS
+    corner = np.arange(PAIRS // poses) % CORNERS
     whole = np.ones(len(paired.taken_ns), np.bool_)
     for one in range(CORNERS):
         places = replace(paired, corner=np.full(len(paired.corner), one)).places(paired.taken_ns)
         whole &= paired.camera.sees(paired.camera.project(places))
     seen = np.flatnonzero(whole)
-    chosen = seen[np.round((np.arange(POSES) + 0.5) / POSES * len(seen)).astype(np.int64)]
+    chosen = seen[np.round((np.arange(poses) + 0.5) / poses * len(seen)).astype(np.int64)]
     rows = np.repeat(chosen, len(corner))
     posed = replace(
         paired,
@@ -34,8 +34,8 @@ def still(paired: Paired) -> Paired:
         stamps_ns=paired.stamps_ns[rows],
         sweeps=paired.sweeps[rows],
         frames=paired.frames[rows],
-        corner=np.tile(corner, POSES),
-        pose=np.repeat(np.arange(POSES), len(corner)),
+        corner=np.tile(corner, poses),
+        pose=np.repeat(np.arange(poses), len(corner)),
     )
     random = np.random.default_rng([paired.walked.rig.settings.seed, 47])
     places = posed.places(posed.taken_ns)

@@ -107,14 +107,14 @@ def _field(done: Calibration, name: str) -> tuple[float, float]:
     """Mean distance from the true projection over the marked field, px; the share of intervals there that hold."""
     points = done.paired.places(done.paired.taken_ns)[::_EVERY]
     truly = done.paired.camera.project(points)
-    here = _project(done.results[name], points)
+    here = projected(done.results[name], points)
     document, spread = done.results[name], done.summary["models"][name]["between_models"]
     covariance = document["covariance"]
-    J = np.stack([_derivative(document, key, points) for key in covariance["names"]], axis=2)
+    J = np.stack([derivative(document, key, points) for key in covariance["names"]], axis=2)
     variance = np.einsum("nij,jk,nik->ni", J, np.array(covariance["matrix"]), J)
     for other, share in spread["weights"].items() if spread else ():
         if other != name:
-            variance = variance + share * (_project(done.results[other], points) - here) ** 2
+            variance = variance + share * (projected(done.results[other], points) - here) ** 2
     factors = [
         half / document["std"][key]
         for key, half in document["interval95_half_width"].items()
@@ -126,12 +126,12 @@ def _field(done: Calibration, name: str) -> tuple[float, float]:
     return float(np.mean(np.minimum(np.hypot(*error[good].T), 1e3))), float(held.mean())
 
 
-def _project(document: Json, points: Floats) -> Floats:
+def projected(document: Json, points: Floats) -> Floats:
     lens = document["intrinsics"]
     return project(parse_model(lens["model"]), lens, from_document(document["transform"]).apply(points))[0]
 
 
-def _derivative(document: Json, key: str, points: Floats) -> Floats:
+def derivative(document: Json, key: str, points: Floats) -> Floats:
     """(N, 2) px by a person's unit of one parameter, by central differences."""
     step = _STEP * max(abs(document["std"][key] or 1.0), 1e-9)
     return (_moved(document, key, step, points) - _moved(document, key, -step, points)) / (2.0 * step)

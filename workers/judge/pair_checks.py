@@ -12,7 +12,7 @@ from scipy import special
 from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.results import FitResult
 from workers.geometry.rotations import vector_from_rotation
-from workers.judge.topics import LOOK_RATE, STOP_RATE, Topic
+from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD, Topic
 from workers.solver.estimate import Estimate
 from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
 from workers.solver.problem import FitProblem
@@ -34,10 +34,12 @@ _LEAST_FREEDOM: Final = 50.0
 _APART_M: Final = 1.5
 # What one place shares is known to a third by so many places (the same equation: 1 / (2 (1/3)^2) = 4.5 freedoms).
 _LEAST_PLACES: Final = 6
-# The marks' middle 95 % have to span this share of the image's width. Beyond the marks a lens is extrapolated: in
+# The marks' middle 95 % have to span this share of the image. Beyond the marks a lens is extrapolated: in
 # decision 0044's rigs marks in the middle 0.4 left errors of 1.3 to 3.8 px over the field, wide ones 0.2 to 0.3.
-_WIDTH: Final = 0.6
-_HEIGHT: Final = 0.4
+_SPAN: Final = 0.6
+# Where they do not span its height: so many times what use allows may be stated over this share of the image.
+_OF_USE: Final = 3.0
+_MOST_OF_IMAGE: Final = 0.8
 # Ratio of the residuals' noise to what marks and vertices explain: a person's marks are as good as stated to a third
 # (`people.STATED_FREEDOM`), so 1.5 is a deviation and a half above, and 3 is none of a person's.
 _UNEXPLAINED: Final = 1.5
@@ -80,8 +82,8 @@ def _moved(estimate: Estimate) -> str:
 
 
 def outside(problem: FitProblem) -> Check:
-    """Whether marks lie outside of the image, where nobody sees anything."""
-    count, pairs = marks_outside(problem), len(problem.pixels)
+    """Whether marks that belong lie outside of the image, where nobody sees anything."""
+    count, pairs = marks_outside(problem), int(np.count_nonzero(problem.weights))
     return _OUTSIDE.fails(
         "stop" if count > _SLIPS * pairs else "look" if count else "pass",
         f"{count} of {pairs} marks lie outside of the image." if count else "All marks lie inside the image.",
@@ -119,14 +121,20 @@ def places_of(points: Floats) -> int:
     return count
 
 
-def coverage(problem: FitProblem) -> Check:
-    """Whether the marks span the image. Outside of them the lens is extrapolated."""
+def coverage(problem: FitProblem, result: FitResult) -> Check:
+    """Whether the marks span the image, or else tell the lens beyond them.
+
+    A wide walk has few heights, because a board is carried upright. It tells the lens above and below as far as the
+    result states it there.
+    """
     u, v = problem.pixels[problem.weights > 0.0].T
     width, height = problem.image_size
     across, down = (
         float(np.subtract(*np.quantile(values, (0.975, 0.025)))) / size for values, size in ((u, width), (v, height))
     )
-    short = [name for name, share, least in (("width", across, _WIDTH), ("height", down, _HEIGHT)) if share < least]
+    beyond = _beyond_marks(result)
+    short = ["width"] if across < _SPAN else []
+    short += ["height"] if down < _SPAN and beyond > 1.0 else []
     return _COVERAGE.fails(
         "look" if short else "pass",
         f"The marks span {across:.0%} of the image's width and {down:.0%} of its height."
@@ -134,7 +142,20 @@ def coverage(problem: FitProblem) -> Check:
         f"Walk where the board reaches the image's edges, for more of its {' and '.join(short)}.",
         width_share=across,
         height_share=down,
+        beyond_marks_over_limit=beyond if np.isfinite(beyond) else None,
     )
+
+
+def _beyond_marks(result: FitResult) -> float:
+    """The stated 95 % half-width over most of the image at 20 m, over what is of use."""
+    if result.prediction is None:
+        return np.inf
+    at, lens = result.prediction.distances_m.index(20.0), result.intrinsics
+    stated = [point.stated_px[at] for point in result.prediction.points if point.stated_px]
+    if not stated:
+        return np.inf
+    limit_px = _OF_USE * max(USE_LIMIT_PX, USE_LIMIT_RAD * float(np.sqrt(lens.f_x * lens.f_y)))
+    return 1.96 * result.prediction.expected_over_stated * float(np.quantile(stated, _MOST_OF_IMAGE)) / limit_px
 
 
 def noise(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[Any]]) -> Check:

@@ -14,7 +14,7 @@ from apexcal.documents.checks import Check
 from apexcal.documents.results import FitResult
 from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD, Topic
 from workers.solver.estimate import Estimate
-from workers.solver.prediction import DISTANCES_M, deviations_along
+from workers.solver.prediction import DISTANCES_M, covariances_along
 from workers.solver.residuals import predict, transform_of
 
 Floats = NDArray[np.float64]
@@ -37,7 +37,8 @@ def precision(estimate: Estimate, result: FitResult) -> Check:
     """Whether points at 5, 20 and 50 m, over the field that marks cover, are placed as well as their use needs."""
     if estimate.errors is None:
         return _USE.fails("stop", "The pairs do not tell how precise the result is.", "Mark more vertices.")
-    px, mm = deviations_along(estimate, marked_rays(estimate))
+    # In the direction in which a point is known worst.
+    px, mm = (np.sqrt(np.linalg.eigvalsh(C)[..., -1]) for C in covariances_along(estimate, marked_rays(estimate)))
     # Halves that differ by more than is stated say by how much more.
     factor = (result.prediction.expected_over_stated if result.prediction else 1.0) * _student_quantile(
         max(estimate.freedom, 1.0), 0.975

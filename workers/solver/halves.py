@@ -27,11 +27,10 @@ Used = NDArray[np.bool_]
 Split = Literal["alternating", "first_and_last"]
 # scipy publishes no types.
 _f_quantile: Callable[[float, float, float], float] = special.fdtri
-_FALSE_ALARMS: Final = 0.005
-_TURNS_FALSE_ALARMS: Final = 0.02
-"""Chances that sound pairs raise an alarm: in each of four tests (two splits, by parameters and by pixels), and in
-the test for a turn. Together they are below one in twenty. The turn has the larger chance, because a small turn is
-hard to distinguish from lens and clock offset."""
+_FALSE_ALARMS: Final = 0.001
+_TURNS_FALSE_ALARMS: Final = 0.001
+"""Chances that sound pairs exceed a limit: in each of four tests (two splits, by parameters and by pixels), and in
+the test for a turn. Together they are one in 200, as every check of a result has it."""
 _MANY: Final = 1e6
 _SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
 

@@ -27,9 +27,9 @@ def explained_px(problem: FitProblem, lens: Intrinsics, precision: FitPrecision)
 
 
 def marks_outside(problem: FitProblem) -> int:
-    """How many marks lie more than a pixel outside of the image."""
-    size = np.array(problem.image_size)
-    return int(np.count_nonzero(np.any((problem.pixels < -1.5) | (problem.pixels > size + 0.5), axis=1)))
+    """How many marks that are used lie more than a pixel outside of the image."""
+    marks = problem.pixels[problem.weights > 0.0]
+    return int(np.count_nonzero(np.any((marks < -1.5) | (marks > np.array(problem.image_size) + 0.5), axis=1)))
 
 
 def paired_apart_ms(pairs: Mapping[str, Any]) -> float | None:

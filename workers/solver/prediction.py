@@ -54,10 +54,16 @@ def prediction(found: Estimate, halves: list[Halves]) -> Prediction | None:
 
 
 def deviations_along(found: Estimate, rays: Floats) -> tuple[Floats, Floats]:
-    """Return (distances, R) standard deviations of projected points, px and mm across the ray.
+    """Return (distances, R) standard deviations of projected points, px and mm across the ray, over both axes.
 
     The points lie at `DISTANCES_M` on rays (R, 3) of unit length in the camera's frame. The estimate states errors.
     """
+    px, mm = covariances_along(found, rays)
+    return np.sqrt(np.einsum("kncc->kn", px)), np.sqrt(np.einsum("kncc->kn", mm))
+
+
+def covariances_along(found: Estimate, rays: Floats) -> tuple[Floats, Floats]:
+    """Return covariances of those points: (distances, R, 2, 2) px^2 and (distances, R, 3, 3) mm^2."""
     problem, p = found.holding, found.parameters
     assert found.errors is not None
     covariance = found.errors.covariance()
@@ -72,6 +78,5 @@ def deviations_along(found: Estimate, rays: Floats) -> tuple[Floats, Floats]:
     spread = np.einsum("ncf,fg,ndg->ncd", blocks, covariance, blocks)
     # The least move of the point that moves its pixel as much.
     back = np.linalg.pinv(by_point(there, p))
-    px = np.sqrt(np.einsum("ncc->n", spread))
-    mm = 1e3 * np.sqrt(np.einsum("nic,ncd,nid->n", back, spread, back))
-    return px.reshape(len(DISTANCES_M), -1), mm.reshape(len(DISTANCES_M), -1)
+    across = 1e6 * np.einsum("nic,ncd,njd->nij", back, spread, back)
+    return spread.reshape(len(DISTANCES_M), -1, 2, 2), across.reshape(len(DISTANCES_M), -1, 3, 3)

@@ -41,7 +41,7 @@ def test_halves_of_a_walk_are_those_of_its_stretches():
         assert one["ratio"] == pytest.approx(ratio, rel=1e-3)
         assert one["field_ratio"] == pytest.approx(of_marks, rel=1e-3)
         freedom = 2 * len(labels) - 10
-        assert one["limit"] == pytest.approx(np.sqrt(stats.f.ppf(0.995, 10, freedom)), rel=1e-6)
+        assert one["limit"] == pytest.approx(np.sqrt(stats.f.ppf(0.999, 10, freedom)), rel=1e-6)
         # What people read is of the fits themselves.
         fits = [
             np.array(polish(replace(problem, weights=half.astype(float)), truth).parameters)

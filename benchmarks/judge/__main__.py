@@ -1,0 +1,118 @@
+"""`python -m benchmarks.judge`: is what is published by itself right, and are sound calibrations published?
+
+Every case draws rigs, lenses, walks and marks anew and goes the product's way: request, search, fit, held-out pairs,
+checks. DRAWS: of each case (300); ONLY: parts of the names of cases; SEED: of the first draw; WORKERS: processes.
+A calibration is published by itself if all its checks pass. It is wrong if points at 20 m, over the field that marks
+cover, are off by more than 3 stated deviations and by more than 2 px and 1.5 mrad.
+
+Two tables go to stderr: the cases, with 95 % intervals (Clopper and Pearson 1934), and which check finds what, as
+`docs/checks.md` has it. One line of JSON goes to stdout. Of each case the first 60 draws make the second table; the
+others hold pairs out only where the fit's own checks pass, which changes no verdict on publishing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any, Final
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import numpy as np  # noqa: E402
+from scipy import special  # noqa: E402
+
+from benchmarks.judge.cases import CASES, Case  # noqa: E402
+from benchmarks.judge.judging import Outcome, numbered  # noqa: E402
+from workers.solver.slot import warm_up  # noqa: E402
+
+IN_TABLE: Final = 60
+
+
+def main() -> None:
+    """Judge all draws of all cases, and print the figures."""
+    draws, seed = int(os.environ.get("DRAWS", "300")), int(os.environ.get("SEED") or secrets.randbelow(10**8))
+    only = [part for part in os.environ.get("ONLY", "").split(",") if part]
+    cases = [case for case in CASES if not only or any(part in case.name for part in only)]
+    began = time.perf_counter()
+    asked = [(number, seed + draw, draw < IN_TABLE) for draw in range(draws) for number in map(CASES.index, cases)]
+    workers = int(os.environ.get("WORKERS") or os.cpu_count() or 1)
+    with ProcessPoolExecutor(workers, get_context("spawn"), warm_up) as pool:
+        outcomes = list(pool.map(numbered, asked, chunksize=4))
+    by_case = {case.name: [one for one in outcomes if one.case == case.name] for case in cases}
+    print(cases_table(cases, by_case), checks_table(cases, by_case), sep="\n\n", file=sys.stderr)
+    said = {"bench": "judge", "seed": seed, "draws": draws, **summary(cases, by_case)}
+    print(json.dumps(said | {"seconds": round(time.perf_counter() - began, 1)}))
+
+
+def interval(count: int, of: int) -> tuple[float, float]:
+    """The 95 % interval of a share, `count` of `of` draws (Clopper and Pearson 1934)."""
+    low = float(special.btdtri(count, of - count + 1, 0.025)) if count else 0.0
+    return low, float(special.btdtri(count + 1, of - count, 0.975)) if count < of else 1.0
+
+
+def summary(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> dict[str, Any]:
+    """The asked figures: of cases with a trace in the residuals, but for the intervals of sound ones."""
+    traced = [one for case in cases if case.has_trace for one in by_case[case.name]]
+    wrong = {case.name: _wrong(by_case[case.name]) for case in cases if case.has_trace}
+    sound = [one for case in cases if case.is_sound for one in by_case[case.name]]
+    published, stopped = (sum(one.verdict == verdict for one in sound) for verdict in ("pass", "stop"))
+    figures: dict[str, Any] = {
+        "published_wrong_worst_case": max(wrong.values(), default=None),
+        "published_wrong": sum(wrong.values()),
+        "published_wrong_upper": round(interval(sum(wrong.values()), len(traced))[1], 5) if traced else None,
+    }
+    for name, count in (("sound_published", published), ("sound_stopped", stopped)):
+        figures[name] = round(count / len(sound), 4) if sound else None
+        figures[f"{name}_interval"] = [round(end, 4) for end in interval(count, len(sound))] if sound else None
+    clean, hand = (_median_px(by_case.get(name, [])) for name in ("people, none wrong", "15 % on the hand"))
+    return figures | {"median_px_15_over_none": round(hand / clean, 3) if clean and hand else None}
+
+
+def _wrong(outcomes: Sequence[Outcome]) -> int:
+    return sum(one.verdict == "pass" and one.is_wrong for one in outcomes)
+
+
+def _median_px(outcomes: Sequence[Outcome]) -> float | None:
+    errors = [one.error_px for one in outcomes if np.isfinite(one.error_px)]
+    return float(np.median(errors)) if errors else None
+
+
+def cases_table(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> str:
+    """Each case as a line: shares with their intervals, and the median error."""
+    head = ("case", "draws", "published", "and wrong", "look", "stop", "refused", "median px")
+    rows = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+    for case in cases:
+        found = by_case[case.name]
+        counts = [sum(one.verdict == verdict for one in found) for verdict in ("pass", "look", "stop", "refused")]
+        counts.insert(1, _wrong(found))
+        shares = " | ".join(_share(count, len(found)) for count in counts)
+        name = case.name if case.has_trace else f"({case.name})"
+        rows.append(f"| {name} | {len(found)} | {shares} | {_median_px(found) or float('nan'):.2f} |")
+    return "\n".join(rows)
+
+
+def checks_table(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> str:
+    """Each check as a line: the share of draws of each case in which it says look or stop."""
+    names = sorted({name for found in by_case.values() for one in found[:IN_TABLE] for name in one.failed})
+    head = " | ".join(case.name for case in cases)
+    rows = [f"| check | {head} |", f"|---|{'---|' * len(cases)}"]
+    for name in names:
+        shares = [np.mean([name in one.failed for one in by_case[case.name][:IN_TABLE]]) for case in cases]
+        rows.append(f"| `{name}` | {' | '.join(f'{share:.2f}' if share else '' for share in shares)} |")
+    return "\n".join(rows)
+
+
+def _share(count: int, of: int) -> str:
+    low, high = interval(count, of)
+    return f"{count / of:.3f} ({low:.3f}-{high:.3f})"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,111 @@
+"""One draw by the product's own path: planned, searched, finished, held out, judged; and how wrong it is."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Any, Final, NamedTuple
+from uuid import uuid4
+
+import numpy as np
+from numpy.typing import NDArray
+
+from apexcal.documents.checks import Check, CheckVerdict, verdict_of
+from apexcal.documents.errors import DocumentError
+from benchmarks.coverage.calibrations import NO_WORK, held_out_document, planned
+from benchmarks.coverage.scores import derivative, projected
+from benchmarks.judge.cases import CASES, Case, Draw
+from service.calibration_runs.camera_summary import camera_summary
+from service.db.calibrations import FULL, Result
+from service.http.problems import Problem
+from workers.geometry.transforms import from_document
+from workers.judge.calibration_checks import checks_of_calibration
+from workers.judge.held_out_check import held_out_pairs
+from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD
+from workers.simulation.camera import FRONT
+from workers.solver.errors import SolveError
+from workers.solver.schedule import run_schedule
+from workers.tasks.solving import read_run, solved
+
+Floats = NDArray[np.float64]
+DISTANCE_M: Final = 20.0
+SIGMAS: Final = 3.0
+# Of the points over the field that marks cover: beyond their middle 95 % lie single marks at the image's edges.
+_POINTS: Final = 0.05
+
+
+class Outcome(NamedTuple):
+    """How a draw ended. verdict: of the checks, or `refused` if there is no result. error_px: RMS at 20 m over the
+    field that marks cover; is_wrong: by more than is stated, and than use allows. failed: verdicts by check.
+    """
+
+    case: str
+    verdict: CheckVerdict | str
+    error_px: float
+    is_wrong: bool
+    failed: dict[str, str]
+
+
+def outcome(case: Case, seed: int, with_folds: bool = True) -> Outcome:
+    """Draw the case and judge it as the service does.
+
+    Without `with_folds` no pairs are held out of a fit whose own checks already keep it from being published.
+    """
+    draw = case.make(seed, np.random.default_rng([seed, 67]))
+    try:
+        result, checks = calibrated(draw, with_folds)
+    except (DocumentError, Problem, SolveError):
+        return Outcome(case.name, "refused", np.nan, False, {})
+    failed = {check.name: check.verdict for check in checks if check.verdict != "pass"}
+    error_px, is_wrong = _error(draw, result)
+    return Outcome(case.name, verdict_of(checks, "mount_with_lens"), error_px, is_wrong, failed)
+
+
+def numbered(asked: tuple[int, int, bool]) -> Outcome:
+    """The outcome of a case by its number, for a process of its own: number, seed, and `with_folds`."""
+    number, seed, with_folds = asked
+    return outcome(CASES[number], seed, with_folds)
+
+
+def calibrated(draw: Draw, with_folds: bool) -> tuple[dict[str, Any], list[Check]]:
+    """The result of the one model that was asked for, and all of its checks. Raises what the product raises."""
+    (fit,) = planned(draw.paired, draw.known, draw.request).fits
+    whole = read_run(fit.of_fold(FULL), FULL, draw.known)
+    state, _ = run_schedule(whole.problem)
+    result = solved(whole, state).model_dump(mode="json", exclude_unset=True)
+    own = [Check.model_validate(check) for check in result["checks"]]
+    if not with_folds and verdict_of(own, "mount_with_lens") != "pass":
+        return result, own
+    given = [read_run(fit.of_fold(fold), fold, draw.known) for fold in range(fit.folds)]
+    folds = [held_out_document(one, state) for one in given]
+    rows = [
+        Result(id=uuid4(), run_id=uuid4(), camera=FRONT, model=fit.model, fold=fold, document=document)
+        for fold, document in enumerate([result, *folds], FULL)
+    ]
+    summary = camera_summary(rows, defaultdict(lambda: NO_WORK))
+    distances_m = np.linalg.norm(from_document(result["transform"]).apply(whole.problem.points), axis=1)
+    pairs = held_out_pairs([one["heldout"] for one in folds], result["outliers"], distances_m) if folds else None
+    return result, own + checks_of_calibration(
+        result, checks=own, camera=FRONT, summary=summary, ended_well=True, pairs=pairs
+    )
+
+
+def _error(draw: Draw, result: dict[str, Any]) -> tuple[float, bool]:
+    """RMS error, px, of points at 20 m, and whether more of them than edges explain are wrong."""
+    camera, centre = draw.paired.camera, draw.paired.camera.centre()
+    towards = draw.paired.places(draw.paired.taken_ns)[::3] - centre
+    points = centre + DISTANCE_M * towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    truth = camera.project(_at_the_end(draw, points))
+    off = np.nan_to_num(np.hypot(*(projected(result, points) - truth).T), nan=1e4)
+    covariance = result["covariance"]
+    J = np.stack([derivative(result, name, points) for name in covariance["names"]], axis=2)
+    stated = np.sqrt(np.maximum(np.einsum("nij,jk,nik->n", J, np.array(covariance["matrix"]), J), 0.0))
+    focal = float(np.sqrt(camera.intrinsics["f_x"] * camera.intrinsics["f_y"]))
+    wrong = (off > SIGMAS * np.nan_to_num(stated)) & (off > max(USE_LIMIT_PX, USE_LIMIT_RAD * focal))
+    return float(np.sqrt(np.mean(np.minimum(off, 1e4) ** 2))), bool(np.mean(wrong) > _POINTS)
+
+
+def _at_the_end(draw: Draw, points: Floats) -> Floats:
+    """The points as the mount of the walk's end sees them, if it turned."""
+    angle = np.radians(draw.turned_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    return points @ turn.T

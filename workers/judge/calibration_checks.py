@@ -1,0 +1,150 @@
+"""The checks of a result that need more than its own fit: held-out pairs, models, the rig, and what is current."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from apexcal.documents.checks import Check, CheckVerdict
+from workers.judge.held_out_check import HeldOut, held_out
+from workers.judge.topics import Topic
+
+Json = Mapping[str, Any]
+_MODELS: Final = Topic("models", "Other lens models")
+_RUNS: Final = Topic("runs", "Fits of the calibration")
+_RIG: Final = Topic("rig", "Other cameras of the rig")
+_CURRENT: Final = Topic("current", "Current result")
+# Ratio of held-out errors from which a vehicle keeps what it has, and an error below which it never matters.
+_WORSE: Final = 1.5
+_FINE_PX: Final = 0.5
+# Ratio of stated deviations that are clearly different: each is known to about a tenth (50 degrees of freedom).
+_LESS_PRECISE: Final = 1.25
+
+
+@dataclass(frozen=True)
+class CurrentResult:
+    """What the camera's vehicle gets now.
+
+    verdict: of its own checks. compared: the new result against it, with `rotation_deg`, `translation_mm`, `sigmas`
+    and `differs`; None where one of them states no deviations. heldout_mean_px: its mean held-out error. checks: its
+    own. newer: sentences on what is newer about it, such as its rig or its pairs.
+    """
+
+    model: str
+    lens: str
+    verdict: CheckVerdict
+    checks: Sequence[Check]
+    compared: Json | None = None
+    heldout_mean_px: float | None = None
+    newer: Sequence[str] = ()
+
+
+def checks_of_calibration(
+    result: Json,
+    *,
+    checks: Sequence[Check],
+    camera: str,
+    summary: Json,
+    ended_well: bool,
+    pairs: HeldOut | None = None,
+    rig: Json | None = None,
+    current: CurrentResult | None = None,
+) -> list[Check]:
+    """Return what a calibration's end adds to the `checks` of a result, a fit to all pairs of a camera.
+
+    summary: the camera's, with `recommended`, `why` and `models`; ended_well: whether all runs are done; pairs: the
+    held-out ones; rig: the comparison of the cameras; current: None where the vehicle has none, or it was withdrawn.
+    """
+    name = result["model"]
+    return [
+        held_out(result, summary["models"][name], pairs),
+        models(name, summary),
+        runs(ended_well),
+        of_rig(camera, rig if name == summary["recommended"] else None),
+        beside_current(result, checks, summary["models"][name]["heldout_mean_px"], current),
+    ]
+
+
+def models(name: str, summary: Json) -> Check:
+    """Whether another model is recommended. It stops a result that held-out pairs speak against."""
+    recommended, behind = summary["recommended"], summary["models"][name].get("behind")
+    remedy = "Publish the recommended model."
+    if not recommended:
+        return _MODELS.fails("look", f"No model is recommended. {summary['why']}", "Retry the runs that failed.")
+    if recommended == name:
+        return _MODELS.passes(f"{name} is recommended; {len(summary['models'])} were fitted.")
+    clear = behind is not None and not behind["within_noise"]
+    return _MODELS.fails(
+        "stop" if clear else "look",
+        f"{recommended} is recommended, not {name}. {summary['why']}",
+        remedy,
+        behind_log_likelihood=behind and behind["log_likelihood"],
+    )
+
+
+def runs(ended_well: bool) -> Check:
+    """Whether every fit of the calibration ended."""
+    return _RUNS.fails(
+        "pass" if ended_well else "look",
+        "Every fit of the calibration ended." if ended_well else "Not every fit of the calibration ended well.",
+        "Retry the runs that failed.",
+    )
+
+
+def of_rig(camera: str, rig: Json | None) -> Check:
+    """Whether the rig's other cameras and what the rig states agree with this camera's mount."""
+    if not rig:
+        return _RIG.passes("There was no other camera to compare it with.")
+    if rig.get("problem"):
+        detail = rig["problem"]["detail"]
+        return _RIG.fails("look", f"The cameras could not be compared: {detail}", "Calibrate again.")
+    against = [alarm for pair in rig["pairs"] if camera in pair["cameras"] for alarm in pair["alarms"]]
+    return _RIG.fails(
+        "stop" if against else "pass",
+        " ".join(against) or "The cameras of the rig agree with each other and with what the rig states.",
+        "Check the marks and clocks of these cameras, and what the rig states.",
+    )
+
+
+def beside_current(
+    result: Json, checks: Sequence[Check], heldout_px: float | None, current: CurrentResult | None
+) -> Check:
+    """Whether a person should look before this result takes the current one's place.
+
+    Results are compared if lens and model are alike. A current result that should not be used protects nothing.
+    """
+    if current is None:
+        return _CURRENT.passes("The vehicle has no current result of this camera.")
+    if current.verdict == "stop":
+        return _CURRENT.passes("The vehicle's current result fails its own checks and is no standard.")
+    doubts = list(current.newer)
+    is_alike = (current.model, current.lens) == (result["model"], result["lens"])
+    apart = current.compared if is_alike and current.verdict == "pass" else None
+    figures: dict[str, float | None] = {}
+    if apart:
+        figures = {name: apart[name] for name in ("rotation_deg", "translation_mm", "sigmas")}
+        if apart["differs"]:
+            doubts.append(
+                f"The mount differs from the vehicle's current result by {apart['rotation_deg']:.2f} degrees and "
+                f"{apart['translation_mm']:.0f} mm, {apart['sigmas']:.1f} times what both state: something moved, or "
+                "one of them states too little."
+            )
+    own, other = (_over_limit(of) for of in (checks, current.checks))
+    if own is not None and other is not None and own > _LESS_PRECISE * other:
+        figures["times_less_precise"] = own / other if other > 0.0 else None
+        doubts.append(f"Its stated deviations are {own / other:.1f} times those of the vehicle's current result.")
+    worse = current.heldout_mean_px
+    if heldout_px is not None and worse is not None and heldout_px > max(_WORSE * worse, _FINE_PX):
+        doubts.append(f"Held-out pairs lie {heldout_px:.2f} px off; of the vehicle's current result {worse:.2f}.")
+    return _CURRENT.fails(
+        "look" if doubts else "pass",
+        " ".join(doubts) or "Nothing speaks for keeping the vehicle's current result.",
+        "Compare both results, and publish this one by hand if it is the better one.",
+        **figures,
+    )
+
+
+def _over_limit(checks: Sequence[Check]) -> float | None:
+    """Stated precision where the result is used, over its limit."""
+    return next((check.figures.get("over_limit") for check in checks if check.name == "precision"), None)

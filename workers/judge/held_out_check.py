@@ -1,0 +1,110 @@
+"""The check of a fit on pairs that it held out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from apexcal.documents.checks import Check, CheckVerdict
+from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD, Topic
+from workers.solver.prediction import DISTANCES_M
+
+Floats = NDArray[np.float64]
+_HELD_OUT: Final = Topic("held_out", "Held-out pairs")
+# Ratio of held-out to fitted error from which a fit says little about other places. Twenty real pairs for sixteen
+# parameters give 3.3, enough pairs 1.1.
+_FAR: Final = 3.0
+# Above this multiple of what marks and vertices explain, held-out pairs contradict it (`pair_checks.noise`).
+_UNEXPLAINED: Final = 1.5
+# An error below this is no doubt, whatever it is compared with.
+_FINE_PX: Final = 0.5
+_FEWEST: Final = 10  # pairs of one distance that are judged together
+
+
+class HeldOut(NamedTuple):
+    """Held-out pairs of all folds, (M,) each: distances from their marks in px of a typical pair's noise, by how much
+    that whitening scales lengths, and distances from the camera, m.
+    """
+
+    standard_px: Floats
+    stretch: Floats
+    distances_m: Floats
+
+
+def held_out_pairs(
+    heldout: Sequence[Mapping[str, Any]], outliers: Sequence[Mapping[str, Any]], distances_m: ArrayLike
+) -> HeldOut:
+    """Return the held-out pairs that belong.
+
+    heldout: of each fold, `indices`, `standard_px` and `stretch`; outliers: of the fit to all pairs, by `index`;
+    distances_m (N,): of all pairs from the camera.
+    """
+    far = np.asarray(distances_m, np.float64)
+    errors, stretch = np.full(len(far), np.nan), np.ones(len(far))
+    for fold in heldout:
+        rows = np.asarray(fold["indices"], np.int64)
+        errors[rows], stretch[rows] = fold["standard_px"], fold["stretch"]
+    errors[[one["index"] for one in outliers]] = np.nan
+    judged = np.isfinite(errors)
+    return HeldOut(errors[judged], stretch[judged], far[judged])
+
+
+def held_out(result: Mapping[str, Any], summary: Mapping[str, Any], pairs: HeldOut | None) -> Check:
+    """Whether held-out pairs lie where the fit expects them, as well as its use needs.
+
+    result: of the fit to all pairs; summary: of its model. A point's own error is what the pairs about its distance
+    show beyond the noise of the fit.
+    """
+    mean_px, fitted_px = summary["heldout_mean_px"], result["kept"]["mean_px"]
+    if mean_px is None:
+        return _HELD_OUT.fails("look", "No pairs were held out to judge it by.", "Calibrate with folds.")
+    noise, explained = summary.get("heldout_sigma_px"), result.get("explained_px")
+    doubts: list[str] = []
+    if mean_px > max(_FAR * fitted_px, _FINE_PX):
+        doubts.append("the pairs are too few, too uneven, or some of them wrong")
+    if noise and explained and noise > _UNEXPLAINED * explained:
+        doubts.append(f"they show a noise of {noise:.2g} px per coordinate, of which {explained:.2g} are explained")
+    verdict: CheckVerdict = "look" if doubts else "pass"
+    figures: dict[str, float | None] = {"mean_px": mean_px, "fitted_mean_px": fitted_px, "noise_px": noise}
+    for distance, off_px, chance in _by_distance(result, pairs) if pairs else ():
+        figures[f"beyond_noise_at_{distance:.0f}_m_px"] = off_px
+        if chance < LOOK_RATE and off_px > _limit_px(result):
+            verdict = "stop" if chance < STOP_RATE else "look" if verdict == "pass" else verdict
+            doubts.append(f"about {distance:.0f} m they lie {off_px:.2g} px off beyond the noise")
+    said = f"Held-out pairs lie {mean_px:.2f} px off, the fitted ones {fitted_px:.2f}"
+    return _HELD_OUT.fails(
+        verdict,
+        f"{said}: {'; '.join(doubts)}." if doubts else f"{said}.",
+        "Mark more vertices and over more of the image, and look at the marks and the lens model.",
+        **figures,
+    )
+
+
+def _limit_px(result: Mapping[str, Any]) -> float:
+    lens = result["intrinsics"]
+    return max(USE_LIMIT_PX, USE_LIMIT_RAD * float(np.sqrt(lens["f_x"] * lens["f_y"])))
+
+
+def _by_distance(result: Mapping[str, Any], pairs: HeldOut) -> list[tuple[float, float, float]]:
+    """Of each distance with enough pairs: metres, a typical point's RMS beyond the noise in px, and its probability.
+
+    Half of the squares of a noise of 1 px are exponential; their median is ln 2, known to 1 / sqrt(M). One block that
+    lies beyond all fitted pairs does not decide.
+    """
+    noise_px = result["sigma_px"]
+    edges = np.sqrt(np.array(DISTANCES_M[:-1]) * np.array(DISTANCES_M[1:]))
+    band = np.searchsorted(edges, pairs.distances_m)
+    judged: list[tuple[float, float, float]] = []
+    for k, distance in enumerate(DISTANCES_M):
+        halves = 0.5 * (pairs.standard_px[band == k] / noise_px) ** 2
+        if len(halves) < _FEWEST:
+            continue
+        median = float(np.median(halves))
+        chance = float(special.ndtr(-(median - np.log(2.0)) * np.sqrt(len(halves))))
+        beyond = 2.0 * noise_px**2 * max(median / np.log(2.0) - 1.0, 0.0)
+        judged.append((distance, float(np.sqrt(beyond) / np.median(pairs.stretch[band == k])), chance))
+    return judged
