@@ -148,15 +148,14 @@ def coverage(problem: FitProblem, result: FitResult) -> Check:
 
 def _beyond_marks(result: FitResult) -> float:
     """The stated 95 % half-width over most of the image at 20 m, over what is of use."""
-    prediction = result.prediction
-    if prediction is None:
+    if result.prediction is None:
         return np.inf
-    at, lens = prediction.distances_m.index(20.0), result.intrinsics
-    stated = [point.stated_px[at] for point in prediction.points if point.stated_px]
+    at, lens = result.prediction.distances_m.index(20.0), result.intrinsics
+    stated = [point.stated_px[at] for point in result.prediction.points if point.stated_px]
     if not stated:
         return np.inf
     limit_px = _OF_USE * max(USE_LIMIT_PX, USE_LIMIT_RAD * float(np.sqrt(lens.f_x * lens.f_y)))
-    return 1.96 * prediction.expected_over_stated * float(np.quantile(stated, _MOST_OF_IMAGE)) / limit_px
+    return 1.96 * result.prediction.expected_over_stated * float(np.quantile(stated, _MOST_OF_IMAGE)) / limit_px
 
 
 def noise(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[Any]]) -> Check:

@@ -12,7 +12,7 @@ import numpy as np
 from llvmlite import binding
 from numpy.typing import ArrayLike, NDArray
 
-from apexcal.documents.results import FitResult, FittedPairs, Intrinsics, LeastSquares, Search
+from apexcal.documents.results import FitResult, FittedPairs, Intrinsics, LeastSquares, Search, Status
 from apexcal.documents.transforms import SolvedTransform
 from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import distances_px, image_diagonal_px, project
@@ -228,7 +228,7 @@ def _version(library: str) -> str:
         return "not installed"
 
 
-def _status(state: State, found: Estimate, unexplained: list[str]) -> tuple[str, str]:
+def _status(state: State, found: Estimate, unexplained: list[str]) -> tuple[Status, str]:
     problem, p, spread = found.fitted, found.parameters, found.spread
     if not is_determined(problem, p, spread):
         reasons = point_alarms(problem, p)

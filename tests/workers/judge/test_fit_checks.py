@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.workers.judge.fits import FOCAL_PX, checked, failed, lens_of, rig
+from tests.workers.solver.few_pairs import real
 from tests.workers.solver.rigs import PLAIN, SIZE
 from tests.workers.solver.walks import posed
 from workers.judge.agreement_checks import fit, optima
@@ -16,6 +17,8 @@ from workers.judge.time_checks import image_velocities
 from workers.judge.topics import graded
 from workers.judge.validation_checks import elsewhere
 from workers.solver.estimate import estimate
+from workers.solver.schedule import run_schedule
+from workers.tasks.solving import read_run, solved
 
 
 @pytest.mark.parametrize("lens", ["pinhole", "brown_conrady", "kannala_brandt"])
@@ -229,3 +232,12 @@ def test_an_effect_is_graded_by_chance_and_size():
     assert graded(1e-4, 1.0, 0.5) == "stop"
     assert graded(1e-4, 0.3, 0.5) == graded(4e-3, 9.0, 0.5) == "look"
     assert graded(1e-9, 0.2, 0.5) == graded(0.01, 9.0, 0.5) == "pass"
+
+
+def test_few_pairs_without_degrees_of_freedom_have_numbers_in_every_check():
+    document, pairs = real(5)
+    run = read_run(document, -1, pairs)
+    figures = [
+        value for check in solved(run, run_schedule(run.problem)[0]).checks for value in check.figures.values()
+    ]
+    assert np.all(np.isfinite([value for value in figures if value is not None]))
