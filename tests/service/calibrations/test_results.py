@@ -22,7 +22,14 @@ DOCUMENT = {
     "status": "ok",
     "pairs": 60,
     "polished": {"mean_px": 1.25, "rms_px": 1.5},
-    "intrinsics": {"model": "pinhole", "f_x": 500.0, "f_y": 501.0, "c_x": 320.0, "c_y": 240.0},
+    "intrinsics": {
+        "model": "pinhole",
+        "f_x": 500.0,
+        "f_y": 501.0,
+        "c_x": 320.0,
+        "c_y": 240.0,
+        "image_size": [640, 480],
+    },
     "transform": write(
         LEVEL["to_frame"],
         LEVEL["from_frame"],
@@ -149,7 +156,7 @@ def current_address(rig):
 def test_a_result_is_the_whole_document_with_its_ids(api, fleet, rig):
     calibration, (full, _) = seed_results(api, rig)
     read = api.member(fleet, "viewer").get(f"/results/{full}").json()
-    assert {key: read[key] for key in DOCUMENT} == DOCUMENT
+    assert {key: read[key] for key in DOCUMENT} == DOCUMENT | {"checks": read["checks"]}
     assert (read["id"], read["calibration_id"]) == (str(full), str(calibration))
     assert (read["camera"], read["fold"], read["seed"], read["vehicle_id"]) == ("front", -1, 5, str(rig.vehicle_id))
     assert failed(read) == [] and (read["verdict"], read["verdict_alone"]) == ("pass", "pass")

@@ -30,6 +30,7 @@ def of_block(errors, indices):
 def document(mean_px, heldout=(), model="pinhole", **more):
     stage = {"mean_px": mean_px, "rms_px": mean_px}
     return {
+        "model": model,
         "ga": stage,
         "polished": stage,
         "baseline": stage,
@@ -336,7 +337,8 @@ def test_what_fits_far_better_than_it_foretells_does_not_publish_itself(context)
     _, summary, published = ended(context, calibration_id)
     assert published == []
     assert failed(summary["cameras"]["front"]) == [
-        "Held-out pairs lie 1.01 px off, the fitted ones 0.30: the pairs are too few, too uneven, or some of them wrong."
+        "Held-out pairs lie 1.01 px off, the fitted ones 0.30: the pairs are too few, too uneven, or some of them "
+        "wrong."
     ]
 
 
