@@ -137,13 +137,14 @@ def test_noise_beyond_what_marks_and_vertices_explain(noise_px, verdict):
     assert ("pairing mode auto" in check.remedy) == (verdict != "pass")
 
 
-def test_marks_outside_of_the_image():
+@pytest.mark.parametrize(("count", "verdict"), [(0, "pass"), (1, "look"), (20, "stop")])
+def test_marks_that_belong_and_lie_outside_of_the_image(count, verdict):
     problem, start = rig("pinhole")
-    assert checked(problem, start)["marks_outside"].verdict == "pass"
-    for count, verdict in ((1, "look"), (20, "stop")):
-        pixels = problem.pixels.copy()
-        pixels[:count, 0] = -30.0
-        assert checked(replace(problem, pixels=pixels), start)["marks_outside"].verdict == verdict
+    u = np.sort(problem.pixels[:, 0])
+    width = int(u[-1 - count]) + 1
+    narrower = replace(problem, image_size=(width, SIZE[1]))
+    check = checked(narrower, start)["marks_outside"]
+    assert (check.verdict, check.figures["outside"]) == (verdict, np.count_nonzero(u > width + 0.5))
 
 
 def moving(problem, seed=5):
