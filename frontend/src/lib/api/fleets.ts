@@ -5,7 +5,6 @@ import { read, readAll, type Read } from "./reads.ts";
 import type {
   DraftedRig,
   Fleet,
-  ImageKind,
   PublicationPolicy,
   Rig,
   RigDraftRequest,
