@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.documents.fit_requests import fit_request
+from apexcal.documents.results import FitResult
 from tests.workers.judge.fits import FOCAL_PX, checked, failed, lens_of, rig
 from tests.workers.solver.few_pairs import real
 from tests.workers.solver.rigs import PLAIN, SIZE
@@ -206,17 +208,17 @@ def test_precision_is_judged_where_points_are_used():
 def test_the_mount_alone_is_judged_by_degrees_and_millimetres():
     half = dict.fromkeys(("rotation_x", "rotation_y", "rotation_z"), 0.3)
     half |= dict.fromkeys(("t_x", "t_y", "t_z"), 0.03)
-    assert mount_alone({"interval95_half_width": half, "lens": "stated"}).verdict == "pass"
+    assert mount_alone(FitResult.model_construct(interval95_half_width=half, lens="stated")).verdict == "pass"
     for name, value in (("rotation_x", 0.5), ("t_z", 0.05), ("t_z", None)):
-        check = mount_alone({"interval95_half_width": half | {name: value}, "lens": "fitted"})
+        check = mount_alone(FitResult.model_construct(interval95_half_width=half | {name: value}, lens="fitted"))
         assert (check.verdict, check.scope) == ("stop", "mount_alone")
 
 
 def test_ends_and_other_optima_stop():
-    assert fit({"status": "ok", "message": "Stopped."}).verdict == "pass"
-    assert fit({"status": "not_determined", "message": "Open."}).verdict == "stop"
-    assert optima({"several_optima": []}).verdict == "pass"
-    assert optima({"several_optima": ["Another optimum is nearly as deep."]}).verdict == "stop"
+    assert fit(FitResult.model_construct(status="ok", message="Stopped.")).verdict == "pass"
+    assert fit(FitResult.model_construct(status="not_determined", message="Open.")).verdict == "stop"
+    assert optima(FitResult.model_construct(several_optima=[])).verdict == "pass"
+    assert optima(FitResult.model_construct(several_optima=["Another optimum is nearly as deep."])).verdict == "stop"
 
 
 def test_other_data_that_disagrees_stops():
@@ -237,8 +239,6 @@ def test_an_effect_is_graded_by_chance_and_size():
 
 def test_few_pairs_without_degrees_of_freedom_have_numbers_in_every_check():
     document, pairs = real(5)
-    run = read_run(document, -1, pairs)
-    figures = [
-        value for check in solved(run, run_schedule(run.problem)[0]).checks for value in check.figures.values()
-    ]
-    assert np.all(np.isfinite([value for value in figures if value is not None]))
+    run = read_run(fit_request(**document).model_dump(mode="json"), -1, pairs)
+    for check in solved(run, run_schedule(run.problem)[0]).checks:
+        assert np.all(np.isfinite([value for value in check.figures.values() if value is not None])), check
