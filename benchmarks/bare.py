@@ -128,4 +128,4 @@ def _solve(run: Run) -> dict[str, Any]:
     """As a worker does a whole run."""
     fit = read_run(run.document, run.fold, run.pairs)
     state, _ = run_schedule(fit.problem)
-    return solved(fit, state)
+    return solved(fit, state).model_dump(mode="json", exclude_unset=True)

@@ -47,7 +47,7 @@ from service.http import (
     watching,
     web,
 )
-from service.http.places import Places
+from service.http.limits import ConcurrencyLimiter
 from service.imports import routes as imports
 from service.job_status import routes as job_status
 from service.jobs.messages import COURIER as JOBS
@@ -109,15 +109,19 @@ for _router in ROUTERS:
     API.include_router(_router, prefix="/v1", max_body_size=bodies.DEFAULT)
 
 _UPKEEP_S = 600.0
+_UPKEEP_CONNECTIONS = 2
 _CANCEL_AGAIN_S = 0.1
 # Below what clients and proxies wait for an answer.
-_PATIENCE_S = 30.0
+_WAIT_S = 30.0
 
 log = logging.getLogger(__name__)
 
 
 async def _keep_house(database: Database, store: Store, settings: Settings) -> None:
-    """Remove what has ended, every ten minutes. Several services doing it at once do no harm."""
+    """Remove what has ended, every ten minutes. Several services doing it at once do no harm.
+
+    ``database`` waits for locks longer than requests do.
+    """
 
     def audit_store(database: Database) -> None:
         audit_if_due(database, store, settings)
@@ -164,19 +168,20 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        house: tuple[Database, Store] = app.state.database, app.state.store
+        store: Store = app.state.store
+        upkeep_database = Database(settings.database, connections=_UPKEEP_CONNECTIONS)
+        upkeep_database.couriers = app.state.database.couriers
         fanout = app.state.fanout = Fanout(settings.events, app.state.database, drain)
         current_default_thread_limiter().total_tokens = threads.OTHERS
-        tasks = (keep_adopting(*house), _keep_house(*house, settings), fanout.feed(), fanout.watch())
-        upkeep = [asyncio.create_task(task) for task in tasks]
+        tasks = (keep_adopting(upkeep_database, store), _keep_house(upkeep_database, store, settings))
+        upkeep = [asyncio.create_task(task) for task in (*tasks, fanout.feed(), fanout.watch())]
         with drain.before_stopping():
             yield
         await _end(upkeep)
         await app.state.retrieval.close()
         app.state.sender.close()
         app.state.publisher.close()
-        app.state.database.close()
-        for database in app.state.health_databases:
+        for database in (app.state.database, upkeep_database, *app.state.health_databases):
             database.close()
 
     app = FastAPI(
@@ -202,10 +207,10 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)
     # An import of 32 MiB takes some 130 MB while it is read, an answer of 100,000 pairs 20 MB and then 6.
-    app.state.imports = Places(total=4, each=1, patience_s=_PATIENCE_S)
-    # Bodies of imports still arriving: slow ones, of 32 MiB each, take no place from others.
-    app.state.arriving_imports = Places(total=32, each=1, patience_s=_PATIENCE_S)
-    app.state.long_answers = Places(total=8, each=4, patience_s=_PATIENCE_S)
+    app.state.imports = ConcurrencyLimiter(4, 1, _WAIT_S)
+    # Bodies of imports still arriving: slow ones, of 32 MiB each, take nothing from others.
+    app.state.arriving_imports = ConcurrencyLimiter(32, 1, _WAIT_S)
+    app.state.long_answers = ConcurrencyLimiter(8, 4, _WAIT_S)
     app.state.database.couriers.update({JOBS: app.state.sender, HINTS: app.state.publisher})
 
     for room in (problems, store_problems, etags, idempotency):

@@ -19,19 +19,14 @@ Made = TypeVar("Made", FleetOut, VehicleOut)
 
 def rig(
     description: Annotated[
-        Path | None, typer.Argument(help="JSON file of the rig, as docs/rigs.md shows.", exists=True)
+        Path | None, typer.Argument(help="JSON file of the rig: docs/rigs.md.", exists=True)
     ] = None,
     fleet: Annotated[
         str, typer.Option(help="Fleet, by name; a new name makes one. Needed where there are several.")
     ] = "",
     vehicle: Annotated[str, typer.Option(help="Vehicle, by name; a new name makes one.")] = "Vehicle",
-    correct: Annotated[
-        str, typer.Option(help="Id of a rig whose --images are corrected. No description is read then.")
-    ] = "",
-    images: Annotated[
-        list[str] | None,
-        typer.Option(help="CAMERA=raw or CAMERA=rectified; CAMERA= lets the next recording tell it. Several times."),
-    ] = None,
+    correct: Annotated[str, typer.Option(help="Id of a rig: its --images are corrected, and none is added.")] = "",
+    images: Annotated[list[str] | None, typer.Option(help="CAMERA=raw or =rectified; CAMERA= forgets it.")] = None,
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,

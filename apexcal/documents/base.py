@@ -109,9 +109,12 @@ class Page(BaseModel, Generic[T]):
 
 
 class Document(BaseModel):
-    """A document that is kept as JSON. Of another version it may have further members, which stay."""
+    """A document that is kept as JSON, with finite numbers only.
 
-    model_config = ConfigDict(extra="allow")
+    Of another version it may have further members, which stay.
+    """
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
 
 
 def _as_stored(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:

@@ -1,6 +1,7 @@
-"""What a fit found: the result of a run.
+"""What a fit returns: one document, which the solver builds, the service stores and everybody reads.
 
-Members with a default are those that older versions, or some results, do not have.
+A member that some results do not have is null there. What the pairs do not tell is null, too, never a number that is
+none.
 """
 
 from __future__ import annotations
@@ -8,6 +9,8 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any, Final, Literal
 from uuid import UUID
+
+from pydantic import ConfigDict
 
 from apexcal.documents.base import Document
 from apexcal.documents.checks import Check, CheckVerdict
@@ -33,7 +36,7 @@ class Search(Errors):
 
     minimised: str
     parameters: dict[str, float]
-    loss_px: float | None = None
+    loss_px: float
 
 
 class LeastSquares(Errors):
@@ -64,7 +67,10 @@ class OutlierPair(Document):
 
 
 class Outlier(Document):
-    """A pair that the others speak against: its distance under their fit, that in standard deviations, and why."""
+    """A pair that the others speak against: its distance under their fit, that in standard deviations, and why.
+
+    ``excluded``: the fit left it out. ``pair`` is added by the service, which has the set.
+    """
 
     index: int
     residual_px: float
@@ -79,20 +85,25 @@ class HeldOut(Errors):
 
     Models are compared by ``standard_px``: the distances in standard deviations of what the pairs state, in pixels of
     a typical pair, under a fit without outliers. ``stretch`` is how that scales lengths. Pairs of one of the
-    ``blocks`` err together.
+    ``blocks`` err together. What it says of single pairs is null for who may not know their marks.
     """
 
-    max_px: float | None = None
-    errors_px: list[float] | None = None
-    indices: list[int] | None = None
-    forbidden: int = 0
-    blocks: list[int] | None = None
-    standard_px: list[float] | None = None
-    stretch: list[float] | None = None
+    forbidden: int
+    max_px: float | None
+    errors_px: list[float] | None
+    indices: list[int] | None
+    blocks: list[int] | None
+    standard_px: list[float] | None
+    stretch: list[float] | None
+
+
+SINGLE_HELD_OUT_PAIRS: Final = ("max_px", "errors_px", "indices", "blocks", "standard_px", "stretch")
 
 
 class Intrinsics(Document):
-    """The lens; focal lengths and principal point in pixels, and those coefficients that the model has."""
+    """The lens; focal lengths and principal point in pixels, and those coefficients that the model has; the others
+    are left out. ``image_size``: width and height, pixels.
+    """
 
     model: str
     f_x: float
@@ -105,7 +116,11 @@ class Intrinsics(Document):
     k3: float | None = None
     k4: float | None = None
     k5: float | None = None
-    image_size: list[int] | None = None
+    image_size: list[int]
+
+    def by_name(self) -> dict[str, float]:
+        """The numbers of the lens that are stated, by name."""
+        return {name: value for name, value in self if isinstance(value, float)}
 
 
 class Covariance(Document):
@@ -162,7 +177,7 @@ class SharedErrors(Document):
     ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch.
     ``noise_px`` is each mark's own noise. ``evidence`` is twice the log likelihood ratio to independent errors.
     ``widening`` is the ratio of the pixels' deviations over the marks to those of independent errors. The result's
-    deviations include the shared errors if ``counted``. ``over_time`` is there for many groups.
+    deviations include the shared errors if ``counted``. ``over_time`` is there if many groups are in stretches.
     """
 
     blocks: int
@@ -172,7 +187,7 @@ class SharedErrors(Document):
     evidence: float
     counted: bool
     widening: float
-    over_time: OverTime | None = None
+    over_time: OverTime | None
 
 
 class Halves(Document):
@@ -193,9 +208,9 @@ class Halves(Document):
     stated_px: float
     field_ratio: float
     field_limit: float
-    turned_deg: float | None = None
-    turned_ratio: float | None = None
-    turned_limit: float | None = None
+    turned_deg: float | None
+    turned_ratio: float | None
+    turned_limit: float | None
     holds: bool
 
 
@@ -226,8 +241,8 @@ class PredictedPixel(Document):
 
     u: float
     v: float
-    stated_px: list[float] | None = None
-    stated_mm: list[float] | None = None
+    stated_px: list[float] | None
+    stated_mm: list[float] | None
 
 
 class Prediction(Document):
@@ -242,24 +257,50 @@ class Prediction(Document):
     points: list[PredictedPixel]
 
 
-class StatedLensFit(Document):
+class Precision(Document):
+    """What the pairs tell of the free parameters, in degrees, metres and pixels.
+
+    Deviations and half widths are null where the pairs do not determine the parameter. ``sigma_px`` is the noise of a
+    typical pair.
+    """
+
+    std: Deviations
+    interval95_half_width: Deviations
+    covariance: Covariance
+    sigma_px: float
+
+
+class FitPrecision(Precision):
+    """The same of a whole fit.
+
+    ``noise_scale`` says how many times larger the errors are than stated, where pairs weigh by what they state.
+    ``rank`` and ``condition`` are those of the Jacobian with columns of unit length; the condition is null unless the
+    rank is full. ``undetermined`` has the largest parts of each direction that the pairs leave open.
+    ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
+    """
+
+    correlation: list[list[float]]
+    worst_correlation: WorstCorrelation | None
+    noise_scale: float | None
+    rank: int
+    condition: float | None
+    undetermined: list[dict[str, float]]
+    degrees_of_freedom: Deviations | None
+
+
+class StatedLensFit(Precision):
     """The mount of the same pairs under a lens that the recording or a file states, locked there.
 
     ``explains``: whether the pairs bear that lens out, null if they are too few to tell; ``sentence`` says it.
-    ``rms_px`` is the error under it, ``free_lens_rms_px`` that under a lens that the pairs alone hold. Deviations and
-    covariance as of the result.
+    ``rms_px`` is the error under it, ``free_lens_rms_px`` that under a lens that the pairs alone hold.
     """
 
     intrinsics: Intrinsics
     transform: SolvedTransform
     rms_px: float
-    free_lens_rms_px: float | None = None
+    free_lens_rms_px: float | None
     explains: bool | None
     sentence: str
-    std: Deviations
-    interval95_half_width: Deviations
-    covariance: Covariance
-    sigma_px: float
 
 
 class Provenance(Document):
@@ -270,81 +311,81 @@ class Provenance(Document):
     sources_sha256: str
 
 
-class RunResult(Document):
-    """What a run found, as the solver writes it.
+class FitResult(FitPrecision):
+    """What a fit returns.
 
     ``intrinsics`` and ``transform`` (T_camera_lidar) are the polished ones. ``ga``, ``polished``, ``baseline`` (least
-    squares from the centre of the bounds) and ``linear_baseline`` (a linear start with RANSAC, then least squares)
-    stand side by side. ``parameters`` and ``std`` are in degrees, metres and pixels. ``noise_scale`` says how many
-    times larger the errors are than stated, where pairs weigh by what they state; ``sigma_px`` is the noise of a
-    typical pair, ``explained_px`` what marks and vertices explain of it; ``marks_outside`` counts marks outside of
-    the image. ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
-    ``weak_priors`` are the deviations about zero of priors that hold distortion which the pairs hardly hold.
+    squares from the centre of the bounds) and ``linear_baseline`` (direct linear transformation with RANSAC, then
+    least squares; null where no linear camera fits) stand side by side. ``ga`` is over all pairs, also where the
+    others leave outliers out; ``kept`` has the errors over the rest. ``parameters`` and ``std`` are in degrees,
+    metres and pixels, parameters of the stages in the search's own units: radians, metres, pixels.
+
+    ``status``: ``unfinished`` if the schedule was stopped from outside, ``not_converged`` if the polish ran out,
+    ``not_determined`` if the pairs leave a free parameter open, ``not_explained`` if half of them lie far from where
+    it projects them. ``checks`` are all that the result is judged by.
+
+    ``explained_px`` is what marks and vertices explain of ``sigma_px``; ``marks_outside`` counts marks outside of the
+    image. ``weak_priors`` are the deviations about zero of priors that hold distortion which the pairs hardly hold.
     ``lens`` says where the lens comes from. Intrinsics and transform hold together only; ``stated_lens`` has the
     mount for who projects through the stated lens. ``common_errors`` are the deviations stated for what all pairs
-    share. ``checks`` are those of this fit alone. ``stated_too_small`` says where halves of the pairs differ by more
-    than is stated.
+    share, ``person_bias`` is what was found of the people's, ``rolling_shutter`` what the residuals show beyond the
+    stated ``line_time_us``. ``stated_too_small`` says where ``halves`` of the pairs differ by more than is stated.
+
+    Of a fit to all pairs ``heldout`` is null. Of one that holds pairs out these are null: ``stated_lens``,
+    ``rolling_shutter``, ``prediction``, ``explained_px``, ``marks_outside`` and ``field``. ``provenance`` and
+    ``finish_seconds`` are those of the job; ``residuals_px`` is null for who may not know the marks.
     """
 
+    model_config = ConfigDict(frozen=True)
+
     model: str
+    search: str
     status: Status
     message: str
+    loss: str
+    weights: Literal["equal", "covariances"]
+    pairs: int
+    free_parameters: int
+    iterations: int
+    stopped: Stopped | None
+    evaluations: int
+    history: list[float]
+    ga: Search
     polished: LeastSquares
+    baseline: LeastSquares | None
+    linear_baseline: LeastSquares | None
+    kept: FittedPairs
+    outliers: list[Outlier]
+    parameters: dict[str, float]
     intrinsics: Intrinsics
     transform: SolvedTransform
-    lens: LensOrigin = "fitted"
-    stated_lens: StatedLensFit | None = None
-    search: str | None = None
-    loss: str | None = None
-    weights: Literal["equal", "covariances"] | None = None
-    pairs: int | None = None
-    free_parameters: int | None = None
-    iterations: int | None = None
-    stopped: Stopped | None = None
-    evaluations: int | None = None
-    history: list[float] | None = None
-    ga: Search | None = None
-    baseline: LeastSquares | None = None
-    linear_baseline: LeastSquares | None = None
-    kept: FittedPairs | None = None
-    outliers: list[Outlier] = []
-    parameters: dict[str, float] | None = None
-    residuals_px: list[float] | None = None
-    at_bounds: list[str] = []
-    std: Deviations | None = None
-    interval95_half_width: Deviations | None = None
-    covariance: Covariance | None = None
-    correlation: list[list[float]] | None = None
-    worst_correlation: WorstCorrelation | None = None
-    sigma_px: float | None = None
-    noise_scale: float | None = None
-    rank: int | None = None
-    condition: float | None = None
-    undetermined: list[dict[str, float]] | None = None
-    degrees_of_freedom: Deviations | None = None
-    alarms: list[str] = []
-    checks: list[Check] = []
-    several_optima: list[str] = []
-    shared_errors: SharedErrors | None = None
-    common_errors: dict[str, float] = {}
-    person_bias: PersonBias | None = None
-    line_time_us: float = 0.0
-    rolling_shutter: RollingShutter | None = None
-    weak_priors: dict[str, float] = {}
-    halves: list[Halves] = []
-    stated_too_small: list[str] = []
-    prediction: Prediction | None = None
-    cpu: dict[str, str] | None = None
-    versions: dict[str, str] | None = None
-    heldout: HeldOut | None = None
-    explained_px: float | None = None
-    marks_outside: int | None = None
-    field: Field | None = None
-    provenance: Provenance | None = None
-    finish_seconds: float | None = None
+    lens: LensOrigin
+    stated_lens: StatedLensFit | None
+    residuals_px: list[float] | None
+    at_bounds: list[str]
+    alarms: list[str]
+    checks: list[Check]
+    several_optima: list[str]
+    shared_errors: SharedErrors | None
+    common_errors: dict[str, float]
+    person_bias: PersonBias | None
+    line_time_us: float
+    rolling_shutter: RollingShutter | None
+    weak_priors: dict[str, float]
+    halves: list[Halves]
+    stated_too_small: list[str]
+    prediction: Prediction | None
+    explained_px: float | None
+    marks_outside: int | None
+    field: Field | None
+    heldout: HeldOut | None
+    cpu: dict[str, str]
+    versions: dict[str, str]
+    provenance: Provenance | None
+    finish_seconds: float | None
 
 
-class ResultView(RunResult):
+class ResultView(FitResult):
     """A run's result, whose it is, and all its checks at this moment.
 
     ``verdict`` is the gravest check of the mount with its lens, ``verdict_alone`` that for who uses the mount with
@@ -356,14 +397,14 @@ class ResultView(RunResult):
     fleet_id: UUID
     vehicle_id: UUID
     rig_id: UUID
-    recording_id: UUID | None = None
-    detection_id: UUID | None = None
+    recording_id: UUID | None
+    detection_id: UUID | None
     calibration_id: UUID
     run_id: UUID
     set_id: UUID
     camera: str
     fold: int
-    seed: int | None = None
-    verdict: CheckVerdict | None = None
-    verdict_alone: CheckVerdict | None = None
+    seed: int | None
+    verdict: CheckVerdict | None
+    verdict_alone: CheckVerdict | None
     created_at: datetime

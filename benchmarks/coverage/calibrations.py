@@ -34,7 +34,7 @@ from workers.solver.held_out import held_out
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.schedule import State, run_schedule
-from workers.solver.solution import intrinsics_document
+from workers.solver.solution import lens_of
 from workers.tasks.solving import RunInput, read_run, solved
 
 Floats = NDArray[np.float64]
@@ -87,7 +87,7 @@ class Bench:
                 given = read_run(fit.of_fold(fold), fold, known)
                 if fold == FULL:
                     problems[fit.model] = given.problem
-                document = (solved if fold == FULL else held_out_document)(given, states[fit.model])
+                document = (solved_document if fold == FULL else held_out_document)(given, states[fit.model])
                 fits.append(Fit(uuid4(), fit.model, None if fold == FULL else fold, document))
         summary = camera_summary(fits)
         full = {fit.model: fit.document for fit in fits if fit.heldout_fold is None}
@@ -110,6 +110,11 @@ class Bench:
         return {model: self._searched[*of, model] for model in models}
 
 
+def solved_document(given: RunInput, state: State) -> Json:
+    """What the end of a calibration reads of a fit to all pairs."""
+    return solved(given, state).model_dump(mode="json", exclude_unset=True)
+
+
 def held_out_document(given: RunInput, state: State) -> Json:
     """What the end of a calibration reads of a fit to a part of the pairs."""
     problem = given.problem
@@ -117,13 +122,14 @@ def held_out_document(given: RunInput, state: State) -> Json:
     p = found.parameters
     document: Json = {
         "status": "ok" if is_determined(found.fitted, p, found.spread) else "not_determined",
-        "intrinsics": intrinsics_document(problem, p),
+        "intrinsics": lens_of(problem, p).model_dump(exclude_unset=True),
         "transform": to_document(transform_of(problem, p)),
         "polished": {"parameters": dict(zip(problem.names, p.tolist(), strict=True))},
-        "outliers": [one.to_document(excluded=False) for one in found.outliers],
+        "outliers": [outlier.model_dump(exclude_unset=True) for outlier in found.outliers],
     }
     assert given.heldout is not None
-    return document | {"heldout": held_out(problem, given.whole, given.heldout, document)}
+    heldout = held_out(problem, given.whole, given.heldout, p, found.outliers)
+    return document | {"heldout": heldout.model_dump()}
 
 
 def planned(paired: Paired, known: Json, request: Request) -> CalibrationPlan:

@@ -157,7 +157,7 @@ def solved(pairs: Columns, chosen: Sequence[int], model: str, *, locked: bool) -
     )
     blocks = blocks_of(taken)
     problem = replace(problem, blocks=blocks)
-    return solve_finish(problem, run_schedule(problem)[0])
+    return solve_finish(problem, run_schedule(problem)[0]).model_dump(mode="json", exclude_unset=True)
 
 
 def off_the_image(pairs: Columns) -> Floats:

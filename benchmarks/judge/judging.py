@@ -70,8 +70,8 @@ def calibrated(draw: Draw, with_folds: bool) -> tuple[dict[str, Any], list[Check
     (fit,) = planned(draw.paired, draw.known, draw.request).fits
     whole = read_run(fit.of_fold(FULL), FULL, draw.known)
     state, _ = run_schedule(whole.problem)
-    result = solved(whole, state)
-    own = [Check.model_validate(check) for check in result["checks"]]
+    fitted = solved(whole, state)
+    result, own = fitted.model_dump(mode="json", exclude_unset=True), fitted.checks
     if not with_folds and verdict_of(own, "mount_with_lens") != "pass":
         return result, own
     given = [read_run(fit.of_fold(fold), fold, draw.known) for fold in range(fit.folds)]

@@ -19,7 +19,7 @@ from workers.solver.polish import polish
 from workers.solver.problem import fit_problem
 from workers.solver.residuals import transform_of
 from workers.solver.schedule import run_schedule
-from workers.solver.solution import intrinsics_document
+from workers.solver.solution import lens_of
 
 Floats = NDArray[np.float64]
 
@@ -48,10 +48,12 @@ def fit(pairs: Pairs, model: ModelName, seed: int) -> Fitted:
     state, _ = run_schedule(problem)
     p = polish(problem, state.best_parameters).parameters
     if np.isfinite(pairs.covariance).any():
-        weights = weights_of(pairs, float(intrinsics_document(problem, np.array(p))["f_x"]))
+        weights = weights_of(pairs, lens_of(problem, np.array(p)).f_x)
         p = polish(fit_problem(fit_request(**request), pairs.points, pairs.marks, weights), p).parameters
     found = np.array(p)
-    return Fitted(model, intrinsics_document(problem, found), transform_of(problem, found), len(pairs.points))
+    return Fitted(
+        model, lens_of(problem, found).model_dump(exclude_unset=True), transform_of(problem, found), len(pairs.points)
+    )
 
 
 def errors_on(fitted: Fitted, pairs: Pairs) -> Floats:

@@ -14,6 +14,7 @@ from apexcal.documents.base import stored
 from apexcal.documents.calibrations import CalibrationView, ProgressView, RunView
 from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.pairs import CORNER
+from apexcal.documents.results import SINGLE_HELD_OUT_PAIRS
 from apexcal.documents.states import UNENDED
 from service.db.base import Json
 from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
@@ -131,11 +132,9 @@ def result_document(
 
 def _without_pairs(document: Json) -> Json:
     """A result without what it says of single pairs; its numbers over all pairs stay."""
-    kept = {name: value for name, value in document.items() if name not in ("outliers", "residuals_px")}
-    if isinstance(document.get("heldout"), dict):
-        over_all = ("mean_px", "rms_px", "forbidden")
-        kept["heldout"] = {name: document["heldout"][name] for name in over_all if name in document["heldout"]}
-    return kept
+    heldout: Json | None = document.get("heldout")
+    over_all = heldout and heldout | dict.fromkeys(SINGLE_HELD_OUT_PAIRS)
+    return document | {"outliers": [], "residuals_px": None, "heldout": over_all}
 
 
 def _origin(pairs: CorrespondenceSet, index: int) -> Json:

@@ -18,7 +18,7 @@ from apexcal.documents.base import Sought
 from apexcal.documents.correspondence_sets import BuildRequest, SelectionRequest, SetView, SetWithPairs
 from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
-from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.auth.access import Access, CurrentIdentity, Identity, ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.correspondence_sets.actions import keep_set
 from service.correspondence_sets.label_files import FROM_ONE, is_labels, read_labels
@@ -33,11 +33,12 @@ from service.db.recordings import Recording
 from service.db.session import Database
 from service.detections.queries import find_camera
 from service.fleets.queries import rig_camera
-from service.http.etags import Conditional, content_etag
+from service.http.etags import Conditional, Conditions, content_etag
+from service.http.limits import ConcurrencyLimiter
 from service.http.pages import Page, Paging, fetch
-from service.http.places import Places
 from service.http.problems import Problem
 from service.http.router import Router
+from service.http.threads import Threads
 
 router = Router(tags=["calibrations"])
 
@@ -121,11 +122,11 @@ async def _imported(
             f"Pairs come as text/csv or application/json, not as {media_type or 'an unnamed type'}.",
             "Name the type in Content-Type.",
         )
-    arriving: Places = request.app.state.arriving_imports
-    places: Places = request.app.state.imports
+    arriving: ConcurrencyLimiter = request.app.state.arriving_imports
+    under_way: ConcurrencyLimiter = request.app.state.imports
     async with arriving.take(identity.person.id):
         body = await _whole_body(request)
-        async with places.take(identity.person.id):
+        async with under_way.take(identity.person.id):
             yield await run_in_threadpool(_READERS[media_type], body)
 
 
@@ -234,9 +235,16 @@ def _keep(access: WriteAccess, wanted: CorrespondenceSet) -> JSONResponse:
     return access.answer(set_view(row), 201 if is_new else 200)
 
 
-def _found(set_id: UUID, request: Request, identity: CurrentIdentity, conditions: Conditional) -> CorrespondenceSet:
+async def _without_pairs(
+    set_id: UUID, request: Request, identity: CurrentIdentity, conditions: Conditional
+) -> CorrespondenceSet:
     """The set without its pairs. The session ends here: none is held while the answer is made and sent."""
-    database: Database = request.app.state.database
+    threads: Threads = request.app.state.threads
+    look = (_look_up, request.app.state.database, identity, set_id, conditions)
+    return await threads.reading.run(*look, caller=identity.person.id)
+
+
+def _look_up(database: Database, identity: Identity, set_id: UUID, conditions: Conditions) -> CorrespondenceSet:
     with database.reading() as session:
         access = Access(session, identity)
         row = access.find(CorrespondenceSet, set_id)
@@ -247,17 +255,17 @@ def _found(set_id: UUID, request: Request, identity: CurrentIdentity, conditions
     return row
 
 
-async def _place(
-    request: Request, identity: CurrentIdentity, found: Annotated[CorrespondenceSet, Depends(_found)]
+async def _limited(
+    request: Request, identity: CurrentIdentity, found: Annotated[CorrespondenceSet, Depends(_without_pairs)]
 ) -> AsyncIterator[CorrespondenceSet]:
-    """A place among those whose pairs are in memory, until the answer is sent."""
-    places: Places = request.app.state.long_answers
-    async with places.take(identity.person.id):
+    """The set, while it is one of those whose pairs are in memory: until the answer is sent."""
+    under_way: ConcurrencyLimiter = request.app.state.long_answers
+    async with under_way.take(identity.person.id):
         yield found
 
 
 @router.get("/correspondence-sets/{set_id}", response_model=SetWithPairs)
-async def read_set(request: Request, found: Annotated[CorrespondenceSet, Depends(_place)]) -> StreamingResponse:
+async def read_set(request: Request, found: Annotated[CorrespondenceSet, Depends(_limited)]) -> StreamingResponse:
     """A correspondence set with its pairs, in the form in which they are imported. [reviewer, if made of marks]
 
     What one answers afterwards on the vertices of such a set counts as reviewed.

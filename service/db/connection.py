@@ -23,7 +23,7 @@ CONNECT_S = 5
 _PATIENT_SILENCE_S = 60
 
 # A row is locked for as long as the transaction that changed it: at most 10 s, of a large fleet request. Requests
-# wait for less (:mod:`service.http.threads`).
+# try for less, and again (:mod:`service.http.threads`).
 LOCK_S = 30
 # A process that was frozen within a transaction, whose host still answers, keeps its locks no longer.
 _IDLE_IN_TRANSACTION_S = 60
@@ -32,7 +32,7 @@ _IDLE_IN_TRANSACTION_S = 60
 _STATEMENT_S = 120
 
 
-def connect_args(url: URL, *, patient: bool, lock_s: int = LOCK_S) -> dict[str, Any]:
+def connect_args(url: URL, *, patient: bool, lock_s: float = LOCK_S) -> dict[str, Any]:
     """Arguments of psycopg's ``connect``. The URL's own values take precedence.
 
     ``patient``: for migrations, backups and other commands of operators, whose statements take as long as they take.
@@ -52,7 +52,7 @@ def connect_args(url: URL, *, patient: bool, lock_s: int = LOCK_S) -> dict[str, 
     return {**given, "options": f"{options} {url.query.get('options', '')}".strip()}
 
 
-def _of_the_server(silence_s: int, lock_s: int, patient: bool) -> dict[str, int]:
+def _of_the_server(silence_s: int, lock_s: float, patient: bool) -> dict[str, int]:
     """The server's settings for our sessions: the same for our silence, and limits on what holds up others."""
     network = {
         "tcp_keepalives_idle": KEEPALIVE_IDLE_S,
@@ -61,7 +61,7 @@ def _of_the_server(silence_s: int, lock_s: int, patient: bool) -> dict[str, int]
         "tcp_user_timeout": silence_s * 1000,
     }
     limits = {
-        "lock_timeout": lock_s * 1000,
+        "lock_timeout": round(lock_s * 1000),
         "idle_in_transaction_session_timeout": _IDLE_IN_TRANSACTION_S * 1000,
         "statement_timeout": _STATEMENT_S * 1000,
     }

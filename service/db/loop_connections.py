@@ -25,7 +25,7 @@ class LoopConnections:
     Each statement is prepared, and a transaction of its own.
     """
 
-    def __init__(self, database: Database, count: int, lock_s: int) -> None:
+    def __init__(self, database: Database, count: int, lock_s: float) -> None:
         """``lock_s``: how long a statement waits for a lock, and a request for a connection."""
         url = database.engine.url
         self._arguments, named = database.engine.dialect.create_connect_args(url)

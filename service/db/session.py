@@ -69,10 +69,10 @@ def _not_finite(value: Any) -> str | None:
     return None
 
 
-def open_engine(url: str, *, patient: bool = False, lock_s: int = LOCK_S, connections: int | None = None) -> Engine:
+def open_engine(url: str, *, patient: bool = False, lock_s: float = LOCK_S, connections: int | None = None) -> Engine:
     """An engine for ``url``. Open it after a fork, never before. ``patient``: see :mod:`service.db.connection`.
 
-    ``lock_s``: how long a statement waits for a lock. ``connections``: as many are kept, and no more are opened.
+    ``lock_s``: how long a lock is waited for. ``connections``: as many are kept, and no more are opened.
 
     SQLite: write-ahead log, full synchronisation of transactions, and `BEGIN IMMEDIATE` for sessions that write, so
     that two writers queue up instead of failing on an upgrade of their locks.
@@ -91,7 +91,7 @@ def open_engine(url: str, *, patient: bool = False, lock_s: int = LOCK_S, connec
     @event.listens_for(engine, "connect")
     def configure(connection: Any, record: object) -> None:
         connection.isolation_level = None
-        for pragma in ("journal_mode=WAL", "foreign_keys=ON", f"busy_timeout={lock_s * 1000}"):
+        for pragma in ("journal_mode=WAL", "foreign_keys=ON", f"busy_timeout={round(lock_s * 1000)}"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")
@@ -144,7 +144,7 @@ class Database:
     """
 
     def __init__(
-        self, url: str, *, patient: bool = False, lock_s: int = LOCK_S, connections: int | None = None
+        self, url: str, *, patient: bool = False, lock_s: float = LOCK_S, connections: int | None = None
     ) -> None:
         self.engine = open_engine(url, patient=patient, lock_s=lock_s, connections=connections)
         self._is_closed = False

@@ -23,8 +23,8 @@ def _optical_from_body(optical: str, body: str) -> Transform:
 
 
 def mounted_edge(camera: CalibratedCamera) -> Transform:
-    """The solved edge. If it ends at the optical frame, it ends at the camera's ``camera_link`` instead."""
-    edge, frame = solved_edge(camera), camera.frame
+    """The solved edge. If it ends at the camera's own optical frame, it ends at its ``camera_link`` instead."""
+    edge, frame = solved_edge(camera), camera.T_own_lidar.to_frame
     if edge.from_frame != frame:
         return edge
     body = frame.replace(_OPTICAL, _BODY) if frame.endswith(_OPTICAL) else f"{file_name(camera.name)}/{_BODY}"

@@ -105,10 +105,11 @@ def _is_of_another_schema(error: DBAPIError) -> bool:
 
 
 _LATER = "Nothing was changed. Send the request again in a few seconds; /readyz says how the service is."
+_LOCKED = "locked"
 _ASK = "Nothing was changed, and what was stored is kept. Ask whoever runs the service, then send it again."
 # What PostgreSQL (by its SQLSTATE; refused connections have none) and SQLite say, the code, and what it means.
 _FAILURES = (
-    (("55P03", "40P01", "database is locked"), "locked", "Others change the same thing at the moment.", _LATER),
+    (("55P03", "40P01", "database is locked"), _LOCKED, "Others change the same thing at the moment.", _LATER),
     (("53100", "database or disk is full"), "database_full", "The database has no room left.", _ASK),
     (
         ("53300", "too many clients", "too many connections", "connection slots", "QueuePool limit"),
@@ -127,6 +128,11 @@ def _failure_of(error: Exception) -> tuple[str, str, str]:
         if any(sign in said for sign in signs):
             return code, detail, hint
     return "database_unavailable", "The database does not answer at the moment.", _LATER
+
+
+def is_locked(error: OperationalError) -> bool:
+    """Whether the database gave a transaction up because others hold what it wants to change."""
+    return _failure_of(error)[0] == _LOCKED
 
 
 class TooLargeAsProblem:

@@ -22,7 +22,7 @@ from service.db.session import Database
 from service.exports.answers import exported
 from service.http.etags import Conditions, content_etag, names, repr_digest
 from service.http.problems import not_found
-from service.http.threads import LOCK_S, Threads
+from service.http.threads import WAIT_S, Threads
 from service.publications.calibration_views import vehicle_document
 from service.publications.camera_queries import published_exports
 from service.publications.selection import Selection
@@ -47,7 +47,7 @@ class Retrieval:
         self._database = database
         self._threads = threads
         self._for_token, self._of_vehicle = state_for_token(dialect), state_of_vehicle(dialect)
-        self._loop = LoopConnections(database, _CONNECTIONS, LOCK_S) if dialect == "postgresql" else None
+        self._loop = LoopConnections(database, _CONNECTIONS, WAIT_S) if dialect == "postgresql" else None
         self._compiled = self._for_token.compile(dialect=database.engine.dialect)
         self._text = str(self._compiled).encode()
 

@@ -21,6 +21,7 @@ from service.http.problems import Problem
 from service.http.router import Router
 from service.recordings.presigner import Presigner
 from service.recordings.upload_actions import (
+    FORGET_S,
     Announced,
     begin_part,
     finish_part,
@@ -80,7 +81,7 @@ async def post_part_arrival(
         await _copy(request.app.state.store, put, kept, found)
         part = await writing(finish_part, database, identity, found, settings, kept, found.size, put)
     except Exception:
-        await writing(forget_part, database, kept)
+        await writing(forget_part, database, kept, wait_s=FORGET_S)
         raise
     return PartView.model_validate(part)
 

@@ -201,6 +201,10 @@ def reservation_ended(number: int) -> Problem:
     )
 
 
+# A request that fails may have waited for locks already. What it does not forget ends with its reservation.
+FORGET_S = 0.5
+
+
 def forget_part(database: Database, key: str) -> None:
     """Give up a reserved key and what was written to it, unless the part was acknowledged after all."""
     with database.writing() as session:

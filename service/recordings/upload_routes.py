@@ -20,6 +20,7 @@ from service.job_status.views import job_views
 from service.recordings.jobs import queue_ingestion
 from service.recordings.queries import parts_of
 from service.recordings.upload_actions import (
+    FORGET_S,
     Announced,
     Body,
     begin_part,
@@ -68,7 +69,7 @@ async def put_part(
         body.check(announced)
         part = await writing(finish_part, database, identity, announced, settings, begun, body.size)
     except Exception:
-        await writing(forget_part, database, begun)
+        await writing(forget_part, database, begun, wait_s=FORGET_S)
         raise
     return PartView.model_validate(part)
 

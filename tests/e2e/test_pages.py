@@ -104,12 +104,12 @@ def test_what_a_cameras_images_are_is_corrected_on_the_rigs_panel(sign_in: SignI
     document = {"name": "Stereo", "lidar": {"frame": "velodyne"}, "cameras": [camera]}
     rig = track.owner.vehicles.create_rig(vehicle.id, document)
     page = sign_in("Lars", "engineer")
-    page.goto(f"{track.url}/vehicles/{vehicle.id}")
-    page.locator("summary").filter(has_text="LiDAR velodyne").click()
     for choice, kind in (("rectified", "rectified"), ("raw", "raw"), ("as the next recording tells", None)):
+        page.goto(f"{track.url}/vehicles/{vehicle.id}")
+        page.locator("summary").filter(has_text="LiDAR velodyne").click()
         page.get_by_label("Images of front").select_option(choice)
+        wait_until(lambda kind=kind: kind_of_images(track, rig.id) == kind, f"{choice} is stored", 60.0)
         expect(page.get_by_label("Images of front").locator("option:checked")).to_have_text(choice)
-        wait_until(lambda kind=kind: kind_of_images(track, rig.id) == kind, f"{choice} is stored")
 
 
 def kind_of_images(track: Track, rig_id: UUID) -> str | None:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from apexcal.documents.checks import Check
-from apexcal.documents.results import Halves
+from apexcal.documents.results import FitResult, Halves
 from workers.judge.topics import Topic, is_grave
 from workers.solver.estimate import Estimate
 from workers.solver.halves import too_small
 
-Result = Mapping[str, Any]
 _FIT: Final = Topic("fit", "Fit")
 _OPTIMA: Final = Topic("optima", "Other optima")
 _HALVES: Final = Topic("halves", "Halves of the pairs")
@@ -24,19 +22,19 @@ _TURN_LIMIT_RAD: Final = 1.5e-3
 _BEYOND_CHANCE: Final = {1: 9.55, 2: 11.76}
 
 
-def fit(result: Result) -> Check:
+def fit(result: FitResult) -> Check:
     """Whether the fit ended well."""
-    ended = result["status"] == "ok"
+    ended = result.status == "ok"
     return _FIT.fails(
         "pass" if ended else "stop",
-        result["message"],
+        result.message,
         "Mark more vertices at other places, lock what is known, or correct the request.",
     )
 
 
-def optima(result: Result) -> Check:
+def optima(result: FitResult) -> Check:
     """Whether slots, search and baselines ended in one place."""
-    others = result["several_optima"]
+    others = result.several_optima
     return _OPTIMA.fails(
         "stop" if others else "pass",
         " ".join(others) or "Search, slots and baselines found no other optimum.",
@@ -45,12 +43,12 @@ def optima(result: Result) -> Check:
     )
 
 
-def halves(estimate: Estimate, result: Result) -> Check:
+def halves(estimate: Estimate, result: FitResult) -> Check:
     """Whether fits of two halves of the pairs agree within what is stated.
 
     A difference beyond chance stops a result if it is larger than its use allows.
     """
-    compared = [Halves.model_validate(one) for one in result["halves"]]
+    compared = result.halves
     if not compared:
         return _HALVES.passes("The pairs are too few for two fits.")
     figures: dict[str, float | None] = {}
@@ -79,26 +77,26 @@ def _is_turned(one: Halves) -> bool:
     return one.turned_ratio > one.turned_limit and np.radians(one.turned_deg) > _TURN_LIMIT_RAD
 
 
-def shared_errors(estimate: Estimate, result: Result) -> Check:
+def shared_errors(estimate: Estimate, result: FitResult) -> Check:
     """Whether pairs of one pose, or near in time, err together by more than each errs alone.
 
     The stated deviations count what pairs share, so that smaller shared errors are no doubt.
     """
-    shared = result["shared_errors"]
+    shared = result.shared_errors
     if not shared:
         return _SHARED.passes("The pairs name no poses, or are too few to tell.")
-    over_time, own_px = shared.get("over_time"), shared["noise_px"]
-    grave = shared["evidence"] > _BEYOND_CHANCE[len(shared["deviations"])]
+    over_time, own_px = shared.over_time, shared.noise_px
+    grave = shared.evidence > _BEYOND_CHANCE[len(shared.deviations)]
     grave &= estimate.spread.sigma_px**2 > 2.0 * own_px**2
     if over_time:
-        grave |= over_time["evidence"] > _BEYOND_CHANCE[1] and over_time["shift_px"] > own_px
-    sizes = " and ".join(_size(*one) for one in shared["deviations"].items() if one[1] > 0.0)
-    blocks = "group" if shared["by"] == "group" else "stretch of the walk"
-    stretches = f"; groups near in time by {over_time['shift_px']:.2g} px" if over_time else ""
+        grave |= over_time.evidence > _BEYOND_CHANCE[1] and over_time.shift_px > own_px
+    sizes = " and ".join(_size(*one) for one in shared.deviations.items() if one[1] > 0.0)
+    blocks = "group" if shared.by == "group" else "stretch of the walk"
+    stretches = f"; groups near in time by {over_time.shift_px:.2g} px" if over_time else ""
     sentence = (
         f"Pairs of one {blocks} err together, by {sizes} from one to the next{stretches}. "
-        f"{'The standard deviations count that; they' if shared['counted'] else 'Deviations that counted it'} "
-        f"are {shared['widening']:.2f} times those of independent errors."
+        f"{'The standard deviations count that; they' if shared.counted else 'Deviations that counted it'} "
+        f"are {shared.widening:.2f} times those of independent errors."
         if sizes
         else "Pairs of one pose, or near in time, err independently."
     )
@@ -106,10 +104,10 @@ def shared_errors(estimate: Estimate, result: Result) -> Check:
         "look" if grave else "pass",
         sentence,
         "Check the clocks, the board and whether the camera moved; more poses help, more pairs of one do not.",
-        evidence=shared["evidence"],
-        widening=shared["widening"],
+        evidence=shared.evidence,
+        widening=shared.widening,
         noise_px=own_px,
-        **shared["deviations"],
+        **shared.deviations,
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from apexcal.documents.checks import Check
+from apexcal.documents.results import FitResult
 from workers.judge.agreement_checks import fit, halves, optima, shared_errors
 from workers.judge.lens_checks import bounds, lens_model, priors, stated_lens
 from workers.judge.pair_checks import coverage, noise, number_of_pairs, outside, wrong_pairs
@@ -16,11 +17,11 @@ from workers.solver.estimate import Estimate, estimate
 
 
 def checks_of_fit(
-    found: Estimate, result: Mapping[str, Any], *, pairs: Mapping[str, Sequence[Any]] | None = None
+    found: Estimate, result: FitResult, *, pairs: Mapping[str, Sequence[Any]] | None = None
 ) -> list[Check]:
     """Return the checks of a fit, the gravest kinds first.
 
-    found: the estimate of the fit; result: the document that it became; pairs: the columns of its set. Wrong marks
+    found: the estimate of the fit; result: what it became; pairs: the columns of its set. Wrong marks
     have a check of their own. All others look at the pairs that belong.
     """
     belonging = without_outliers(found)

@@ -4,14 +4,14 @@ about it hold.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.checks import Check
+from apexcal.documents.results import FitResult
 from workers.judge.residual_patterns import pattern_test
 from workers.judge.topics import LOOK_RATE, MATTERS, STOP_RATE, Topic, graded
 from workers.solver.estimate import Estimate
@@ -19,7 +19,6 @@ from workers.solver.residuals import predict, transform_of
 from workers.solver.uncertainty import units_of
 
 Floats = NDArray[np.float64]
-Result = Mapping[str, Any]
 _LENS: Final = Topic("lens_model", "Lens model")
 _BOUNDS: Final = Topic("bounds", "Bounds of the parameters")
 _PRIORS: Final = Topic("priors", "Priors")
@@ -74,16 +73,16 @@ def lens_patterns(estimate: Estimate) -> Floats:
     return np.concatenate([along, np.array(decentred).T], axis=2)
 
 
-def bounds(result: Result) -> Check:
+def bounds(result: FitResult) -> Check:
     """Whether a free parameter lies on an end of its bounds."""
-    names = ", ".join(result["at_bounds"])
+    names = ", ".join(result.at_bounds)
     return _BOUNDS.fails(
         "stop" if names else "pass",
         f"The optimum lies on the edge of the bounds of {names}."
         if names
         else "No parameter lies on the edge of its bounds.",
         "Widen the bounds, or lock what is known.",
-        parameters=float(len(result["at_bounds"])),
+        parameters=float(len(result.at_bounds)),
     )
 
 
@@ -122,21 +121,21 @@ def priors(estimate: Estimate) -> Check:
     )
 
 
-def stated_lens(result: Result) -> Check:
+def stated_lens(result: FitResult) -> Check:
     """Whether the pairs bear out the lens that the recording or a file states.
 
     If they do not, a result that rests on it should not be used. One with a lens of its own holds with that lens.
     """
-    stated = result.get("stated_lens")
+    stated = result.stated_lens
     if not stated:
         return _STATED.passes("Neither the recording nor a file states a lens.")
-    fitted = result["lens"] == "fitted"
+    fitted = result.lens == "fitted"
     return _STATED.fails(
-        "pass" if stated["explains"] is not False else "look" if fitted else "stop",
-        stated["sentence"],
+        "pass" if stated.explains is not False else "look" if fitted else "stop",
+        stated.sentence,
         "Load the fitted lens on the vehicle: it projects through the stated one."
         if fitted
         else "Check whose lens was stated, or calibrate with a free lens (--intrinsics-as free).",
-        rms_px=stated["rms_px"],
-        free_lens_rms_px=stated.get("free_lens_rms_px"),
+        rms_px=stated.rms_px,
+        free_lens_rms_px=stated.free_lens_rms_px,
     )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.checks import Check, CheckVerdict
+from apexcal.documents.results import FitResult
 from workers.geometry.rotations import vector_from_rotation
 from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD, Topic
 from workers.solver.estimate import Estimate
@@ -18,7 +19,6 @@ from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 
 Floats = NDArray[np.float64]
-Result = Mapping[str, Any]
 _WRONG: Final = Topic("wrong_pairs", "Wrong marks")
 _OUTSIDE: Final = Topic("marks_outside", "Marks outside of the image")
 _PAIRS: Final = Topic("pairs", "Number of pairs and places")
@@ -46,10 +46,10 @@ _UNEXPLAINED: Final = 1.5
 _GROSS: Final = 3.0
 
 
-def wrong_pairs(estimate: Estimate, result: Result) -> Check:
+def wrong_pairs(estimate: Estimate, result: FitResult) -> Check:
     """Whether more pairs than slips of the hand explain do not belong, and whether they are in the fit."""
-    count = len(result["outliers"])
-    excluded = sum(bool(one["excluded"]) for one in result["outliers"])
+    count = len(result.outliers)
+    excluded = sum(one.excluded for one in result.outliers)
     pairs = int(np.count_nonzero(estimate.fitted.weights)) + excluded
     chance = float(special.bdtrc(count - 1, pairs, _SLIPS)) if count else 1.0
     verdict: CheckVerdict = "pass"
@@ -121,7 +121,7 @@ def places_of(points: Floats) -> int:
     return count
 
 
-def coverage(problem: FitProblem, result: Result) -> Check:
+def coverage(problem: FitProblem, result: FitResult) -> Check:
     """Whether the marks span the image, or else tell the lens beyond them.
 
     A wide walk has few heights, because a board is carried upright. It tells the lens above and below as far as the
@@ -146,23 +146,22 @@ def coverage(problem: FitProblem, result: Result) -> Check:
     )
 
 
-def _beyond_marks(result: Result) -> float:
+def _beyond_marks(result: FitResult) -> float:
     """The stated 95 % half-width over most of the image at 20 m, over what is of use."""
-    prediction = result.get("prediction")
-    if prediction is None:
+    if result.prediction is None:
         return np.inf
-    at, lens = prediction["distances_m"].index(20.0), result["intrinsics"]
-    stated = [point["stated_px"][at] for point in prediction["points"] if point["stated_px"]]
+    at, lens = result.prediction.distances_m.index(20.0), result.intrinsics
+    stated = [point.stated_px[at] for point in result.prediction.points if point.stated_px]
     if not stated:
         return np.inf
-    limit_px = _OF_USE * max(USE_LIMIT_PX, USE_LIMIT_RAD * float(np.sqrt(lens["f_x"] * lens["f_y"])))
-    return 1.96 * prediction["expected_over_stated"] * float(np.quantile(stated, _MOST_OF_IMAGE)) / limit_px
+    limit_px = _OF_USE * max(USE_LIMIT_PX, USE_LIMIT_RAD * float(np.sqrt(lens.f_x * lens.f_y)))
+    return 1.96 * result.prediction.expected_over_stated * float(np.quantile(stated, _MOST_OF_IMAGE)) / limit_px
 
 
-def noise(estimate: Estimate, result: Result, pairs: Mapping[str, Sequence[Any]]) -> Check:
+def noise(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[Any]]) -> Check:
     """Whether marks and vertices explain the residuals' noise. `pairs`: columns of the set, if at hand."""
     problem, sigma, freedom = estimate.holding, estimate.spread.sigma_px, estimate.spread.freedom
-    explained = explained_px(problem, result)
+    explained = explained_px(problem, result.intrinsics, result)
     ratio = sigma / explained
     chance = float(special.chdtrc(freedom, freedom * ratio**2)) if freedom else 1.0
     verdict: CheckVerdict = "pass"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
 from apexcal.documents.checks import Check
+from apexcal.documents.results import FitResult
 from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD, Topic
 from workers.solver.estimate import Estimate
 from workers.solver.prediction import DISTANCES_M, covariances_along
@@ -32,15 +33,16 @@ _MARKS: Final = 60
 _MIDDLE: Final = 0.95
 
 
-def precision(estimate: Estimate, result: Mapping[str, Any]) -> Check:
+def precision(estimate: Estimate, result: FitResult) -> Check:
     """Whether points at 5, 20 and 50 m, over the field that marks cover, are placed as well as their use needs."""
     if estimate.errors is None:
         return _USE.fails("stop", "The pairs do not tell how precise the result is.", "Mark more vertices.")
     # In the direction in which a point is known worst.
     px, mm = (np.sqrt(np.linalg.eigvalsh(C)[..., -1]) for C in covariances_along(estimate, marked_rays(estimate)))
-    prediction = result.get("prediction") or {}
     # Halves that differ by more than is stated say by how much more.
-    factor = prediction.get("expected_over_stated", 1.0) * _student_quantile(max(estimate.freedom, 1.0), 0.975)
+    factor = (result.prediction.expected_over_stated if result.prediction else 1.0) * _student_quantile(
+        max(estimate.freedom, 1.0), 0.975
+    )
     px, angle = factor * px, factor * 1e-3 * mm / np.array(DISTANCES_M)[:, None]
     worst = float(np.max(np.quantile(np.minimum(px / USE_LIMIT_PX, angle / USE_LIMIT_RAD), _MIDDLE, axis=1)))
     widest = np.quantile(px, _MIDDLE, axis=1).tolist()
@@ -68,13 +70,13 @@ def marked_rays(estimate: Estimate) -> Floats:
     return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 
-def mount_alone(result: Mapping[str, Any]) -> Check:
+def mount_alone(result: FitResult) -> Check:
     """Whether the mount is known well enough for who uses it with another lens, by degrees and millimetres."""
-    half_widths = result["interval95_half_width"]
+    half_widths = result.interval95_half_width
     turns = [value for name, value in half_widths.items() if name in ANGLES]
     shifts = [value for name, value in half_widths.items() if name.startswith("t_")]
     turn, shift = _largest(turns), _largest(shifts)
-    lens = result["lens"]
+    lens = result.lens
     good = turn is not None and shift is not None and turn <= ALONE_LIMIT_DEG and 1e3 * shift <= ALONE_LIMIT_MM
     known = "not determined"
     if turn is not None and shift is not None:

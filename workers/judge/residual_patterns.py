@@ -66,7 +66,7 @@ def _tested(errors: ErrorModel, columns: Floats, combined: Floats) -> PatternTes
     # The residual is projection minus mark: the pixels move by -step to meet the marks.
     step, covariance = errors.step()[-count:], errors.covariance()[-count:, -count:]
     statistic = float(step @ np.linalg.pinv(covariance, hermitian=True) @ step) / count
-    freedom = min(float(np.median(errors.of_pairs().freedoms()[-count:])), 1e9)
+    freedom = min(max(float(np.median(errors.of_pairs().freedoms()[-count:])), 1.0), 1e9)
     values = combined @ step
     variances = np.einsum("ei,ij,ej->e", combined, covariance, combined)
     return PatternTest(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.checks import Check
+from apexcal.documents.results import FitResult
 from workers.judge.residual_patterns import pattern_test
 from workers.judge.topics import MATTERS, Topic, graded
 from workers.solver.estimate import Estimate
@@ -46,24 +46,24 @@ def clock(estimate: Estimate) -> Check:
     )
 
 
-def rolling_shutter(estimate: Estimate, result: Mapping[str, Any], clocks: Check) -> Check:
+def rolling_shutter(estimate: Estimate, result: FitResult, clocks: Check) -> Check:
     """Whether the camera reads its rows one after the other, beyond the stated line time.
 
     It matters if marks at the image's upper and lower edge are off by more than half of their noise. If the clocks
     are off and explain the residuals better, the check says nothing of the rows.
     """
-    shown = result.get("rolling_shutter")
+    shown = result.rolling_shutter
     if not shown:
         return _SHUTTER.passes("The pairs do not say how the rows of a frame are read.")
-    line_us, std_us = shown["line_time_us"], max(shown["std_us"], 1e-9)
+    line_us, std_us = shown.line_time_us, max(shown.std_us, 1e-9)
     line = f"{line_us:.0f} ± {std_us:.0f} microseconds a row"
     if clocks.verdict != "pass" and _deviations(clocks) >= abs(line_us) / std_us:
         return _SHUTTER.passes(f"The clocks' offset explains the residuals better than rows read in turn ({line}).")
     speed_px_s = _speed(estimate, image_velocities(estimate)) if estimate.holding.velocities is not None else 0.0
     off_px = 0.5e-6 * abs(line_us) * estimate.holding.image_size[1] * speed_px_s
     probability = 2.0 * float(special.ndtr(-abs(line_us) / std_us))
-    verdict = graded(probability, off_px, MATTERS * estimate.spread.sigma_px) if shown["shown"] else "pass"
-    total = result.get("line_time_us", 0.0) + line_us
+    verdict = graded(probability, off_px, MATTERS * estimate.spread.sigma_px) if shown.shown else "pass"
+    total = result.line_time_us + line_us
     return _SHUTTER.fails(
         verdict,
         f"All rows of a frame show the same moment: {line}."
@@ -73,7 +73,7 @@ def rolling_shutter(estimate: Estimate, result: Mapping[str, Any], clocks: Check
         f"State line_time_us, about {total:.0f}; better what the camera's data sheet says.",
         line_time_us=line_us,
         std_us=std_us,
-        limit=shown["limit"],
+        limit=shown.limit,
         speed_px_s=speed_px_s,
     )
 

@@ -1,16 +1,17 @@
 # pyright: reportMissingTypeStubs=false
 """T_cameraA_cameraB from two calibrations of one rig, with its covariance, and its distance from a stated one."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp, log, sqrt
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
+from apexcal.documents.results import FitResult
 from workers.geometry.models import FORM_ID
 from workers.geometry.rotations import vector_from_rotation
 from workers.geometry.transforms import RigidTransform
@@ -42,19 +43,18 @@ class Deviation:
     sigmas: float
 
 
-def mount_covariance(problem: FitProblem, document: Mapping[str, Any]) -> Floats | None:
+def mount_covariance(problem: FitProblem, result: FitResult) -> Floats | None:
     """Covariance (6, 6) of a solved mount: small turns about the camera's axes (rad), then t (m); None if unknown.
 
-    document: that of `solve_finish` for the problem. A locked parameter has no variance. None where the pairs left
+    result: that of the problem. A locked parameter has no variance. None where the pairs left
     one of the six open. Where a rotation is locked or has a prior, its deviations are of the search's own
     parameters, and are turned about the camera's axes here.
     """
-    names: list[str] = document["covariance"]["names"]
-    matrix = np.array(document["covariance"]["matrix"], dtype=np.float64).reshape(len(names), len(names))
+    names = result.covariance.names
+    matrix = np.array(result.covariance.matrix, dtype=np.float64).reshape(len(names), len(names))
     local = turns_are_free(problem)
     mount = ("rotation_x", "rotation_y", "rotation_z", *problem.names[3:6]) if local else problem.names[:6]
-    std: Mapping[str, float | None] = document["std"]
-    if any(name in std and std[name] is None for name in mount):
+    if any(name in result.std and result.std[name] is None for name in mount):
         return None
     covariance = np.zeros((6, 6))
     places = [(i, names.index(name)) for i, name in enumerate(mount) if name in names]
@@ -63,7 +63,7 @@ def mount_covariance(problem: FitProblem, document: Mapping[str, Any]) -> Floats
             covariance[i, j] = matrix[a, b] * _radians(mount[i]) * _radians(mount[j])
     if local:
         return covariance
-    p = np.array([document["polished"]["parameters"][name] for name in problem.names], dtype=np.float64)
+    p = np.array([result.polished.parameters[name] for name in problem.names], dtype=np.float64)
     J = np.eye(6)
     J[:3, :3] = rotation_axes(FORM_ID[problem.search], p)
     return J @ covariance @ J.T

@@ -92,10 +92,11 @@ def parameter_alarms(problem: FitProblem, p: Floats, spread: Uncertainty) -> lis
             "or a smaller model make it better."
         )
     worst = spread.worst_correlation()
-    if worst is not None and abs(worst[2]) > _CONFUSED:
+    if worst is not None and abs(worst.value) > _CONFUSED:
+        one, other = worst.pair
         found.append(
-            f"{_word(worst[0])} and {_word(worst[1])} can hardly be told apart (correlation {worst[2]:.3f}): trust "
-            f"their combination, not each alone; {_advice(problem, p, worst[0], worst[1])}."
+            f"{_word(one)} and {_word(other)} can hardly be told apart (correlation {worst.value:.3f}): trust "
+            f"their combination, not each alone; {_advice(problem, p, one, other)}."
         )
     return found
 

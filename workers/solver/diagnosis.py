@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.results import Outlier
 from workers.solver.degeneracy import is_determined, parameter_alarms, point_alarms
 from workers.solver.optima import MOST_SLOTS, optimum_alarms, other_optima
-from workers.solver.outliers import Outlier
 from workers.solver.polish import Fit, distances
 from workers.solver.problem import FitProblem
 from workers.solver.schedule import State

@@ -7,17 +7,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.results import Outlier, PersonBias, SharedErrors
 from workers.geometry.rotations import vector_from_rotation
 from workers.solver.common_errors import common_errors
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.lens_priors import lens_priors
 from workers.solver.outcomes import Outcome
-from workers.solver.outliers import Outlier, judge, without
-from workers.solver.people import Bias, with_people
+from workers.solver.outliers import judge, without
+from workers.solver.people import with_people
 from workers.solver.polish import Fit, polish
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
-from workers.solver.shared_errors import SharedErrors, shared_errors
+from workers.solver.shared_errors import shared_errors
 from workers.solver.uncertainty import Uncertainty, turns_are_free, uncertainty, units_of
 from workers.solver.weighting import whitened
 
@@ -56,7 +57,7 @@ class Estimate:
     plain: ErrorModel | None = None
     wider: ErrorModel | None = None
     shared: SharedErrors | None = None
-    bias: Bias | None = None
+    bias: PersonBias | None = None
     weak: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property

@@ -1,12 +1,14 @@
 """Names outliers, the pairs that the fit of the others rejects, with their distance and direction."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from math import inf, log, sqrt
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.results import Outlier
 from workers.solver.outcomes import Outcome
 from workers.solver.polish import distances, polish, robust_sigma_px, standard_distances, weighted_residuals
 from workers.solver.problem import FitProblem
@@ -19,32 +21,12 @@ FALSE_ALARMS: Final = 0.01
 _ROUNDS: Final = 5
 
 
-@dataclass(frozen=True)
-class Outlier:
-    """A pair, by its index; its distance in px under the fit of the others; that in standard deviations; and why."""
-
-    index: int
-    residual_px: float
-    score: float
-    reason: str
-
-    def to_document(self, excluded: bool) -> dict[str, Any]:
-        """JSON form, with whether the fit left the pair out."""
-        return {
-            "index": self.index,
-            "residual_px": self.residual_px,
-            "score": self.score,
-            "reason": self.reason,
-            "excluded": excluded,
-        }
-
-
 def threshold_of(pairs: int) -> float:
     """Distance in sigmas that marks in the plane exceed once in pairs / FALSE_ALARMS (Rayleigh, Bonferroni)."""
     return sqrt(2.0 * log(max(pairs, 1) / FALSE_ALARMS))
 
 
-def without(problem: FitProblem, outliers: list[Outlier]) -> FitProblem:
+def without(problem: FitProblem, outliers: Sequence[Outlier]) -> FitProblem:
     """The problem with those pairs at weight 0."""
     weights = problem.weights.copy()
     weights[[outlier.index for outlier in outliers]] = 0.0
@@ -94,7 +76,13 @@ def judge(problem: FitProblem, start: Floats) -> Judged:
     d = distances(problem, p)
     pixels, violation = predict(problem, p)
     outliers = [
-        Outlier(i, float(d[i]), float(scores[i]), _reason(problem, pixels, violation, i, float(scores[i]), sigma))
+        Outlier(
+            index=i,
+            residual_px=float(d[i]),
+            score=float(scores[i]),
+            reason=_reason(problem, pixels, violation, i, float(scores[i]), sigma),
+            excluded=problem.outliers == "exclude",
+        )
         for i in order.tolist()
     ]
     return Judged(outliers, fit.outcome)

@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from apexcal.documents.results import FitPrecision, Intrinsics
 from workers.solver.problem import FitProblem
 
 # Largest noise of a plane on real recordings, ring bias included (OS1-64). It holds for vertices that state nothing.
@@ -12,19 +13,17 @@ _VERTEX_M: Final = 0.016
 _STILL_NS: Final = 1_000_000
 
 
-def explained_px(problem: FitProblem, document: Mapping[str, Any]) -> float:
+def explained_px(problem: FitProblem, lens: Intrinsics, precision: FitPrecision) -> float:
     """Noise per coordinate that marks and vertices explain in a typical pair, px.
 
     It combines marks of `mark_sigma_px` and vertices known to 16 mm across their ray; or it is what pairs state, if
     that is more.
     """
     used = problem.weights > 0.0
-    lens = document["intrinsics"]
-    focal = 0.5 * (lens["f_x"] + lens["f_y"])
+    focal = 0.5 * (lens.f_x + lens.f_y)
     distance = np.maximum(np.linalg.norm(problem.points[used], axis=1), 1e-3)
     typical = float(np.sqrt(problem.mark_sigma_px**2 + np.median((focal * _VERTEX_M / distance) ** 2)))
-    scale = document.get("noise_scale")
-    return max(typical, document["sigma_px"] / scale) if scale else typical
+    return max(typical, precision.sigma_px / precision.noise_scale) if precision.noise_scale else typical
 
 
 def marks_outside(problem: FitProblem) -> int:

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.pairs import MARKED_BY
+from apexcal.documents.results import PersonBias
 from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.problem import FitProblem
 
@@ -22,14 +23,6 @@ STATED_FREEDOM: Final = 4.5
 """Degrees of freedom of a deviation that is known to a third: 1 / (2 (1/3)^2) (JCGM 100:2008, equation G.3)."""
 _LEAST_PAIRS: Final = 5.0  # fewer whole pairs of one person tell nothing of the shift
 _GRID: Final = np.linspace(-6.0, 8.0, 281)  # ln of the variance over the stated one
-
-
-class Bias(NamedTuple):
-    """Standard deviation of a person's shift per axis, px; its degrees of freedom; the number of people."""
-
-    px: float
-    freedom: float
-    people: int
 
 
 def shares_of(pairs: Mapping[str, Sequence[Any]]) -> Floats | None:
@@ -51,7 +44,7 @@ def columns_of(problem: FitProblem, shares: Floats) -> Floats:
     return weighed(problem, columns.reshape(n, 2, 2 * people))
 
 
-def with_people(problem: FitProblem, errors: ErrorModel) -> tuple[ErrorModel, Bias | None]:
+def with_people(problem: FitProblem, errors: ErrorModel) -> tuple[ErrorModel, PersonBias | None]:
     """A whitened problem's errors (independent ones, and common ones) with the people's shifts, and these.
 
     The stated variance is the scale of an inverse chi-square of STATED_FREEDOM degrees of freedom, to which the
@@ -63,9 +56,10 @@ def with_people(problem: FitProblem, errors: ErrorModel) -> tuple[ErrorModel, Bi
     shares = problem.people if problem.people is not None else np.ones((len(problem.points), 1))
     columns = columns_of(problem, shares)
     told = np.flatnonzero(np.sum(shares[problem.weights > 0.0], axis=0) >= _LEAST_PAIRS)
-    bias = Bias(stated_px, STATED_FREEDOM, shares.shape[1])
+    px, freedom = stated_px, STATED_FREEDOM
     if len(told) > 1:
-        bias = Bias(*_joined(*_differences(errors.of_pairs(), columns, told), stated_px), shares.shape[1])
+        px, freedom = _joined(*_differences(errors.of_pairs(), columns, told), stated_px)
+    bias = PersonBias(px=px, freedom=freedom, people=shares.shape[1])
     both = np.concatenate([errors.common, bias.px * columns], axis=2)
     return replace(errors, common=both, estimated=columns.shape[2], common_freedom=bias.freedom), bias
 

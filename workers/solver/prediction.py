@@ -1,12 +1,12 @@
 """The precision of a result: deviations of projections over the image, in pixels, and in mm at distances."""
 
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.results import Halves
+from apexcal.documents.results import Halves, PredictedPixel, Prediction
 from workers.geometry.projection import unproject
 from workers.solver.estimate import Estimate
 from workers.solver.residuals import by_point, residuals_and_jacobian, transform_of
@@ -20,7 +20,7 @@ _ROWS: Final = 3
 _NO_RAY_PX: Final = 0.1
 
 
-def prediction(found: Estimate, halves: list[Halves]) -> dict[str, Any] | None:
+def prediction(found: Estimate, halves: list[Halves]) -> Prediction | None:
     """The deviations (one standard deviation, length over both axes) of projected LiDAR points.
 
     At the middles of 5 x 3 equal cells of the image, for points at 5, 20 and 50 m from the camera: `stated_px`, and
@@ -38,19 +38,19 @@ def prediction(found: Estimate, halves: list[Halves]) -> dict[str, Any] | None:
     rays, miss = unproject(problem.model, p[6:], pixels)
     px, mm = deviations_along(found, rays)
     seen = (miss < _NO_RAY_PX) & np.all(np.isfinite(px), axis=0)
-    return {
-        "distances_m": list(DISTANCES_M),
-        "expected_over_stated": max([1.0, *(one.field_ratio for one in halves if not one.holds)]),
-        "points": [
-            {
-                "u": float(pixels[i, 0]),
-                "v": float(pixels[i, 1]),
-                "stated_px": px[:, i].tolist() if seen[i] else None,
-                "stated_mm": mm[:, i].tolist() if seen[i] else None,
-            }
+    return Prediction(
+        distances_m=list(DISTANCES_M),
+        expected_over_stated=max([1.0, *(one.field_ratio for one in halves if not one.holds)]),
+        points=[
+            PredictedPixel(
+                u=float(pixels[i, 0]),
+                v=float(pixels[i, 1]),
+                stated_px=px[:, i].tolist() if seen[i] else None,
+                stated_mm=mm[:, i].tolist() if seen[i] else None,
+            )
             for i in range(len(pixels))
         ],
-    }
+    )
 
 
 def deviations_along(found: Estimate, rays: Floats) -> tuple[Floats, Floats]:

@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.results import FitResult
 from workers.geometry.models import parse_model
 from workers.geometry.transforms import RigidTransform, from_document, to_document
 from workers.solver.camera_transform import Deviation, between_cameras, deviation, mount_covariance
@@ -40,7 +41,7 @@ class StatedTransform:
 
 @dataclass(frozen=True, eq=False)
 class SolvedCamera:
-    """A camera's recommended result: the problem that was fitted, the document of `solve_finish`, and the pairs.
+    """A camera's recommended result: the problem that was fitted, its result, and the pairs.
 
     pairs: the correspondence set's columns, row by row those of the problem; detection: what their vertices come
     from, where that is one detection.
@@ -48,28 +49,27 @@ class SolvedCamera:
 
     name: str
     problem: FitProblem
-    document: Mapping[str, Any]
+    result: FitResult
     pairs: Mapping[str, Sequence[Any]]
     detection: str | None = None
 
     @property
     def transform(self) -> RigidTransform:
         """T_camera_lidar."""
-        return from_document(self.document["transform"])
+        return from_document(self.result.transform.model_dump())
 
     @property
     def view(self) -> View:
         """What the comparison of marks needs."""
         outliers = np.zeros(len(self.problem.points), dtype=np.bool_)
-        outliers[[one["index"] for one in self.document["outliers"]]] = True
-        intrinsics: Mapping[str, Any] = self.document["intrinsics"]
+        outliers[[outlier.index for outlier in self.result.outliers]] = True
         return View(
-            parse_model(intrinsics["model"]),
-            intrinsics,
+            parse_model(self.result.model),
+            self.result.intrinsics.by_name(),
             self.transform,
             self.problem.points,
             self.problem.pixels,
-            _noise_px(self.document),
+            _noise_px(self.result),
             outliers,
         )
 
@@ -110,7 +110,7 @@ class _Said:
 def _between(
     a: SolvedCamera, b: SolvedCamera, name: str, stated: Sequence[StatedTransform], said: _Said
 ) -> dict[str, Any]:
-    covariance_a, covariance_b = (mount_covariance(one.problem, one.document) for one in (a, b))
+    covariance_a, covariance_b = (mount_covariance(one.problem, one.result) for one in (a, b))
     if covariance_a is None or covariance_b is None:
         unknown = a.name if covariance_a is None else b.name
         said.say(f"{name} is not stated: the pairs do not determine the mount of {unknown}.")
@@ -230,8 +230,7 @@ def _agreement_document(found: Agreement, pairs: Mapping[str, Sequence[Any]], ve
     }
 
 
-def _noise_px(document: Mapping[str, Any]) -> float:
+def _noise_px(result: FitResult) -> float:
     # rms^2 = mean |d|^2 over n pairs is sigma^2 (2 n - F) / n.
-    kept = document["kept"]
-    n, free = kept["pairs"], document["free_parameters"]
-    return float(kept["rms_px"]) * sqrt(n / max(2 * n - free, 1))
+    n = result.kept.pairs
+    return result.kept.rms_px * sqrt(n / max(2 * n - result.free_parameters, 1))

@@ -8,13 +8,14 @@ the middle row; the clocks' offset absorbs any other.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from apexcal.documents.results import RollingShutter
 from workers.solver.error_model import weighed
 from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate
@@ -29,35 +30,15 @@ _student_quantile: Callable[[float, float], float] = special.stdtrit
 _FALSE_ALARMS: Final = 0.005
 
 
-@dataclass(frozen=True)
-class LineTime:
-    """The line time that the residuals show, beyond what the request states, its deviation, and the limit of their
-    ratio, which one in 200 cameras without it exceeds.
-    """
-
-    line_time_us: float
-    std_us: float
-    limit: float
-
-    @property
-    def shown(self) -> bool:
-        """Whether chance does not explain it."""
-        return abs(self.line_time_us) > self.limit * self.std_us
-
-    def to_document(self) -> dict[str, Any]:
-        """JSON form."""
-        return {**vars(self), "shown": self.shown}
-
-    def alarms(self, stated_us: float) -> list[str]:
-        """A sentence, if it is shown."""
-        if not self.shown:
-            return []
-        total = stated_us + self.line_time_us
-        return [
-            f"Residuals along the board's motion grow with the image row, by {self.line_time_us:.1f} +- "
-            f"{self.std_us:.1f} us a row: the camera reads its rows one after the other. Give line_time_us, "
-            f"about {total:.0f}, and better what the camera's data sheet says."
-        ]
+def shutter_alarms(found: RollingShutter, stated_us: float) -> list[str]:
+    """A sentence, if a line time beyond the stated one is shown."""
+    if not found.shown:
+        return []
+    return [
+        f"Residuals along the board's motion grow with the image row, by {found.line_time_us:.1f} +- "
+        f"{found.std_us:.1f} us a row: the camera reads its rows one after the other. Give line_time_us, "
+        f"about {stated_us + found.line_time_us:.0f}, and better what the camera's data sheet says."
+    ]
 
 
 def at_their_rows(problem: FitProblem) -> FitProblem:
@@ -77,7 +58,7 @@ def at_their_rows(problem: FitProblem) -> FitProblem:
     return replace(problem, points=problem.points + late_s[:, None] * problem.velocities)
 
 
-def line_time_of(found: Estimate) -> LineTime | None:
+def rolling_shutter(found: Estimate) -> RollingShutter | None:
     """What the residuals show. None if the pairs do not say how the apex moved, or do not determine it.
 
     What stretches of a walk share is estimated beside the line time, because they would absorb it otherwise.
@@ -99,4 +80,6 @@ def line_time_of(found: Estimate) -> LineTime | None:
     if not variance > 0.0:
         return None  # the fit's own parameters move the marks alike
     limit = float(_student_quantile(min(max(freedom, 1.0), 1e6), 1.0 - 0.5 * _FALSE_ALARMS))
-    return LineTime(float(wider.step()[-1]), float(np.sqrt(variance)), limit)
+    line_time_us, std_us = float(wider.step()[-1]), float(np.sqrt(variance))
+    is_shown = abs(line_time_us) > limit * std_us
+    return RollingShutter(line_time_us=line_time_us, std_us=std_us, limit=limit, shown=is_shown)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.solver.blocks import BlockKind, Blocks
+from apexcal.documents.results import OverTime, SharedErrors
+from workers.solver.blocks import Blocks
 from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import by_point
 from workers.solver.stretches import with_stretches
 from workers.solver.variance_components import (
     Components,
-    Variances,
     likelihood_ratio,
     uncertainty_of,
     variances_of,
@@ -31,16 +31,6 @@ _WIDER: Final = 1.1
 _EXTENT_M: Final = 1e-3  # pairs of one pose nearer together than this tell nothing of its turn
 
 
-class OverTime(NamedTuple):
-    """What stretches of a walk share besides what its groups share, as in `SharedErrors`; widening is by it alone."""
-
-    blocks: int
-    shift_px: float
-    evidence: float
-    counted: bool
-    widening: float
-
-
 class Shared(NamedTuple):
     """What blocks share; the errors with what of it counts; and with all of it, also if it is too small to count."""
 
@@ -49,73 +39,40 @@ class Shared(NamedTuple):
     wider: ErrorModel
 
 
-@dataclass(frozen=True, eq=False)
-class SharedErrors:
-    """What blocks share, by restricted maximum likelihood.
+def shared_alarms(shared: SharedErrors) -> list[str]:
+    """A sentence, if independent errors do not explain the residuals and deviations are much wider for it."""
+    return _block_alarms(shared) + _stretch_alarms(shared.over_time)
 
-    count, kind: of the blocks. deviations: by component, in its unit (offset_m, turn_deg, shift_px). evidence: twice
-    the log likelihood ratio to independent errors. counted: whether the deviations include it. widening: ratio of the
-    pixels' deviations over the marks to those of independent errors. variances: the estimate itself. over_time: what
-    stretches of a walk share besides, if many groups are in them.
-    """
 
-    count: int
-    kind: BlockKind
-    deviations: dict[str, float]
-    evidence: float
-    counted: bool
-    widening: float
-    variances: Variances
-    over_time: OverTime | None = None
+def _stretch_alarms(over_time: OverTime | None) -> list[str]:
+    if over_time is None or over_time.evidence <= _NAMED[1] or over_time.widening <= _WIDER:
+        return []
+    return [
+        f"Groups near in time err together, by {over_time.shift_px:.2g} px from one stretch of the walk to the next. "
+        f"The standard deviations count that; they are {over_time.widening:.1f} times those of groups that err "
+        "independently. Check the clocks, whether the camera moved, and the lens model."
+    ]
 
-    def to_document(self) -> dict[str, Any]:
-        """JSON form."""
-        said = {"over_time": self.over_time._asdict()} if self.over_time else {}
-        return said | {
-            "blocks": self.count,
-            "by": self.kind,
-            "deviations": self.deviations,
-            "noise_px": float(np.sqrt(self.variances.variances[0])),
-            "evidence": self.evidence,
-            "counted": self.counted,
-            "widening": self.widening,
-        }
 
-    def alarms(self) -> list[str]:
-        """A sentence, if independent errors do not explain the residuals and deviations are much wider for it."""
-        return self._of_blocks() + self._of_stretches()
-
-    def _of_stretches(self) -> list[str]:
-        found = self.over_time
-        if found is None or found.evidence <= _NAMED[1] or found.widening <= _WIDER:
-            return []
+def _block_alarms(shared: SharedErrors) -> list[str]:
+    if shared.evidence <= _NAMED[len(shared.deviations)] or shared.widening <= _WIDER:
+        return []
+    sizes = " and ".join(
+        f"{1e3 * size:.2g} mm" if name == "offset_m" else f"{size:.2g} {'px' if name == 'shift_px' else 'degrees'}"
+        for name, size in shared.deviations.items()
+        if size > 0.0
+    )
+    if shared.by == "group":
         return [
-            f"Groups near in time err together, by {found.shift_px:.2g} px from one stretch of the walk to the next. "
-            f"The standard deviations count that; they are {found.widening:.1f} times those of groups that err "
-            "independently. Check the clocks, whether the camera moved, and the lens model."
+            f"Pairs of one group err together, by {sizes} from group to group. The standard deviations count "
+            f"that; they are {shared.widening:.1f} times those of independent errors. More groups (poses) help, "
+            "more pairs of one do not."
         ]
-
-    def _of_blocks(self) -> list[str]:
-        if self.evidence <= _NAMED[len(self.deviations)] or self.widening <= _WIDER:
-            return []
-        sizes = " and ".join(
-            f"{1e3 * size:.2g} mm"
-            if name == "offset_m"
-            else f"{size:.2g} {'px' if name == 'shift_px' else 'degrees'}"
-            for name, size in self.deviations.items()
-            if size > 0.0
-        )
-        if self.kind == "group":
-            return [
-                f"Pairs of one group err together, by {sizes} from group to group. The standard deviations count "
-                f"that; they are {self.widening:.1f} times those of independent errors. More groups (poses) help, "
-                "more pairs of one do not."
-            ]
-        return [
-            f"Pairs near in time err together, by {sizes} from one stretch of the walk to the next. The standard "
-            f"deviations count that; they are {self.widening:.1f} times those of independent errors. Check the "
-            "clocks, whether the camera moved, and the lens model."
-        ]
+    return [
+        f"Pairs near in time err together, by {sizes} from one stretch of the walk to the next. The standard "
+        f"deviations count that; they are {shared.widening:.1f} times those of independent errors. Check the "
+        "clocks, whether the camera moved, and the lens model."
+    ]
 
 
 def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> Shared | None:
@@ -146,7 +103,16 @@ def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> Shared |
     }
     counted = blocks.kind == "group" or evidence > _COUNTED
     widening = _widening(model, wider)
-    named = SharedErrors(count, blocks.kind, deviations, evidence, counted, widening, found)
+    named = SharedErrors(
+        blocks=count,
+        by=blocks.kind,
+        deviations=deviations,
+        noise_px=float(np.sqrt(noise)),
+        evidence=evidence,
+        counted=counted,
+        widening=widening,
+        over_time=None,
+    )
     errors = wider if counted else model
     if blocks.stretches is None or not blocks.stretches.any():
         return Shared(named, errors, wider)
@@ -154,8 +120,14 @@ def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> Shared |
     over, both = with_stretches(model, components, shifts)
     shift_px = float(np.sqrt(both.variances[-1]))
     stretches = int(blocks.stretches.max()) + 1
-    named = replace(named, over_time=OverTime(stretches, shift_px, over, over > _COUNTED, _widening(wider, both)))
-    return Shared(named, both if over > _COUNTED else errors, both)
+    over_time = OverTime(
+        blocks=stretches,
+        shift_px=shift_px,
+        evidence=over,
+        counted=over > _COUNTED,
+        widening=_widening(wider, both),
+    )
+    return Shared(named.model_copy(update={"over_time": over_time}), both if over > _COUNTED else errors, both)
 
 
 def _of_all(labels: NDArray[np.int64], used: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -1,5 +1,5 @@
 # pyright: reportMissingTypeStubs=false
-"""The end of a run: polish, baseline, uncertainty and plain words, as one JSON document."""
+"""The end of a run: polish, baselines, uncertainty and plain words, as one result."""
 
 import os
 import platform
@@ -12,6 +12,8 @@ import numpy as np
 from llvmlite import binding
 from numpy.typing import ArrayLike, NDArray
 
+from apexcal.documents.results import FitResult, FittedPairs, Intrinsics, LeastSquares, Search, Status
+from apexcal.documents.transforms import SolvedTransform
 from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import distances_px, image_diagonal_px, project
 from workers.geometry.rotations import euler_from_rotation, vector_from_rotation
@@ -21,13 +23,16 @@ from workers.solver.degeneracy import arbitrary, is_determined, point_alarms
 from workers.solver.diagnosis import alarms, at_bounds, misfit, several_optima
 from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate, estimate
+from workers.solver.field import field
 from workers.solver.halves import halves_of, too_small
+from workers.solver.pair_errors import explained_px, marks_outside
 from workers.solver.polish import Fit, cost_of, distances, mean_and_rms
 from workers.solver.prediction import prediction
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
-from workers.solver.rolling_shutter import line_time_of
+from workers.solver.rolling_shutter import rolling_shutter, shutter_alarms
 from workers.solver.schedule import State
+from workers.solver.shared_errors import shared_alarms
 from workers.solver.stated_lens import lens_origin, under_stated_lens
 from workers.solver.weighting import whitened
 
@@ -39,37 +44,20 @@ _LOSS_WORDS: Final = {"mean": "mean pixel distance", "saturating": "saturating m
 
 
 class Finished(NamedTuple):
-    """The end of a fit: its estimate, and the document that it becomes."""
+    """The end of a fit: its estimate, and the result that it becomes."""
 
     estimate: Estimate
-    document: dict[str, Any]
+    result: FitResult
 
 
-def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
-    """Return the document of `finished`."""
-    return finished(problem, state).document
+def solve_finish(problem: FitProblem, state: State) -> FitResult:
+    """Return the result of `finished`."""
+    return finished(problem, state).result
 
 
 def finished(problem: FitProblem, state: State) -> Finished:
-    """Polish the search's best and describe everything found, as plain JSON.
+    """Polish the search's best, and return all that the pairs tell; without checks and held-out errors.
 
-    The document's `intrinsics` and `transform` (T_camera_lidar) are the polished ones; `ga`, `polished`,
-    `baseline` (least squares from the centre of the bounds) and `linear_baseline` (direct linear transformation
-    with RANSAC, then least squares; null where no linear camera fits) stand side by side, each over the pairs that
-    it was given (`ga` over all, also where the others leave outliers out), with mean and RMS distance in px, what
-    it minimised and its parameters (search form: radians, metres, pixels). `parameters` and `std` are in people's
-    units (degrees, metres, pixels). `outliers` names the pairs that the fit of the others rejects; where the problem
-    says `exclude` the polish leaves them out, and `kept` has its errors on the rest. `weights` says whether the
-    pairs weighed equally or by stated covariances; then `noise_scale` says how many times larger the errors are
-    than stated (the deviations here are scaled by it), and `sigma_px` is the noise of a typical pair. `status` is
-    `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the polish ran out),
-    `not_determined` (the pairs leave a free parameter open) or `not_explained` (half of them lie far from
-    where it projects them). Of a fit to all pairs `halves` compares the fits of disjoint halves of the pairs,
-    `stated_too_small` says in sentences where they differ by more than is stated, and `prediction` has deviations
-    over the image; `shared_errors` is what blocks of pairs share, and the deviations count it where it is `counted`;
-    `lens` says where the lens comes from, and `stated_lens` has the mount under a stated one (`under_stated_lens`);
-    `person_bias` is what was found of the people's biases, and `rolling_shutter` what the residuals show of one
-    beyond the stated `line_time_us`. What the pairs do not tell is null or left out, never a number that is none.
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:
@@ -77,15 +65,16 @@ def finished(problem: FitProblem, state: State) -> Finished:
     found = estimate(problem, np.array(state.best_parameters))
     polished, outliers, kept, spread = found.fit, found.outliers, found.fitted, found.spread
     p = found.parameters
+    is_whole = problem.fold < 0
     plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
     compared = _compared(whitened(kept, p), polished, plain)
     elsewhere = several_optima(kept, state, polished, compared, spread)
-    halves = halves_of(found) if problem.fold < 0 else []
+    halves = halves_of(found) if is_whole else []
     doubts = too_small(halves, problem)
-    line_time = line_time_of(found) if problem.fold < 0 else None
-    said = found.moved_alarms() + doubts + (found.shared.alarms() if found.shared else [])
-    said += line_time.alarms(problem.line_time_us) if line_time else []
-    stated = under_stated_lens(problem, found) if problem.fold < 0 else None
+    shutter = rolling_shutter(found) if is_whole else None
+    said = found.moved_alarms() + doubts + (shared_alarms(found.shared) if found.shared else [])
+    said += shutter_alarms(shutter, problem.line_time_us) if shutter else []
+    stated = under_stated_lens(problem, found) if is_whole else None
     if stated is not None and stated.explains is False:
         way = (
             "" if lens_origin(problem) == "fitted" else " Calibrate with intrinsics_as: free (--intrinsics-as free)."
@@ -98,53 +87,64 @@ def finished(problem: FitProblem, state: State) -> Finished:
     # The alarms compare both stages over the pairs that the polish was given.
     ga_kept_px = mean_and_rms(kept, state.best_parameters)
     excluded = problem.outliers == "exclude"
-    document = {
-        "model": problem.model,
-        "search": problem.search,
-        "status": status,
-        "message": message,
-        "loss": problem.loss,
-        "weights": "equal" if problem.covariances is None else "covariances",
-        "pairs": int(np.count_nonzero(problem.weights)),
-        "free_parameters": len(problem.free),
-        "iterations": state.iteration,
-        "stopped": state.stopped,
-        "evaluations": state.evaluations,
-        "history": list(state.history),
-        "ga": {
-            "mean_px": ga_mean,
-            "rms_px": ga_rms,
-            "minimised": _LOSS_WORDS[problem.loss],
-            "loss_px": state.best_loss,
-            "parameters": _named(problem, state.best_parameters),
-        },
-        "polished": _fit_document(problem, polished),
-        **{name: None if fit is None else _fit_document(problem, fit) for name, fit in plain.items()},
-        "kept": _kept_document(kept, p),
-        "outliers": [outlier.to_document(excluded) for outlier in outliers],
-        "parameters": people_parameters(problem, p, transform),
-        "intrinsics": intrinsics_document(problem, p),
-        "transform": to_document(transform),
-        "lens": lens_origin(problem),
-        "stated_lens": stated and stated.model_dump(exclude_none=False),
-        "residuals_px": distances(problem, p).tolist(),
-        "at_bounds": at_bounds(problem, p),
-        **spread.to_document(),
-        "alarms": unexplained + alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
-        "shared_errors": found.shared and found.shared.to_document(),
-        "common_errors": problem.common_errors,
-        "person_bias": found.bias and found.bias._asdict(),
-        "line_time_us": problem.line_time_us,
-        "rolling_shutter": line_time and line_time.to_document(),
-        "weak_priors": dict(found.weak),
-        "halves": [one.model_dump() for one in halves],
-        "stated_too_small": doubts,
-        "prediction": prediction(found, halves) if problem.fold < 0 else None,
-        "several_optima": elsewhere,
-        "cpu": cpu_document(),
-        "versions": versions_document(),
-    }
-    return Finished(found, document)
+    stages = {name: None if fit is None else _least_squares(problem, fit) for name, fit in plain.items()}
+    lens = lens_of(problem, p)
+    precision = spread.fit_precision()
+    result = FitResult(
+        **dict(precision),
+        model=problem.model,
+        search=problem.search,
+        status=status,
+        message=message,
+        loss=problem.loss,
+        weights="equal" if problem.covariances is None else "covariances",
+        pairs=int(np.count_nonzero(problem.weights)),
+        free_parameters=len(problem.free),
+        iterations=state.iteration,
+        stopped=state.stopped,
+        evaluations=state.evaluations,
+        history=list(state.history),
+        ga=Search(
+            mean_px=ga_mean,
+            rms_px=ga_rms,
+            minimised=_LOSS_WORDS[problem.loss],
+            loss_px=state.best_loss,
+            parameters=_named(problem, state.best_parameters),
+        ),
+        polished=_least_squares(problem, polished),
+        baseline=stages["baseline"],
+        linear_baseline=stages["linear_baseline"],
+        kept=_fitted_pairs(kept, p),
+        outliers=outliers,
+        parameters=people_parameters(problem, p, transform),
+        intrinsics=lens,
+        transform=SolvedTransform.model_validate(to_document(transform)),
+        lens=lens_origin(problem),
+        stated_lens=stated,
+        residuals_px=distances(problem, p).tolist(),
+        at_bounds=at_bounds(problem, p),
+        alarms=unexplained + alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
+        checks=[],
+        several_optima=elsewhere,
+        shared_errors=found.shared,
+        common_errors=dict(problem.common_errors),
+        person_bias=found.bias,
+        line_time_us=problem.line_time_us,
+        rolling_shutter=shutter,
+        weak_priors=dict(found.weak),
+        halves=halves,
+        stated_too_small=doubts,
+        prediction=prediction(found, halves) if is_whole else None,
+        explained_px=explained_px(problem, lens, precision) if is_whole else None,
+        marks_outside=marks_outside(problem) if is_whole else None,
+        field=field(problem, p, np.array(precision.covariance.matrix)) if is_whole else None,
+        heldout=None,
+        cpu=cpu_document(),
+        versions=versions_document(),
+        provenance=None,
+        finish_seconds=None,
+    )
+    return Finished(found, result)
 
 
 def _compared(problem: FitProblem, polished: Fit, plain: Mapping[str, Fit | None]) -> dict[str, tuple[Fit, float]]:
@@ -160,9 +160,9 @@ def _compared(problem: FitProblem, polished: Fit, plain: Mapping[str, Fit | None
     }
 
 
-def _kept_document(problem: FitProblem, p: Floats) -> dict[str, Any]:
+def _fitted_pairs(problem: FitProblem, p: Floats) -> FittedPairs:
     mean, rms = mean_and_rms(problem, p)
-    return {"pairs": int(np.count_nonzero(problem.weights)), "mean_px": mean, "rms_px": rms}
+    return FittedPairs(pairs=int(np.count_nonzero(problem.weights)), mean_px=mean, rms_px=rms)
 
 
 def evaluate(
@@ -199,13 +199,10 @@ def people_parameters(problem: FitProblem, p: Floats, transform: RigidTransform)
     return named | dict(zip(INTRINSICS[problem.model], p[6:].tolist(), strict=True))
 
 
-def intrinsics_document(problem: FitProblem, p: Floats) -> dict[str, Any]:
-    """{"model", f_x, ..., "image_size": [width, height]} of a parameter vector."""
-    return {
-        "model": problem.model,
-        **dict(zip(INTRINSICS[problem.model], p[6:].tolist(), strict=True)),
-        "image_size": list(problem.image_size),
-    }
+def lens_of(problem: FitProblem, p: Floats) -> Intrinsics:
+    """The lens of a parameter vector (D,)."""
+    values: dict[str, Any] = dict(zip(INTRINSICS[problem.model], p[6:].tolist(), strict=True))
+    return Intrinsics(model=problem.model, image_size=list(problem.image_size), **values)
 
 
 def cpu_document() -> dict[str, str]:
@@ -231,7 +228,7 @@ def _version(library: str) -> str:
         return "not installed"
 
 
-def _status(state: State, found: Estimate, unexplained: list[str]) -> tuple[str, str]:
+def _status(state: State, found: Estimate, unexplained: list[str]) -> tuple[Status, str]:
     problem, p, spread = found.fitted, found.parameters, found.spread
     if not is_determined(problem, p, spread):
         reasons = point_alarms(problem, p)
@@ -252,15 +249,15 @@ def _status(state: State, found: Estimate, unexplained: list[str]) -> tuple[str,
     return "ok", f"Stopped after {state.iteration} iterations: {reasons[state.stopped]}."
 
 
-def _fit_document(problem: FitProblem, fit: Fit) -> dict[str, Any]:
-    return {
-        "mean_px": fit.mean_px,
-        "rms_px": fit.rms_px,
-        "minimised": fit.minimised,
-        "converged": fit.outcome.converged,
-        "message": fit.outcome.sentence,
-        "parameters": _named(problem, fit.parameters),
-    }
+def _least_squares(problem: FitProblem, fit: Fit) -> LeastSquares:
+    return LeastSquares(
+        mean_px=fit.mean_px,
+        rms_px=fit.rms_px,
+        minimised=fit.minimised,
+        converged=fit.outcome.converged,
+        message=fit.outcome.sentence,
+        parameters=_named(problem, fit.parameters),
+    )
 
 
 def _named(problem: FitProblem, parameters: Sequence[float]) -> dict[str, float]:

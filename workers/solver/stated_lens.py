@@ -17,8 +17,9 @@ from scipy import special
 
 from apexcal.documents.bounds import Interval, preset_bounds
 from apexcal.documents.camera_models import FOCAL_AND_CENTRE
-from apexcal.documents.results import StatedLensFit
+from apexcal.documents.results import Intrinsics, StatedLensFit
 from apexcal.documents.rules import LensOrigin
+from apexcal.documents.transforms import SolvedTransform
 from workers.geometry.models import INTRINSICS, ModelName, parse_model
 from workers.geometry.transforms import to_document
 from workers.solver.errors import SolveError
@@ -61,17 +62,13 @@ def under_stated_lens(problem: FitProblem, found: Estimate) -> StatedLensFit | N
     locked = {name: float(lens[name]) for name in INTRINSICS[model]}
     mount = _fitted(of_pairs, model, found.held_at, locked, {name: (v, v) for name, v in locked.items()})
     p = mount.parameters
-    spread = mount.spread.to_document()
-    document = {
-        "intrinsics": {"model": model, **locked, "image_size": list(problem.image_size)},
-        "transform": to_document(transform_of(mount.fitted, p)),
-        "rms_px": mean_and_rms(mount.fitted, p)[1],
+    return StatedLensFit(
+        **dict(mount.spread.precision()),
         **_misfit(mount, _with_free_lens(of_pairs, found)),
-    }
-    return StatedLensFit.model_validate(document | {name: spread[name] for name in _SPREAD})
-
-
-_SPREAD: Final = ("std", "interval95_half_width", "covariance", "sigma_px")
+        intrinsics=Intrinsics.model_validate({"model": model, "image_size": problem.image_size, **locked}),
+        transform=SolvedTransform.model_validate(to_document(transform_of(mount.fitted, p))),
+        rms_px=mean_and_rms(mount.fitted, p)[1],
+    )
 
 
 def _fitted(
@@ -114,7 +111,8 @@ def _with_free_lens(problem: FitProblem, found: Estimate) -> Estimate | None:
 def _misfit(mount: Estimate, free: Estimate | None) -> dict[str, Any]:
     """Whether the pairs bear the stated lens out, and a sentence."""
     if free is None or free.spread.freedom is None or mount.spread.freedom is None:
-        return {"explains": None, "sentence": "These pairs are too few to tell whether the stated lens is true."}
+        sentence = "These pairs are too few to tell whether the stated lens is true."
+        return {"explains": None, "free_lens_rms_px": None, "sentence": sentence}
     of_mount, of_free = _squares(mount), _squares(free)
     at_px, free_px = (mean_and_rms(one.fitted, one.held_at)[1] for one in (mount, free))
     more, left = max(mount.spread.freedom - free.spread.freedom, 1.0), free.spread.freedom

@@ -3,13 +3,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
+from apexcal.documents.results import Covariance, FitPrecision, Precision, WorstCorrelation
 from workers.solver.polish import weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict
@@ -71,34 +72,35 @@ class Uncertainty:
             return np.array([_half_width95(*one) for one in each])
         return _factor95(self.freedom) * self.std
 
-    def worst_correlation(self) -> tuple[str, str, float] | None:
+    def worst_correlation(self) -> WorstCorrelation | None:
         """The two parameters that can be told apart least, and their correlation; None where no two correlate."""
         strict = np.triu(np.abs(self.correlation), 1)
         if not np.any(strict):
             return None
         i, j = np.unravel_index(int(np.argmax(strict)), strict.shape)
-        return self.names[i], self.names[j], float(self.correlation[i, j])
+        return WorstCorrelation(pair=[self.names[i], self.names[j]], value=float(self.correlation[i, j]))
 
-    def to_document(self) -> dict[str, Any]:
-        """JSON form, an infinite standard deviation or condition as null."""
-        worst = self.worst_correlation()
-        return {
-            "std": self._finite(self.std),
-            "interval95_half_width": self._finite(self.half_width95),
-            "covariance": {
-                "names": list(self.names),
-                "units": list(self.units),
-                "matrix": self.covariance.tolist(),
-            },
-            "correlation": self.correlation.tolist(),
-            "worst_correlation": None if worst is None else {"pair": [worst[0], worst[1]], "value": worst[2]},
-            "sigma_px": self.sigma_px,
-            "noise_scale": self.noise_scale,
-            "rank": self.rank,
-            "condition": self.condition if np.isfinite(self.condition) else None,
-            "undetermined": list(self.undetermined),
-            "degrees_of_freedom": None if self.freedoms is None else self._finite(self.freedoms),
-        }
+    def precision(self) -> Precision:
+        """The document of what the pairs tell; an infinite standard deviation is null."""
+        return Precision(
+            std=self._finite(self.std),
+            interval95_half_width=self._finite(self.half_width95),
+            covariance=Covariance(names=list(self.names), units=list(self.units), matrix=self.covariance.tolist()),
+            sigma_px=self.sigma_px,
+        )
+
+    def fit_precision(self) -> FitPrecision:
+        """The whole document, an infinite condition as null."""
+        return FitPrecision(
+            **dict(self.precision()),
+            correlation=self.correlation.tolist(),
+            worst_correlation=self.worst_correlation(),
+            noise_scale=self.noise_scale,
+            rank=self.rank,
+            condition=self.condition if np.isfinite(self.condition) else None,
+            undetermined=list(self.undetermined),
+            degrees_of_freedom=None if self.freedoms is None else self._finite(self.freedoms),
+        )
 
     def _finite(self, values: Floats) -> dict[str, float | None]:
         return {n: v if np.isfinite(v) else None for n, v in zip(self.names, values.tolist(), strict=True)}

@@ -14,6 +14,7 @@ from sqlalchemy import bindparam, func, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.checks import Check, CheckVerdict, verdict_of
+from apexcal.documents.results import FitResult
 from apexcal.documents.states import WorkState
 from service.calibration_runs.conclusion import end_calibration, runs_of
 from service.calibration_runs.image_frames import T_images_camera
@@ -301,7 +302,7 @@ def _solved_cameras(
 def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result, stop: Stop) -> SolvedCamera:
     detection = str(pairs.detection_id) if pairs.detection_id else None
     problem = read_run(run.problem, run.fold, pairs.columns, stop).problem
-    return SolvedCamera(run.camera, problem, result.document, pairs.columns, detection)
+    return SolvedCamera(run.camera, problem, FitResult.model_validate(result.document), pairs.columns, detection)
 
 
 def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:

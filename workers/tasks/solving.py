@@ -15,6 +15,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.fit_requests import FitRequest
 from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, held_together
+from apexcal.documents.results import FitResult, Provenance
 from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
 from service.db.base import Json
@@ -25,11 +26,9 @@ from workers.solver.blocks import blocks_of
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
 from workers.solver.errors import SolveError
-from workers.solver.field import field
 from workers.solver.folds import Fold, folds
 from workers.solver.held_out import held_out
 from workers.solver.motion import velocities_of
-from workers.solver.pair_errors import explained_px, marks_outside
 from workers.solver.people import shares_of
 from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.provenance import pairs_sha256, sources_sha256
@@ -199,30 +198,27 @@ def _whole(context: Context, given: RunInput, run: Any, lease: Lease) -> Write:
     return write
 
 
-def solved(given: RunInput, state: State) -> Json:
+def solved(given: RunInput, state: State) -> FitResult:
     """Polish, baselines, deviations and checks; or the errors on the pairs that were held out."""
-    estimate, document = finished(given.problem, state)
+    estimate, result = finished(given.problem, state)
     if given.heldout:
-        document["heldout"] = held_out(given.problem, given.whole, given.heldout, document)
-        return document
-    document["explained_px"] = explained_px(given.problem, document)
-    document["marks_outside"] = marks_outside(given.problem)
-    document["field"] = field(given.problem, document)
-    document["checks"] = [check.model_dump() for check in checks_of_fit(estimate, document, pairs=given.pairs)]
-    return document
+        heldout = held_out(given.problem, given.whole, given.heldout, estimate.parameters, result.outliers)
+        return result.model_copy(update={"heldout": heldout})
+    return result.model_copy(update={"checks": checks_of_fit(estimate, result, pairs=given.pairs)})
 
 
 def _finish(given: RunInput, run: Any, state: State, schedule: tuple[Json, int] | None = None) -> Write:
     """The end of a run: its result, with what it was made of. ``schedule`` as :func:`end_run` has it."""
     began = time.perf_counter()
-    document = solved(given, state)
-    document["provenance"] = {
-        "request": given.document,
-        "pairs_sha256": pairs_sha256(given.pairs),
-        "sources_sha256": sources_sha256(),
+    result = solved(given, state)
+    of_job = {
+        "provenance": Provenance(
+            request=given.document, pairs_sha256=pairs_sha256(given.pairs), sources_sha256=sources_sha256()
+        ),
+        "finish_seconds": time.perf_counter() - began,
     }
-    document["finish_seconds"] = time.perf_counter() - began
-
+    # What is not set are the coefficients that a lens does not have.
+    document = result.model_copy(update=of_job).model_dump(mode="json", exclude_unset=True)
     found = {
         "fleet_id": run.fleet_id,
         "calibration_id": run.calibration_id,

@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy import event
 
 from service.db.calibrations import CorrespondenceSet
-from service.http.places import Places
+from service.http.limits import ConcurrencyLimiter
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
 from tests.support.people import Api
@@ -105,13 +105,13 @@ def test_twelve_at_once_cost_little_more_than_a_few(served: tuple[Api, str]) -> 
 @one_database
 def test_who_finds_no_place_waits_and_is_then_told(served: tuple[Api, str]) -> None:
     api, url = served
-    api.app.state.long_answers = Places(total=1, each=1, patience_s=0.2)
+    api.app.state.long_answers = ConcurrencyLimiter(1, 1, 0.2)
     fleet = api.fleet()
     row, viewer = seed_set(api, fleet, COUNT), api.member(fleet, "viewer")
     path = f"{url}/v1/correspondence-sets/{row.id}"
     with httpx.Client(headers=viewer.headers, timeout=60) as client, client.stream("GET", path) as first:
         refused = client.get(path)
-        assert (refused.status_code, refused.json()["code"], refused.headers["retry-after"]) == (503, "busy", "5")
+        assert (refused.status_code, refused.json()["code"], refused.headers["retry-after"]) == (503, "busy", "2")
         assert first.read()
         assert client.get(path).status_code == 200, "the place is free again"
 
@@ -124,14 +124,14 @@ def test_imports_share_places_too(api: Api, given: bytes) -> None:
     path = f"/rigs/{rig.id}/correspondence-sets?camera=front"
     for _ in range(3):
         assert engineer.post(path, content=given, headers=headers).status_code in (200, 201)
-    api.app.state.imports = Places(total=0, each=1, patience_s=0.1)
+    api.app.state.imports = ConcurrencyLimiter(0, 1, 0.1)
     assert engineer.post(path, content=given, headers=headers).json()["code"] == "busy"
 
 
 @one_database
 def test_bodies_that_are_still_on_their_way_hold_no_place_of_an_import(served: tuple[Api, str]) -> None:
     api, url = served
-    api.app.state.imports = Places(total=1, each=1, patience_s=0.2)
+    api.app.state.imports = ConcurrencyLimiter(1, 1, 0.2)
     fleet = api.fleet()
     rig = seed_rig(api.database, fleet)
     path = f"{url}/v1/rigs/{rig.id}/correspondence-sets?camera=front"

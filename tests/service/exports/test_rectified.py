@@ -118,6 +118,26 @@ def test_the_tree_keeps_its_frame_and_gets_that_of_the_images(api, rig, engineer
     assert child.from_frame == ("camera_front_link" if joint else OWN) and np.abs(child.matrix - said).max() < 1e-9
 
 
+def test_autoware_mounts_the_cameras_own_body(api, rig, engineer, result):
+    """Its description turns the body into the own optical frame, whatever the images were turned by afterwards."""
+    state(engineer, rig, RECTIFIED)
+    with zipfile.ZipFile(io.BytesIO(exported(engineer, rig, "autoware"))) as archive:
+        (name,) = [one for one in archive.namelist() if one.endswith("sensor_kit_calibration.yaml")]
+        kit = yaml.safe_load(archive.read(name))["sensor_kit_base_link"]
+    T_kit_lidar, T_kit_body = (placed(kit[child]) for child in ("velodyne", "front/camera_link"))
+    own = T_kit_lidar @ inverse(solved(engineer, result).matrix) @ turned()
+    upright = np.eye(4)
+    upright[:3, :3] = BODY
+    assert np.abs(T_kit_body @ upright - own).max() < 1e-9
+
+
+def placed(pose) -> np.ndarray:
+    made = np.eye(4)
+    made[:3, :3] = Rotation.from_euler("xyz", [pose["roll"], pose["pitch"], pose["yaw"]]).as_matrix()
+    made[:3, 3] = pose["x"], pose["y"], pose["z"]
+    return made
+
+
 def test_without_r_the_frame_of_the_rig_is_that_of_the_images(api, rig, engineer, result):
     plain = exported(engineer, rig, "urdf")
     state(engineer, rig, {"kind": "rectified"})

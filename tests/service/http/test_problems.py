@@ -199,3 +199,19 @@ def test_every_parameter_of_the_description_is_read(api: Api) -> None:
                 address = re.sub("{[^}]+}", somewhere, path.removeprefix("/v1"))
                 answer = owner.get(address, params={one["name"]: "1"})
                 assert f"query {one['name']}: is not known here" not in answer.text, (path, one["name"])
+
+
+@one_database
+def test_no_route_overlooks_a_misspelt_parameter(api: Api) -> None:
+    headers = {"Authorization": f"Bearer {api.owner().token}"}
+    for path, operations in api.app.openapi()["paths"].items():
+        address = re.sub("{[^}]+}", "0" * 32, path)
+        for method, operation in operations.items() if path.startswith("/v1") else ():
+            known = {one["name"] for one in operation.get("parameters", ()) if one["in"] == "query"}
+            for name in {"nonsense", *(f"{one}s" for one in known)} - known:
+                answer = api.client.request(method, address, headers=headers, params={name: "1"})
+                assert answer.status_code == 422, (method, path, name, answer.text)
+                fields = [error["field"] for error in answer.json()["errors"]]
+                assert fields == [f"query {name}"], (method, path, fields)
+                nearest = name.removesuffix("s")
+                assert nearest not in known or f"`{nearest}`" in answer.json()["detail"], (method, path, name)

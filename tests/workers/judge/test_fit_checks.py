@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.documents.fit_requests import fit_request
+from apexcal.documents.results import FitResult
 from tests.workers.judge.fits import FOCAL_PX, checked, failed, lens_of, rig
+from tests.workers.solver.few_pairs import real
 from tests.workers.solver.rigs import PLAIN, SIZE
 from tests.workers.solver.walks import posed
 from workers.judge.agreement_checks import fit, optima
@@ -16,6 +19,8 @@ from workers.judge.time_checks import image_velocities
 from workers.judge.topics import graded
 from workers.judge.validation_checks import elsewhere
 from workers.solver.estimate import estimate
+from workers.solver.schedule import run_schedule
+from workers.tasks.solving import read_run, solved
 
 
 @pytest.mark.parametrize("lens", ["pinhole", "brown_conrady", "kannala_brandt"])
@@ -134,13 +139,14 @@ def test_noise_beyond_what_marks_and_vertices_explain(noise_px, verdict):
     assert ("pairing mode auto" in check.remedy) == (verdict != "pass")
 
 
-def test_marks_outside_of_the_image():
+@pytest.mark.parametrize(("count", "verdict"), [(0, "pass"), (1, "look"), (20, "stop")])
+def test_marks_that_belong_and_lie_outside_of_the_image(count, verdict):
     problem, start = rig("pinhole")
-    assert checked(problem, start)["marks_outside"].verdict == "pass"
-    for count, verdict in ((1, "look"), (20, "stop")):
-        pixels = problem.pixels.copy()
-        pixels[:count, 0] = -30.0
-        assert checked(replace(problem, pixels=pixels), start)["marks_outside"].verdict == verdict
+    u = np.sort(problem.pixels[:, 0])
+    width = int(u[-1 - count]) + 1
+    narrower = replace(problem, image_size=(width, SIZE[1]))
+    check = checked(narrower, start)["marks_outside"]
+    assert (check.verdict, check.figures["outside"]) == (verdict, np.count_nonzero(u > width + 0.5))
 
 
 def moving(problem, seed=5):
@@ -202,17 +208,17 @@ def test_precision_is_judged_where_points_are_used():
 def test_the_mount_alone_is_judged_by_degrees_and_millimetres():
     half = dict.fromkeys(("rotation_x", "rotation_y", "rotation_z"), 0.3)
     half |= dict.fromkeys(("t_x", "t_y", "t_z"), 0.03)
-    assert mount_alone({"interval95_half_width": half, "lens": "stated"}).verdict == "pass"
+    assert mount_alone(FitResult.model_construct(interval95_half_width=half, lens="stated")).verdict == "pass"
     for name, value in (("rotation_x", 0.5), ("t_z", 0.05), ("t_z", None)):
-        check = mount_alone({"interval95_half_width": half | {name: value}, "lens": "fitted"})
+        check = mount_alone(FitResult.model_construct(interval95_half_width=half | {name: value}, lens="fitted"))
         assert (check.verdict, check.scope) == ("stop", "mount_alone")
 
 
 def test_ends_and_other_optima_stop():
-    assert fit({"status": "ok", "message": "Stopped."}).verdict == "pass"
-    assert fit({"status": "not_determined", "message": "Open."}).verdict == "stop"
-    assert optima({"several_optima": []}).verdict == "pass"
-    assert optima({"several_optima": ["Another optimum is nearly as deep."]}).verdict == "stop"
+    assert fit(FitResult.model_construct(status="ok", message="Stopped.")).verdict == "pass"
+    assert fit(FitResult.model_construct(status="not_determined", message="Open.")).verdict == "stop"
+    assert optima(FitResult.model_construct(several_optima=[])).verdict == "pass"
+    assert optima(FitResult.model_construct(several_optima=["Another optimum is nearly as deep."])).verdict == "stop"
 
 
 def test_other_data_that_disagrees_stops():
@@ -229,3 +235,10 @@ def test_an_effect_is_graded_by_chance_and_size():
     assert graded(1e-4, 1.0, 0.5) == "stop"
     assert graded(1e-4, 0.3, 0.5) == graded(4e-3, 9.0, 0.5) == "look"
     assert graded(1e-9, 0.2, 0.5) == graded(0.01, 9.0, 0.5) == "pass"
+
+
+def test_few_pairs_without_degrees_of_freedom_have_numbers_in_every_check():
+    document, pairs = real(5)
+    run = read_run(fit_request(**document).model_dump(mode="json"), -1, pairs)
+    for check in solved(run, run_schedule(run.problem)[0]).checks:
+        assert np.all(np.isfinite([value for value in check.figures.values() if value is not None])), check

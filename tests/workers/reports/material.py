@@ -8,7 +8,7 @@ import numpy as np
 
 from apexcal.documents.checks import Check
 from apexcal.documents.fit_requests import fit_request
-from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
+from tests.workers.solver.rigs import NOMINAL, SIZE, plain, simulated
 from tests.workers.solver.walks import ended
 from workers.judge.fit_checks import checks_of_fit
 from workers.judge.validation_checks import elsewhere
@@ -58,9 +58,10 @@ def made(pairs: int = 222, wrong: int = 3, lens: str = "brown_conrady", model: s
         problem = fit_problem(fit_request(**document), walked.points, pixels)
         start = [known.get(one, 0.0) for one in problem.names]
         held = {"indices": list(range(0, pairs, 5)), "errors_px": [0.5 + 0.01 * i for i in range(0, pairs, 5)]}
-        found, result = ended(problem, start)
+        found, fitted_result = ended(problem, start)
+        result = plain(fitted_result)
         result["provenance"] = {"request": document, "pairs_sha256": "00", "sources_sha256": "11"}
-        result["checks"] = [check.model_dump() for check in checks_of_fit(found, result)]
+        result["checks"] = [check.model_dump() for check in checks_of_fit(found, fitted_result)]
         fitted.append(FittedModel(name, result, problem, [held]))
     fitted.sort(key=lambda one: one.name)
     columns = dict(zip("xyz", walked.points.T.tolist(), strict=True))

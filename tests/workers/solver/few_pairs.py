@@ -9,8 +9,8 @@ from uuid import UUID
 
 import numpy as np
 
-from apexcal.documents.results import RunResult
-from tests.workers.solver.rigs import NOMINAL, real_correspondences
+from apexcal.documents.results import FitResult
+from tests.workers.solver.rigs import NOMINAL, plain, real_correspondences
 from workers.models.summary import Fit, camera_summary
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, Material
@@ -114,9 +114,10 @@ def calibrated(document: Json, pairs: Json) -> Iterator[str]:
     for fold in range(-1, document["folds"]):
         run = read_run(document, fold, pairs)
         state, _ = run_schedule(run.problem)
-        found = solved(run, state) | {"provenance": {"request": document, "pairs_sha256": "0", "sources_sha256": "1"}}
+        found = plain(solved(run, state))
+        found |= {"provenance": {"request": document, "pairs_sha256": "0", "sources_sha256": "1"}}
         yield json.dumps(found, allow_nan=False)
-        RunResult.model_validate(found)
+        FitResult.model_validate(found)
         results.append((run, fold, found | {"finish_seconds": 0.1}))
     fits = [Fit(UUID(int=2), document["model"], None if fold < 0 else fold, found, 0.1) for _, fold, found in results]
     yield json.dumps(camera_summary(fits), allow_nan=False)

@@ -1,6 +1,7 @@
 """Simulated rigs that a lens could be, with marks of 1 px noise, and the real correspondences."""
 
 import csv
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.polish import mean_and_rms, polish
 from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
+from workers.solver.solution import solve_finish
 
 NOMINAL = to_document(RigidTransform("camera_front_optical", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
 SIZE = (1280, 960)
@@ -49,6 +51,16 @@ def simulated(model, seed, pairs=222, mount_deg=15.0, noise_px=1.0, **request):
     problem = fit_problem(fit_request(**document), points[seen], marks)
     w = vector_from_rotation(R @ FORWARD_LIDAR_TO_OPTICAL.T)
     return problem, np.concatenate([w, t, lens])
+
+
+def plain(result):
+    """A result as it is stored."""
+    return json.loads(json.dumps(result.model_dump(mode="json", exclude_unset=True), allow_nan=False))
+
+
+def finish_plain(problem, state):
+    """The result of a search that ended, as it is stored."""
+    return plain(solve_finish(problem, state))
 
 
 def best_mean_px(problem, truth):

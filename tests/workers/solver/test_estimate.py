@@ -10,12 +10,11 @@ import pytest
 from scipy import stats
 
 from tests.workers.solver.draws import few_or_many
-from tests.workers.solver.rigs import PLAIN, residual_pairs, simulated
+from tests.workers.solver.rigs import PLAIN, finish_plain, residual_pairs, simulated
 from workers.geometry.rotations import vector_from_rotation
 from workers.solver.estimate import estimate
 from workers.solver.residuals import predict
 from workers.solver.schedule import start
-from workers.solver.solution import solve_finish
 
 
 def spoiled(problem, share, seed=0):
@@ -29,7 +28,7 @@ def spoiled(problem, share, seed=0):
 
 def finish(problem, parameters):
     searched = {"best_parameters": tuple(parameters), "best_loss": 2.0, "slot_losses": (2.0,), "history": (2.0,)}
-    return solve_finish(problem, replace(start(problem), iteration=1, stopped="converged", **searched))
+    return finish_plain(problem, replace(start(problem), iteration=1, stopped="converged", **searched))
 
 
 @pytest.mark.parametrize("share", [0.004, 0.1, 0.3])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from apexcal.documents.results import RunResult
+from apexcal.documents.results import FitResult
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import PLAIN, real_correspondences, real_problem
 from tests.workers.solver.walks import Recomputed, finish, posed, walked
@@ -50,7 +50,7 @@ def test_halves_of_a_walk_are_those_of_its_stretches():
         assert one["translation_mm"] == pytest.approx(1e3 * np.linalg.norm(fits[0][3:6] - fits[1][3:6]), rel=1e-3)
         assert one["holds"]
     assert document["stated_too_small"] == []
-    RunResult.model_validate(document)
+    FitResult.model_validate(document)
 
 
 def test_a_camera_that_turned_on_the_way_is_named():

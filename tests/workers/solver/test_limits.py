@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
-from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
+from tests.workers.solver.rigs import NOMINAL, SIZE, finish_plain, simulated
 from workers.geometry.models import MODELS
 from workers.solver.errors import SolveError
 from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
-from workers.solver.solution import solve_finish
 
 SHORT = {"slots": 1, "population": 64, "generations": 6, "max_iterations": 2}
 PAIRS = 24
@@ -72,7 +71,7 @@ CASES = {
 def test_a_fit_that_can_be_anything_says_so(model, case):
     points, marks, words = CASES[case]
     problem = placed(model, points, marks)
-    solution = json.loads(json.dumps(solve_finish(problem, run_schedule(problem)[0]), allow_nan=False))
+    solution = json.loads(json.dumps(finish_plain(problem, run_schedule(problem)[0]), allow_nan=False))
     assert solution["status"] == "not_determined"
     assert words in solution["message"]
     assert solution["alarms"]
@@ -112,7 +111,7 @@ def test_fewer_pairs_than_free_parameters_are_refused(model, pairs):
 @pytest.mark.parametrize("model", MODELS)
 def test_a_walk_that_holds_everything_is_ok(model):
     problem, _ = simulated(model, 41)
-    assert solve_finish(problem, run_schedule(problem)[0])["status"] == "ok"
+    assert finish_plain(problem, run_schedule(problem)[0])["status"] == "ok"
 
 
 def test_marks_upside_down_under_a_known_lens_are_not_explained():
@@ -122,6 +121,6 @@ def test_marks_upside_down_under_a_known_lens_are_not_explained():
     known = dict(zip(problem.names[3:], truth[3:].tolist(), strict=True))
     for marks, status in ((upside_down, "not_explained"), (problem.pixels, "ok")):
         one = replace(problem, pixels=marks, locked=known)
-        solution = solve_finish(one, run_schedule(one)[0])
+        solution = finish_plain(one, run_schedule(one)[0])
         assert solution["status"] == status
         assert ("Half of the pairs lie more than" in " ".join(solution["alarms"])) == (status != "ok")

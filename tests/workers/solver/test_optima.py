@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
-from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, simulated
+from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simulated
 from workers.geometry.models import MODELS
 from workers.geometry.projection import project
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
@@ -17,7 +17,6 @@ from workers.solver.optima import other_optima
 from workers.solver.polish import distances, mean_and_rms, polish, weighted_residuals
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import from_document, run_schedule, start, to_document
-from workers.solver.solution import solve_finish
 
 LENS = {"f_x": 700.0, "f_y": 700.0, "c_x": 640.0, "c_y": 480.0}
 
@@ -41,7 +40,7 @@ def small_board(seed, noise_px=3.0):
 def test_a_small_board_has_two_mounts_and_either_names_the_other():
     problem = small_board(0)
     state, _ = run_schedule(problem)
-    solution = solve_finish(problem, state)
+    solution = finish_plain(problem, state)
     (sentence,) = [one for one in solution["several_optima"] if "Another optimum is nearly as deep" in one]
     assert "turned by 68 degrees" in sentence
     assert sentence in solution["alarms"]
@@ -89,7 +88,7 @@ def test_one_optimum_is_not_called_two(model):
     for seed in range(3):
         problem, _ = simulated(model, 700 + seed)
         state, _ = run_schedule(problem)
-        assert solve_finish(problem, state)["several_optima"] == []
+        assert finish_plain(problem, state)["several_optima"] == []
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -108,7 +107,7 @@ def test_slots_that_stopped_short_in_one_basin_are_one_optimum(model):
     assert other_optima(problem, polish(problem, ends[0]), [polished.parameters, ends[1]]) == []
     state = replace(start(problem), iteration=1, stopped="converged", history=losses[:1], slot_losses=losses)
     state = replace(state, best_parameters=ends[0], best_loss=losses[0], first_slot_parameters=tuple(ends))
-    assert solve_finish(problem, state)["several_optima"] == []
+    assert finish_plain(problem, state)["several_optima"] == []
 
 
 def _along(problem, best, direction, loss_px):

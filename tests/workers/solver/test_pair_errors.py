@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.workers.solver.rigs import SIZE, simulated
+from tests.workers.solver.rigs import SIZE, plain, simulated
 from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
-from workers.solver.field import field
 from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
@@ -21,11 +20,12 @@ def solved():
 
 
 def test_the_noise_that_marks_and_vertices_explain(solved):
-    problem, _, document = solved
-    focal = (document["intrinsics"]["f_x"] + document["intrinsics"]["f_y"]) / 2
+    problem, _, result = solved
+    focal = (result.intrinsics.f_x + result.intrinsics.f_y) / 2
     expected = np.sqrt(1.0 + np.median((focal * 0.016 / np.linalg.norm(problem.points, axis=1)) ** 2))
-    assert explained_px(problem, document) == pytest.approx(expected)
-    assert explained_px(problem, document | {"noise_scale": 1.0, "sigma_px": 9.0}) == 9.0
+    assert result.explained_px == explained_px(problem, result.intrinsics, result) == pytest.approx(expected)
+    stated = result.model_copy(update={"noise_scale": 1.0, "sigma_px": 9.0})
+    assert explained_px(problem, result.intrinsics, stated) == 9.0
 
 
 def test_marks_outside_of_the_image_are_counted(solved):
@@ -42,8 +42,9 @@ def test_the_time_between_vertices_and_their_frames_is_told():
 
 
 def test_the_field_is_where_the_result_puts_fixed_points_with_its_deviations(solved):
-    problem, truth, document = solved
-    found = field(problem, document)
+    problem, truth, result = solved
+    document = plain(result)
+    found = document["field"]
     step, per_range = 10, 17 * 36
     number = np.array(found["number"])
     azimuth, elevation = np.radians(-180 + step * (number % 36)), np.radians(-80 + step * (number % per_range // 36))

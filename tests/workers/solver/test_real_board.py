@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
-from tests.workers.solver.rigs import NOMINAL, real_correspondences, real_problem
+from tests.workers.solver.rigs import NOMINAL, finish_plain, real_correspondences, real_problem
 from tests.workers.solver.test_outliers import PUBLISHED
 from workers.solver.folds import folds
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
-from workers.solver.solution import evaluate, solve_finish
+from workers.solver.solution import evaluate
 
 SHORT = {"slots": 1, "population": 300, "generations": 25, "max_iterations": 6}
 REQUEST = {"model": "brown_conrady", "image_size": [1920, 1208], "nominal": NOMINAL, "schedule": SHORT}
 
 
 def solve(problem):
-    return solve_finish(problem, run_schedule(problem)[0])
+    return finish_plain(problem, run_schedule(problem)[0])
 
 
 @pytest.mark.parametrize(

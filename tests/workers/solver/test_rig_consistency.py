@@ -24,7 +24,7 @@ def compared(cameras, *stated):
 
 
 def known_mount(camera):
-    covariance = mount_covariance(camera.problem, camera.document)
+    covariance = mount_covariance(camera.problem, camera.result)
     assert covariance is not None
     return covariance
 

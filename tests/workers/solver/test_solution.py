@@ -9,6 +9,7 @@ from tests.workers.solver.rigs import (
     NOMINAL,
     PLAIN,
     best_mean_px,
+    finish_plain,
     real_correspondences,
     real_problem,
     simulated,
@@ -20,13 +21,13 @@ from workers.solver.folds import folds
 from workers.solver.polish import polish
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule, start
-from workers.solver.solution import evaluate, solve_finish
+from workers.solver.solution import evaluate
 from workers.solver.uncertainty import uncertainty
 
 
 def solve(problem):
     state, _ = run_schedule(problem)
-    solution = solve_finish(problem, state)
+    solution = finish_plain(problem, state)
     return json.loads(json.dumps(solution, allow_nan=False))
 
 
@@ -84,7 +85,7 @@ def test_pairs_left_out_say_nothing_against_the_search():
 
     def said(parameters):
         searched = {"best_parameters": tuple(parameters), "best_loss": 8.0, "slot_losses": (8.0,), "history": (8.0,)}
-        return solve_finish(spoiled, replace(start(spoiled), iteration=1, **searched))
+        return finish_plain(spoiled, replace(start(spoiled), iteration=1, **searched))
 
     near = said(truth)
     assert {one["index"] for one in near["outliers"] if one["excluded"]} >= set(range(10))
@@ -101,7 +102,7 @@ def test_a_search_that_ends_below_what_can_be_marked_had_come_near():
         found = np.array(truth)
         found[3] += off_by_m
         searched = {"best_parameters": tuple(found), "best_loss": 0.1, "slot_losses": (0.1,), "history": (0.1,)}
-        solution = solve_finish(exact, replace(start(exact), iteration=1, **searched))
+        solution = finish_plain(exact, replace(start(exact), iteration=1, **searched))
         assert solution["polished"]["rms_px"] < 1e-3 < solution["ga"]["rms_px"]
         assert any("genetic algorithm" in alarm for alarm in solution["alarms"]) == said
 
@@ -174,10 +175,10 @@ def test_what_the_solution_forbids_counts_with_its_cost():
 def test_a_run_stopped_from_outside_says_so():
     problem, _ = simulated("pinhole", 54)
     with pytest.raises(SolveError):
-        solve_finish(problem, start(problem))
+        finish_plain(problem, start(problem))
     calls = iter(range(100))
     state, _ = run_schedule(problem, should_stop=lambda: next(calls) >= 5)
-    assert solve_finish(problem, state)["status"] == "unfinished"
+    assert finish_plain(problem, state)["status"] == "unfinished"
 
 
 def test_euler_form_says_when_its_box_cuts():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
-from apexcal.documents.results import RunResult
+from apexcal.documents.results import FitResult
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import NOMINAL
 from tests.workers.solver.walks import finish
@@ -60,7 +60,7 @@ class Walk:
         problem = fit_problem(fit_request(**(asked | {"stated_lens": lens})), self.points[:count], self.marks[:count])
         turn = vector_from_rotation(self.R @ FORWARD_LIDAR_TO_OPTICAL.T)
         document = finish(problem, np.concatenate([turn, self.t, [TRUE[name] for name in NAMES]]))
-        RunResult.model_validate(document)
+        FitResult.model_validate(document)
         return document
 
     def miss_px(self, mount, lens):

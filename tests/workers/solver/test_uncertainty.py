@@ -5,12 +5,11 @@ import pytest
 from scipy import stats
 
 from apexcal.documents.fit_requests import fit_request
-from tests.workers.solver.rigs import NOMINAL, real_correspondences, simulated
+from tests.workers.solver.rigs import NOMINAL, finish_plain, real_correspondences, simulated
 from workers.solver.degeneracy import is_determined, parameter_alarms, point_alarms
 from workers.solver.polish import polish
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
-from workers.solver.solution import solve_finish
 from workers.solver.uncertainty import Uncertainty, plan_uncertainty, uncertainty
 
 SHORT = {"slots": 1, "population": 200, "generations": 15, "max_iterations": 2}
@@ -59,7 +58,7 @@ def test_points_without_extent_are_never_a_confident_answer(shape):
     else:
         points[:, 0] = centre[0]
     flat = replace(problem, points=points)
-    solution = solve_finish(flat, run_schedule(flat)[0])
+    solution = finish_plain(flat, run_schedule(flat)[0])
     assert solution["status"] == "not_determined"
     assert any(f"one {shape}" in alarm for alarm in solution["alarms"])
     assert any("do not determine" in alarm for alarm in solution["alarms"])
@@ -71,7 +70,7 @@ def test_points_without_extent_are_never_a_confident_answer(shape):
 def test_points_behind_the_camera_are_never_a_confident_answer():
     problem, _ = simulated("pinhole", 93, pairs=40, schedule=SHORT)
     away = replace(problem, points=-problem.points)
-    solution = solve_finish(away, run_schedule(away)[0])
+    solution = finish_plain(away, run_schedule(away)[0])
     assert solution["status"] == "not_determined"
     assert "behind the camera" in solution["message"]
 
@@ -94,7 +93,7 @@ def test_the_top_vertices_of_the_real_board_do_not_hold_all_parameters():
     assert top.sum() == 20
     request = {"model": "brown_conrady", "image_size": [1920, 1208], "schedule": SHORT}
     problem = fit_problem(fit_request(**{**request, "nominal": NOMINAL}), points[top], pixels[top])
-    alarms = solve_finish(problem, run_schedule(problem)[0])["alarms"]
+    alarms = finish_plain(problem, run_schedule(problem)[0])["alarms"]
     assert any("does not determine all" in alarm or "do not determine" in alarm for alarm in alarms)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from apexcal.documents.errors import DocumentError
 from apexcal.documents.fit_requests import fit_request
-from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, simulated
+from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simulated
 from workers.geometry.models import MODELS
 from workers.geometry.spherical import axes
 from workers.solver.covariances import SIGMAS, Covariances, covariances_of
@@ -19,7 +19,6 @@ from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
 from workers.solver.slot import run_slot
-from workers.solver.solution import solve_finish
 from workers.solver.uncertainty import plan_uncertainty, uncertainty
 from workers.solver.weighting import search_weights, whitened
 
@@ -139,7 +138,7 @@ def test_a_poor_vertex_is_no_outlier_and_a_good_one_is():
 @pytest.mark.parametrize("loss", ["mean", "saturating"])
 def test_a_whole_run_by_covariances(loss):
     problem, truth, _ = unequal("pinhole", 9, loss=loss)
-    solution = solve_finish(problem, run_schedule(problem)[0])
+    solution = finish_plain(problem, run_schedule(problem)[0])
     assert (solution["status"], solution["weights"]) == ("ok", "covariances")
     assert solution["noise_scale"] == pytest.approx(1.0, abs=0.15)
     assert solution["interval95_half_width"]["f_x"] > abs(solution["intrinsics"]["f_x"] - truth[6]) * 0.5
@@ -147,7 +146,7 @@ def test_a_whole_run_by_covariances(loss):
     understated = replace(
         problem, covariances=Covariances(problem.covariances.points / 9, problem.covariances.marks / 9)
     )
-    alarms = solve_finish(understated, run_schedule(understated)[0])["alarms"]
+    alarms = finish_plain(understated, run_schedule(understated)[0])["alarms"]
     assert any("times what vertices and marks state" in alarm for alarm in alarms)
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.workers.solver.rigs import simulated
+from tests.workers.solver.rigs import plain, simulated
 from workers.solver.blocks import Blocks, blocks_of
 from workers.solver.residuals import predict
 from workers.solver.schedule import start
@@ -51,14 +51,14 @@ def walked(seed, turned_deg=0.0, model="pinhole", **request):
 
 
 def ended(problem, parameters):
-    """The end of a search that came to these parameters: estimate and document."""
+    """The end of a search that came to these parameters: estimate and result."""
     searched = {"best_parameters": tuple(parameters), "best_loss": 2.0, "slot_losses": (2.0,), "history": (2.0,)}
     return finished(problem, replace(start(problem), iteration=1, stopped="converged", **searched))
 
 
 def finish(problem, parameters):
-    """The document of a search that ended at these parameters."""
-    return ended(problem, parameters).document
+    """The result of a search that ended at these parameters, as it is stored."""
+    return plain(ended(problem, parameters).result)
 
 
 class Recomputed:

@@ -5,7 +5,6 @@ import { read, readAll, type Read } from "./reads.ts";
 import type {
   DraftedRig,
   Fleet,
-  ImageKind,
   PublicationPolicy,
   Rig,
   RigDraftRequest,
@@ -68,12 +67,10 @@ export const putPolicy = (
 };
 
 /** Corrects whether a camera's images are raw or rectified; null lets the next recording tell it. */
-export const patchImages = ({ id, version }: Rig, camera: string, kind: ImageKind | null): Promise<unknown> =>
-  client.PATCH("/v1/rigs/{id}/images", {
-    params: { path: { id } },
-    body: { cameras: { [camera]: kind && { kind } } },
-    headers: asRead(version),
-  });
+export const patchImages = ({ id, version }: Rig, name: string, kind: "raw" | "rectified" | null): Promise<unknown> => {
+  const body = { cameras: { [name]: kind && { kind } } };
+  return client.PATCH("/v1/rigs/{id}/images", { params: { path: { id } }, body, headers: asRead(version) });
+};
 
 /** Corrects serial numbers; those left out stay. */
 export const patchSerials = ({ id, version }: Rig, body: SensorSerials): Promise<unknown> =>

@@ -17,7 +17,6 @@ export type WorkerStanding = Schemas["WorkerStanding"];
 export type Fleet = Schemas["FleetOut"];
 export type Vehicle = Schemas["VehicleOut"];
 export type Rig = Schemas["RigOut"];
-export type ImageKind = Schemas["Images"]["kind"];
 export type RigRequest = Schemas["NewRig"];
 export type RigDraftRequest = Schemas["DraftRequest"];
 export type DraftedRig = Schemas["RigDraft"];
