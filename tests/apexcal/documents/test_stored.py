@@ -41,7 +41,7 @@ OLD: dict[str, Any] = {
     **dict.fromkeys(("baseline", "linear_baseline", "stated_lens", "shared_errors", "person_bias", "heldout")),
     **dict.fromkeys(("rolling_shutter", "prediction", "explained_px", "marks_outside", "field", "provenance")),
     **dict.fromkeys(("finish_seconds", "stopped", "worst_correlation", "noise_scale", "condition")),
-    **dict.fromkeys(("degrees_of_freedom", "recording_id", "detection_id", "seed", "objections", "compared")),
+    **dict.fromkeys(("degrees_of_freedom", "recording_id", "detection_id", "seed", "verdict", "verdict_alone")),
     "std": {"f_x": None},
     "residuals_px": [0.1, 2, 3e-12],
     **dict.fromkeys(("id", "fleet_id", "vehicle_id", "rig_id", "calibration_id", "run_id", "set_id"), ID),
