@@ -9,6 +9,7 @@ from uuid import UUID
 
 import numpy as np
 
+from apexcal.documents.fit_requests import fit_request
 from apexcal.documents.results import FitResult
 from tests.workers.solver.rigs import NOMINAL, plain, real_correspondences
 from workers.models.summary import Fit, camera_summary
@@ -110,6 +111,7 @@ def calibrated(document: Json, pairs: Json) -> Iterator[str]:
     """
     if "sigma_px" in pairs:
         document = document | {"weights": "covariances"}
+    document = fit_request(**document).model_dump(mode="json")
     results = []
     for fold in range(-1, document["folds"]):
         run = read_run(document, fold, pairs)

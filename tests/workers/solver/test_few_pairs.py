@@ -39,6 +39,6 @@ def test_draws_that_once_ended_as_a_defect(draw, seed):
 def test_a_report_of_a_camera_that_sees_no_point_says_so():
     document, pairs = drawn(13)
     report = ends(document, pairs)[-1]
-    (check,) = [one for one in report["checks"] if one["name"] == "off_axis"]
-    assert (check["verdict"], check["figures"]["rings"]) == ("unknown", [])
-    assert "sees none of the points" in check["sentence"]
+    (check,) = [one for one in report["checks"] if one["name"] == "fit"]
+    assert check["verdict"] == "stop"
+    assert "behind the camera" in check["sentence"]
