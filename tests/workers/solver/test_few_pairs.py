@@ -38,7 +38,7 @@ def test_draws_that_once_ended_as_a_defect(draw, seed):
 
 def test_a_report_of_a_camera_that_sees_no_point_says_so():
     document, pairs = drawn(13)
-    report = ends(document, pairs)[-1]
-    (check,) = [one for one in report["checks"] if one["name"] == "fit"]
+    result = ends(document, pairs)[0]
+    (check,) = [check for check in result["checks"] if check["name"] == "fit"]
     assert check["verdict"] == "stop"
     assert "behind the camera" in check["sentence"]

@@ -105,7 +105,7 @@ def test_limits_allow_for_what_stretches_may_share_without_counting():
         parts = [part * np.outer(scale, scale) for part in found.wider.parts(first, ~first)]
         grows = np.array([np.trace(np.linalg.solve(covariance, part)) for part in parts]) / len(step)
         freedom = 2.0 / (grows @ found.wider.unsure @ grows)
-        limit = np.sqrt(stats.f.ppf(0.995, len(step), freedom))
+        limit = np.sqrt(stats.f.ppf(0.999, len(step), freedom))
         assert one.limit / one.ratio == pytest.approx(limit / wide, rel=1e-4)
 
 

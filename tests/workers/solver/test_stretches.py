@@ -115,6 +115,7 @@ def test_a_sound_walk_of_corners_keeps_the_covariance_of_its_groups():
     alone = replace(problem, blocks=replace(problem.blocks, stretches=None))
     document, of_groups = finish(problem, truth), finish(alone, truth)
     assert not document["shared_errors"].pop("over_time")["counted"]
+    assert of_groups["shared_errors"].pop("over_time") is None
     for name in ("std", "interval95_half_width", "covariance", "shared_errors"):
         assert document[name] == of_groups[name]
     assert document["stated_too_small"] == []
