@@ -234,6 +234,10 @@ def test_from_a_bag_to_a_published_calibration(owner, rig, simulated):
         timeout_s=120,
     )
     assert calibration.state == "done"
+    # Marks of six seconds span a part of the image, so a person looks and publishes.
+    front = calibration.summary.cameras["front"]
+    assert front.published is False
+    owner.calibrations.publish(front.models["brown_conrady"].result_id)
     current, etag = owner.calibrations.current_if_changed(rig.vehicle_id, "front")
     assert current.model == "brown_conrady"
     assert owner.calibrations.current_if_changed(rig.vehicle_id, "front", etag) is None
