@@ -19,7 +19,8 @@ from service.db.fleets import Vehicle
 from service.db.publications import Publication
 from service.publications.queries import newest_publication, newest_publications
 
-_BY_ITSELF = "It was recommended and passed its checks."
+_PASSED = "It was recommended and passed its checks."
+_LOOK = "It was recommended, and the publication policy publishes results of `look`."
 
 
 class Grounds(NamedTuple):
@@ -67,7 +68,8 @@ def publish(
 
 def publish_by_itself(session: Session, calibration: Calibration, result: Result, overridden: Sequence[str]) -> None:
     """Give a recommended result to its camera in the name of who asked for it. ``overridden``: checks of `look`."""
-    publish(session, calibration, result, Grounds(calibration.created_by, _BY_ITSELF, overridden))
+    reason = _LOOK if overridden else _PASSED
+    publish(session, calibration, result, Grounds(calibration.created_by, reason, overridden))
 
 
 def withdraw(session: Session, publication: Publication, grounds: Grounds) -> Publication:

@@ -69,8 +69,8 @@ def test_a_fleet_is_calibrated_from_the_command_line(fleet: FleetOut, owner: Cli
     rig = owner.vehicles.create_rig(van.id, LEVEL_RIG)
     owner.correspondence_sets.import_pairs(rig.id, "front", pairs(1) * 40)
     poor = typed(*ask, "--name", "van *")
-    assert poor.exit_code == 0 and "van 1 done, but not ok: front is not determined, " in poor.stdout
-    assert "1 of 1 calibrated camera came with warnings." in poor.stdout
+    assert poor.exit_code == 0 and "van 1, front: stop: The vertices all lie in one place" in poor.stdout
+    assert "Verdicts on 1 camera: 1 stop." in poor.stdout
 
 
 def test_the_client_asks_follows_and_cancels(fleet: FleetOut, owner: Client):

@@ -108,7 +108,9 @@ class Reader:
         if words[1:3] == ["calibrate", "--detection"]:
             self.mark(words[3], most=60)
         ran = apexcal(*words[1:])
-        assert ran.returncode == 0, f"{line}\n{ran.stdout}\n{ran.stderr}"
+        # So short a walk is kept back by checks.
+        kept_back = 4 if words[1] == "calibrate" and "--publish" in words else 0
+        assert ran.returncode in (0, kept_back), f"{line}\n{ran.stdout}\n{ran.stderr}"
         for thing, found in _PRINTED.findall(ran.stdout):
             self.ids[thing.upper()] = found
         if words[1] == "calibrate":
@@ -120,7 +122,7 @@ class Reader:
         result, other, *_ = calibration.summary.cameras["front"].models.values()
         self.ids |= {"RESULT": str(result.result_id), "OTHER": str(other.result_id)}
         self.ids |= {"SET_ID": str(calibration.request.correspondence_set_ids[0])}
-        # So short a walk has objections. The reader judges it and publishes it all the same.
+        # The reader judges it and publishes it all the same.
         self.client.calibrations.publish(result.result_id, "To practise.", override=True)
 
     def mark(self, detection_id: str, most: int = 1000) -> None:

@@ -40,8 +40,8 @@ def calls(client: Client) -> Iterator[tuple[str, object, dict[str, object]]]:
             files = {"path", "target", "recording"} & {each.name for each in required}
             if method_name.startswith("_") or files or not any(each.name.endswith("_id") for each in required):
                 continue
-            fill = {"index": 3, "u": 1.0, "v": 1.0, "version": 1, "region": {}, "rig": {}, "gate": {}, "pairs": []}
-            fill |= {"text": b"", "serials": {}}
+            fill = {"index": 3, "u": 1.0, "v": 1.0, "version": 1, "region": {}, "rig": {}, "policy": {}, "pairs": []}
+            fill |= {"text": b"", "serials": {}, "cameras": {}}
             yield f"{name}.{method_name}", method, {each.name: fill.get(each.name, HOSTILE) for each in required}
 
 

@@ -20,13 +20,14 @@ F, CX, CY = 420.0, 325.0, 236.0
 
 
 def pairs_of_a_pinhole():
-    """80 pairs of a level camera in 20 poses, with half a pixel of noise."""
+    """80 pairs of a level camera in 20 poses over its whole image, with half a pixel of noise."""
     rng = np.random.default_rng(3)
     pairs = []
     for pose in range(20):
-        x, y = rng.uniform(4, 12), rng.uniform(-2, 2)
+        u, v, x = rng.uniform((40, 40, 4), (2 * CX - 40, 2 * CY - 40, 12))
+        y, z = (CX - u) * x / F, (CY - v) * x / F
         for _ in range(4):
-            p = np.array([x, y, rng.uniform(-1, 1)]) + rng.uniform(-0.4, 0.4, 3)
+            p = np.array([x, y, z]) + rng.uniform(-0.4, 0.4, 3)
             camera = np.array([-p[1], -p[2] - 0.1, p[0] - 0.2])
             u, v = F * camera[:2] / camera[2] + (CX, CY) + rng.normal(0, 0.5, 2)
             pairs.append({"x": p[0], "y": p[1], "z": p[2], "u": u, "v": v, "group": pose})

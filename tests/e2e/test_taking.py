@@ -161,22 +161,22 @@ def test_a_rig_of_the_recordings_tree_its_serials_and_gates(sign_in: SignIn, tra
     with page.expect_response(re.compile(r"/rigs$")):  # the page reads the rig's new version
         panel.get_by_role("button", name="Save the serial numbers").click()
     expect(panel.get_by_role("button", name="Save the serial numbers")).to_be_disabled()
-    panel.get_by_role("button", name="Save the limits").click()
+    panel.get_by_role("button", name="Save the policy").click()
     expect(panel.get_by_role("button", name="Discard changes")).to_have_count(0)
     (rig,) = [one for one in track.owner.vehicles.rigs(given.vehicle) if one.name == "from its frames"]
-    assert rig.lidar.serial == "L-77" and rig.gate.heldout_mean_px == 0.8
+    assert rig.lidar.serial == "L-77" and rig.policy and rig.policy.heldout_mean_px == 0.8
     assert rig.cameras[0].joint is not None and rig.cameras[0].nominal.from_frame == "velodyne"
 
     page.goto(f"{track.url}/fleets/{track.fleet_id}")
     page.get_by_label("Share of the image with pairs").fill("0.01")
     assert_looks(page)
-    page.get_by_role("button", name="Save the limits").click()
+    page.get_by_role("button", name="Save the policy").click()
     expect(page.get_by_role("button", name="Discard changes")).to_have_count(0)
-    assert track.owner.fleets.get(track.fleet_id).gate.coverage == 0.01
+    assert track.owner.fleets.get(track.fleet_id).policy.coverage == 0.01
     page.get_by_label("Share of the image with pairs").fill("")
-    page.get_by_role("button", name="Save the limits").click()
+    page.get_by_role("button", name="Save the policy").click()
     expect(page.get_by_role("button", name="Discard changes")).to_have_count(0)
-    assert track.owner.fleets.get(track.fleet_id).gate is None
+    assert track.owner.fleets.get(track.fleet_id).policy is None
 
 
 URDF = """<robot name="car">

@@ -34,6 +34,8 @@ _FEWEST: Final = 8
 _FINE_PX: Final = 0.5
 # The same ratio as an objection to a result's own held-out pairs.
 _UNEXPLAINED: Final = 1.5
+# The same share of wrong marks as stops a result (`workers/judge/pair_checks.py`).
+_MOST_WRONG: Final = 0.25
 
 
 def score_pairs(calibration: KnownCalibration, points: Floats, marks: Floats) -> dict[str, Any]:
@@ -147,11 +149,12 @@ def _judged(found: dict[str, Any]) -> tuple[str, str]:
         reasons.append(moved)
     if noise > max(_UNEXPLAINED * stated, _FINE_PX):
         reasons.append(f"their noise is {noise:.2f} px per coordinate, and {stated:.2f} px is stated")
-    if shares > 0.5 * pairs:
-        reasons.append(f"{shares} of them have no projection or lie far from all others")
+    far = f"{shares} of them have no projection or lie far from all others"
+    if shares > _MOST_WRONG * pairs:
+        reasons.append(far)
     if reasons:
         return "disagrees", f"The calibration does not hold on these pairs: {errors}; {'; '.join(reasons)}."
     return "agrees", (
         f"The calibration holds on these pairs: {errors}, with a noise of {noise:.2f} px per coordinate "
-        f"({stated:.2f} stated); {moved}."
+        f"({stated:.2f} stated); {moved}{f'; {far}' if shares else ''}."
     )

@@ -24,12 +24,14 @@ URDF = (
 )
 SENTENCE = "The stated lens leaves 3.1 px RMS, the lens of these pairs 0.7 px."
 
+LENS = {"f_x": 500.0, "f_y": 500.0, "c_x": 320.0, "c_y": 240.0}
+
 
 def stated_at(translation_m, frames, explains):
     """The mount under a stated lens: level, at this place."""
     rotation = {"matrix": np.eye(3).tolist(), "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0], "euler": []}
     document = {
-        "intrinsics": {"model": "pinhole", "f_x": 500.0, "f_y": 500.0, "c_x": 320.0, "c_y": 240.0},
+        "intrinsics": {"model": "pinhole", "image_size": [640, 480]} | LENS,
         "transform": {"to_frame": frames[0], "from_frame": frames[1], "rotation": rotation},
         "rms_px": 3.1,
         "free_lens_rms_px": 0.7,

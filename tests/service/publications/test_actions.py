@@ -114,15 +114,15 @@ def unended(api, rig, held_out_px):
     return calibration
 
 
-def end(api, write):
-    with api.database.writing() as session:
+def end(context, write):
+    with context.database.writing() as session:
         write(session)
 
 
-def end_if_unchanged(api, write):
+def end_if_unchanged(context, write):
     """As the job does, which judges again otherwise."""
     with suppress(StaleInputError):
-        end(api, write)
+        end(context, write)
 
 
 def test_a_person_who_waits_for_the_end_of_a_calibration_is_asked_about_its_result(api, rig, engineer, context):
@@ -148,10 +148,10 @@ def test_the_end_of_a_calibration_that_waits_for_a_person_sees_what_they_publish
     with ThreadPoolExecutor(1) as pool:
         with api.database.writing() as session:
             publish_here(session, better)
-            waiting = meanwhile(pool, end, api, write)
+            waiting = meanwhile(pool, end, context, write)
         with pytest.raises(StaleInputError):
             waiting.result(30)
-    end(api, conclusion(context, calibration))
+    end(context, conclusion(context, calibration))
     front = engineer.get(f"/calibrations/{calibration}").json()["summary"]["cameras"]["front"]
     assert front["published"] is False
     (sentence,) = failed(front)
@@ -171,7 +171,7 @@ def test_all_at_once_nobody_fails_and_nothing_dangles(api, rig, engineer, contex
             return act(*given)
 
         with ThreadPoolExecutor(4) as pool:
-            ending = pool.submit(at_once, end_if_unchanged, api, write)
+            ending = pool.submit(at_once, end_if_unchanged, context, write)
             asked = [
                 pool.submit(at_once, post, engineer, mine, {"override": {"reason": "Mine."}}),
                 pool.submit(at_once, post, engineer, theirs, {"override": {"reason": "Theirs."}}),
