@@ -117,7 +117,7 @@ def test_a_reviewer_goes_back_on_the_vehicles_page(sign_in: Callable[[str, str],
     again.focus()
     page.keyboard.press("Enter")
     dialog = page.get_by_role("dialog")
-    expect(dialog).to_contain_text("Another calibration became the vehicle's current one since this result was judged.")
+    expect(dialog).to_contain_text("Another calibration became the vehicle's current one")
     dialog.get_by_role("textbox").fill("The second one is off.")
     # A stream of hints that opens again has the objections read again. What was read stays until then.
     held: list[Route] = []

@@ -50,7 +50,7 @@ def pairs(count: int = 200, seed: int = 1) -> list[dict[str, float]]:
     u, v, x = random.uniform((40, 40, 4), (920, 560, 30), (count, 3)).T
     u, v, x = (values[np.lexsort((u, np.floor(x / 2)))] for values in (u, v, x))
     y, z = (480 - u) * x / 500, 0.1 - (v - 300) * x / 500
-    u, v = (u, v) + random.normal(0, 0.5, (2, count))
+    u, v = np.stack([u, v]) + random.normal(0, 0.5, (2, count))
     columns = {"x": x, "y": y, "z": z, "u": u, "v": v}
     stamps = (np.arange(count) * 400_000_000).tolist()
     return [
