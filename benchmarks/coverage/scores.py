@@ -8,13 +8,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
+from apexcal.geometry.se3 import SE3, from_document
 from benchmarks.coverage.bounds import turn_bound
 from benchmarks.coverage.calibrations import Calibration
 from service.db.base import Json
 from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import project
-from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
-from workers.geometry.transforms import RigidTransform, from_document
 
 Floats = NDArray[np.float64]
 MOUNT: Final = ("rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z")
@@ -145,9 +145,9 @@ def _moved(document: Json, key: str, step: float, points: Floats) -> Floats:
     elif key.startswith("t_"):
         t = mount.t.copy()
         t[MOUNT.index(key) - 3] += step
-        mount = RigidTransform(mount.to_frame, mount.from_frame, mount.R, t)
+        mount = SE3(mount.to_frame, mount.from_frame, mount.R, t)
     else:
         turn = np.zeros(3)
         turn[MOUNT.index(key)] = np.radians(step)
-        mount = RigidTransform(mount.to_frame, mount.from_frame, rotation_from_vector(turn) @ mount.R, mount.t)
+        mount = SE3(mount.to_frame, mount.from_frame, rotation_from_vector(turn) @ mount.R, mount.t)
     return project(model, lens, mount.apply(points))[0]

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from apexcal.geometry.se3 import Floats
 from service.exports.calibrated import CalibratedCamera
-from service.exports.transform import Floats
 
 _ITERATIONS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
 

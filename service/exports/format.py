@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
+from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.transform import Transform
 
 if TYPE_CHECKING:
     from service.exports.dropped import Dropped
@@ -82,7 +82,7 @@ def _is_apart(calibrated: Calibrated) -> bool:
 
 def _clash(calibrated: Calibrated) -> str | None:
     """What would be written over or contradict itself; None where nothing does."""
-    placed: dict[str, Transform] = {}
+    placed: dict[str, SE3] = {}
     for camera in calibrated.cameras:
         if camera.T_vehicle_lidar is None:
             continue

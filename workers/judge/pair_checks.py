@@ -11,7 +11,7 @@ from scipy import special
 
 from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.results import FitResult
-from workers.geometry.rotations import vector_from_rotation
+from apexcal.geometry.rotations import vector_from_rotation
 from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD, Topic
 from workers.solver.estimate import Estimate
 from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms

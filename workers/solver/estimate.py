@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.results import Outlier, PersonBias, SharedErrors
-from workers.geometry.rotations import vector_from_rotation
+from apexcal.geometry.rotations import vector_from_rotation
 from workers.solver.common_errors import common_errors
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.lens_priors import lens_priors

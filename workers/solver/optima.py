@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.geometry.rotations import vector_from_rotation
+from apexcal.geometry.rotations import vector_from_rotation
 from workers.solver.polish import Fit, cost_of, polish, weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of

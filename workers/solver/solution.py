@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from apexcal.documents.results import FitResult, FittedPairs, Intrinsics, LeastSquares, Search, Status
 from apexcal.documents.transforms import SolvedTransform
+from apexcal.geometry.rotations import euler_from_rotation, vector_from_rotation
+from apexcal.geometry.se3 import SE3, from_document, to_document
 from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import distances_px, image_diagonal_px, project
-from workers.geometry.rotations import euler_from_rotation, vector_from_rotation
-from workers.geometry.transforms import RigidTransform, from_document, to_document
 from workers.solver.baselines import baseline, linear_baseline
 from workers.solver.degeneracy import arbitrary, is_determined, point_alarms
 from workers.solver.diagnosis import alarms, at_bounds, misfit, several_optima
@@ -189,7 +189,7 @@ def evaluate(
     }
 
 
-def people_parameters(problem: FitProblem, p: Floats, transform: RigidTransform) -> dict[str, float]:
+def people_parameters(problem: FitProblem, p: Floats, transform: SE3) -> dict[str, float]:
     """Parameters for reading: zyx angles and the turn from the nominal in degrees, metres, then the intrinsics."""
     angles = np.degrees(euler_from_rotation(transform.R))
     turn = np.degrees(vector_from_rotation(transform.R @ problem.nominal.R.T))

@@ -20,8 +20,8 @@ from apexcal.documents.camera_models import FOCAL_AND_CENTRE
 from apexcal.documents.results import Intrinsics, StatedLensFit
 from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
+from apexcal.geometry.se3 import to_document
 from workers.geometry.models import INTRINSICS, ModelName, parse_model
-from workers.geometry.transforms import to_document
 from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate, estimate
 from workers.solver.polish import mean_and_rms, weighted_residuals

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from apexcal.geometry.rotations import vector_from_rotation
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import PLAIN, finish_plain, residual_pairs, simulated
-from workers.geometry.rotations import vector_from_rotation
 from workers.solver.estimate import estimate
 from workers.solver.residuals import predict
 from workers.solver.schedule import start

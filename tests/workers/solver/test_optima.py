@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simulated
 from workers.geometry.models import MODELS
 from workers.geometry.projection import project
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from workers.solver import polish as polishing
 from workers.solver.folds import folds
 from workers.solver.optima import other_optima

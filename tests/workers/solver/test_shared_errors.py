@@ -7,10 +7,10 @@ import pytest
 from scipy import optimize, stats
 
 from apexcal.documents.errors import DocumentError
+from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import simulated
 from tests.workers.solver.walks import Recomputed, finish, posed, walked
-from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
 from workers.solver.blocks import blocks_of
 from workers.solver.errors import SolveError
 from workers.solver.estimate import estimate

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.se3 import from_document
 from tests.workers.solver.rigs import (
     NOMINAL,
     PLAIN,
@@ -15,7 +16,6 @@ from tests.workers.solver.rigs import (
     simulated,
 )
 from workers.geometry.models import INTRINSICS, MODELS
-from workers.geometry.transforms import from_document
 from workers.solver.errors import SolveError
 from workers.solver.folds import folds
 from workers.solver.polish import polish

@@ -8,10 +8,10 @@ import pytest
 
 from apexcal.documents.fit_requests import fit_request
 from apexcal.documents.results import FitResult
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import NOMINAL
 from tests.workers.solver.walks import finish
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
 from workers.solver.problem import fit_problem
 
 SIZE = (1920, 1200)
