@@ -23,15 +23,15 @@ _NEAR_PX: Final = 0.5
 _WITHIN: Final = 2.8
 _STEP: Final = 1e-3
 _EVERY: Final = 3  # of the marks; no multiple of a board's corners
-_SHARED: Final = ("Pairs of one group err together", "Pairs near in time err together")
-"""How the alarms of errors that pairs share begin."""
+_SHARED: Final = ("shared_errors", "halves")
+"""The checks of errors that pairs share."""
 
 
 @dataclass(frozen=True)
 class Score:
     """One calibration: which intervals hold, of the mount and of pixels over the marked field, and what was reported.
 
-    ``doubted``: whether an alarm says that pairs err together, or halves differ. ``bound``: see `turn_bound`.
+    ``doubted``: whether a check says that pairs err together, or halves differ. ``bound``: see `turn_bound`.
     """
 
     held: dict[str, bool]
@@ -75,7 +75,7 @@ def score(done: Calibration) -> Score:
         name == lens or (near and within),
         document["status"],
         halves[0]["ratio"] if halves else None,
-        bool(document.get("stated_too_small")) or any(one.startswith(_SHARED) for one in document["alarms"]),
+        any(one["name"] in _SHARED and one["verdict"] != "pass" for one in document["checks"]),
         float(np.linalg.norm([error[key] for key in MOUNT[:3]])),
         1e3 * float(np.linalg.norm([error[key] for key in MOUNT[3:]])),
         field_px,

@@ -172,10 +172,7 @@ def _deviation_sentence(name: str, one: StatedTransform, against: Deviation) -> 
     sigmas = "less than 1 sigma" if against.sigmas < 1.0 else f"{against.sigmas:.1f} sigmas"
     if against.sigmas <= ALARM_SIGMAS:
         return f"{far}. That agrees: it is {good_to}, one sigma; over all axes together this is {sigmas}."
-    return (
-        f"{far}, {sigmas} where it is {good_to}: noise does not explain it. "
-        "Check that rig, the marks of both cameras, and their alarms."
-    )
+    return f"{far}, {sigmas} where it is {good_to}: noise does not explain it."
 
 
 def _vertices(count: int) -> str:
