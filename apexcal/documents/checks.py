@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from decimal import Decimal
 from typing import Final, Literal
 
 from apexcal.documents.base import Document
@@ -30,6 +31,11 @@ class Check(Document):
     remedy: str
     figures: dict[str, float | None]
     scope: CheckScope
+
+
+def figure(value: float, digits: int = 2) -> str:
+    """Return a number for a sentence, with so many significant digits and no exponent: 0.0012, 54, 110."""
+    return format(Decimal(f"{value:.{digits}g}"), "f")
 
 
 def verdict_of(checks: Iterable[Check], scope: CheckScope) -> CheckVerdict:

@@ -18,3 +18,11 @@ class DocumentError(ValueError):
         self.message = message
         self.hint = hint
         self.fields = fields
+
+
+class InputError(DocumentError):
+    """Input that cannot be worked on."""
+
+
+class GeometryError(InputError):
+    """A rotation, a transform or a camera model that is not one."""

@@ -329,7 +329,7 @@ class FitResult(FitPrecision):
     ``lens`` says where the lens comes from. Intrinsics and transform hold together only; ``stated_lens`` has the
     mount for who projects through the stated lens. ``common_errors`` are the deviations stated for what all pairs
     share, ``person_bias`` is what was found of the people's, ``rolling_shutter`` what the residuals show beyond the
-    stated ``line_time_us``. ``stated_too_small`` says where ``halves`` of the pairs differ by more than is stated.
+    stated ``line_time_us``.
 
     Of a fit to all pairs ``heldout`` is null. Of one that holds pairs out these are null: ``stated_lens``,
     ``rolling_shutter``, ``prediction``, ``explained_px``, ``marks_outside`` and ``field``. ``provenance`` and
@@ -363,7 +363,6 @@ class FitResult(FitPrecision):
     stated_lens: StatedLensFit | None
     residuals_px: list[float] | None
     at_bounds: list[str]
-    alarms: list[str]
     checks: list[Check]
     several_optima: list[str]
     shared_errors: SharedErrors | None
@@ -373,7 +372,6 @@ class FitResult(FitPrecision):
     rolling_shutter: RollingShutter | None
     weak_priors: dict[str, float]
     halves: list[Halves]
-    stated_too_small: list[str]
     prediction: Prediction | None
     explained_px: float | None
     marks_outside: int | None

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
 from benchmarks.accuracy.rigs import Rig
-from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
 from workers.geometry.spherical import axes
 from workers.solver.covariances import SIGMAS, covariances_of
 from workers.solver.estimate import Estimate, estimate

@@ -7,16 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
+from apexcal.geometry.se3 import SE3, to_document
 from workers.geometry.models import ModelName
 from workers.geometry.projection import fold_angle, image_diagonal_px, project
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
-from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.problem import FitProblem, fit_problem
 
 Floats = NDArray[np.float64]
 PAIRS = 222
 IMAGE_SIZES = ((640, 480), (1280, 960), (1920, 1080), (1920, 1208))
-NOMINAL = RigidTransform("camera", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3))
+NOMINAL = SE3("camera", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3))
 # The search minimises the mean distance and no pair is left out: what the paper does.
 PLAIN: dict[str, Any] = {"loss": "mean", "outliers": "keep"}
 # In image widths: the last are true fisheyes, whose polynomial shows only where marks lie far off the axis.

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from apexcal.documents.errors import InputError
 from apexcal.documents.fit_requests import FitRequest, fit_request
-from workers.geometry.errors import InputError
-from workers.geometry.transforms import to_document
+from apexcal.geometry.se3 import to_document
 from workers.simulation.camera import Camera, make_camera, nominal_mount
 from workers.simulation.lidar import SENSORS, Lidar
 from workers.simulation.scene import WALKER_REGION, Scene

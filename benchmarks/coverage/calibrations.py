@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.camera_models import ModelName
+from apexcal.geometry.se3 import to_document
 from benchmarks.coverage.marks import Errors, columns
 from benchmarks.coverage.poses import still
 from benchmarks.coverage.walks import Paired, Walked, pair
@@ -25,7 +26,6 @@ from service.calibrations.resolve import CameraPairs
 from service.db.base import Json
 from service.db.calibrations import FULL, CorrespondenceSet
 from service.db.fleets import RigCamera
-from workers.geometry.transforms import to_document
 from workers.models.summary import Fit, camera_summary
 from workers.simulation.camera import FRONT
 from workers.solver.degeneracy import is_determined

@@ -8,13 +8,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
+from apexcal.geometry.se3 import SE3, from_document
 from benchmarks.coverage.bounds import turn_bound
 from benchmarks.coverage.calibrations import Calibration
 from service.db.base import Json
 from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import project
-from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
-from workers.geometry.transforms import RigidTransform, from_document
 
 Floats = NDArray[np.float64]
 MOUNT: Final = ("rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z")
@@ -23,15 +23,15 @@ _NEAR_PX: Final = 0.5
 _WITHIN: Final = 2.8
 _STEP: Final = 1e-3
 _EVERY: Final = 3  # of the marks; no multiple of a board's corners
-_SHARED: Final = ("Pairs of one group err together", "Pairs near in time err together")
-"""How the alarms of errors that pairs share begin."""
+_SHARED: Final = ("shared_errors", "halves")
+"""The checks of errors that pairs share."""
 
 
 @dataclass(frozen=True)
 class Score:
     """One calibration: which intervals hold, of the mount and of pixels over the marked field, and what was reported.
 
-    ``doubted``: whether an alarm says that pairs err together, or halves differ. ``bound``: see `turn_bound`.
+    ``doubted``: whether a check says that pairs err together, or halves differ. ``bound``: see `turn_bound`.
     """
 
     held: dict[str, bool]
@@ -75,7 +75,7 @@ def score(done: Calibration) -> Score:
         name == lens or (near and within),
         document["status"],
         halves[0]["ratio"] if halves else None,
-        bool(document.get("stated_too_small")) or any(one.startswith(_SHARED) for one in document["alarms"]),
+        any(one["name"] in _SHARED and one["verdict"] != "pass" for one in document["checks"]),
         float(np.linalg.norm([error[key] for key in MOUNT[:3]])),
         1e3 * float(np.linalg.norm([error[key] for key in MOUNT[3:]])),
         field_px,
@@ -145,9 +145,9 @@ def _moved(document: Json, key: str, step: float, points: Floats) -> Floats:
     elif key.startswith("t_"):
         t = mount.t.copy()
         t[MOUNT.index(key) - 3] += step
-        mount = RigidTransform(mount.to_frame, mount.from_frame, mount.R, t)
+        mount = SE3(mount.to_frame, mount.from_frame, mount.R, t)
     else:
         turn = np.zeros(3)
         turn[MOUNT.index(key)] = np.radians(step)
-        mount = RigidTransform(mount.to_frame, mount.from_frame, rotation_from_vector(turn) @ mount.R, mount.t)
+        mount = SE3(mount.to_frame, mount.from_frame, rotation_from_vector(turn) @ mount.R, mount.t)
     return project(model, lens, mount.apply(points))[0]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.se3 import to_document
 from workers.geometry.models import ModelName
-from workers.geometry.transforms import to_document
 from workers.simulation.camera import FRONT, Camera, make_camera, nominal_mount
 from workers.simulation.rig import START_NS, Rig
 from workers.simulation.scene import WALKER_REGION

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.fit_requests import fit_request
 from apexcal.documents.pairs import SIGMAS
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, vector_from_rotation
+from apexcal.geometry.se3 import SE3, from_document, to_document
 from benchmarks.detection.real import DATA, RECORDINGS, angles, read, regions
 from workers.geometry.projection import project
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, vector_from_rotation
-from workers.geometry.transforms import RigidTransform, from_document, to_document
 from workers.solver.blocks import blocks_of
 from workers.solver.covariances import covariances_of
 from workers.solver.errors import SolveError
@@ -43,7 +43,7 @@ LENS: Final = {
 }  # fmt: skip
 REQUEST: Final = {
     "image_size": [1920, 1208],
-    "nominal": to_document(RigidTransform("camera", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3))),
+    "nominal": to_document(SE3("camera", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3))),
     "weights": "covariances",
     "loss": "mean",
     "outliers": "keep",

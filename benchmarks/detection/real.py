@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.geometry.errors import InputError
+from apexcal.documents.errors import InputError
 from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions
 from workers.vertices.detectors import detect_range

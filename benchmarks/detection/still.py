@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
+from apexcal.documents.errors import InputError
 from benchmarks.detection.still_scenes import SETTINGS, Place, Recorded, drive, still_poses
-from workers.geometry.errors import InputError
 from workers.geometry.spherical import to_xyz
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region

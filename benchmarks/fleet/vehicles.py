@@ -9,8 +9,8 @@ from uuid import UUID
 import numpy as np
 
 from apexcal.client import Client
+from apexcal.geometry.se3 import to_document
 from benchmarks.accuracy.rigs import NOMINAL, Rig, draw_rig
-from workers.geometry.transforms import to_document
 
 _THREADS = 4
 

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.se3 import to_document
 from benchmarks.coverage.walks import Paired, Walked
 from workers.geometry.models import ModelName
 from workers.geometry.spherical import axes
-from workers.geometry.transforms import to_document
 from workers.simulation.camera import FRONT, Camera, make_camera, nominal_mount
 from workers.simulation.rig import Rig
 from workers.simulation.settings import Settings

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.se3 import SE3
 from benchmarks.paper.pairs import CLICK_PX, Pairs, weights_of
 from benchmarks.paper.recordings import request_of
 from workers.geometry.models import ModelName
 from workers.geometry.projection import distances_px, image_diagonal_px, project
-from workers.geometry.transforms import RigidTransform
 from workers.simulation.camera import Camera
 from workers.solver.polish import polish
 from workers.solver.problem import fit_problem
@@ -33,7 +33,7 @@ class Fitted:
 
     model: ModelName
     intrinsics: dict[str, Any]
-    transform: RigidTransform
+    transform: SE3
     pairs: int
 
     def project(self, points: Floats) -> tuple[Floats, Floats]:

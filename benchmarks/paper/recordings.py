@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.se3 import to_document
 from workers.geometry.models import ModelName
-from workers.geometry.transforms import to_document
 from workers.readers.recording import Sweep
 from workers.simulation.camera import IMAGE_SIZE, Camera, make_camera, nominal_mount
 from workers.simulation.rig import START_NS, Rig

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.checks import Check
+from apexcal.geometry.rotations import rotation_from_vector
+from apexcal.geometry.se3 import SE3, from_document, to_document
 from benchmarks.coverage.calibrations import Bench, Calibration
 from benchmarks.coverage.marks import Errors
 from benchmarks.coverage.walks import Paired
-from workers.geometry.rotations import rotation_from_vector
-from workers.geometry.transforms import RigidTransform, from_document, to_document
 from workers.judge.calibration_checks import checks_of_calibration
 from workers.reports.material import FittedModel
 from workers.reports.verdict import ReportVerdict, sentence_of
@@ -52,7 +52,7 @@ def agrees_elsewhere(found: Judged, others: dict[str, Any], turn: Floats, shift:
     document = dict(found.fitted.document)
     mount = from_document(document["transform"])
     R = rotation_from_vector(turn)
-    moved = RigidTransform(mount.to_frame, mount.from_frame, R @ mount.R, mount.t + shift)
+    moved = SE3(mount.to_frame, mount.from_frame, R @ mount.R, mount.t + shift)
     document["transform"] = to_document(moved)
     points, marks = (np.column_stack([others[name] for name in names]) for names in ("xyz", "uv"))
     return score_pairs(KnownCalibration.of(document), points, marks)["verdict"] == "agrees"

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.geometry.transforms import to_document
+from apexcal.geometry.se3 import to_document
 from workers.readers.recording import Sweep
 from workers.readers.trees.pcd import read_pcd
 from workers.simulation.camera import LENSES, Camera, make_camera, nominal_mount

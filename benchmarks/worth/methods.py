@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
 from benchmarks.accuracy.measures import WITHIN
 from benchmarks.accuracy.rigs import PLAIN, Rig
-from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
 from workers.solver.baselines import baseline, linear_baseline
 from workers.solver.polish import Fit, cost_of, distances, polish
 from workers.solver.problem import FitProblem

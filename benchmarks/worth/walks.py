@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
 from benchmarks.accuracy.rigs import DISTORTION, IMAGE_SIZES, Rig
 from workers.geometry.models import ModelName
 from workers.geometry.projection import fold_angle, image_diagonal_px, project
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
 
 Floats = NDArray[np.float64]
 CANDIDATES = 6000

@@ -25,12 +25,17 @@ def joint_of_images(joint: Document | None, turn: Document, lidar_frame: str) ->
     own = turn["from_frame"]
     if turn["to_frame"] == own:
         return joint
-    # Imported here: it needs NumPy, which takes a twentieth of the start.
-    from service.calibration_runs.transforms import T_vehicle_camera
-
     T_child_camera = joint["T_child_camera"] if joint else _turn(own, own, _SAME)
     T_parent_lidar = joint["T_parent_lidar"] if joint else _turn(lidar_frame, lidar_frame, _SAME)
-    return {"T_parent_lidar": T_parent_lidar, "T_child_camera": T_vehicle_camera(T_child_camera, turn)}
+    return {"T_parent_lidar": T_parent_lidar, "T_child_camera": between(T_child_camera, turn)}
+
+
+def between(T_a_c: Document, T_b_c: Document) -> Document:
+    """T_a_b in every form of its rotation."""
+    # Imported here: it needs NumPy, which takes a twentieth of the start.
+    from apexcal.geometry.se3 import from_document, to_document
+
+    return to_document(from_document(T_a_c) @ from_document(T_b_c).inverse())
 
 
 def _turn(to_frame: str, from_frame: str, rotation: Document) -> Document:

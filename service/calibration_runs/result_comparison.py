@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from apexcal.documents.results import FIELD_AZIMUTHS_DEG, FIELD_ELEVATIONS_DEG, FIELD_RANGES_M
-from service.calibration_runs.transforms import read, write
+from apexcal.geometry.rotations import vector_from_rotation
+from apexcal.geometry.se3 import SE3, Floats, from_document, to_document
 from service.db.base import Json
 
-Floats = NDArray[np.float64]
 _TURNS: Final = ("rotation_x", "rotation_y", "rotation_z")
 _OFFSETS: Final = ("t_x", "t_y", "t_z")
 MOUNT: Final = (*_TURNS, *_OFFSETS)
@@ -43,12 +42,12 @@ def compared(document: Json, other: Json, spread: Json | None, other_spread: Jso
     }
 
 
-def compared_with_stated(document: Json, spread: Json | None, R: Floats, t: Floats) -> Json:
-    """How far a result's mount is from T_camera_lidar = (R, t), which is taken to be exact.
+def compared_with_stated(document: Json, spread: Json | None, stated: SE3) -> Json:
+    """How far a result's mount is from a stated T_camera_lidar, which is taken to be exact.
 
     ``sigmas`` and ``differs`` are as :func:`compared` says them; None if the result states no deviations.
     """
-    apart = difference(document, {"transform": write("", "", R, t), "intrinsics": {}})
+    apart = difference(document, {"transform": to_document(stated), "intrinsics": {}})
     names = [name for name in MOUNT if _std(document, spread, name)]
     found: Json = {**_distances(apart), "sigmas": None, "differs": None}
     return found | (_in_deviations(apart, names, _covariance(document, spread, names)) if names else {})
@@ -56,20 +55,11 @@ def compared_with_stated(document: Json, spread: Json | None, R: Floats, t: Floa
 
 def difference(one: Json, other: Json) -> dict[str, float]:
     """By parameter, of two results' mounts and lenses: turns about the camera's axes in degrees, metres, pixels."""
-    R, t = read(one["transform"])
-    R_other, t_other = read(other["transform"])
-    apart = dict(zip(_TURNS, np.degrees(_vector(R @ R_other.T)).tolist(), strict=True))
-    apart |= dict(zip(_OFFSETS, (t - t_other).tolist(), strict=True))
+    mount, other_mount = from_document(one["transform"]), from_document(other["transform"])
+    apart = dict(zip(_TURNS, np.degrees(vector_from_rotation(mount.R @ other_mount.R.T)).tolist(), strict=True))
+    apart |= dict(zip(_OFFSETS, (mount.t - other_mount.t).tolist(), strict=True))
     lens, other_lens = one["intrinsics"], other["intrinsics"]
     return apart | {name: lens[name] - other_lens[name] for name in _LENS if name in lens and name in other_lens}
-
-
-def _vector(R: Floats) -> Floats:
-    """The rotation vector of a turn of less than half a circle, radians."""
-    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = float(np.linalg.norm(axis))
-    angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
-    return axis if sine < 1e-12 else axis * (angle / sine)
 
 
 def _distances(apart: Mapping[str, float]) -> Json:

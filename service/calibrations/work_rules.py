@@ -7,6 +7,7 @@ from math import inf
 from typing import Any, NamedTuple
 
 from apexcal.documents.camera_models import ModelName
+from apexcal.documents.checks import figure
 from apexcal.documents.schedules import Schedule
 from service.http.problems import Problem
 from service.jobs.costs import RunCost, comparison_s, run_cost
@@ -133,4 +134,4 @@ def _too_large(what: str, hint: str, **fields: Any) -> Problem:
 
 def _hours(seconds: float) -> str:
     hours = seconds / _HOUR_S
-    return f"{hours:,.0f} processor hours" if hours >= 10.0 else f"{hours:.2g} processor hours"
+    return f"{hours:,.0f} processor hours" if hours >= 10.0 else f"{figure(hours)} processor hours"

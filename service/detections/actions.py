@@ -23,9 +23,9 @@ def new_detection(recording: Recording, rig: Rig, wanted: DetectionRequest, pers
     options = resolve_options(wanted.detector, wanted.options)
     if rig.T_vehicle_lidar is not None and all(options.get(name) == 0.0 for name in _UP):
         # Imported here: it needs NumPy, which takes a twentieth of the service's start.
-        from service.calibration_runs.transforms import read
+        from apexcal.geometry.se3 import from_document
 
-        up = read(rig.T_vehicle_lidar)[0][2].round(6).tolist()
+        up = from_document(rig.T_vehicle_lidar).R[2].round(6).tolist()
         options |= dict(zip(_UP, up, strict=True))
     pairing = wanted.pairing.model_dump()
     content = {"region": wanted.region, "detector": wanted.detector, "options": options, "pairing": pairing}

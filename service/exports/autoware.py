@@ -4,40 +4,40 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
-
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
+from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.camera_info import camera_info
 from service.exports.format import Files, Format
 from service.exports.mounts import solved_edge
-from service.exports.transform import Transform, numbers, yaml_number
+from service.exports.numbers import numbers, yaml_number
 
 _KIT = "sensor_kit_base_link"
 _OPTICAL, _BODY = "camera_optical_link", "camera_link"
 NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-def _optical_from_body(optical: str, body: str) -> Transform:
+def _optical_from_body(optical: str, body: str) -> SE3:
     # Autoware's camera description turns camera_link (x forward, y left, z up) into its optical link by itself.
-    return Transform(optical, body, np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.zeros(3))
+    return SE3(optical, body, FORWARD_LIDAR_TO_OPTICAL)
 
 
-def mounted_edge(camera: CalibratedCamera) -> Transform:
+def mounted_edge(camera: CalibratedCamera) -> SE3:
     """The solved edge. If it ends at the camera's own optical frame, it ends at its ``camera_link`` instead."""
     edge, frame = solved_edge(camera), camera.T_own_lidar.to_frame
     if edge.from_frame != frame:
         return edge
     body = frame.replace(_OPTICAL, _BODY) if frame.endswith(_OPTICAL) else f"{file_name(camera.name)}/{_BODY}"
-    return edge.after(_optical_from_body(frame, body))
+    return edge @ _optical_from_body(frame, body)
 
 
-def values(pose: Transform) -> dict[str, str]:
+def values(pose: SE3) -> dict[str, str]:
     """Metres, and radians about the fixed axes x, y, z of the parent, as the files write them."""
     numbered = zip(NAMES, numbers([*pose.t, *pose.roll_pitch_yaw]), strict=True)
     return {name: yaml_number(value) for name, value in numbered}
 
 
-def _trees(edges: list[Transform]) -> str:
+def _trees(edges: list[SE3]) -> str:
     lines: list[str] = []
     for parent in dict.fromkeys(edge.to_frame for edge in edges):
         lines.append(f"{json.dumps(parent, ensure_ascii=False)}:")
@@ -47,12 +47,12 @@ def _trees(edges: list[Transform]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _lidar_in_kit(calibrated: Calibrated) -> Transform:
+def _lidar_in_kit(calibrated: Calibrated) -> SE3:
     """The LiDAR's pose in the sensor kit: that of a rig, else none, because the kit lies on the LiDAR's frame."""
     first = calibrated.cameras[0]
     stated = [camera.joint.T_parent_lidar for camera in calibrated.cameras if camera.joint]
     stated += [first.T_vehicle_lidar] if first.T_vehicle_lidar else []
-    on_lidar = Transform(_KIT, first.lidar_frame, np.eye(3), np.zeros(3))
+    on_lidar = SE3(_KIT, first.lidar_frame)
     return next((one for one in stated if one.to_frame == _KIT), on_lidar)
 
 
@@ -63,9 +63,9 @@ def _files(calibrated: Calibrated) -> Files:
     assert T_vehicle_lidar is not None
     folder = f"individual_params/config/{file_name(calibrated.vehicle)}/{file_name(first.rig)}"
     edges = [mounted_edge(camera) for camera in calibrated.cameras]
-    edges = [T_kit_lidar.after(edge) if edge.to_frame == first.lidar_frame else edge for edge in edges]
+    edges = [T_kit_lidar @ edge if edge.to_frame == first.lidar_frame else edge for edge in edges]
     if T_vehicle_lidar.to_frame != _KIT:
-        edges.insert(0, T_vehicle_lidar.after(T_kit_lidar.inverse()))
+        edges.insert(0, T_vehicle_lidar @ T_kit_lidar.inverse())
     on_vehicle = [edge for edge in edges if edge.to_frame != _KIT]
     return {
         **{

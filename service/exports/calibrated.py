@@ -9,15 +9,15 @@ from datetime import datetime
 
 from apexcal.documents.camera_models import CAMERA_MODELS, CameraModel, ModelName, WrittenAs, parse_model
 from apexcal.documents.results import StatedLensFit
-from service.exports.transform import Floats, Transform
+from apexcal.geometry.se3 import SE3, Floats, from_document
 
 
 @dataclass(frozen=True)
 class SolvedJoint:
     """The joint of the vehicle's own tree that a camera is calibrated for, by what lies around it."""
 
-    T_parent_lidar: Transform
-    T_child_camera: Transform
+    T_parent_lidar: SE3
+    T_child_camera: SE3
 
 
 @dataclass(frozen=True)
@@ -36,15 +36,15 @@ class CalibratedCamera:
     height: int
     model: ModelName
     intrinsics: Mapping[str, float]
-    T_camera_lidar: Transform
-    T_vehicle_lidar: Transform | None
+    T_camera_lidar: SE3
+    T_vehicle_lidar: SE3 | None
     rig: str
     source: str
     at: datetime
     marked: Floats
     joint: SolvedJoint | None = None
     is_rectified: bool = False
-    T_own_camera: Transform | None = None
+    T_own_camera: SE3 | None = None
     stated: StatedLensFit | None = None
     mount_checks: Sequence[str] = ()
 
@@ -58,7 +58,7 @@ class CalibratedCamera:
         if (stated := self._stated) is None:
             return self
         mount, lens = stated.transform.model_dump(), stated.intrinsics.model_dump(exclude_none=True)
-        T_camera_lidar = Transform.of(mount)._replace(to_frame=self.frame)
+        T_camera_lidar = replace(from_document(mount), to_frame=self.frame)
         return replace(self, model=parse_model(lens["model"]), intrinsics=lens, T_camera_lidar=T_camera_lidar)
 
     def needs(self, *, carries_lens: bool = False) -> str:
@@ -108,9 +108,9 @@ class CalibratedCamera:
         return self.T_camera_lidar.to_frame
 
     @property
-    def T_own_lidar(self) -> Transform:  # noqa: N802 - a transform
+    def T_own_lidar(self) -> SE3:  # noqa: N802 - a transform
         """LiDAR points into the camera's own frame, before its images were rectified."""
-        return self.T_own_camera.after(self.T_camera_lidar) if self.T_own_camera else self.T_camera_lidar
+        return self.T_own_camera @ self.T_camera_lidar if self.T_own_camera else self.T_camera_lidar
 
     @property
     def lidar_frame(self) -> str:
@@ -118,16 +118,16 @@ class CalibratedCamera:
         return self.T_camera_lidar.from_frame
 
     @property
-    def T_lidar_camera(self) -> Transform:  # noqa: N802 - a transform
+    def T_lidar_camera(self) -> SE3:  # noqa: N802 - a transform
         """The camera's pose in the LiDAR's frame."""
         return self.T_camera_lidar.inverse()
 
     @property
-    def T_parent_child(self) -> Transform | None:  # noqa: N802 - a transform
+    def T_parent_child(self) -> SE3 | None:  # noqa: N802 - a transform
         """The child's pose in its parent, of the joint that the rig states."""
         if self.joint is None:
             return None
-        return self.joint.T_parent_lidar.after(self.T_lidar_camera).after(self.joint.T_child_camera.inverse())
+        return self.joint.T_parent_lidar @ self.T_lidar_camera @ self.joint.T_child_camera.inverse()
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Calibrated:
         """Each LiDAR's frame, once."""
         return list(dict.fromkeys(camera.lidar_frame for camera in self.cameras))
 
-    def T_root_lidar(self, lidar_frame: str) -> Transform | None:  # noqa: N802 - a transform
+    def T_root_lidar(self, lidar_frame: str) -> SE3 | None:  # noqa: N802 - a transform
         """The LiDAR's pose in the vehicle, else in the first joint's parent; None if no rig states either."""
         of = [camera for camera in self.cameras if camera.lidar_frame == lidar_frame]
         vehicles = [camera.T_vehicle_lidar for camera in of if camera.T_vehicle_lidar]

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from apexcal.documents.checks import figure
+from apexcal.geometry.se3 import Floats
 from service.exports.calibrated import CalibratedCamera
-from service.exports.transform import Floats
 
 _ITERATIONS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
 
@@ -24,7 +25,7 @@ class Dropped(NamedTuple):
     @property
     def sentence(self) -> str:
         """How far, in words."""
-        return f"up to {self.max_px:.2g} px, in the median {self.median_px:.2g} px, where pairs lie"
+        return f"up to {figure(self.max_px)} px, in the median {figure(self.median_px)} px, where pairs lie"
 
 
 def drop(camera: CalibratedCamera, terms: list[str]) -> Dropped:

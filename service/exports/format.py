@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
+from apexcal.documents.checks import figure
+from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.transform import Transform
 
 if TYPE_CHECKING:
     from service.exports.dropped import Dropped
@@ -82,7 +83,7 @@ def _is_apart(calibrated: Calibrated) -> bool:
 
 def _clash(calibrated: Calibrated) -> str | None:
     """What would be written over or contradict itself; None where nothing does."""
-    placed: dict[str, Transform] = {}
+    placed: dict[str, SE3] = {}
     for camera in calibrated.cameras:
         if camera.T_vehicle_lidar is None:
             continue
@@ -140,7 +141,8 @@ def lacking(wanted: Format, camera: CalibratedCamera) -> str:
     if camera.lens not in wanted.lenses:
         return f"{wanted.title} leaves out the {camera.lens} distortion of {camera.name}"
     if camera.skew and not wanted.skew:
-        return f"The lens of {camera.name} has a skew of {camera.skew:.3g}, which readers of {wanted.title} ignore"
+        skew = figure(camera.skew, 3)
+        return f"The lens of {camera.name} has a skew of {skew}, which readers of {wanted.title} ignore"
     return f"The lens of {camera.name} has a third radial coefficient (k5), {wanted.title} has two"
 
 

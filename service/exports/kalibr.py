@@ -6,7 +6,7 @@ import json
 
 from service.exports.calibrated import Calibrated, CalibratedCamera
 from service.exports.format import Files, Format
-from service.exports.transform import yaml_list
+from service.exports.numbers import yaml_list
 
 
 def _camera(place: int, camera: CalibratedCamera, before: CalibratedCamera | None) -> list[str]:
@@ -22,7 +22,7 @@ def _camera(place: int, camera: CalibratedCamera, before: CalibratedCamera | Non
     ]
     if before is None:
         return lines
-    chained = camera.T_camera_lidar.after(before.T_camera_lidar.inverse())
+    chained = camera.T_camera_lidar @ before.T_camera_lidar.inverse()
     return [*lines, "  T_cn_cnm1:", *(f"  - {yaml_list(row)}" for row in chained.matrix)]
 
 

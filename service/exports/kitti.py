@@ -6,9 +6,10 @@ from datetime import datetime
 
 import numpy as np
 
+from apexcal.geometry.se3 import SE3, Floats
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.format import RADIAL_TANGENTIAL, Files, Format
-from service.exports.transform import Floats, Transform, numbers
+from service.exports.numbers import numbers
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 
@@ -21,7 +22,7 @@ def _time(at: datetime) -> str:
     return f"calib_time: {at.day:02d}-{_MONTHS[at.month - 1]}-{at.year} {at:%H:%M:%S}"
 
 
-def _rigid(at: datetime, T: Transform) -> str:
+def _rigid(at: datetime, T: SE3) -> str:
     return "\n".join([_time(at), _line("R", T.R), _line("T", T.t), ""])
 
 
@@ -53,7 +54,7 @@ def _files(calibrated: Calibrated) -> Files:
     files: Files = {}
     for camera in calibrated.cameras:
         folder, T_vehicle_lidar = file_name(camera.name), camera.T_vehicle_lidar
-        lidar = Transform(camera.lidar_frame, camera.lidar_frame, np.eye(3), np.zeros(3))
+        lidar = SE3(camera.lidar_frame, camera.lidar_frame)
         files[f"{folder}/calib_velo_to_cam.txt"] = _rigid(camera.at, camera.T_camera_lidar)
         files[f"{folder}/calib_imu_to_velo.txt"] = _rigid(camera.at, (T_vehicle_lidar or lidar).inverse())
         files[f"{folder}/calib_cam_to_cam.txt"] = _cam_to_cam(camera)

@@ -6,9 +6,10 @@ import json
 from hashlib import sha256
 from typing import Any
 
+from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated
 from service.exports.format import PLAIN, Files, Format
-from service.exports.transform import Transform, numbers
+from service.exports.numbers import numbers
 
 Record = dict[str, Any]
 
@@ -18,9 +19,7 @@ def _token(*named: str) -> str:
     return sha256("\0".join(named).encode()).hexdigest()[:32]
 
 
-def _records(
-    channel: str, modality: str, source: str, pose: Transform, K: list[list[float]]
-) -> tuple[Record, Record]:
+def _records(channel: str, modality: str, source: str, pose: SE3, K: list[list[float]]) -> tuple[Record, Record]:
     x, y, z, w = pose.quaternion_xyzw
     sensor = {"token": _token(channel), "channel": channel, "modality": modality}
     calibrated = {
@@ -38,7 +37,7 @@ def _files(calibrated: Calibrated) -> Files:
     assert first.T_vehicle_lidar is not None
     rows = [_records("LIDAR_TOP", "lidar", first.source, first.T_vehicle_lidar, [])]
     for camera in calibrated.cameras:
-        pose = first.T_vehicle_lidar.after(camera.T_lidar_camera)
+        pose = first.T_vehicle_lidar @ camera.T_lidar_camera
         rows.append(_records(f"CAM_{camera.name.upper()}", "camera", camera.source, pose, camera.K))
     sensors, records = zip(*rows, strict=True)
     return {

@@ -6,9 +6,10 @@ import json
 
 import numpy as np
 
+from apexcal.geometry.se3 import Floats
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.format import Files, Format
-from service.exports.transform import Floats, numbers
+from service.exports.numbers import numbers
 
 
 def _matrix(name: str, values: Floats) -> list[str]:

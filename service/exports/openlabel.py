@@ -10,22 +10,21 @@ import json
 from functools import partial
 from typing import Any
 
-import numpy as np
-
+from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.format import Files, Format
-from service.exports.transform import Transform, numbers
+from service.exports.numbers import numbers
 
 Json = dict[str, Any]
 # raillabel takes no other name for the frame that all poses are stated in.
 _BASE = "base"
 
 
-def _pose(T_base_sensor: Transform) -> Json:
+def _pose(T_base_sensor: SE3) -> Json:
     return {"translation": numbers(T_base_sensor.t), "quaternion": numbers(T_base_sensor.quaternion_xyzw)}
 
 
-def _system(T_base_sensor: Transform) -> Json:
+def _system(T_base_sensor: SE3) -> Json:
     return {"type": "sensor", "parent": _BASE, "children": [], "pose_wrt_parent": _pose(T_base_sensor)}
 
 
@@ -62,9 +61,9 @@ def _files(suffixes: tuple[str, str], calibrated: Calibrated) -> Files:
     streams: Json = {}
     for camera in calibrated.cameras:
         root = calibrated.T_root_lidar(camera.lidar_frame)
-        T_base_lidar = root or Transform(camera.lidar_frame, camera.lidar_frame, np.eye(3), np.zeros(3))
+        T_base_lidar = root or SE3(camera.lidar_frame, camera.lidar_frame)
         systems[camera.lidar_frame] = _system(T_base_lidar)
-        systems[camera.frame] = _system(T_base_lidar.after(camera.T_lidar_camera))
+        systems[camera.frame] = _system(T_base_lidar @ camera.T_lidar_camera)
         streams[camera.frame] = _stream(camera, suffixes)
         about = f"LiDAR; base is {T_base_lidar.to_frame}"
         streams[camera.lidar_frame] = {"type": "lidar", "description": about, "uri": ""}

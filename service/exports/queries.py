@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 from uuid import UUID
 
@@ -18,8 +19,8 @@ from service.db.fleets import Rig, RigCamera, Vehicle
 from service.http.problems import not_found
 
 if TYPE_CHECKING:
+    from apexcal.geometry.se3 import Floats
     from service.exports.calibrated import Calibrated, CalibratedCamera
-    from service.exports.transform import Floats
 
 _Cameras = Select[Result, Rig, RigCamera, str, list[float] | None, list[float] | None]
 
@@ -68,8 +69,8 @@ def _stored_checks(result: Result) -> list[Json]:
 
 
 def _camera(result: Result, rig: Rig, camera: RigCamera, marked: Floats) -> CalibratedCamera:
+    from apexcal.geometry.se3 import from_document
     from service.exports.calibrated import CalibratedCamera, SolvedJoint
-    from service.exports.transform import Transform
 
     turn = T_images_camera(camera.frame, camera.images)
     joint = joint_of_images(camera.joint, turn, rig.lidar_frame)
@@ -81,17 +82,17 @@ def _camera(result: Result, rig: Rig, camera: RigCamera, marked: Floats) -> Cali
         height=camera.image_height,
         model=parse_model(result.model),
         intrinsics=result.document["intrinsics"],
-        T_camera_lidar=Transform.of(result.document["transform"])._replace(to_frame=turn["to_frame"]),
-        T_vehicle_lidar=Transform.of(rig.T_vehicle_lidar) if rig.T_vehicle_lidar else None,
+        T_camera_lidar=replace(from_document(result.document["transform"]), to_frame=turn["to_frame"]),
+        T_vehicle_lidar=from_document(rig.T_vehicle_lidar) if rig.T_vehicle_lidar else None,
         rig=rig.name,
         source=str(result.id),
         at=result.created_at,
         marked=marked,
-        joint=SolvedJoint(*(Transform.of(joint[name]) for name in ("T_parent_lidar", "T_child_camera")))
+        joint=SolvedJoint(*(from_document(joint[name]) for name in ("T_parent_lidar", "T_child_camera")))
         if joint
         else None,
         is_rectified=(camera.images or {}).get("kind") == "rectified",
-        T_own_camera=Transform.of(turn).inverse(),
+        T_own_camera=from_document(turn).inverse(),
         stated=stated and StatedLensFit.model_validate(stated),
         mount_checks=[one["sentence"] for one in _stored_checks(result) if one["verdict"] != "pass"],
     )

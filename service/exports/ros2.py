@@ -9,14 +9,14 @@ from __future__ import annotations
 import re
 from xml.sax.saxutils import quoteattr
 
+from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated, file_name
 from service.exports.camera_info import camera_info
 from service.exports.format import Files, Format
 from service.exports.mounts import solved_edge
-from service.exports.transform import Transform
 
 
-def arguments(pose: Transform) -> list[tuple[str, str]]:
+def arguments(pose: SE3) -> list[tuple[str, str]]:
     """Names and values: the child frame's pose in the frame."""
     values = [*(float(part) for part in pose.t), *pose.quaternion_xyzw]
     named = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(_decimal, values), strict=True)

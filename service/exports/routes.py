@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 from uuid import UUID
 
@@ -48,8 +49,8 @@ def patched_answer(body: UrdfRequest, calibrated: Calibrated) -> Response:
         return Response(text, media_type="application/yaml", headers=notes_header([camera.needs()]))
     # The file has the camera's own frame, or names that of the rectified images.
     mount = camera.T_camera_lidar if body.camera_link == camera.frame else camera.T_own_lidar
-    mount = mount._replace(
-        to_frame=body.camera_link or mount.to_frame, from_frame=body.lidar_link or mount.from_frame
+    mount = replace(
+        mount, to_frame=body.camera_link or mount.to_frame, from_frame=body.lidar_link or mount.from_frame
     )
     made = patched(body.urdf.encode(), body.joint, mount)
     return Response(made, media_type="application/xml", headers=notes_header([camera.needs()]))

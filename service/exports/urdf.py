@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from xml.sax.saxutils import quoteattr
 
+from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated, file_name
 from service.exports.format import Files, Format
 from service.exports.mounts import poses
-from service.exports.transform import Transform, numbers
+from service.exports.numbers import numbers
 
 
-def origin(pose: Transform) -> str:
+def origin(pose: SE3) -> str:
     """The element of a pose: metres, and radians about the fixed axes x, y, z of the parent."""
     xyz, rpy = (" ".join(map(repr, numbers(values))) for values in (pose.t, pose.roll_pitch_yaw))
     return f'<origin xyz="{xyz}" rpy="{rpy}"/>'

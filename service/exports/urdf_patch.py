@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from service.exports.transform import Transform
+from apexcal.geometry.se3 import SE3
 from service.exports.urdf import origin
 from service.exports.urdf_tree import Joint, read_joints, refused
 
 
-def patched(document: bytes, joint_name: str, T_camera_lidar: Transform) -> bytes:
+def patched(document: bytes, joint_name: str, T_camera_lidar: SE3) -> bytes:
     """The file with the joint's new origin. The transform's frames are the names of links.
 
     Raises:
@@ -46,7 +44,7 @@ def patched(document: bytes, joint_name: str, T_camera_lidar: Transform) -> byte
     return document[: joint.inside] + element + document[joint.inside :]
 
 
-def _solved(joint: Joint, others: Mapping[str, Joint], T_camera_lidar: Transform) -> Transform:
+def _solved(joint: Joint, others: Mapping[str, Joint], T_camera_lidar: SE3) -> SE3:
     """``T_parent_child`` of the joint: the calibration between two chains of the other joints."""
     camera, lidar = T_camera_lidar.to_frame, T_camera_lidar.from_frame
     below = _poses_from(joint.child, others)
@@ -58,28 +56,28 @@ def _solved(joint: Joint, others: Mapping[str, Joint], T_camera_lidar: Transform
                 "Name the links of camera and LiDAR (camera_link, lidar_link) as the file does.",
             )
     if camera in below and lidar in above:
-        return above[lidar].after(T_camera_lidar.inverse()).after(below[camera].inverse())
+        return above[lidar] @ T_camera_lidar.inverse() @ below[camera].inverse()
     if lidar in below and camera in above:
-        return above[camera].after(T_camera_lidar).after(below[lidar].inverse())
+        return above[camera] @ T_camera_lidar @ below[lidar].inverse()
     raise refused(
         f"The joint {joint.name!r} is not between {camera!r} and {lidar!r}: replacing it moves both.",
         "Name a joint on the way from one to the other.",
     )
 
 
-def _poses_from(link: str, joints: Mapping[str, Joint]) -> dict[str, Transform]:
+def _poses_from(link: str, joints: Mapping[str, Joint]) -> dict[str, SE3]:
     """``T_link_other`` of every link that fixed joints lead to."""
-    beside: dict[str, list[Transform]] = {}
+    beside: dict[str, list[SE3]] = {}
     for joint in joints.values():
         if joint.kind == "fixed":
             beside.setdefault(joint.parent, []).append(joint.T_parent_child)
             beside.setdefault(joint.child, []).append(joint.T_parent_child.inverse())
-    poses = {link: Transform(link, link, np.eye(3), np.zeros(3))}
+    poses = {link: SE3(link, link)}
     waiting = [link]
     while waiting:
         here = waiting.pop()
         for step in beside.get(here, []):
             if step.from_frame not in poses:
-                poses[step.from_frame] = poses[here].after(step)
+                poses[step.from_frame] = poses[here] @ step
                 waiting.append(step.from_frame)
     return poses

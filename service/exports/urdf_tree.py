@@ -10,7 +10,8 @@ from xml.parsers import expat
 
 import numpy as np
 
-from service.exports.transform import Floats, Transform
+from apexcal.geometry.rotations import rotation_from_euler
+from apexcal.geometry.se3 import SE3, Floats
 from service.http.problems import Problem
 
 _MOST_JOINTS = 2000
@@ -43,9 +44,10 @@ class Joint:
     inside: int = 0
 
     @property
-    def T_parent_child(self) -> Transform:  # noqa: N802 - a transform
+    def T_parent_child(self) -> SE3:  # noqa: N802 - a transform
         """Raises :class:`Problem` 422 ``urdf_not_read`` where the origin is no three and three numbers."""
-        return Transform(self.parent, self.child, _fixed_axes(_three(self, self.rpy)), _three(self, self.xyz))
+        R = rotation_from_euler(_three(self, self.rpy)[::-1], "zyx")
+        return SE3(self.parent, self.child, R, _three(self, self.xyz))
 
 
 def refused(what: str, hint: str) -> Problem:
@@ -154,15 +156,3 @@ def _three(joint: Joint, text: str) -> Floats:
     if len(values) != 3 or not all(isfinite(value) and abs(value) <= _LARGEST for value in values):
         raise refused(f"The origin of the joint {joint.name!r} says {text!r}.", "Three numbers are needed.")
     return np.array(values)
-
-
-def _fixed_axes(roll_pitch_yaw: Floats) -> Floats:
-    """R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    (r, p, y), (cr, cp, cy) = np.sin(roll_pitch_yaw), np.cos(roll_pitch_yaw)
-    return np.array(
-        [
-            [cy * cp, cy * p * r - y * cr, cy * p * cr + y * r],
-            [y * cp, y * p * r + cy * cr, y * p * cr - cy * r],
-            [-p, cp * r, cp * cr],
-        ]
-    )

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
 
 from apexcal.documents.imports import ComparisonRequest, LensDifference, ReadCamera, StatedComparison
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, vector_from_rotation
+from apexcal.geometry.se3 import SE3, Floats, from_document
 from service.calibration_runs.result_comparison import compared_with_stated
 from service.db.base import Json
-from service.exports.transform import Floats, Transform
 from service.http.problems import Problem
 from service.imports.found import refused
 from service.imports.plausibility import mount_doubts
@@ -18,8 +20,6 @@ from service.imports.views import files_view, transform_view
 ReadAs = Literal["stated", "inverted", "body", "inverted_body", "none"]
 # Within so much of the truth a nominal mount has to be; what is farther off is another reading of the transform.
 _ALIKE_DEG: Final = 30.0
-# A camera's body frame (x forward, y left, z up) seen from its optical one (x right, y down, z forward).
-_R_OPTICAL_BODY: Final[Floats] = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 _ADVICE: Final[dict[ReadAs, str]] = {
     "inverted": "It fits if it is inverted: it seems to map camera points into the LiDAR's frame.",
     "body": "It fits if its camera frame is the body's (x forward, y left, z up) and not the optical one.",
@@ -35,7 +35,7 @@ def stated_comparison(asked: ComparisonRequest, document: Json, spread: Json | N
         Problem: 422 ``calibration_file_not_read``, ``nothing_to_compare``.
     """
     stated, camera = _stated(asked)
-    found = Transform.of(document["transform"])
+    found = from_document(document["transform"])
     hints = list(camera.doubts) if camera is not None else [] if stated is None else mount_doubts(stated)
     lens = _lens_difference(camera, document, hints)
     if stated is None:
@@ -51,25 +51,23 @@ def stated_comparison(asked: ComparisonRequest, document: Json, spread: Json | N
             "opposite.",
             "Invert it, or name its frames the other way round.",
         )
-    stated = stated._replace(to_frame=found.to_frame, from_frame=found.from_frame)
+    stated = replace(stated, to_frame=found.to_frame, from_frame=found.from_frame)
     read_as = _reading(stated, found)
     if read_as != "stated":
         hints.append(_ADVICE[read_as])
-    measured = compared_with_stated(document, spread, stated.R, stated.t)
-    # A rotation vector of half a circle is not told from none.
-    measured["rotation_deg"] = _angle_deg(stated.R @ found.R.T)
+    measured = compared_with_stated(document, spread, stated)
     return StatedComparison(
         T_camera_lidar=transform_view(stated), read_as=read_as, lens=lens, hints=hints, **measured
     )
 
 
-def _stated(asked: ComparisonRequest) -> tuple[Transform | None, ReadCamera | None]:
+def _stated(asked: ComparisonRequest) -> tuple[SE3 | None, ReadCamera | None]:
     if (asked.T_camera_lidar is None) == (asked.files is None):
         raise Problem(
             422, "nothing_to_compare", "The body needs either T_camera_lidar or files.", "Send one of the two."
         )
     if asked.T_camera_lidar is not None:
-        return Transform.of(asked.T_camera_lidar.model_dump(mode="json")), None
+        return from_document(asked.T_camera_lidar.model_dump(mode="json")), None
     assert asked.files is not None
     cameras = files_view(asked.files).cameras
     names = ", ".join(one.name for one in cameras)
@@ -77,26 +75,24 @@ def _stated(asked: ComparisonRequest) -> tuple[Transform | None, ReadCamera | No
     if len(chosen) != 1:
         raise refused(f"The files hold the cameras {names}.", "Name one of them as `camera`.")
     mount = chosen[0].T_camera_lidar
-    return (None if mount is None else Transform.of(mount.model_dump(mode="json"))), chosen[0]
+    return (None if mount is None else from_document(mount.model_dump(mode="json"))), chosen[0]
 
 
-def _reading(stated: Transform, found: Transform) -> ReadAs:
+def _reading(stated: SE3, found: SE3) -> ReadAs:
     inverse = stated.inverse()
     readings: dict[ReadAs, Floats] = {
         "stated": stated.R,
         "inverted": inverse.R,
-        "body": _R_OPTICAL_BODY @ stated.R,
-        "inverted_body": _R_OPTICAL_BODY @ inverse.R,
+        "body": FORWARD_LIDAR_TO_OPTICAL @ stated.R,
+        "inverted_body": FORWARD_LIDAR_TO_OPTICAL @ inverse.R,
     }
-    off: dict[ReadAs, float] = {name: _angle_deg(R @ found.R.T) for name, R in readings.items()}
+    off: dict[ReadAs, float] = {
+        name: float(np.degrees(np.linalg.norm(vector_from_rotation(R @ found.R.T)))) for name, R in readings.items()
+    }
     if off["stated"] <= _ALIKE_DEG:
         return "stated"
     nearest: ReadAs = min(off, key=lambda name: off[name])
     return nearest if off[nearest] <= _ALIKE_DEG else "none"
-
-
-def _angle_deg(R: Floats) -> float:
-    return float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(R) - 1.0), -1.0, 1.0))))
 
 
 def _lens_difference(camera: ReadCamera | None, document: Json, hints: list[str]) -> LensDifference | None:

@@ -9,7 +9,8 @@ from pydantic import ValidationError
 
 from apexcal.documents.fleets import NewRig
 from apexcal.documents.imports import DraftCamera, DraftRequest, RigDraft
-from service.exports.transform import Transform, numbers
+from apexcal.geometry.se3 import SE3, from_document
+from service.exports.numbers import numbers
 from service.exports.urdf_tree import read_joints
 from service.imports.frame_tree import FrameTree, Joint, Way, unusable
 
@@ -26,7 +27,7 @@ def recorded_tree(transforms: Iterable[Mapping[str, Any]]) -> FrameTree:
         Joint(
             one["child"],
             True,
-            Transform.of(
+            from_document(
                 {
                     "to_frame": one["parent"],
                     "from_frame": one["child"],
@@ -114,7 +115,7 @@ def _check_fixed(joints: Iterable[Joint]) -> None:
         )
 
 
-def _document(T: Transform) -> dict[str, Any]:
+def _document(T: SE3) -> dict[str, Any]:
     """A transform as requests send it."""
     return {
         "to_frame": T.to_frame,

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
 
-from service.exports.transform import Transform
+from apexcal.documents.errors import GeometryError
+from apexcal.geometry.se3 import SE3, Floats
 from service.http.problems import Problem
 
 LIDAR = "lidar"
@@ -34,7 +35,7 @@ class FoundCamera:
     name: str
     topic: str | None = None
     lens: Lens | None = None
-    T_camera_lidar: Transform | None = None
+    T_camera_lidar: SE3 | None = None
 
 
 @dataclass(frozen=True)
@@ -42,13 +43,23 @@ class Found:
     """The cameras of a file, the transforms between them, and what was left out, in sentences."""
 
     cameras: Sequence[FoundCamera]
-    camera_transforms: Sequence[Transform] = ()
+    camera_transforms: Sequence[SE3] = ()
     notes: list[str] = field(default_factory=list[str])
 
 
 def refused(what: str, hint: str) -> Problem:
     """A calibration file that cannot be used."""
     return Problem(422, "calibration_file_not_read", what, hint)
+
+
+def transform(to_frame: str, from_frame: str, R: Floats, t: Floats) -> SE3:
+    """A transform. Raises :class:`Problem` ``calibration_file_not_read`` where it is none."""
+    try:
+        return SE3(to_frame, from_frame, R, t)
+    except GeometryError as error:
+        raise refused(
+            f"The transform from {from_frame} to {to_frame} cannot be used. {error.message}", error.hint
+        ) from None
 
 
 def numbers(where: str, values: Any, count: int | None = None) -> list[float]:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from service.exports.transform import Transform
+from apexcal.geometry.se3 import SE3
 from service.http.problems import Problem
 
 
@@ -16,7 +14,7 @@ class Joint(NamedTuple):
 
     name: str
     fixed: bool
-    T_parent_child: Transform
+    T_parent_child: SE3
 
     @property
     def parent(self) -> str:
@@ -102,12 +100,12 @@ class FrameTree:
             down.pop()
         return Way(up, down[::-1])
 
-    def transform(self, to_frame: str, from_frame: str) -> Transform:
+    def transform(self, to_frame: str, from_frame: str) -> SE3:
         """``T_<to_frame>_<from_frame>`` by the joints between."""
-        found = Transform(from_frame, from_frame, np.eye(3), np.zeros(3))
+        found = SE3(from_frame, from_frame)
         way = self.way(from_frame, to_frame)
         for joint in way.up:
-            found = joint.T_parent_child.after(found)
+            found = joint.T_parent_child @ found
         for joint in way.down:
-            found = joint.T_parent_child.inverse().after(found)
+            found = joint.T_parent_child.inverse() @ found
         return found

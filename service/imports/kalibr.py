@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from service.exports.transform import Transform
-from service.imports.found import Found, FoundCamera, Lens, camera_matrix, image_size, numbers, refused
+from apexcal.geometry.se3 import SE3
+from service.imports.found import Found, FoundCamera, Lens, camera_matrix, image_size, numbers, refused, transform
 
 _HINT = "Calibrate as pinhole-radtan or pinhole-equi."
 
@@ -21,7 +21,7 @@ def is_kalibr(document: Mapping[str, Any]) -> bool:
 def read_kalibr(name: str, document: Mapping[str, Any]) -> Found:
     """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
     cameras: list[FoundCamera] = []
-    chained: list[Transform] = []
+    chained: list[SE3] = []
     notes: list[str] = []
     before: str | None = None
     for key, one in document.items():
@@ -35,7 +35,7 @@ def read_kalibr(name: str, document: Mapping[str, Any]) -> Found:
             cameras.append(FoundCamera(key[:200], topic and str(topic)[:300], _lens(f"{key} of {name}", one)))
         if "T_cn_cnm1" in one and before is not None:
             T = np.array(numbers(f"T_cn_cnm1 of {key}", one["T_cn_cnm1"], 16)).reshape(4, 4)
-            chained.append(Transform(key[:200], before, T[:3, :3], T[:3, 3]))
+            chained.append(transform(key[:200], before, T[:3, :3], T[:3, 3]))
         if "T_cam_imu" in one:
             notes.append(f"T_cam_imu of {key} is left out: it leads to the IMU, not to a LiDAR.")
         before = key[:200]

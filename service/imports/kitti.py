@@ -11,8 +11,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from service.exports.transform import Floats, Transform
-from service.imports.found import LIDAR, Found, FoundCamera, Lens, camera_matrix, image_size, numbers, refused
+from apexcal.geometry.se3 import SE3, Floats
+from service.imports.found import (
+    LIDAR,
+    Found,
+    FoundCamera,
+    Lens,
+    camera_matrix,
+    image_size,
+    numbers,
+    refused,
+    transform,
+)
 
 Members = Mapping[str, list[float]]
 _LINE = re.compile(r"([A-Za-z0-9_]+):?[ \t]+([-+0-9.eE][-+0-9.eE \t]*)")
@@ -65,15 +75,15 @@ def _raw(members: Members, places: list[str]) -> Found:
     return Found(cameras, notes=notes)
 
 
-def _mount(members: Members, place: str) -> Transform | None:
+def _mount(members: Members, place: str) -> SE3 | None:
     """T_camera_lidar of a camera as recorded: R_xx, T_xx map camera 00 into it, R, T the LiDAR into camera 00."""
     if not {"R", "T"} <= set(members):
         return None
-    first = Transform(_FIRST, LIDAR, _of_matrix(members, "R", (3, 3)), _of_matrix(members, "T", (3,)))
+    first = transform(_FIRST, LIDAR, _of_matrix(members, "R", (3, 3)), _of_matrix(members, "T", (3,)))
     if place == _FIRST and f"R_{place}" not in members:
         return first
     R, t = _of_matrix(members, f"R_{place}", (3, 3)), _of_matrix(members, f"T_{place}", (3,))
-    return Transform(place, _FIRST, R, t).after(first)
+    return transform(place, _FIRST, R, t) @ first
 
 
 def _rectified(members: Members, place: str) -> FoundCamera | None:
@@ -84,8 +94,8 @@ def _rectified(members: Members, place: str) -> FoundCamera | None:
         return None
     name, mount = f"rect_{place}", None
     if {"R", "T", f"R_rect_{_FIRST}"} <= set(members):
-        first = Transform(_FIRST, LIDAR, _of_matrix(members, "R", (3, 3)), _of_matrix(members, "T", (3,)))
-        mount = Transform(name, _FIRST, _of_matrix(members, f"R_rect_{_FIRST}", (3, 3)), _offset(P)).after(first)
+        first = transform(_FIRST, LIDAR, _of_matrix(members, "R", (3, 3)), _of_matrix(members, "T", (3,)))
+        mount = transform(name, _FIRST, _of_matrix(members, f"R_rect_{_FIRST}", (3, 3)), _offset(P)) @ first
     return FoundCamera(name, lens=lens, T_camera_lidar=mount)
 
 
@@ -100,8 +110,8 @@ def _plain(members: Members, places: list[str]) -> Found:
         P = _of_matrix(members, f"P{place}", (3, 4))
         mount = None
         if Tr is not None:
-            first = Transform(_FIRST, LIDAR, Tr[:, :3], Tr[:, 3])
-            mount = Transform(f"P{place}", _FIRST, R_rect, _offset(P)).after(first)
+            first = transform(_FIRST, LIDAR, Tr[:, :3], Tr[:, 3])
+            mount = transform(f"P{place}", _FIRST, R_rect, _offset(P)) @ first
         cameras.append(FoundCamera(f"P{place}", lens=_projection_lens(P, None), T_camera_lidar=mount))
     notes = [] if Tr is not None else ["There is no Tr_velo_to_cam and no Tr: no mount on the LiDAR is known."]
     return Found(cameras, notes=notes)

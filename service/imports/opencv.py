@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from service.exports.transform import Transform
-from service.imports.found import LIDAR, Found, FoundCamera, Lens, image_size, numbers, refused
+from apexcal.geometry.se3 import SE3
+from service.imports.found import LIDAR, Found, FoundCamera, Lens, image_size, numbers, refused, transform
 
 _K = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "CameraMatrix", "CameraMat", "K")
 _D = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "DistCoeff", "D")
@@ -57,12 +57,12 @@ def _size(name: str, document: Mapping[str, Any]) -> tuple[int, int] | None:
     return None if listed is None else image_size(f"The images of {name}", *numbers(f"The size in {name}", listed, 2))
 
 
-def _mount(name: str, document: Mapping[str, Any]) -> Transform | None:
+def _mount(name: str, document: Mapping[str, Any]) -> SE3 | None:
     if "T_camera_lidar" not in document:
         return None
     T = np.array(numbers(f"T_camera_lidar of {name}", _data(document["T_camera_lidar"]), 16)).reshape(4, 4)
     to_frame, from_frame = str(document.get("camera_frame") or "camera"), str(document.get("lidar_frame") or LIDAR)
-    return Transform(to_frame[:200], from_frame[:200], T[:3, :3], T[:3, 3])
+    return transform(to_frame[:200], from_frame[:200], T[:3, :3], T[:3, 3])
 
 
 def _data(matrix: Any) -> Any:

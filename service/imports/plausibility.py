@@ -10,11 +10,9 @@ import numpy as np
 from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
 from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated
-from service.exports.transform import Floats, Transform
+from apexcal.geometry.se3 import SE3, Floats
 from service.imports.found import Lens, refused
 
-# Published matrices carry four to six digits.
-_ORTHONORMAL_TO: Final = 1e-3
 # The default bounds of a search, as shares of the image's width (preset `image-size`).
 _FOCAL_SHARES: Final = (0.2, 3.0)
 # The longest vehicle with a trailer on European roads, metres (Directive 96/53/EC).
@@ -116,18 +114,7 @@ def _growing(radius: Floats) -> float:
     return float(radius[falls[0]] if falls.size else radius[-1])
 
 
-def checked_mount(camera: str, T: Transform) -> Transform:
-    """The transform with its rotation made exactly orthonormal. Raises :class:`Problem` where it is no rotation."""
-    if np.abs(T.R @ T.R.T - np.eye(3)).max() > _ORTHONORMAL_TO or np.linalg.det(T.R) < 0.0:
-        raise refused(
-            f"The rotation of {camera} is not a rotation: its rows are not orthonormal, or it mirrors.",
-            "Send the transform without scale and without flipped axes.",
-        )
-    U, _, Vt = np.linalg.svd(T.R)
-    return T._replace(R=U @ Vt)
-
-
-def mount_doubts(T: Transform) -> list[str]:
+def mount_doubts(T: SE3) -> list[str]:
     """What is unlikely of a mount, in sentences."""
     distance = float(np.linalg.norm(T.t))
     if distance <= _LONGEST_VEHICLE_M:

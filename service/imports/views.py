@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from apexcal.documents.imports import CalibrationFiles, ReadCamera, ReadFiles, ReadLens
 from apexcal.documents.transforms import SolvedTransform
-from service.calibration_runs.transforms import write
-from service.exports.transform import Transform
+from apexcal.geometry.se3 import SE3, to_document
 from service.imports.formats import read_files
 from service.imports.found import FoundCamera
-from service.imports.plausibility import checked_mount, known_lens, lens_doubts, mount_doubts
+from service.imports.plausibility import known_lens, lens_doubts, mount_doubts
 
 
 def files_view(sent: CalibrationFiles) -> ReadFiles:
@@ -17,17 +16,14 @@ def files_view(sent: CalibrationFiles) -> ReadFiles:
     return ReadFiles(
         format=kind,
         cameras=[_camera(camera, sent.image_size) for camera in found.cameras],
-        camera_transforms=[
-            transform_view(checked_mount(f"{one.to_frame} and {one.from_frame}", one))
-            for one in found.camera_transforms
-        ],
+        camera_transforms=[transform_view(one) for one in found.camera_transforms],
         notes=found.notes,
     )
 
 
-def transform_view(T: Transform) -> SolvedTransform:
+def transform_view(T: SE3) -> SolvedTransform:
     """A transform in every form of its rotation."""
-    return SolvedTransform.model_validate(write(T.to_frame, T.from_frame, T.R, T.t))
+    return SolvedTransform.model_validate(to_document(T))
 
 
 def _camera(camera: FoundCamera, size: tuple[int, int] | None) -> ReadCamera:
@@ -45,7 +41,6 @@ def _camera(camera: FoundCamera, size: tuple[int, int] | None) -> ReadCamera:
             model=known.model,
         )
     if camera.T_camera_lidar is not None:
-        checked = checked_mount(camera.name, camera.T_camera_lidar)
-        doubts += mount_doubts(checked)
-        mount = transform_view(checked)
+        doubts += mount_doubts(camera.T_camera_lidar)
+        mount = transform_view(camera.T_camera_lidar)
     return ReadCamera(name=camera.name, topic=camera.topic, lens=lens, T_camera_lidar=mount, doubts=doubts)

@@ -7,7 +7,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.image_frames import T_images_camera, joint_of_images
+from service.calibration_runs.image_frames import T_images_camera, between, joint_of_images
 from service.db.base import Json
 from service.db.calibrations import Calibration, Result
 from service.db.fleets import Vehicle
@@ -67,14 +67,10 @@ def _document(camera: PublishedCamera, until: datetime | None) -> Json:
         "quality": _quality(result, camera.calibration),
     }
     if rig.T_vehicle_lidar:
-        # Imported here: it needs NumPy, which takes a twentieth of the start.
-        from service.calibration_runs.transforms import T_vehicle_camera
-
-        document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, transform)
+        document["T_vehicle_camera"] = between(rig.T_vehicle_lidar, transform)
     if joint:
-        from service.calibration_runs.transforms import T_parent_child
-
-        document["T_parent_child"] = T_parent_child(joint, transform)
+        T_parent_camera = between(joint["T_parent_lidar"], transform)
+        document["T_parent_child"] = between(T_parent_camera, joint["T_child_camera"])
     return document
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import EXTRINSICS
-from apexcal.documents.checks import Check
+from apexcal.documents.checks import Check, figure
 from apexcal.documents.policies import PublicationPolicy
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun, CorrespondenceSet, Result
@@ -66,7 +66,7 @@ def _sentence(name: str, limit: float, value: float | None) -> str:
     known = _LIMITS[name]
     unit = f" {known.unit}" if known.unit else ""
     bound = "at most" if known.sign == 1 else "at least"
-    is_now = f"it is {value:.3g}{unit}" if value is not None else "this result does not have it"
+    is_now = f"it is {figure(value, 3)}{unit}" if value is not None else "this result does not have it"
     return f"The policy asks for {bound} {limit:g}{unit} as {known.what}; {is_now}."
 
 

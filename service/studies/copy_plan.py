@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.copies import CopyRequest
+from apexcal.geometry.se3 import SE3
 from service.db.base import Json
 from service.db.fleets import Vehicle
 from service.db.recordings import Recording, Sensor
 from service.exports.calibrated import CalibratedCamera
-from service.exports.transform import Transform, numbers
+from service.exports.numbers import numbers
 from service.http.problems import Problem
 from service.imports.drafting import recorded_tree
 from service.imports.frame_tree import FrameTree, Joint, unusable
@@ -102,7 +104,7 @@ def _poses(
     """The poses to write, one for each camera; each is solved in the tree with those before it."""
     found: list[Json] = []
     for camera in cameras:
-        T_camera_lidar = camera.T_own_lidar._replace(to_frame=frames[camera.name], from_frame=lidar)
+        T_camera_lidar = replace(camera.T_own_lidar, to_frame=frames[camera.name], from_frame=lidar)
         others = [frame for name, frame in frames.items() if name != camera.name]
         pose, is_new = _pose(tree, T_camera_lidar, others, joints.get(camera.name))
         tree.put(Joint(pose.from_frame, True, pose))
@@ -118,9 +120,7 @@ def _poses(
     return found
 
 
-def _pose(
-    tree: FrameTree, T_camera_lidar: Transform, others: Sequence[str], named: str | None
-) -> tuple[Transform, bool]:
+def _pose(tree: FrameTree, T_camera_lidar: SE3, others: Sequence[str], named: str | None) -> tuple[SE3, bool]:
     """``T_parent_child`` that makes the tree say the calibration, and whether it is a new one."""
     camera, lidar = T_camera_lidar.to_frame, T_camera_lidar.from_frame
     T_lidar_camera = T_camera_lidar.inverse()
@@ -129,10 +129,10 @@ def _pose(
     root = tree.root(camera)
     if lidar not in tree.frames or tree.root(lidar) != root:
         # The camera's own tree is hung on the LiDAR.
-        return T_lidar_camera.after(tree.transform(camera, root)), True
+        return T_lidar_camera @ tree.transform(camera, root), True
     joint = _joint(tree, camera, lidar, others, named)
     T_parent_lidar, T_camera_child = tree.transform(joint.parent, lidar), tree.transform(camera, joint.child)
-    return T_parent_lidar.after(T_lidar_camera).after(T_camera_child), False
+    return T_parent_lidar @ T_lidar_camera @ T_camera_child, False
 
 
 def _joint(tree: FrameTree, camera: str, lidar: str, others: Sequence[str], named: str | None) -> Joint:

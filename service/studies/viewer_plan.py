@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from sqlalchemy.orm import Session
 
 from apexcal.documents.copies import CopyRequest
+from apexcal.geometry.se3 import SE3
 from service.db.base import Json
 from service.db.fleets import Vehicle
 from service.db.recordings import Recording
 from service.exports.calibrated import CalibratedCamera
-from service.exports.transform import Transform, numbers
+from service.exports.numbers import numbers
 from service.publications.camera_queries import published_cameras
 from service.publications.selection import Selection
 from service.studies.copy_plan import frame_of, recorded_cameras
@@ -89,10 +91,10 @@ def _camera(camera: CalibratedCamera, frame: str, clock_offset_ns: int) -> Json:
 def _poses(lidar: str, cameras: Sequence[CalibratedCamera], frames: dict[str, str]) -> list[Json]:
     """The LiDAR in the vehicle where the rig states that, and each camera in the LiDAR's frame."""
     stated = next((one.T_vehicle_lidar for one in cameras if one.T_vehicle_lidar), None)
-    poses: list[Transform] = []
+    poses: list[SE3] = []
     if stated is not None and stated.to_frame not in (lidar, *frames.values()):
-        poses.append(stated._replace(from_frame=lidar))
-    poses += [one.T_lidar_camera._replace(to_frame=lidar, from_frame=frames[one.name]) for one in cameras]
+        poses.append(replace(stated, from_frame=lidar))
+    poses += [replace(one.T_lidar_camera, to_frame=lidar, from_frame=frames[one.name]) for one in cameras]
     return [
         {
             "parent": pose.to_frame,

@@ -20,10 +20,10 @@ import pytest
 from apexcal.client import ApiError, Client
 from apexcal.demo.annotators import mark_everything
 from apexcal.demo.truth import Truth, project
+from apexcal.geometry.se3 import from_document
 from apexcal.rigs import read_rig
 from service.exports.calibrated import Calibrated, CalibratedCamera
 from service.exports.formats import FORMATS
-from service.exports.transform import Transform
 from tests.service.exports import readers
 
 ON_VEHICLE = {
@@ -76,8 +76,8 @@ def as_calibrated(result, rig) -> Calibrated:
                 height=camera.image_size[1],
                 model=document["model"],
                 intrinsics={k: v for k, v in document["intrinsics"].items() if v is not None and k != "model"},
-                T_camera_lidar=Transform.of(document["transform"]),
-                T_vehicle_lidar=Transform.of(ON_VEHICLE | {"from_frame": rig.lidar.frame}),
+                T_camera_lidar=from_document(document["transform"]),
+                T_vehicle_lidar=from_document(ON_VEHICLE | {"from_frame": rig.lidar.frame}),
                 rig=rig.name,
                 source=str(result.id),
                 at=datetime.now(UTC),

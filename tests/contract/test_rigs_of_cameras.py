@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
+from apexcal.geometry.se3 import SE3, to_document
 from service.db.models import Job
 from service.jobs.claims import claim
 from service.jobs.sweep import sweep
 from tests.support.databases import one_database
 from tests.support.work import work
 from tests.workers.solver.two_cameras import FRONT, LEFT, SIZE, walked
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
-from workers.geometry.transforms import RigidTransform, to_document
 from workers.tasks.running import run_job
 
 pytestmark = pytest.mark.usefixtures("broker")
@@ -27,9 +27,7 @@ def rig_document(known=TRUE, images=None):
             "name": mount.name,
             "frame": mount.name,
             "image_size": list(SIZE),
-            "nominal": _sent(
-                to_document(RigidTransform(mount.name, "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
-            ),
+            "nominal": _sent(to_document(SE3(mount.name, "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))),
             "images": images if mount is LEFT else None,
         }
         for mount in (FRONT, LEFT)
@@ -87,7 +85,7 @@ def test_two_cameras_are_compared_when_both_are_done(api, context):
 
 def test_what_the_rig_states_is_of_the_cameras_before_their_images_are_rectified(api, context):
     R = rotation_from_vector(np.radians([0.6, -0.9, 0.5]))
-    own = RigidTransform("left", "velodyne", R.T @ LEFT.transform.R, R.T @ LEFT.transform.t)
+    own = SE3("left", "velodyne", R.T @ LEFT.transform.R, R.T @ LEFT.transform.t)
     known = to_document(FRONT.transform @ own.inverse())
     engineer, calibration = asked(api, known, {"kind": "rectified", "rotation": {"matrix": R.tolist()}})
     work(context)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from apexcal.geometry.se3 import from_document
 from apexcal.sweeps import unpack
 from tests.e2e.conftest import Track
 from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show
 from tests.e2e.test_calibrating import pairs_of_truth
 from workers.geometry.projection import project
-from workers.geometry.transforms import from_document
 
 SignIn = Callable[[str, str], Page]
 MOVE = "move board and holder to the frame's time"

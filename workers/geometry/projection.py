@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.geometry.errors import GeometryError
+from apexcal.documents.errors import GeometryError
 from workers.geometry.models import INTRINSICS, ModelName, parse_model
 from workers.geometry.projections.table import PROJECTIONS
 

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from apexcal.documents.checks import Check
-from apexcal.documents.results import FitResult, Halves
+from apexcal.documents.checks import Check, figure
+from apexcal.documents.results import FitResult, Halves, Status
 from workers.judge.topics import Topic, is_grave
 from workers.solver.estimate import Estimate
 from workers.solver.halves import too_small
@@ -17,6 +17,15 @@ _OPTIMA: Final = Topic("optima", "Other optima")
 _HALVES: Final = Topic("halves", "Halves of the pairs")
 _SHARED: Final = Topic("shared_errors", "Errors that pairs share")
 _TURN_LIMIT_RAD: Final = 1.5e-3
+_MORE: Final = "Mark vertices at other heights, distances and image regions, lock what is known"
+_REMEDIES: Final[dict[Status, str]] = {
+    "ok": "",
+    "unfinished": "Calibrate again without stopping it.",
+    "not_converged": f"{_MORE}, or run more slots.",
+    "not_determined": f"{_MORE}, and check the nominal rotation and its range.",
+    "not_explained": "Check what is locked, the order and signs of u and v, the image size, and that frames and "
+    "marks are of this camera.",
+}
 # Twice the log likelihood ratio that independent errors exceed in one of thousand cases, by the number of components.
 # Each component is zero half of the time (Self and Liang 1987).
 _BEYOND_CHANCE: Final = {1: 9.55, 2: 11.76}
@@ -24,12 +33,7 @@ _BEYOND_CHANCE: Final = {1: 9.55, 2: 11.76}
 
 def fit(result: FitResult) -> Check:
     """Whether the fit ended well."""
-    ended = result.status == "ok"
-    return _FIT.fails(
-        "pass" if ended else "stop",
-        result.message,
-        "Mark more vertices at other places, lock what is known, or correct the request.",
-    )
+    return _FIT.fails("pass" if result.status == "ok" else "stop", result.message, _REMEDIES[result.status])
 
 
 def optima(result: FitResult) -> Check:
@@ -38,7 +42,8 @@ def optima(result: FitResult) -> Check:
     return _OPTIMA.fails(
         "stop" if others else "pass",
         " ".join(others) or "Search, slots and baselines found no other optimum.",
-        "Bound or lock what is known of mount and lens, mark vertices at other places, or run more slots.",
+        "Bound or lock what is known of mount and lens, mark vertices at other places, look for marks "
+        "of another corner or frame, or run more slots.",
         others=float(len(others)),
     )
 
@@ -66,7 +71,7 @@ def halves(estimate: Estimate, result: FitResult) -> Check:
     return _HALVES.fails(
         "stop" if grave else "look",
         " ".join(too_small(apart, estimate.holding)),
-        "Check whether the mount moved or the clocks drifted, the lens model and the marks.",
+        "Check the lens model, the clocks and the marks, and whether the mount moved; then calibrate from one half.",
         **figures,
     )
 
@@ -92,7 +97,7 @@ def shared_errors(estimate: Estimate, result: FitResult) -> Check:
         grave |= over_time.evidence > _BEYOND_CHANCE[1] and over_time.shift_px > own_px
     sizes = " and ".join(_size(*one) for one in shared.deviations.items() if one[1] > 0.0)
     blocks = "group" if shared.by == "group" else "stretch of the walk"
-    stretches = f"; groups near in time by {over_time.shift_px:.2g} px" if over_time else ""
+    stretches = f"; groups near in time by {figure(over_time.shift_px)} px" if over_time else ""
     sentence = (
         f"Pairs of one {blocks} err together, by {sizes} from one to the next{stretches}. "
         f"{'The standard deviations count that; they' if shared.counted else 'Deviations that counted it'} "
@@ -113,5 +118,5 @@ def shared_errors(estimate: Estimate, result: FitResult) -> Check:
 
 def _size(name: str, deviation: float) -> str:
     if name == "offset_m":
-        return f"{1e3 * deviation:.2g} mm"
-    return f"{deviation:.2g} {'px' if name == 'shift_px' else 'degrees'}"
+        return f"{figure(1e3 * deviation)} mm"
+    return f"{figure(deviation)} {'px' if name == 'shift_px' else 'degrees'}"

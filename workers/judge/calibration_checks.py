@@ -71,7 +71,8 @@ def models(name: str, summary: Json) -> Check:
     recommended, behind = summary["recommended"], summary["models"][name].get("behind")
     remedy = "Publish the recommended model."
     if not recommended:
-        return _MODELS.fails("look", f"No model is recommended. {summary['why']}", "Retry the runs that failed.")
+        retry = "Retry the runs that failed, or calibrate without the models that the pairs leave open."
+        return _MODELS.fails("look", f"No model is recommended. {summary['why']}", retry)
     if recommended == name:
         return _MODELS.passes(f"{name} is recommended; {len(summary['models'])} were fitted.")
     clear = behind is not None and not behind["within_noise"]

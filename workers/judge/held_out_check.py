@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from apexcal.documents.checks import Check, CheckVerdict
+from apexcal.documents.checks import Check, CheckVerdict, figure
 from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD, Topic
 from workers.solver.prediction import DISTANCES_M
 
@@ -67,14 +67,15 @@ def held_out(result: Mapping[str, Any], summary: Mapping[str, Any], pairs: HeldO
     if mean_px > max(_FAR * fitted_px, _FINE_PX):
         doubts.append("the pairs are too few, too uneven, or some of them wrong")
     if noise and explained and noise > _UNEXPLAINED * explained:
-        doubts.append(f"they show a noise of {noise:.2g} px per coordinate, of which {explained:.2g} are explained")
+        of_noise = f"a noise of {figure(noise)} px per coordinate, of which {figure(explained)} are explained"
+        doubts.append(f"they show {of_noise}")
     verdict: CheckVerdict = "look" if doubts else "pass"
     figures: dict[str, float | None] = {"mean_px": mean_px, "fitted_mean_px": fitted_px, "noise_px": noise}
     for distance, off_px, chance in _by_distance(result, pairs) if pairs else ():
         figures[f"beyond_noise_at_{distance:.0f}_m_px"] = off_px
         if chance < LOOK_RATE and off_px > _limit_px(result):
             verdict = "stop" if chance < STOP_RATE else "look" if verdict == "pass" else verdict
-            doubts.append(f"about {distance:.0f} m they lie {off_px:.2g} px off beyond the noise")
+            doubts.append(f"about {distance:.0f} m they lie {figure(off_px)} px off beyond the noise")
     said = f"Held-out pairs lie {mean_px:.2f} px off, the fitted ones {fitted_px:.2f}"
     return _HELD_OUT.fails(
         verdict,

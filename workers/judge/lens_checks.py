@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from apexcal.documents.checks import Check
+from apexcal.documents.checks import Check, figure
 from apexcal.documents.results import FitResult
 from workers.judge.residual_patterns import pattern_test
 from workers.judge.topics import LOOK_RATE, MATTERS, STOP_RATE, Topic, graded
@@ -47,7 +47,7 @@ def lens_model(estimate: Estimate) -> Check:
         f"Residuals follow no pattern of a lens beyond chance; {model} fits."
         if verdict == "pass"
         else f"The lens model {model} does not fit this lens: residuals follow a pattern of up to "
-        f"{largest_px:.2g} px, at {angle:.0f} degrees from the axis."
+        f"{figure(largest_px)} px, at {angle:.0f} degrees from the axis."
     )
     return _LENS.fails(
         verdict,

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from apexcal.documents.checks import Check, CheckVerdict
+from apexcal.documents.checks import Check, CheckVerdict, figure
 from apexcal.documents.results import FitResult
-from workers.geometry.rotations import vector_from_rotation
+from apexcal.geometry.rotations import vector_from_rotation
 from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD, Topic
 from workers.solver.estimate import Estimate
 from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
@@ -78,7 +78,7 @@ def _moved(estimate: Estimate) -> str:
     to, begin = (transform_of(estimate.fitted, p) for p in (estimate.parameters, estimate.held_at))
     turn = float(np.degrees(np.linalg.norm(vector_from_rotation(to.R @ begin.R.T))))
     shift_mm = 1e3 * float(np.linalg.norm(to.t - begin.t))
-    return f" and move the mount by {turn:.2g} degrees and {shift_mm:.2g} mm, which the deviations include"
+    return f" and move the mount by {figure(turn)} degrees and {figure(shift_mm)} mm, which the deviations include"
 
 
 def outside(problem: FitProblem) -> Check:
@@ -174,12 +174,12 @@ def noise(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[An
         if apart
         else ""
     )
-    said = f"Residuals show a noise of {sigma:.2g} px per coordinate"
+    said = f"Residuals show a noise of {figure(sigma)} px per coordinate"
     return _NOISE.fails(
         verdict,
         f"{said}, which marks and vertices explain."
         if verdict == "pass"
-        else f"{said}; what is stated of marks and vertices explains {explained:.2g} px.",
+        else f"{said}; what is stated of marks and vertices explains {figure(explained)} px.",
         f"Check the marks, the times and the lens model: one of them is worse than stated.{nearest}",
         noise_px=sigma,
         explained_px=explained,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
-from apexcal.documents.checks import Check
+from apexcal.documents.checks import Check, figure
 from apexcal.documents.results import FitResult
 from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD, Topic
 from workers.solver.estimate import Estimate
@@ -50,7 +50,7 @@ def precision(estimate: Estimate, result: FitResult) -> Check:
     return _USE.fails(
         "pass" if worst <= 1.0 else "look" if worst <= _USELESS else "stop",
         f"Where the marks are, points at {' / '.join(named)} m are placed within "
-        f"{' / '.join(f'{one:.2g}' for one in widest)} px (95 %)"
+        f"{' / '.join(map(figure, widest))} px (95 %)"
         + (
             "."
             if worst <= 1.0
@@ -80,7 +80,7 @@ def mount_alone(result: FitResult) -> Check:
     good = turn is not None and shift is not None and turn <= ALONE_LIMIT_DEG and 1e3 * shift <= ALONE_LIMIT_MM
     known = "not determined"
     if turn is not None and shift is not None:
-        known = f"known to {turn:.2g} degrees and {1e3 * shift:.2g} mm"
+        known = f"known to {figure(turn)} degrees and {figure(1e3 * shift)} mm"
     return _ALONE.fails(
         "pass" if good else "stop",
         f"The mount alone is {known} (95 %); its lens is {lens}.",

@@ -73,7 +73,7 @@ def choose(models: Mapping[str, Candidate], area_px2: float) -> Choice:
         return Choice(
             None,
             "The models cannot be compared: no pair was held out of all of them, because of runs that failed or that "
-            "leave parameters open. Retry the runs that failed, or ask without the models that the pairs leave open.",
+            "leave parameters open.",
         )
     found = weigh({name: pairs.of(common) for name, pairs in judged.items()}, area_px2)
     return _by_heldout(models, {name: pairs.of(common) for name, pairs in judged.items()}, found)

@@ -11,8 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from workers.geometry.rotations import vector_from_rotation
-from workers.geometry.transforms import from_document
+from apexcal.geometry.rotations import vector_from_rotation
+from apexcal.geometry.se3 import from_document
 
 Json = dict[str, Any]
 _TURNS: Final = ("rotation_x", "rotation_y", "rotation_z")

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.se3 import from_document
 from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import project
-from workers.geometry.transforms import from_document
 from workers.overlays.visible import Floats, See
 
 

@@ -24,7 +24,7 @@ _SHOWN_OF_RESULT = (
     *("polished", "ga", "baseline", "linear_baseline", "kept", "parameters", "intrinsics", "transform", "at_bounds"),
     *("std", "interval95_half_width", "degrees_of_freedom", "correlation", "covariance", "worst_correlation"),
     *("sigma_px", "noise_scale", "explained_px", "marks_outside", "shared_errors", "common_errors"),
-    *("weak_priors", "lens", "stated_lens", "halves", "stated_too_small", "prediction", "outliers"),
+    *("weak_priors", "lens", "stated_lens", "halves", "prediction", "outliers"),
     *("versions", "cpu"),
 )
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.camera_models import ANGLES
+from apexcal.geometry.se3 import from_document
 from workers.geometry.models import parse_model
 from workers.geometry.projection import unproject
-from workers.geometry.transforms import from_document
 from workers.reports.material import FittedModel
 from workers.reports.rounding import rounded
 from workers.solver.residuals import predict, residuals_and_jacobian

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.se3 import from_document
 from workers.geometry.models import parse_model
 from workers.geometry.projection import distances_px, image_diagonal_px, project
-from workers.geometry.transforms import from_document
 
 Floats = NDArray[np.float64]
 

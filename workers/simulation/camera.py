@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from apexcal.geometry.rotations import rotation_from_euler, rotation_from_vector
+from apexcal.geometry.se3 import SE3
 from workers.geometry.models import INTRINSICS, ModelName
 from workers.geometry.projection import project
-from workers.geometry.rotations import rotation_from_euler, rotation_from_vector
-from workers.geometry.transforms import RigidTransform
 
 LIDAR_FRAME = "velodyne"
 FRONT = "front"
@@ -62,7 +62,7 @@ class Camera:
     model: ModelName
     intrinsics: Mapping[str, float]
     image_size: tuple[int, int]
-    T_camera_lidar: RigidTransform
+    T_camera_lidar: SE3
 
     def project(self, points_lidar: ArrayLike) -> NDArray[np.float64]:
         """Pixels (N, 2) of points (N, 3) in the LiDAR frame; not a number where the lens cannot see them."""
@@ -104,9 +104,7 @@ class Camera:
         return self.T_camera_lidar.inverse().t
 
 
-def nominal_mount(
-    name: str = FRONT, yaw_deg: float = 0.0, pitch_down_deg: float = NOMINAL_PITCH_DOWN_DEG
-) -> RigidTransform:
+def nominal_mount(name: str = FRONT, yaw_deg: float = 0.0, pitch_down_deg: float = NOMINAL_PITCH_DOWN_DEG) -> SE3:
     """T_camera_lidar as the rig's drawing says: level but for the pitch, centimetres rounded.
 
     ``yaw_deg`` turns the camera and the arm that it sits on to the left.
@@ -116,20 +114,20 @@ def nominal_mount(
     if yaw_deg != 0.0:
         to_left = rotation_from_vector(np.array([0.0, 0.0, np.deg2rad(yaw_deg)]))
         arm, turned = np.round(to_left @ arm, 2), R @ to_left.T
-        return RigidTransform(camera_frame(name), LIDAR_FRAME, turned, -turned @ arm)
-    return RigidTransform(camera_frame(name), LIDAR_FRAME, R, -R @ arm)
+        return SE3(camera_frame(name), LIDAR_FRAME, turned, -turned @ arm)
+    return SE3(camera_frame(name), LIDAR_FRAME, R, -R @ arm)
 
 
-def true_mount(seed: int, nominal: RigidTransform | None = None, number: int = 0) -> RigidTransform:
+def true_mount(seed: int, nominal: SE3 | None = None, number: int = 0) -> SE3:
     """T_camera_lidar as it was really bolted on: the nominal mount, off by a few degrees and centimetres."""
     random = np.random.default_rng([seed, 3, number] if number else [seed, 3])
     drawn = nominal or nominal_mount()
     R = rotation_from_vector(np.deg2rad(random.normal(0.0, _MOUNT_SIGMA_DEG, 3))) @ drawn.R
     centre = drawn.inverse().t + random.normal(0.0, _MOUNT_SIGMA_M, 3)
-    return RigidTransform(drawn.to_frame, LIDAR_FRAME, R, -R @ centre)
+    return SE3(drawn.to_frame, LIDAR_FRAME, R, -R @ centre)
 
 
-def make_camera(model: ModelName, seed: int, nominal: RigidTransform | None = None, number: int = 0) -> Camera:
+def make_camera(model: ModelName, seed: int, nominal: SE3 | None = None, number: int = 0) -> Camera:
     """The camera of that model on its true mount; all but the first of a rig differ a little in their lenses."""
     lens = {name: LENSES[model][name] for name in INTRINSICS[model]}
     if number:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from apexcal.documents.camera_models import CAMERA_MODELS
-from workers.geometry.rotations import euler_from_rotation, rotation_from_vector
-from workers.geometry.transforms import RigidTransform
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, euler_from_rotation, rotation_from_vector
+from apexcal.geometry.se3 import SE3
 from workers.readers.copying.edits import CameraEdit
 from workers.simulation.camera import LIDAR_FRAME, Camera
 
@@ -18,7 +18,6 @@ _LIDAR_X_M = 1.2
 _TURN_DEG = 1.2
 _FOCAL_SHARE = 0.92
 _CENTRE_SIGMA_PX = 6.0
-_BODY_TO_OPTICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
 
 def camera_info(name: str, camera: Camera, first: Camera, seed: int, number: int) -> CameraEdit:
@@ -44,27 +43,27 @@ def camera_info(name: str, camera: Camera, first: Camera, seed: int, number: int
 def rectified(camera: Camera, info: CameraEdit) -> Camera:
     """The camera that would draw the rectified images: a pinhole with P[:, :3], turned by R."""
     lens = {"f_x": info.P[0], "f_y": info.P[5], "c_x": info.P[2], "c_y": info.P[6]}
-    turn = RigidTransform(f"{info.frame_id}_rectified", info.frame_id, np.reshape(info.R, (3, 3)), np.zeros(3))
+    turn = SE3(f"{info.frame_id}_rectified", info.frame_id, np.reshape(info.R, (3, 3)), np.zeros(3))
     return Camera("pinhole", lens, camera.image_size, turn @ camera.T_camera_lidar)
 
 
-def frame_tree(ground_z: float, mounts: Sequence[RigidTransform]) -> list[RigidTransform]:
+def frame_tree(ground_z: float, mounts: Sequence[SE3]) -> list[SE3]:
     """T_parent_child of each frame: LiDAR and cameras' bodies (x forward) in base_link, optical frames in bodies.
 
     Args:
         ground_z: the ground in the LiDAR frame, metres.
         mounts: T_camera_lidar of each camera.
     """
-    T_base_lidar = RigidTransform("base_link", LIDAR_FRAME, np.eye(3), np.array([_LIDAR_X_M, 0.0, -ground_z]))
+    T_base_lidar = SE3("base_link", LIDAR_FRAME, np.eye(3), np.array([_LIDAR_X_M, 0.0, -ground_z]))
     poses = [T_base_lidar]
     for mount in mounts:
         name = mount.to_frame.replace("_optical", "_link")
-        body = RigidTransform(mount.to_frame, name, _BODY_TO_OPTICAL, np.zeros(3))
+        body = SE3(mount.to_frame, name, FORWARD_LIDAR_TO_OPTICAL)
         poses += [T_base_lidar @ mount.inverse() @ body, body.inverse()]
     return poses
 
 
-def urdf(poses: Sequence[RigidTransform]) -> str:
+def urdf(poses: Sequence[SE3]) -> str:
     """The tree as a URDF: a link for each frame, and a fixed joint ``<child>_joint`` for each pose."""
     frames = dict.fromkeys(frame for pose in poses for frame in (pose.to_frame, pose.from_frame))
     lines = ['<?xml version="1.0"?>', '<robot name="simulated">', *(f'  <link name="{one}"/>' for one in frames)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.geometry.transforms import RigidTransform
+from apexcal.geometry.se3 import SE3
 from workers.readers.copying.edits import CameraEdit
 from workers.readers.recording import Sweep
 from workers.simulation.camera import Camera, make_camera, nominal_mount
@@ -115,7 +115,7 @@ class Rig:
         nominal = nominal_mount(spec.name, spec.yaw_deg, settings.pitch_down_deg)
         return make_camera(spec.model or settings.camera_model, settings.seed, nominal, number)
 
-    def tree(self) -> list[RigidTransform]:
+    def tree(self) -> list[SE3]:
         """T_parent_child of the frames that ``/tf_static`` and the URDF have."""
         settings = self.settings
         nominal = [nominal_mount(one.name, one.yaw_deg, settings.pitch_down_deg) for one in settings.cameras]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.geometry.transforms import to_document
+from apexcal.geometry.se3 import to_document
 from workers.simulation.camera import LIDAR_FRAME, camera_frame, nominal_mount
 from workers.simulation.rig import START_NS, MountedCamera, Rig
 

@@ -6,10 +6,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.rotations import euler_from_rotation, vector_from_rotation
 from workers.geometry.linear_cameras import LinearCamera
 from workers.geometry.models import INTRINSICS
 from workers.geometry.projections.table import PROJECTIONS
-from workers.geometry.rotations import euler_from_rotation, vector_from_rotation
 from workers.solver.polish import Fit, cost_of, polish
 from workers.solver.problem import FitProblem
 from workers.solver.random_streams import stream_key

@@ -6,9 +6,9 @@ import numpy as np
 
 from apexcal.documents import bounds
 from apexcal.documents.bounds import BoundsPreset, Interval
+from apexcal.geometry.rotations import euler_from_rotation
+from apexcal.geometry.se3 import SE3
 from workers.geometry.models import ModelName, SearchForm
-from workers.geometry.rotations import euler_from_rotation
-from workers.geometry.transforms import RigidTransform
 from workers.solver.errors import SolveError
 
 
@@ -17,7 +17,7 @@ def preset_bounds(
     model: ModelName,
     form: SearchForm,
     image_size: tuple[int, int],
-    nominal: RigidTransform,
+    nominal: SE3,
     reach: float,
 ) -> dict[str, Interval]:
     """(lower, upper) of every parameter of the model about a nominal T_camera_lidar; radians, metres and pixels.

@@ -12,9 +12,9 @@ from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
 from apexcal.documents.results import FitResult
+from apexcal.geometry.rotations import vector_from_rotation
+from apexcal.geometry.se3 import SE3
 from workers.geometry.models import FORM_ID
-from workers.geometry.rotations import vector_from_rotation
-from workers.geometry.transforms import RigidTransform
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import rotation_axes
 from workers.solver.uncertainty import turns_are_free
@@ -69,9 +69,7 @@ def mount_covariance(problem: FitProblem, result: FitResult) -> Floats | None:
     return J @ covariance @ J.T
 
 
-def between_cameras(
-    T_a_lidar: RigidTransform, covariance_a: Floats, T_b_lidar: RigidTransform, covariance_b: Floats
-) -> tuple[RigidTransform, Floats]:
+def between_cameras(T_a_lidar: SE3, covariance_a: Floats, T_b_lidar: SE3, covariance_b: Floats) -> tuple[SE3, Floats]:
     """T_a_b and its covariance (6, 6): small turns about camera a's axes (rad), then t (m, camera a's frame).
 
     With R' = exp(d) R in both calibrations, to first order (Barfoot, State Estimation for Robotics, 2017, ch. 7; t is
@@ -80,19 +78,12 @@ def between_cameras(
     deviations are rather too large than too small.
     """
     T_a_b = T_a_lidar @ T_b_lidar.inverse()
-    R = T_a_b.R
-    arm = _cross(R @ T_b_lidar.t)
-    by_a, by_b = np.eye(6), np.zeros((6, 6))
-    by_a[3:, :3] = arm
-    by_b[:3, :3] = -R
-    by_b[3:, :3] = -arm @ R
-    by_b[3:, 3:] = -R
+    arm, a = T_a_b.R @ T_b_lidar.t, T_a_b.to_frame
+    by_a, by_b = SE3(a, a, t=arm).adjoint(), -SE3(a, T_a_b.from_frame, T_a_b.R, arm).adjoint()
     return T_a_b, by_a @ covariance_a @ by_a.T + by_b @ covariance_b @ by_b.T
 
 
-def deviation(
-    found: RigidTransform, covariance: Floats, stated: RigidTransform, stated_covariance: Floats
-) -> Deviation:
+def deviation(found: SE3, covariance: Floats, stated: SE3, stated_covariance: Floats) -> Deviation:
     """How far `found` lies from `stated`; both covariances (6, 6) as in `between_cameras`, about the same axes.
 
     A direction that both claim to know exactly (locks) does not count among the sigmas.
@@ -132,8 +123,3 @@ def _mahalanobis(d: Floats, covariance: Floats) -> tuple[float, int]:
 
 def _radians(name: str) -> float:
     return float(np.radians(1.0)) if name in ANGLES else 1.0
-
-
-def _cross(v: Floats) -> Floats:
-    """[v]x, so that [v]x w = v x w."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

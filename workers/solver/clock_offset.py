@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from apexcal.documents.errors import InputError
 from apexcal.documents.fit_requests import FitRequest
-from workers.geometry.errors import InputError
 from workers.solver.offset_fit import Marks, Track, fit_offset, marks_under, scores, weak_priors, whitening
 from workers.solver.outcomes import Outcome
 from workers.solver.polish import distances, polish

@@ -1,6 +1,6 @@
 """Why a fit cannot be started."""
 
-from workers.geometry.errors import InputError
+from apexcal.documents.errors import InputError
 
 
 class SolveError(InputError):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.results import Outlier, PersonBias, SharedErrors
-from workers.geometry.rotations import vector_from_rotation
+from apexcal.geometry.rotations import vector_from_rotation
 from workers.solver.common_errors import common_errors
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.lens_priors import lens_priors
@@ -32,7 +32,7 @@ _NO_NOISE_PX: Final = 1e-6
 
 @dataclass(frozen=True)
 class Estimate:
-    """One estimate of a problem, which status, alarms, documents and evaluation all read.
+    """One estimate of a problem, which status, checks, documents and evaluation all read.
 
     fit: the polish of `fitted`. outcome: how the fits ended, of polish and outliers that which did not converge, if
     any. outliers: the pairs that the others speak against, the worst first. fitted: the problem as it was polished;
@@ -64,18 +64,6 @@ class Estimate:
     def parameters(self) -> Floats:
         """The parameter vector (D,) in the order of `fitted.names`."""
         return np.array(self.fit.parameters)
-
-    def moved_alarms(self) -> list[str]:
-        """A sentence, if pairs that do not belong moved the mount."""
-        if self.kept is None or self.errors is None:
-            return []
-        to, begin = (transform_of(self.fitted, p) for p in (self.parameters, self.held_at))
-        turn = float(np.degrees(np.linalg.norm(vector_from_rotation(to.R @ begin.R.T))))
-        return [
-            f"The pairs that do not belong move the mount by {turn:.2g} degrees and "
-            f"{1e3 * float(np.linalg.norm(to.t - begin.t)):.2g} mm. The standard deviations include that; without "
-            "those pairs (outliers: exclude) they are smaller."
-        ]
 
     @property
     def freedom(self) -> float:

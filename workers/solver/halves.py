@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from apexcal.documents.checks import figure
 from apexcal.documents.results import Halves
-from workers.geometry.rotations import vector_from_rotation
+from apexcal.geometry.rotations import vector_from_rotation
 from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.estimate import Estimate
 from workers.solver.polish import polish
@@ -62,16 +63,15 @@ def too_small(halves: list[Halves], problem: FitProblem) -> list[str]:
 def _sentence(one: Halves, blocks: str) -> str:
     if one.turned_ratio is not None and one.turned_limit is not None and one.turned_ratio > one.turned_limit:
         return (
-            f"Between the first and the last half of the {blocks} the camera turned by {one.turned_deg:.2g} "
-            f"degrees, {one.turned_ratio:.1f} times what noise explains: the standard deviations are too small. "
-            "Check whether the mount moved or the clocks drifted, and calibrate from one half alone."
+            f"Between the first and the last half of the {blocks} the camera turned by {figure(one.turned_deg)} "
+            f"degrees, {one.turned_ratio:.1f} times what noise explains: the standard deviations are too small."
         )
     which = "every second" if one.split == "alternating" else "the first half"
     return (
         f"Fits of {which} of the {blocks} and of the others differ by {one.rotation_deg:.2f} degrees, "
         f"{one.translation_mm:.0f} mm and {one.field_px:.1f} px over the marks, {one.ratio:.1f} times what is "
         f"stated over the parameters and {one.field_ratio:.1f} times over the marks: the standard deviations "
-        "are too small. Check the lens model, the clocks and the marks, and whether the mount moved."
+        "are too small."
     )
 
 

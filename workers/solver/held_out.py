@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.results import HeldOut, Outlier
-from workers.geometry.transforms import to_document
+from apexcal.geometry.se3 import to_document
 from workers.solver.folds import Fold
 from workers.solver.outliers import without
 from workers.solver.polish import polish, standard_distances

@@ -6,7 +6,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.geometry.rotations import vector_from_rotation
+from apexcal.documents.checks import figure
+from apexcal.geometry.rotations import vector_from_rotation
 from workers.solver.polish import Fit, cost_of, polish, weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
@@ -51,7 +52,7 @@ def other_optima(problem: FitProblem, polished: Fit, starts: Iterable[tuple[floa
     return [fit for _, fit in sorted(places, key=lambda place: place[0])]
 
 
-def optimum_alarms(problem: FitProblem, polished: Fit, others: list[Fit]) -> list[str]:
+def optimum_sentences(problem: FitProblem, polished: Fit, others: list[Fit]) -> list[str]:
     """A sentence for each other optimum: how deep, and how far off the camera it says."""
     here = transform_of(problem, np.array(polished.parameters))
     found: list[str] = []
@@ -61,9 +62,8 @@ def optimum_alarms(problem: FitProblem, polished: Fit, others: list[Fit]) -> lis
         moved = float(np.linalg.norm(there.inverse().t - here.inverse().t))
         found.append(
             f"Another optimum is nearly as deep ({other.mean_px:.2f} px mean, {other.rms_px:.2f} px RMS, against "
-            f"{polished.mean_px:.2f} and {polished.rms_px:.2f}): a camera turned by {turn:.2g} degrees and moved by "
-            f"{moved:.2g} m. The pairs do not decide between them: bound or lock what is known of mount and lens, "
-            "mark vertices at other places, and look for marks of another corner or another frame."
+            f"{polished.mean_px:.2f} and {polished.rms_px:.2f}): a camera turned by {figure(turn)} degrees and "
+            f"moved by {figure(moved)} m. The pairs do not decide between them."
         )
     return found
 

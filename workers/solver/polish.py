@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from apexcal.geometry.rotations import shortest_vector
 from workers.geometry.projection import distances_px
-from workers.geometry.rotations import shortest_vector
 from workers.solver.outcomes import Outcome
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian

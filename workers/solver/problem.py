@@ -13,13 +13,13 @@ from apexcal.documents.bounds import Interval
 from apexcal.documents.fit_requests import FitRequest
 from apexcal.documents.rules import Loss, OutlierRule
 from apexcal.documents.schedules import Schedule, check_schedule
+from apexcal.geometry.se3 import SE3, from_document
 from workers.geometry.models import (
     ModelName,
     SearchForm,
     parameter_names,
 )
 from workers.geometry.projection import image_diagonal_px
-from workers.geometry.transforms import RigidTransform, from_document
 from workers.solver.blocks import Blocks
 from workers.solver.bounds import check_names, narrowed, preset_bounds
 from workers.solver.covariances import Covariances
@@ -51,7 +51,7 @@ class FitProblem:
 
     model: ModelName
     search: SearchForm
-    nominal: RigidTransform
+    nominal: SE3
     image_size: tuple[int, int]
     points: NDArray[np.float64] = field(repr=False)
     pixels: NDArray[np.float64] = field(repr=False)

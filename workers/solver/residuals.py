@@ -7,10 +7,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from apexcal.geometry.se3 import SE3
 from workers.geometry.models import FORM_ID
 from workers.geometry.projections.table import PROJECTIONS
 from workers.geometry.rotations import axes_of_euler, axes_of_vector, rotation_rows
-from workers.geometry.transforms import RigidTransform
 from workers.solver.problem import FitProblem
 
 Floats = NDArray[np.float64]
@@ -25,11 +25,11 @@ class _Projected(NamedTuple):
     by_intrinsics: Floats
 
 
-def transform_of(problem: FitProblem, p: Floats) -> RigidTransform:
+def transform_of(problem: FitProblem, p: Floats) -> SE3:
     """T_camera_lidar of a parameter vector (D,)."""
     turn = search_rotation(FORM_ID[problem.search], p)
     R = turn if problem.search == "euler" else turn @ problem.nominal.R
-    return RigidTransform(problem.nominal.to_frame, problem.nominal.from_frame, R, p[3:6])
+    return SE3(problem.nominal.to_frame, problem.nominal.from_frame, R, p[3:6])
 
 
 def predict(problem: FitProblem, p: Floats) -> tuple[Floats, Floats]:

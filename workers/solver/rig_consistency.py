@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.results import FitResult
+from apexcal.geometry.se3 import SE3, from_document, to_document
 from workers.geometry.models import parse_model
-from workers.geometry.transforms import RigidTransform, from_document, to_document
 from workers.solver.camera_transform import Deviation, between_cameras, deviation, mount_covariance
 from workers.solver.problem import FitProblem
 from workers.solver.shared_vertices import Agreement, View, agreement, shared_rows, vertex_keys
@@ -33,7 +33,7 @@ _AXES: Final = ("rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z")
 class StatedTransform:
     """T_cameraA_cameraB as the rig states it, with the standard deviation of each axis."""
 
-    transform: RigidTransform
+    transform: SE3
     source: Literal["nominal", "rig"]
     std_deg: float = NOMINAL_STD_DEG
     std_m: float = NOMINAL_STD_M
@@ -54,7 +54,7 @@ class SolvedCamera:
     detection: str | None = None
 
     @property
-    def transform(self) -> RigidTransform:
+    def transform(self) -> SE3:
         """T_camera_lidar."""
         return from_document(self.result.transform.model_dump())
 
@@ -124,7 +124,7 @@ def _between(
     return _transform_document(transform, covariance) | {"stated": deviations}
 
 
-def _transform_document(transform: RigidTransform, covariance: Floats) -> dict[str, Any]:
+def _transform_document(transform: SE3, covariance: Floats) -> dict[str, Any]:
     units = np.repeat([np.degrees(1.0), 1e3], 3)
     std = np.sqrt(np.diag(covariance)) * units
     keys = [f"{axis}_{'deg' if place < 3 else 'mm'}" for place, axis in enumerate(_AXES)]
@@ -135,7 +135,7 @@ def _transform_document(transform: RigidTransform, covariance: Floats) -> dict[s
     }
 
 
-def _of_these_frames(stated: Sequence[StatedTransform], found: RigidTransform) -> list[StatedTransform]:
+def _of_these_frames(stated: Sequence[StatedTransform], found: SE3) -> list[StatedTransform]:
     wanted = (found.to_frame, found.from_frame)
     result: list[StatedTransform] = []
     for one in stated:
@@ -172,10 +172,7 @@ def _deviation_sentence(name: str, one: StatedTransform, against: Deviation) -> 
     sigmas = "less than 1 sigma" if against.sigmas < 1.0 else f"{against.sigmas:.1f} sigmas"
     if against.sigmas <= ALARM_SIGMAS:
         return f"{far}. That agrees: it is {good_to}, one sigma; over all axes together this is {sigmas}."
-    return (
-        f"{far}, {sigmas} where it is {good_to}: noise does not explain it. "
-        "Check that rig, the marks of both cameras, and their alarms."
-    )
+    return f"{far}, {sigmas} where it is {good_to}: noise does not explain it."
 
 
 def _vertices(count: int) -> str:

@@ -30,17 +30,6 @@ _student_quantile: Callable[[float, float], float] = special.stdtrit
 _FALSE_ALARMS: Final = 0.005
 
 
-def shutter_alarms(found: RollingShutter, stated_us: float) -> list[str]:
-    """A sentence, if a line time beyond the stated one is shown."""
-    if not found.shown:
-        return []
-    return [
-        f"Residuals along the board's motion grow with the image row, by {found.line_time_us:.1f} +- "
-        f"{found.std_us:.1f} us a row: the camera reads its rows one after the other. Give line_time_us, "
-        f"about {stated_us + found.line_time_us:.0f}, and better what the camera's data sheet says."
-    ]
-
-
 def at_their_rows(problem: FitProblem) -> FitProblem:
     """The problem with each point (N, 3) where the apex was when its mark's row was read.
 

@@ -7,7 +7,7 @@ from typing import Any, Final, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.geometry.rotations import shortest_vector
+from apexcal.geometry.rotations import shortest_vector
 from workers.solver.errors import SolveError
 from workers.solver.optima import MOST_SLOTS
 from workers.solver.problem import FitProblem

@@ -1,4 +1,4 @@
-"""Errors that the pairs of one block share: how large they are, whether they count, and in which words."""
+"""Errors that the pairs of one block share: how large they are, and whether they count."""
 
 from __future__ import annotations
 
@@ -23,11 +23,7 @@ from workers.solver.variance_components import (
 
 Floats = NDArray[np.float64]
 _COUNTED: Final = 2.706
-_NAMED: Final = {1: 3.841, 2: 5.537}
-"""Twice the log likelihood ratio that independent errors exceed in one of twenty, and in one of forty cases. The
-latter depends on the number of components: each is zero half of the time (Self and Liang 1987)."""
-_WIDER: Final = 1.1
-"""Ratio of the pixels' deviations over the marks from which shared errors are reported."""
+"""Twice the log likelihood ratio that independent errors exceed in one of twenty cases."""
 _EXTENT_M: Final = 1e-3  # pairs of one pose nearer together than this tell nothing of its turn
 
 
@@ -37,42 +33,6 @@ class Shared(NamedTuple):
     named: SharedErrors
     errors: ErrorModel
     wider: ErrorModel
-
-
-def shared_alarms(shared: SharedErrors) -> list[str]:
-    """A sentence, if independent errors do not explain the residuals and deviations are much wider for it."""
-    return _block_alarms(shared) + _stretch_alarms(shared.over_time)
-
-
-def _stretch_alarms(over_time: OverTime | None) -> list[str]:
-    if over_time is None or over_time.evidence <= _NAMED[1] or over_time.widening <= _WIDER:
-        return []
-    return [
-        f"Groups near in time err together, by {over_time.shift_px:.2g} px from one stretch of the walk to the next. "
-        f"The standard deviations count that; they are {over_time.widening:.1f} times those of groups that err "
-        "independently. Check the clocks, whether the camera moved, and the lens model."
-    ]
-
-
-def _block_alarms(shared: SharedErrors) -> list[str]:
-    if shared.evidence <= _NAMED[len(shared.deviations)] or shared.widening <= _WIDER:
-        return []
-    sizes = " and ".join(
-        f"{1e3 * size:.2g} mm" if name == "offset_m" else f"{size:.2g} {'px' if name == 'shift_px' else 'degrees'}"
-        for name, size in shared.deviations.items()
-        if size > 0.0
-    )
-    if shared.by == "group":
-        return [
-            f"Pairs of one group err together, by {sizes} from group to group. The standard deviations count "
-            f"that; they are {shared.widening:.1f} times those of independent errors. More groups (poses) help, "
-            "more pairs of one do not."
-        ]
-    return [
-        f"Pairs near in time err together, by {sizes} from one stretch of the walk to the next. The standard "
-        f"deviations count that; they are {shared.widening:.1f} times those of independent errors. Check the "
-        "clocks, whether the camera moved, and the lens model."
-    ]
 
 
 def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> Shared | None:

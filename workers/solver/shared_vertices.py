@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from apexcal.documents.corners import TOP
 from apexcal.documents.pairs import CORNER
+from apexcal.geometry.se3 import SE3
 from workers.geometry.models import ModelName
 from workers.geometry.projection import project, unproject
-from workers.geometry.transforms import RigidTransform
 from workers.solver.camera_transform import normal_sigmas
 from workers.solver.outliers import threshold_of
 
@@ -33,7 +33,7 @@ class View:
 
     model: ModelName
     intrinsics: Mapping[str, float]
-    T_camera_lidar: RigidTransform
+    T_camera_lidar: SE3
     points: Floats
     pixels: Floats
     sigma_px: float

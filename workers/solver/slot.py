@@ -8,9 +8,9 @@ import numpy as np
 
 from apexcal.documents.fit_requests import fit_request
 from apexcal.documents.schedules import Schedule
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
+from apexcal.geometry.se3 import SE3, to_document
 from workers.geometry.models import MODELS
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
-from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.fitness import Fitness, fitness_of
 from workers.solver.genetic import Found, genetic_search
 from workers.solver.problem import FitProblem, fit_problem
@@ -66,7 +66,7 @@ def run_slot(
 
 def warm_up() -> None:
     """Compile every kernel, or load it from the cache; called in a worker's parent before it forks."""
-    nominal = to_document(RigidTransform("camera", "lidar", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
+    nominal = to_document(SE3("camera", "lidar", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
     points = np.random.default_rng(0).uniform((5.0, -1.0, -1.0), (9.0, 1.0, 1.0), (32, 3))
     schedule = {"slots": 1, "population": 64, "generations": 2, "max_iterations": 1}
     for model in MODELS:

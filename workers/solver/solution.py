@@ -14,25 +14,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from apexcal.documents.results import FitResult, FittedPairs, Intrinsics, LeastSquares, Search, Status
 from apexcal.documents.transforms import SolvedTransform
+from apexcal.geometry.rotations import euler_from_rotation, vector_from_rotation
+from apexcal.geometry.se3 import SE3, from_document, to_document
 from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import distances_px, image_diagonal_px, project
-from workers.geometry.rotations import euler_from_rotation, vector_from_rotation
-from workers.geometry.transforms import RigidTransform, from_document, to_document
 from workers.solver.baselines import baseline, linear_baseline
-from workers.solver.degeneracy import arbitrary, is_determined, point_alarms
-from workers.solver.diagnosis import alarms, at_bounds, misfit, several_optima
+from workers.solver.degeneracy import arbitrary, is_determined, point_problem
+from workers.solver.diagnosis import at_bounds, misfit, several_optima
 from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate, estimate
 from workers.solver.field import field
-from workers.solver.halves import halves_of, too_small
+from workers.solver.halves import halves_of
 from workers.solver.pair_errors import explained_px, marks_outside
 from workers.solver.polish import Fit, cost_of, distances, mean_and_rms
 from workers.solver.prediction import prediction
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
-from workers.solver.rolling_shutter import rolling_shutter, shutter_alarms
+from workers.solver.rolling_shutter import rolling_shutter
 from workers.solver.schedule import State
-from workers.solver.shared_errors import shared_alarms
 from workers.solver.stated_lens import lens_origin, under_stated_lens
 from workers.solver.weighting import whitened
 
@@ -66,27 +65,12 @@ def finished(problem: FitProblem, state: State) -> Finished:
     polished, outliers, kept, spread = found.fit, found.outliers, found.fitted, found.spread
     p = found.parameters
     is_whole = problem.fold < 0
+    halves = halves_of(found) if is_whole else []
     plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
     compared = _compared(whitened(kept, p), polished, plain)
-    elsewhere = several_optima(kept, state, polished, compared, spread)
-    halves = halves_of(found) if is_whole else []
-    doubts = too_small(halves, problem)
-    shutter = rolling_shutter(found) if is_whole else None
-    said = found.moved_alarms() + doubts + (shared_alarms(found.shared) if found.shared else [])
-    said += shutter_alarms(shutter, problem.line_time_us) if shutter else []
-    stated = under_stated_lens(problem, found) if is_whole else None
-    if stated is not None and stated.explains is False:
-        way = (
-            "" if lens_origin(problem) == "fitted" else " Calibrate with intrinsics_as: free (--intrinsics-as free)."
-        )
-        said.append(stated.sentence + way)
     transform = transform_of(problem, p)
-    unexplained = misfit(problem, p)
-    status, message = _status(state, found, unexplained)
+    status, message = _status(state, found, misfit(problem, p))
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
-    # The alarms compare both stages over the pairs that the polish was given.
-    ga_kept_px = mean_and_rms(kept, state.best_parameters)
-    excluded = problem.outliers == "exclude"
     stages = {name: None if fit is None else _least_squares(problem, fit) for name, fit in plain.items()}
     lens = lens_of(problem, p)
     precision = spread.fit_precision()
@@ -120,20 +104,18 @@ def finished(problem: FitProblem, state: State) -> Finished:
         intrinsics=lens,
         transform=SolvedTransform.model_validate(to_document(transform)),
         lens=lens_origin(problem),
-        stated_lens=stated,
+        stated_lens=under_stated_lens(problem, found) if is_whole else None,
         residuals_px=distances(problem, p).tolist(),
         at_bounds=at_bounds(problem, p),
-        alarms=unexplained + alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
         checks=[],
-        several_optima=elsewhere,
+        several_optima=several_optima(kept, state, polished, compared, spread),
         shared_errors=found.shared,
         common_errors=dict(problem.common_errors),
         person_bias=found.bias,
         line_time_us=problem.line_time_us,
-        rolling_shutter=shutter,
+        rolling_shutter=rolling_shutter(found) if is_whole else None,
         weak_priors=dict(found.weak),
         halves=halves,
-        stated_too_small=doubts,
         prediction=prediction(found, halves) if is_whole else None,
         explained_px=explained_px(problem, lens, precision) if is_whole else None,
         marks_outside=marks_outside(problem) if is_whole else None,
@@ -189,7 +171,7 @@ def evaluate(
     }
 
 
-def people_parameters(problem: FitProblem, p: Floats, transform: RigidTransform) -> dict[str, float]:
+def people_parameters(problem: FitProblem, p: Floats, transform: SE3) -> dict[str, float]:
     """Parameters for reading: zyx angles and the turn from the nominal in degrees, metres, then the intrinsics."""
     angles = np.degrees(euler_from_rotation(transform.R))
     turn = np.degrees(vector_from_rotation(transform.R @ problem.nominal.R.T))
@@ -228,11 +210,10 @@ def _version(library: str) -> str:
         return "not installed"
 
 
-def _status(state: State, found: Estimate, unexplained: list[str]) -> tuple[Status, str]:
+def _status(state: State, found: Estimate, unexplained: str | None) -> tuple[Status, str]:
     problem, p, spread = found.fitted, found.parameters, found.spread
     if not is_determined(problem, p, spread):
-        reasons = point_alarms(problem, p)
-        return "not_determined", reasons[0] if reasons else (
+        return "not_determined", point_problem(problem, p) or (
             f"The pairs do not determine {', '.join(arbitrary(problem, spread))}: these values are arbitrary."
         )
     if state.stopped is None:
@@ -240,7 +221,7 @@ def _status(state: State, found: Estimate, unexplained: list[str]) -> tuple[Stat
     if not found.outcome.converged:
         return "not_converged", f"The polish did not converge: {found.outcome.sentence}"
     if unexplained:
-        return "not_explained", unexplained[0]
+        return "not_explained", unexplained
     reasons = {
         "converged": "no iteration brought a relative decrease above the tolerance any more",
         "goal": "the goal was reached",

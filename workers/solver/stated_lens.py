@@ -17,11 +17,12 @@ from scipy import special
 
 from apexcal.documents.bounds import Interval, preset_bounds
 from apexcal.documents.camera_models import FOCAL_AND_CENTRE
+from apexcal.documents.checks import figure
 from apexcal.documents.results import Intrinsics, StatedLensFit
 from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
+from apexcal.geometry.se3 import to_document
 from workers.geometry.models import INTRINSICS, ModelName, parse_model
-from workers.geometry.transforms import to_document
 from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate, estimate
 from workers.solver.polish import mean_and_rms, weighted_residuals
@@ -121,11 +122,9 @@ def _misfit(mount: Estimate, free: Estimate | None) -> dict[str, Any]:
     pairs = 2.0 * np.count_nonzero(mount.fitted.weights)
     matters = of_mount - of_free > pairs * _MATTERS**2 * noise
     explains = not (matters and _chance_above(more, left, statistic) < _CHANCE)
-    sizes = f"The stated lens leaves {at_px:.2g} px RMS, the lens of these pairs {free_px:.2g} px"
+    sizes = f"The stated lens leaves {figure(at_px)} px RMS, the lens of these pairs {figure(free_px)} px"
     sentence = (
-        f"{sizes}: the stated lens fits them."
-        if explains
-        else f"{sizes}: the stated lens is not this camera's. Load the fitted lens on the vehicle."
+        f"{sizes}: the stated lens fits them." if explains else f"{sizes}: the stated lens is not this camera's."
     )
     return {"explains": explains, "free_lens_rms_px": free_px, "sentence": sentence}
 

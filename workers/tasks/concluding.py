@@ -14,8 +14,10 @@ from sqlalchemy import bindparam, func, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.checks import Check, CheckVerdict, verdict_of
+from apexcal.documents.errors import GeometryError
 from apexcal.documents.results import FitResult
 from apexcal.documents.states import WorkState
+from apexcal.geometry.se3 import from_document
 from service.calibration_runs.conclusion import end_calibration, runs_of
 from service.calibration_runs.image_frames import T_images_camera
 from service.calibration_runs.result_comparison import compared
@@ -26,8 +28,6 @@ from service.jobs.claims import Claim, Lease, StaleInputError
 from service.publications.actions import hold_publications, publish_by_itself
 from service.publications.check_queries import failing, judged_now
 from service.publications.queries import current_publication
-from workers.geometry.errors import GeometryError
-from workers.geometry.transforms import from_document
 from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
 from workers.judge.held_out_check import HeldOut, held_out_pairs
 from workers.judge.validation_checks import elsewhere as other_data_check

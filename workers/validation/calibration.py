@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.camera_models import ANGLES
+from apexcal.geometry.rotations import rotation_from_vector
+from apexcal.geometry.se3 import SE3, from_document
 from workers.geometry.models import INTRINSICS, ModelName, parse_model
 from workers.geometry.projection import project
 from workers.geometry.projections.table import PROJECTIONS
-from workers.geometry.rotations import rotation_from_vector
-from workers.geometry.transforms import RigidTransform, from_document
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class KnownCalibration:
     model: ModelName
     intrinsics: Floats
     image_size: tuple[int, int]
-    mount: RigidTransform
+    mount: SE3
     names: tuple[str, ...] = ()
     covariance: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     sigma_px: float | None = None
@@ -77,11 +77,9 @@ class KnownCalibration:
 
     def moved(self, turn_deg: Floats, shift_m: Floats) -> KnownCalibration:
         """The same with another mount: turned about the camera's axes x y z, then shifted along them."""
-        R = rotation_from_vector(np.radians(turn_deg))
-        mount = RigidTransform(
-            self.mount.to_frame, self.mount.from_frame, R @ self.mount.R, R @ self.mount.t + shift_m
-        )
-        return replace(self, mount=mount)
+        camera = self.mount.to_frame
+        moved = SE3(camera, camera, rotation_from_vector(np.radians(turn_deg)), shift_m)
+        return replace(self, mount=moved @ self.mount)
 
     def jacobians(self, points: Floats) -> tuple[Floats, Floats]:
         """How pixels move, at points (N, 3), LiDAR frame.

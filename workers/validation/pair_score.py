@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from workers.geometry.errors import GeometryError
+from apexcal.documents.errors import GeometryError
 from workers.geometry.projection import distances_px, image_diagonal_px, project
 from workers.validation.calibration import KnownCalibration
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.geometry.errors import InputError
+from apexcal.documents.errors import InputError
 from workers.readers.recording import Sweep
 from workers.vertices.board_search import search, search_everywhere
 from workers.vertices.region import Region

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.geometry.errors import InputError
+from apexcal.documents.errors import InputError
 from workers.vertices.backdrop import Backdrop
 from workers.vertices.occupancy import Occupancy
 from workers.vertices.own_motion import passes_by

@@ -16,7 +16,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.geometry.errors import InputError
+from apexcal.documents.errors import InputError
 from workers.geometry.spherical import axes, to_spherical, to_xyz
 from workers.vertices.noise import LASTING_S, noise_of
 from workers.vertices.vertex import Vertex

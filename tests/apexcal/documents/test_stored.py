@@ -36,8 +36,8 @@ OLD: dict[str, Any] = {
         name: {}
         for name in ("parameters", "interval95_half_width", "common_errors", "weak_priors", "cpu", "versions")
     },
-    **{name: [] for name in ("history", "outliers", "at_bounds", "alarms", "checks", "several_optima", "halves")},
-    **{name: [] for name in ("stated_too_small", "correlation", "undetermined")},
+    **{name: [] for name in ("history", "outliers", "at_bounds", "checks", "several_optima", "halves")},
+    **{name: [] for name in ("correlation", "undetermined")},
     **dict.fromkeys(("baseline", "linear_baseline", "stated_lens", "shared_errors", "person_bias", "heldout")),
     **dict.fromkeys(("rolling_shutter", "prediction", "explained_px", "marks_outside", "field", "provenance")),
     **dict.fromkeys(("finish_seconds", "stopped", "worst_correlation", "noise_scale", "condition")),
@@ -59,7 +59,7 @@ def test_a_result_of_an_older_version_goes_out_byte_for_byte():
 
 def test_who_reads_it_gets_its_type_and_what_it_does_not_know():
     read = ResultView.model_validate_json(json.dumps(OLD), extra="allow")
-    assert (read.intrinsics.f_x, read.polished.rms_px, read.alarms, read.heldout) == (500.0, 1.5, [], None)
+    assert (read.intrinsics.f_x, read.polished.rms_px, read.heldout) == (500.0, 1.5, None)
     assert read.model_dump(mode="json", exclude_unset=True) == OLD
 
 

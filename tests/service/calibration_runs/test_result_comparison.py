@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from apexcal.geometry.se3 import SE3, to_document
 from service.calibration_runs.result_comparison import compared, side_by_side
 
 NAMES = ["rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z", "f_x"]
@@ -14,7 +15,7 @@ C[0, 4] = C[4, 0] = 0.9 * 0.05 * 0.005
 def result(turn_deg, t, u=0.0):
     turned = Rotation.from_rotvec(np.radians(turn_deg)) * Rotation.from_euler("y", 80, degrees=True)
     return {
-        "transform": {"rotation": {"matrix": turned.as_matrix().tolist()}, "translation_m": t},
+        "transform": to_document(SE3("camera", "velodyne", turned.as_matrix(), np.array(t))),
         "intrinsics": {"model": "pinhole", "f_x": 600.0, "c_x": 300.0 + u, "k1": 0.1},
         "std": dict(zip(NAMES, np.sqrt(np.diag(C)).tolist(), strict=True)),
         "covariance": {"names": NAMES, "units": [], "matrix": C.tolist()},

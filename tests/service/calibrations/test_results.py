@@ -5,7 +5,7 @@ import pytest
 from sqlalchemy import text, update
 from sqlalchemy.exc import StatementError
 
-from service.calibration_runs.transforms import write
+from apexcal.geometry.se3 import from_document, to_document
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.db.fleets import Rig
 from tests.service.detections.seeding import LEVEL, seed_rig
@@ -30,12 +30,7 @@ DOCUMENT = {
         "c_y": 240.0,
         "image_size": [640, 480],
     },
-    "transform": write(
-        LEVEL["to_frame"],
-        LEVEL["from_frame"],
-        np.array(LEVEL["rotation"]["matrix"]),
-        np.array(LEVEL["translation_m"]),
-    ),
+    "transform": to_document(from_document(LEVEL)),
     "std": {"t_x": 0.01},
     "covariance": {"names": ["t_x"], "units": ["m"], "matrix": [[0.0001]]},
     "lens": "fitted",

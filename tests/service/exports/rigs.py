@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated, CalibratedCamera
-from service.exports.transform import Transform
 from workers.geometry.projection import project
 
 WIDTH, HEIGHT = 1920, 1200
@@ -30,7 +30,7 @@ def lens(model: str, seed: int, **changed: float) -> dict[str, float]:
     return {"f_x": f_x, "f_y": f_x * 1.01, "c_x": c_x, "c_y": c_y} | LENSES[model] | changed
 
 
-def mount(number: int, rig: int) -> Transform:
+def mount(number: int, rig: int) -> SE3:
     """T_camera_lidar. Those of the second rig are anyhow turned; its last stands upright, where Euler angles end."""
     random = np.random.default_rng(100 * rig + number)
     turn = Rotation.from_euler("z", 70.0 * number, degrees=True).as_matrix()
@@ -39,12 +39,12 @@ def mount(number: int, rig: int) -> Transform:
         R = Rotation.random(random_state=number + 1).as_matrix()
     if rig == 1 and number == 2:
         R = Rotation.from_euler("z", 90, degrees=True).as_matrix() @ _LEVEL
-    return Transform(f"camera{number}/camera_optical_link", "velodyne", R, random.uniform(-1.5, 1.5, 3))
+    return SE3(f"camera{number}/camera_optical_link", "velodyne", R, random.uniform(-1.5, 1.5, 3))
 
 
-def vehicle_mount(rig: int) -> Transform:
+def vehicle_mount(rig: int) -> SE3:
     R = Rotation.from_euler("xyz", [0.5, -2.0, 3.0 + 90 * rig], degrees=True).as_matrix()
-    return Transform("base_link", "velodyne", R, np.array([1.2, 0.0, 1.9]))
+    return SE3("base_link", "velodyne", R, np.array([1.2, 0.0, 1.9]))
 
 
 def rig_of(model: str, rig: int, *, on_vehicle: bool = True, **changed: float) -> Calibrated:

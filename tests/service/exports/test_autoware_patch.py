@@ -11,10 +11,10 @@ import pytest
 import xacro
 import yaml
 
+from apexcal.geometry.se3 import SE3
 from service.exports.autoware_patch import patched
 from service.exports.calibrated import Calibrated, CalibratedCamera, SolvedJoint
 from service.exports.mounts import solved_edge
-from service.exports.transform import Transform
 from service.http.problems import Problem
 from tests.service.exports.readers import _tree, files_of, joints, move, only, plumb_bob, published
 from tests.service.exports.rigs import mount, ours, rig_of, seen
@@ -30,23 +30,23 @@ def expanded(folder: Path) -> dict[tuple[str, str], np.ndarray]:
     return joints(document.toxml().encode())
 
 
-def as_stated(edges: dict[tuple[str, str], np.ndarray], to: str, of: str) -> Transform:
+def as_stated(edges: dict[tuple[str, str], np.ndarray], to: str, of: str) -> SE3:
     T = np.linalg.inv(_tree(edges, of, to)) if to != of else np.eye(4)
-    return Transform(to, of, T[:3, :3], T[:3, 3]).inverse()
+    return SE3(to, of, T[:3, :3], T[:3, 3]).inverse()
 
 
 def truck(*, joint: bool = True) -> Calibrated:
     """Two cameras, calibrated to mounts that differ from the kit's files, on joints of the kit's own tree."""
     edges, cameras = expanded(KIT), []
     for number, camera in enumerate(rig_of("pinhole", 0).cameras[:2]):
-        T_camera_lidar = mount(number, 1)._replace(to_frame=OPTICAL[number], from_frame="velodyne_top")
+        T_camera_lidar = replace(mount(number, 1), to_frame=OPTICAL[number], from_frame="velodyne_top")
         T = _tree(edges, "sensor_kit_base_link", "velodyne_top")
-        T_kit_lidar = Transform("sensor_kit_base_link", "velodyne_top", T[:3, :3], T[:3, 3])
+        T_kit_lidar = SE3("sensor_kit_base_link", "velodyne_top", T[:3, :3], T[:3, 3])
         T = _tree(edges, "base_link", "velodyne_top")
-        T_vehicle_lidar = Transform("base_link", "velodyne_top", T[:3, :3], T[:3, 3])
+        T_vehicle_lidar = SE3("base_link", "velodyne_top", T[:3, :3], T[:3, 3])
         body = f"camera{number}/camera_link"
         T = _tree(edges, body, OPTICAL[number])
-        stated = SolvedJoint(T_kit_lidar, Transform(body, OPTICAL[number], T[:3, :3], T[:3, 3]))
+        stated = SolvedJoint(T_kit_lidar, SE3(body, OPTICAL[number], T[:3, :3], T[:3, 3]))
         cameras.append(
             replace(
                 camera,

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated, SolvedJoint
 from service.exports.formats import FORMATS, export
 from service.exports.mounts import poses
-from service.exports.transform import Transform
 from service.http.problems import Problem
 from tests.service.exports.readers import READERS
 from tests.service.exports.rigs import mount, ours, rig_of, seen, vehicle_mount
@@ -19,16 +19,16 @@ from tests.service.exports.rigs import mount, ours, rig_of, seen, vehicle_mount
 def with_joints(*, parent: str = "base_link", on_vehicle: bool = False) -> Calibrated:
     """Every camera hangs on the parent by a joint to its own ``mountN``, but the last, which hangs on the LiDAR."""
     plain = rig_of("pinhole", 0, on_vehicle=on_vehicle)
-    T_parent_lidar = vehicle_mount(0)._replace(to_frame=parent)
+    T_parent_lidar = replace(vehicle_mount(0), to_frame=parent)
     if parent == "velodyne":
-        T_parent_lidar = Transform(parent, parent, np.eye(3), np.zeros(3))
+        T_parent_lidar = SE3(parent, parent)
     if on_vehicle and parent != "base_link":
-        T_parent_lidar = mount(1, 1)._replace(to_frame=parent, from_frame="velodyne")
+        T_parent_lidar = replace(mount(1, 1), to_frame=parent, from_frame="velodyne")
     joined = [
         replace(
             camera,
             joint=SolvedJoint(
-                T_parent_lidar, mount(place, 1)._replace(to_frame=f"mount{place}", from_frame=camera.frame)
+                T_parent_lidar, replace(mount(place, 1), to_frame=f"mount{place}", from_frame=camera.frame)
             ),
         )
         for place, camera in enumerate(plain.cameras[:2])
@@ -53,7 +53,7 @@ def test_two_cameras_on_one_joint_are_refused_together():
     first, second, third = calibrated.cameras
     same = replace(
         second,
-        joint=SolvedJoint(second.joint.T_parent_lidar, second.joint.T_child_camera._replace(to_frame="mount0")),
+        joint=SolvedJoint(second.joint.T_parent_lidar, replace(second.joint.T_child_camera, to_frame="mount0")),
     )
     with pytest.raises(Problem) as refused:
         export(FORMATS["urdf"], replace(calibrated, cameras=[first, same, third]))

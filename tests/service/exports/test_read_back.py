@@ -141,7 +141,7 @@ def test_rigs_that_contradict_each_other_and_names_that_fall_together_are_refuse
     good = rig_of("pinhole", 0)
     first, second, third = good.cameras
     moved = replace(second, T_vehicle_lidar=vehicle_mount(1))
-    same_frame = replace(second, T_camera_lidar=second.T_camera_lidar._replace(to_frame=first.frame))
+    same_frame = replace(second, T_camera_lidar=replace(second.T_camera_lidar, to_frame=first.frame))
     for clash in (moved, same_frame, replace(second, name="FRONT")):
         problem = refusal("opencv", Calibrated("Truck", [first, clash, third]))
         assert problem.hint.startswith("Ask for one camera.")
@@ -151,5 +151,5 @@ def test_rigs_that_contradict_each_other_and_names_that_fall_together_are_refuse
 @pytest.mark.parametrize("frame", ["$(command 'touch /tmp/x')", "my lidar;reboot", "${x}", "caméra"])
 def test_a_frame_that_readers_may_take_for_a_command_is_refused(name, frame):
     (camera, *_) = rig_of("pinhole", 0).cameras
-    named = replace(camera, T_camera_lidar=camera.T_camera_lidar._replace(to_frame=frame))
+    named = replace(camera, T_camera_lidar=replace(camera.T_camera_lidar, to_frame=frame))
     assert "plainly" in refusal(name, Calibrated("Truck", [named])).hint

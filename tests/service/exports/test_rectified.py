@@ -11,8 +11,8 @@ import yaml
 from scipy.spatial.transform import Rotation
 from sqlalchemy import select
 
+from apexcal.geometry.se3 import SE3, from_document
 from service.db.fleets import RigCamera
-from service.exports.transform import Transform
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
 from tests.service.detections.seeding import LEVEL, seed_rig
 from tests.service.exports.readers import joints
@@ -55,8 +55,8 @@ def state(engineer, rig, images):
     return made.json()["cameras"][0]["images"]
 
 
-def solved(engineer, result) -> Transform:
-    return Transform.of(engineer.get(f"/results/{result}").json()["transform"])
+def solved(engineer, result) -> SE3:
+    return from_document(engineer.get(f"/results/{result}").json()["transform"])
 
 
 def exported(actor, rig, name):
@@ -99,10 +99,10 @@ def test_the_tree_keeps_its_frame_and_gets_that_of_the_images(api, rig, engineer
     state(engineer, rig, RECTIFIED)
     T = solved(engineer, result).matrix
     edges = joints(exported(engineer, rig, "urdf"))
-    base = np.array(Transform.of(T_VEHICLE_LIDAR).matrix)
+    base = np.array(from_document(T_VEHICLE_LIDAR).matrix)
     own = base @ inverse(T) @ turned()  # the camera's own frame in base_link: T_own_images = R'
     if joint:
-        body = Transform.of(joint["T_child_camera"]).matrix
+        body = from_document(joint["T_child_camera"]).matrix
         assert np.abs(edges["base_link", "camera_front_link"] - own @ inverse(body)).max() < 1e-9
         assert np.abs(edges["camera_front_link", IMAGES] - body @ inverse(turned())).max() < 1e-9
     else:
@@ -113,7 +113,7 @@ def test_the_tree_keeps_its_frame_and_gets_that_of_the_images(api, rig, engineer
     document = again.json()
     assert (again.status_code, document["T_camera_lidar"]["to_frame"]) == (200, IMAGES)
     assert document["T_vehicle_camera"]["from_frame"] == IMAGES
-    child = Transform.of(document["T_parent_child"])
+    child = from_document(document["T_parent_child"])
     said = edges["base_link", "camera_front_link"] if joint else edges["velodyne", OWN]
     assert child.from_frame == ("camera_front_link" if joint else OWN) and np.abs(child.matrix - said).max() < 1e-9
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from service.exports.transform import Transform
+from apexcal.geometry.se3 import SE3
 from service.exports.urdf_patch import patched
 from service.http.problems import Problem
 from tests.service.exports.readers import _tree, joints
@@ -37,7 +39,7 @@ FILE = f"""<?xml version='1.0' encoding="utf-8"?>
     <actuator name="a"/></transmission>
 </robot>
 """.encode()
-T = mount(0, 0)._replace(to_frame="camera_optical", from_frame="velodyne")
+T = replace(mount(0, 0), to_frame="camera_optical", from_frame="velodyne")
 
 
 def T_camera_lidar(document: bytes) -> np.ndarray:
@@ -53,7 +55,7 @@ def fixed(document: bytes) -> bytes:
 @pytest.mark.parametrize("rig", [0, 1])
 @pytest.mark.parametrize("joint", ["roof_joint", "lidar_joint", "mast_joint", "camera > joint", "optical_joint"])
 def test_any_joint_between_the_two_may_be_the_one(joint, rig, number):
-    wanted = mount(number, rig)._replace(to_frame="camera_optical", from_frame="velodyne")
+    wanted = replace(mount(number, rig), to_frame="camera_optical", from_frame="velodyne")
     new = patched(FILE, joint, wanted)
     assert np.abs(T_camera_lidar(fixed(new)) - wanted.matrix).max() < 1e-9
     before, after = joints(fixed(FILE)), joints(fixed(new))
@@ -132,7 +134,7 @@ def test_a_loop_of_joints_ends():
 
 
 def test_frames_may_have_other_names_than_links():
-    other = Transform("front_optical", "top_lidar", T.R, T.t)
+    other = SE3("front_optical", "top_lidar", T.R, T.t)
     with pytest.raises(Problem, match="front_optical"):
         patched(FILE, "mast_joint", other)
 

@@ -225,7 +225,7 @@ def test_a_mount_in_millimetres_is_doubted_and_one_that_mirrors_refused():
         ("a: !!timestamp x", "is no YAML"),
         ("a: 1" + ":1" * 20_000, "has a value of 40001 letters"),
         ("K_00: 5 0 3 0 5 2 0 0 1\nD_00: 0 0 0 0 0\nS_00: 0 0\n", "images of 00 are 0 x 0"),
-        (f"P0:{' 0' * 12}\nTr:{' 1 0 0 0' * 3}\n", "no focal length"),
+        (f"P0:{' 0' * 12}\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n", "no focal length"),
     ],
 )
 def test_what_is_no_calibration_is_refused(text, says):

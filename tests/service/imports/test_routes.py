@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from apexcal.documents.fleets import NewRig
+from apexcal.geometry.se3 import from_document
 from service.db.recordings import Recording
-from service.exports.transform import Transform
 from service.exports.urdf_patch import patched
 from service.exports.urdf_tree import read_joints
 from service.imports.drafting import urdf_tree
@@ -70,12 +72,12 @@ class TestComparison:
         ("read_as", "change"),
         [
             ("inverted", lambda T: T.inverse()),
-            ("body", lambda T: T._replace(R=np.eye(3))),
-            ("none", lambda T: T._replace(R=np.diag([-1.0, -1.0, 1.0]) @ T.R)),
+            ("body", lambda T: replace(T, R=np.eye(3))),
+            ("none", lambda T: replace(T, R=np.diag([-1.0, -1.0, 1.0]) @ T.R)),
         ],
     )
     def test_a_transform_that_is_read_the_wrong_way_is_named(self, compare, read_as, change):
-        T = change(Transform.of(LEVEL))
+        T = change(from_document(LEVEL))
         stated = {
             "to_frame": "camera", "from_frame": "lidar", "rotation": {"matrix": T.R.tolist()},
             "translation_m": T.t.tolist(),
@@ -191,9 +193,9 @@ class TestJoint:
         given = viewer.get(current_address(rig)).json()
         joint = given["T_parent_child"]
         assert (joint["to_frame"], joint["from_frame"]) == ("base_link", "camera_link")
-        mount = Transform.of(DOCUMENT["transform"])
+        mount = from_document(DOCUMENT["transform"])
         patched_joint = read_joints(patched(URDF.encode(), "camera_joint", mount))["camera_joint"].T_parent_child
-        assert np.abs(Transform.of(joint).matrix - patched_joint.matrix).max() < 1e-12
+        assert np.abs(from_document(joint).matrix - patched_joint.matrix).max() < 1e-12
 
     def test_a_joint_that_is_not_between_lidar_and_camera_is_refused(self, api, fleet, viewer):
         engineer = api.member(fleet, "engineer")

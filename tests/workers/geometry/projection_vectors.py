@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.rotations import rotation_from_euler
 from workers.geometry.models import parse_model
 from workers.geometry.projection import fold_angle, project
-from workers.geometry.rotations import rotation_from_euler
 
 Floats = NDArray[np.float64]
 FILE = Path(__file__).with_suffix(".json")

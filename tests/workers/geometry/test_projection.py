@@ -5,7 +5,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from workers.geometry.errors import GeometryError
+from apexcal.documents.errors import GeometryError
 from workers.geometry.models import INTRINSICS, MODELS
 from workers.geometry.polar_angle import polar_angle
 from workers.geometry.projection import (

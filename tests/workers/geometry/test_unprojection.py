@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from workers.geometry.errors import GeometryError
+from apexcal.documents.errors import GeometryError
 from workers.geometry.models import INTRINSICS, MODELS
 from workers.geometry.projection import fold_angle, project, unproject
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from tests.workers.solver.rigs import DISTORTION, NOMINAL, SIZE
 from tests.workers.solver.walks import ended
 from workers.geometry.models import INTRINSICS
 from workers.geometry.projection import project, unproject
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from workers.judge.fit_checks import checks_of_fit
 from workers.solver.blocks import blocks_of
 from workers.solver.problem import fit_problem

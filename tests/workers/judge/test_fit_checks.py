@@ -1,5 +1,6 @@
 """Each check finds what it is for, and a sound fit passes all."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,18 +9,21 @@ import pytest
 from apexcal.documents.fit_requests import fit_request
 from apexcal.documents.results import FitResult
 from tests.workers.judge.fits import FOCAL_PX, checked, failed, lens_of, rig
-from tests.workers.solver.few_pairs import real
-from tests.workers.solver.rigs import PLAIN, SIZE
+from tests.workers.solver.few_pairs import SHORT, real
+from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE
+from tests.workers.solver.test_optima import small_board
 from tests.workers.solver.walks import posed
 from workers.judge.agreement_checks import fit, optima
-from workers.judge.fit_checks import without_outliers
+from workers.judge.fit_checks import checks_of_fit, without_outliers
 from workers.judge.pair_checks import places_of
 from workers.judge.precision_checks import mount_alone
 from workers.judge.time_checks import image_velocities
 from workers.judge.topics import graded
 from workers.judge.validation_checks import elsewhere
 from workers.solver.estimate import estimate
+from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
+from workers.solver.solution import finished, solve_finish
 from workers.tasks.solving import read_run, solved
 
 
@@ -212,6 +216,27 @@ def test_the_mount_alone_is_judged_by_degrees_and_millimetres():
     for name, value in (("rotation_x", 0.5), ("t_z", 0.05), ("t_z", None)):
         check = mount_alone(FitResult.model_construct(interval95_half_width=half | {name: value}, lens="fitted"))
         assert (check.verdict, check.scope) == ("stop", "mount_alone")
+
+
+ADVICE = re.compile(r"\b([Cc]heck|[Mm]ark|[Ll]ock|[Bb]ound|[Ww]iden|[Cc]alibrate|[Rr]un it|[Ll]oad|[Gg]ive)\b")
+
+
+def test_a_sentence_says_what_is_and_the_remedy_what_to_do():
+    line = np.linspace([4.0, 0.0, 0.0], [9.0, 1.0, 0.0], 40)
+    request = {"model": "pinhole", "image_size": SIZE, "nominal": NOMINAL, "schedule": SHORT}
+    marks = np.random.default_rng(0).uniform(100.0, 900.0, (40, 2))
+    degenerate = fit_problem(fit_request(**request), line, marks)
+    open_end = solve_finish(degenerate, run_schedule(degenerate)[0])
+    two_mounts = small_board(0)
+    found = finished(two_mounts, run_schedule(two_mounts)[0])
+    assert open_end.status == "not_determined" and found.result.several_optima
+    checks = [fit(open_end), *checks_of_fit(found.estimate, found.result)]
+    checks += checked(*rig(pairs=24, noise_px=60.0)).values()
+    assert {"fit", "optima", "noise"} <= {check.name for check in checks if check.verdict == "stop"}
+    for check in checks:
+        assert not ADVICE.search(check.sentence), check.sentence
+        assert not re.search(r"[0-9]e[-+][0-9]", check.sentence + check.remedy), check.sentence
+        assert check.verdict == "pass" or check.remedy
 
 
 def test_ends_and_other_optima_stop():

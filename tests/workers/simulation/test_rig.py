@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from workers.geometry.transforms import from_document
+from apexcal.geometry.se3 import from_document
 from workers.simulation.rig import Rig
 from workers.simulation.settings import Settings, parse_cameras
 from workers.simulation.truth import rig_document, truth_document

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from workers.geometry.transforms import from_document
+from apexcal.geometry.se3 import from_document
 from workers.simulation.camera import LENSES, make_camera
 from workers.simulation.scene import WALKER_REGION
 from workers.vertices.detectors import detect_range

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
+from apexcal.geometry.se3 import SE3, to_document
 from workers.geometry.projection import project
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
-from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.polish import mean_and_rms, polish
 from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
 from workers.solver.solution import solve_finish
 
-NOMINAL = to_document(RigidTransform("camera_front_optical", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
+NOMINAL = to_document(SE3("camera_front_optical", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
 SIZE = (1280, 960)
 # Least squares of all pairs: what many tests compare with.
 PLAIN = {"loss": "mean", "outliers": "keep"}

@@ -3,11 +3,11 @@ import json
 import numpy as np
 import pytest
 
+from apexcal.documents.errors import InputError
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.rotations import rotation_from_euler
+from apexcal.geometry.se3 import SE3, to_document
 from tests.workers.vertices.walks import START_NS, seconds, vertices, walk
-from workers.geometry.errors import InputError
-from workers.geometry.rotations import rotation_from_euler
-from workers.geometry.transforms import RigidTransform, to_document
 from workers.simulation.camera import CAMERA_FRAME, LIDAR_FRAME, make_camera, nominal_mount
 from workers.solver import clock_offset, offset_fit
 from workers.solver.errors import SolveError
@@ -94,9 +94,7 @@ def test_clocks_that_are_far_apart_are_searched_about_what_is_known():
 
 def test_a_mount_that_nobody_knows_is_searched():
     track, stamps, pixels, request = marked(8, 35 * MS, model="pinhole")
-    anywhere = RigidTransform(
-        CAMERA_FRAME, LIDAR_FRAME, rotation_from_euler(np.radians((200.0, 20.0, 70.0))), np.zeros(3)
-    )
+    anywhere = SE3(CAMERA_FRAME, LIDAR_FRAME, rotation_from_euler(np.radians((200.0, 20.0, 70.0))), np.zeros(3))
     request |= {"nominal": to_document(anywhere), "rotation_range_deg": 180.0}
     found = estimate_offset(track, stamps[::2], pixels[::2], request)
     assert abs(found.offset_ns - 35 * MS) < 3 * found.sigma_ns < 8 * MS

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from apexcal.geometry.rotations import vector_from_rotation
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import PLAIN, finish_plain, residual_pairs, simulated
-from workers.geometry.rotations import vector_from_rotation
 from workers.solver.estimate import estimate
 from workers.solver.residuals import predict
 from workers.solver.schedule import start
@@ -63,9 +63,6 @@ def test_wrong_marks_that_are_kept_count_as_what_they_moved_the_result_by():
         inside = [stats.t.cdf((end - shift) / own, freedom) for end in (-half, half)]
         assert inside[1] - inside[0] == pytest.approx(0.95, abs=2e-3)
         assert half < 1.97 * kept["std"][name]
-    sentence = next(alarm for alarm in kept["alarms"] if "move the mount" in alarm)
-    assert f"{np.linalg.norm(moved[:3]):.2g} degrees" in sentence
-    assert not any("move the mount" in alarm for alarm in without["alarms"])
 
 
 @few_or_many(10, 25)
@@ -110,7 +107,6 @@ def test_a_few_wrong_marks_are_named_also_where_the_pairs_hold_too_little():
     solution = finish(narrow, truth)
     assert solution["status"] == "not_determined"
     assert {one["index"] for one in solution["outliers"]} == {0, 1, 2}
-    assert any(alarm.startswith("3 pairs do not belong") for alarm in solution["alarms"])
 
 
 @few_or_many(13, 40)

@@ -74,9 +74,6 @@ def test_a_fit_that_can_be_anything_says_so(model, case):
     solution = json.loads(json.dumps(finish_plain(problem, run_schedule(problem)[0]), allow_nan=False))
     assert solution["status"] == "not_determined"
     assert words in solution["message"]
-    assert solution["alarms"]
-    if case != "nearly one plane":  # whose residuals can be judged, though it holds no camera
-        assert not any("not belong" in alarm for alarm in solution["alarms"]), "any pair would be named"
     # Nowhere a confident number: what is not known at all, or to metres and tens of degrees, is shown as that.
     std = solution["std"]
     assert any(value is None for value in std.values()) or any(
@@ -123,4 +120,4 @@ def test_marks_upside_down_under_a_known_lens_are_not_explained():
         one = replace(problem, pixels=marks, locked=known)
         solution = finish_plain(one, run_schedule(one)[0])
         assert solution["status"] == status
-        assert ("Half of the pairs lie more than" in " ".join(solution["alarms"])) == (status != "ok")
+        assert ("Half of the pairs lie more than" in solution["message"]) == (status != "ok")

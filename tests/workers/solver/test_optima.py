@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simulated
 from workers.geometry.models import MODELS
 from workers.geometry.projection import project
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from workers.solver import polish as polishing
 from workers.solver.folds import folds
 from workers.solver.optima import other_optima
@@ -43,7 +43,6 @@ def test_a_small_board_has_two_mounts_and_either_names_the_other():
     solution = finish_plain(problem, state)
     (sentence,) = [one for one in solution["several_optima"] if "Another optimum is nearly as deep" in one]
     assert "turned by 68 degrees" in sentence
-    assert sentence in solution["alarms"]
     deep = polish(problem, state.best_parameters)
     (other,) = other_optima(problem, deep, state.first_slot_parameters)
     assert deep.cost < other.cost < 1.25**2 * deep.cost

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
 from tests.workers.solver.rigs import SIZE, plain, simulated
-from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
 from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule

@@ -28,12 +28,11 @@ def test_the_board_is_fitted_from_a_short_search_too(model, known, limit_px):
     assert (solution["status"], solution["at_bounds"]) == ("ok", [])
 
 
-def test_the_top_vertices_alone_are_said_to_hold_too_little_and_held_out_poses_show_it():
+def test_the_top_vertices_alone_hold_too_little_and_held_out_poses_show_it():
     points, pixels, poses = real_correspondences()
     top = points[:, 2] == np.repeat(points[:, 2].reshape(20, 4).max(axis=1), 4)
     assert top.sum() == 20
     solution = solve(fit_problem(fit_request(**REQUEST), points[top], pixels[top]))
-    assert any("does not determine all 16 parameters" in alarm for alarm in solution["alarms"])
     fitted = solution["polished"]["mean_px"]
     assert fitted < 3.0, "they are fitted well"
     others = evaluate(solution["intrinsics"], solution["transform"], points[~top], pixels[~top])

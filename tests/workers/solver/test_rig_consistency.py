@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
+from apexcal.geometry.se3 import SE3, from_document
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.two_cameras import FRONT, LEFT, rig_of, solved, walked
-from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
-from workers.geometry.transforms import RigidTransform, from_document
 from workers.solver.camera_transform import between_cameras, deviation, mount_covariance, normal_sigmas
 from workers.solver.rig_consistency import StatedTransform, rig_consistency
 from workers.solver.shared_vertices import vertex_keys
@@ -54,7 +54,7 @@ def test_the_covariance_is_the_derivative_of_the_composed_transform(request_):
         for one, mount in zip((a, b), mounts, strict=True):
             d = rng.multivariate_normal(np.zeros(6), mount, method="eigh")
             R = rotation_from_vector(d[:3]) @ one.transform.R
-            moved.append(RigidTransform(one.transform.to_frame, "velodyne", R, one.transform.t + d[3:]))
+            moved.append(SE3(one.transform.to_frame, "velodyne", R, one.transform.t + d[3:]))
         again = moved[0] @ moved[1].inverse()
         draws.append(np.concatenate([vector_from_rotation(again.R @ T.R.T), again.t - T.t]))
     np.testing.assert_allclose(np.std(draws, axis=0), np.sqrt(np.diag(covariance)), rtol=0.15)
@@ -112,8 +112,8 @@ def test_a_camera_that_was_moved_between_marks_and_vertices_raises_an_alarm():
 @pytest.mark.parametrize("inverse", [False, True])
 def test_stated_transforms_are_matched_by_their_frames_in_either_direction(inverse):
     cameras = rig_of(2)
-    turned = RigidTransform("front", "left", rotation_from_vector(np.radians([0.0, 0.0, 3.0])) @ TRUE.R, TRUE.t)
-    other = RigidTransform.identity("front", "rear")
+    turned = SE3("front", "left", rotation_from_vector(np.radians([0.0, 0.0, 3.0])) @ TRUE.R, TRUE.t)
+    other = SE3("front", "rear")
     nominal = StatedTransform(turned.inverse() if inverse else turned, "nominal")
     found = compared(cameras, nominal, StatedTransform(other, "rig"))
     (stated,) = found["stated"]

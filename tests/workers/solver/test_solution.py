@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.se3 import from_document
 from tests.workers.solver.rigs import (
     NOMINAL,
     PLAIN,
@@ -15,7 +16,6 @@ from tests.workers.solver.rigs import (
     simulated,
 )
 from workers.geometry.models import INTRINSICS, MODELS
-from workers.geometry.transforms import from_document
 from workers.solver.errors import SolveError
 from workers.solver.folds import folds
 from workers.solver.polish import polish
@@ -90,21 +90,6 @@ def test_pairs_left_out_say_nothing_against_the_search():
     near = said(truth)
     assert {one["index"] for one in near["outliers"] if one["excluded"]} >= set(range(10))
     assert near["ga"]["rms_px"] > 4.0 * near["kept"]["rms_px"], "over all pairs"
-    assert not any("genetic algorithm" in alarm for alarm in near["alarms"])
-    far = np.array(truth)
-    far[3:6] += 0.1
-    assert any("genetic algorithm" in alarm for alarm in said(far)["alarms"])
-
-
-def test_a_search_that_ends_below_what_can_be_marked_had_come_near():
-    exact, truth = simulated("pinhole", 47, noise_px=0.0)
-    for off_by_m, said in ((1e-4, False), (1e-2, True)):
-        found = np.array(truth)
-        found[3] += off_by_m
-        searched = {"best_parameters": tuple(found), "best_loss": 0.1, "slot_losses": (0.1,), "history": (0.1,)}
-        solution = finish_plain(exact, replace(start(exact), iteration=1, **searched))
-        assert solution["polished"]["rms_px"] < 1e-3 < solution["ga"]["rms_px"]
-        assert any("genetic algorithm" in alarm for alarm in solution["alarms"]) == said
 
 
 def test_documents_describe_the_same_solution():
@@ -149,17 +134,16 @@ def test_locked_intrinsics_pin_the_rotation():
     assert {name: locked["intrinsics"][name] for name in locks} == locks
 
 
-def test_alarms_speak_of_edges_rank_and_correlation():
+def test_an_edge_and_a_lost_rank_are_stated():
     edge, _ = simulated("pinhole", 52, bounds={"f_x": [900, 1000], "f_y": [900, 1000]})
     solution = solve(edge)
     assert "f_x" in solution["at_bounds"]
-    assert any("edge of the bounds" in alarm for alarm in solution["alarms"])
 
     seen, _ = simulated("pinhole", 52)
     one_place = np.repeat(seen.points[:1], 12, axis=0), np.repeat(seen.pixels[:1], 12, axis=0)
     request = {"model": "pinhole", "image_size": seen.image_size, "nominal": NOMINAL}
     degenerate = solve(fit_problem(fit_request(**request), *one_place))
-    assert any("do not determine" in alarm for alarm in degenerate["alarms"])
+    assert degenerate["status"] == "not_determined" and degenerate["rank"] < degenerate["free_parameters"]
     assert None in degenerate["std"].values()
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
+from apexcal.geometry.se3 import SE3, to_document
 from workers.geometry.projection import project
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
-from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.polish import polish
 from workers.solver.problem import fit_problem
 from workers.solver.rig_consistency import SolvedCamera
@@ -30,7 +30,7 @@ class Mount:
     @property
     def transform(self):
         R = rotation_from_vector(np.radians(self.turn_deg)) @ FORWARD_LIDAR_TO_OPTICAL
-        return RigidTransform(self.name, "velodyne", R, np.array(self.t))
+        return SE3(self.name, "velodyne", R, np.array(self.t))
 
     @property
     def lens(self):
@@ -58,7 +58,7 @@ def walked(seed, count=150):
 
 def solved(mount, points, pixels, stamps=None, detection=None, **request):
     """The camera as a calibration has it: polished from the truth, and described."""
-    nominal = RigidTransform(mount.name, "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3))
+    nominal = SE3(mount.name, "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3))
     document = {"model": "pinhole", "image_size": SIZE, "nominal": to_document(nominal), **request}
     problem = fit_problem(fit_request(**document), points, pixels)
     at = np.concatenate([np.radians(mount.turn_deg), mount.t, mount.lens])

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
+from apexcal.geometry.se3 import from_document
 from service.db.models import Blob, Fleet, Recording, Study, StudyFile
 from service.db.recordings import CameraFrame
 from service.db.recordings import Recording as Row
-from service.exports.transform import Transform
 from service.exports.urdf_tree import read_joints
 from service.imports.drafting import urdf_tree
 from service.jobs.sweep import sweep
@@ -170,7 +170,7 @@ def test_tf_static_in_and_a_verified_urdf_out(api, fleet, engineer, recorded, co
     text = engineer.post(f"/vehicles/{vehicle}/cameras/front/calibration/urdf", body).content
     joint = read_joints(text)["mount_joint"].T_parent_child
     assert (given["T_parent_child"]["to_frame"], given["T_parent_child"]["from_frame"]) == ("base_link", "mount")
-    assert np.abs(joint.matrix - Transform.of(given["T_parent_child"]).matrix).max() < 1e-9
+    assert np.abs(joint.matrix - from_document(given["T_parent_child"]).matrix).max() < 1e-9
     # The file's own chain of joints puts every vertex where it was marked, to the noise of the marks (1 px each way).
     T = urdf_tree(text).transform("camera", "velodyne")
     points = np.array([[one[axis] for axis in "xyz"] for one in seen]) @ T.R.T + T.t

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
-from workers.geometry.transforms import RigidTransform, to_document
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
+from apexcal.geometry.se3 import SE3, to_document
 from workers.solver.errors import SolveError
 from workers.solver.problem import fit_problem
 from workers.solver.slot import SlotOutcome, run_slot
@@ -20,7 +20,7 @@ WORKER: Any = SimpleNamespace(worker="host:1")
 
 def slot_of(marks_px: float) -> SlotOutcome:
     """The best of a slot whose marks lie so far from the image's corner."""
-    nominal = to_document(RigidTransform("camera", "lidar", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
+    nominal = to_document(SE3("camera", "lidar", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
     points = np.random.default_rng(0).uniform((5.0, -1.0, -1.0), (9.0, 1.0, 1.0), (32, 3))
     schedule = {"slots": 1, "population": 64, "generations": 2, "max_iterations": 1}
     request = fit_request("pinhole", (640, 480), nominal, loss="mean", schedule=schedule)

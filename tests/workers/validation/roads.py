@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from workers.geometry.transforms import to_document
+from apexcal.geometry.se3 import to_document
 from workers.simulation.camera import LENSES, Camera, nominal_mount
 from workers.simulation.drive import Drive, record
 from workers.simulation.road import draw_road

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from workers.geometry.errors import GeometryError
+from apexcal.documents.errors import GeometryError
 from workers.validation.calibration import KnownCalibration
 from workers.validation.pair_score import score_pairs
 

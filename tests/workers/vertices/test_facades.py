@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from apexcal.documents.errors import InputError
 from benchmarks.detection.still_scenes import looking_at
-from workers.geometry.errors import InputError
 from workers.readers.recording import Sweep
 from workers.vertices.backdrop import Backdrop
 from workers.vertices.jumps import count_steps

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from apexcal.documents.detectors import DETECTORS
+from apexcal.documents.errors import InputError
 from benchmarks.detection.still_scenes import SETTINGS, drive, still_poses
 from tests.workers.vertices.refined_walks import walk
-from workers.geometry.errors import InputError
 from workers.tasks.studying import must_move
 from workers.vertices import backdrop
 from workers.vertices.detectors import detect_range

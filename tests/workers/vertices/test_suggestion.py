@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from apexcal.documents.errors import InputError
 from apexcal.documents.studies import SuggestionFacts
-from workers.geometry.errors import InputError
 from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions
 from workers.simulation.disturbances import Disturbances

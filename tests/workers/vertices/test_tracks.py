@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from apexcal.documents.errors import InputError
 from tests.workers.vertices.walks import SIGMA, START_NS, seconds, spherical, vertices, walk
-from workers.geometry.errors import InputError
 from workers.geometry.spherical import axes, to_spherical, to_xyz
 from workers.vertices.tracks import MARGIN_SWEEPS, Track
 from workers.vertices.vertex import Vertex

@@ -15,8 +15,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2
 from rosbags.typesys import Stores, get_typestore
 
-from workers.geometry.rotations import quaternion_from_rotation
-from workers.geometry.transforms import RigidTransform
+from apexcal.geometry.rotations import quaternion_from_rotation
+from apexcal.geometry.se3 import SE3
 from workers.readers.copying.edits import CameraEdit, PoseEdit
 from workers.readers.copying.messages import Messages, ros1_types
 from workers.readers.recording import Sweep
@@ -104,7 +104,7 @@ class RosWriter:
         )
         self._bag.write(self._connections["lidar"], received_ns, self._serialize(message, _CLOUD))
 
-    def write_tree(self, tree: Sequence[RigidTransform], stamp_ns: int) -> None:
+    def write_tree(self, tree: Sequence[SE3], stamp_ns: int) -> None:
         """One latched message of T_parent_child on ``/tf_static``, as robot_state_publisher sends."""
         turned = [(one, quaternion_from_rotation(one.R)) for one in tree]
         poses = [PoseEdit(one.to_frame, one.from_frame, tuple(one.t), tuple(turn), True) for one, turn in turned]
