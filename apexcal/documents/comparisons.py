@@ -42,7 +42,7 @@ class ResultComparison(Sent):
 
     ``sigmas`` is the root mean square of the mount's difference in what both state; ``differs``: by more than chance
     does once in 1000. Null where a result states no deviations. ``field_px`` and ``field_sigmas`` are root mean
-    squares over ``field``, null in results of older versions. ``shares_pairs``: both were fitted to pairs of one set
+    squares over ``field``, null if no point is in both images. ``shares_pairs``: both were fitted to pairs of one set
     or recording, so their errors are not independent and ``sigmas`` says too little.
     """
 

@@ -1,6 +1,6 @@
 """What a calibration found: its models and cameras side by side, and what a vehicle is given of it.
 
-Members with a default are those that older versions, or some calibrations, do not have.
+Members with a default are those that some calibrations do not have.
 """
 
 from __future__ import annotations

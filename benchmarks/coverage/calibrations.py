@@ -79,16 +79,17 @@ class Bench:
     def fit(self, paired: Paired, errors: Errors, known: Json, request: Request) -> Calibration:
         """These pairs, calibrated as the request asks."""
         plan = planned(paired, known, request)
-        states = self._states(paired, {fit.model for fit in plan.fits})
+        states = self._states(paired, {fit.request.model for fit in plan.fits})
         fits: list[Fit] = []
         problems: dict[str, FitProblem] = {}
         for fit in plan.fits:
-            for fold in range(FULL, fit.folds):
+            model = fit.request.model
+            for fold in range(FULL, fit.request.folds):
                 given = read_run(fit.of_fold(fold), fold, known)
                 if fold == FULL:
-                    problems[fit.model] = given.problem
-                document = (solved_document if fold == FULL else held_out_document)(given, states[fit.model])
-                fits.append(Fit(uuid4(), fit.model, None if fold == FULL else fold, document))
+                    problems[model] = given.problem
+                document = (solved_document if fold == FULL else held_out_document)(given, states[model])
+                fits.append(Fit(uuid4(), model, None if fold == FULL else fold, document))
         summary = camera_summary(fits)
         full = {fit.model: fit.document for fit in fits if fit.heldout_fold is None}
         return Calibration(paired, errors, summary, full, known, problems)
@@ -104,9 +105,10 @@ class Bench:
         of = (paired.camera.model, paired.is_still, paired.camera.image_size)
         clean = columns(paired, Errors(), np.random.default_rng(self._walked.rig.settings.seed))
         for fit in planned(paired, clean, {}).fits:
-            if fit.model in models and (*of, fit.model) not in self._searched:
+            model = fit.request.model
+            if model in models and (*of, model) not in self._searched:
                 problem = read_run(fit.of_fold(FULL), FULL, clean).problem
-                self._searched[*of, fit.model] = replace(run_schedule(problem)[0], first_slot_parameters=())
+                self._searched[*of, model] = replace(run_schedule(problem)[0], first_slot_parameters=())
         return {model: self._searched[*of, model] for model in models}
 
 

@@ -74,10 +74,10 @@ def calibrated(draw: Draw, with_folds: bool) -> tuple[dict[str, Any], list[Check
     result, own = fitted.model_dump(mode="json", exclude_unset=True), fitted.checks
     if not with_folds and verdict_of(own, "mount_with_lens") != "pass":
         return result, own
-    given = [read_run(fit.of_fold(fold), fold, draw.known) for fold in range(fit.folds)]
+    given = [read_run(fit.of_fold(fold), fold, draw.known) for fold in range(fit.request.folds)]
     folds = [held_out_document(one, state) for one in given]
-    fits = [Fit(uuid4(), fit.model, fold, document) for fold, document in enumerate(folds)]
-    summary = camera_summary([Fit(uuid4(), fit.model, None, result), *fits])
+    fits = [Fit(uuid4(), fit.request.model, fold, document) for fold, document in enumerate(folds)]
+    summary = camera_summary([Fit(uuid4(), fit.request.model, None, result), *fits])
     distances_m = np.linalg.norm(from_document(result["transform"]).apply(whole.problem.points), axis=1)
     pairs = held_out_pairs([one["heldout"] for one in folds], result["outliers"], distances_m) if folds else None
     return result, own + checks_of_calibration(

@@ -9,19 +9,16 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, bindparam, case, select, update
+from sqlalchemy import ColumnElement, bindparam, case, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import RequestState, VehicleState
 from service.broker.hints import hint
-from service.db.base import Json, written
+from service.db.base import Json
 from service.db.calibrations import Calibration
 from service.db.clock import now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
-from service.db.session import Database
 
-# What one sweep looks at.
-_BATCH = 200
 # Each is a column that counts the vehicles which came to it.
 _ENDED = (VehicleState.DONE, VehicleState.FAILED, VehicleState.CANCELLED)
 # Built once, as those of :mod:`service.jobs.claims`.
@@ -88,29 +85,6 @@ def _end_vehicles(session: Session, calibration_ids: list[UUID], state: str, pro
     requests = session.connection().execute(_END_VEHICLES, ended).scalars()
     for request_id, count in sorted(Counter(requests).items()):
         count_ended(session, request_id, {state: count})
-
-
-def count_missed(database: Database) -> None:
-    """Count what a worker of the version before ended: it knows no fleet requests, which would wait for ever."""
-    with database.reading() as session:
-        running = session.scalars(
-            select(FleetRequest.id).where(FleetRequest.state == written(RequestState.RUNNING))
-        ).all()
-        if not running:
-            return
-        missed = (
-            select(Calibration.id)
-            .join(FleetRequestVehicle, FleetRequestVehicle.calibration_id == Calibration.id)
-            .where(
-                FleetRequestVehicle.fleet_request_id.in_(running), FleetRequestVehicle.state == VehicleState.QUEUED
-            )
-            .where(Calibration.finished_at.is_not(None))
-        )
-        found = session.scalars(missed.limit(_BATCH)).all()
-    for calibration_id in found:
-        with database.writing() as session:
-            if calibration := session.get(Calibration, calibration_id):
-                tell_fleet_request(session, calibration)
 
 
 _DELETED: Json = {

@@ -12,12 +12,11 @@ from apexcal.documents.states import UNENDED, WorkState
 from service.broker.hints import hint
 from service.calibration_runs.actions import end_run, start_runs
 from service.calibration_runs.conclusion import end_calibration
-from service.calibration_runs.fleet_request_actions import count_missed
 from service.db.base import Json, written
 from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.db.fleet_requests import FleetRequestVehicle
 from service.db.jobs import Job
-from service.jobs.kinds import CannotRetryError, Kind
+from service.jobs.kinds import CannotRetryError, Kind, failed_subject
 from service.jobs.queue import enqueue
 
 _CANCELLED_RUNS = select(CalibrationRun.id).where(
@@ -41,10 +40,7 @@ def _end_conclusion(session: Session, calibration_id: UUID, state: WorkState, pr
 
 def _retry_conclusion(session: Session, job: Job) -> Sequence[Job]:
     """The conclusion again; its runs have all ended."""
-    calibration = session.get(Calibration, job.subject_id, with_for_update=True)
-    if calibration is None or calibration.state != WorkState.FAILED:
-        state = calibration.state if calibration else "deleted"
-        raise CannotRetryError(f"its calibration is {state}, no longer failed")
+    calibration = failed_subject(session, job, Calibration, "calibration")
     _check_retried_alone(session, calibration.id)
     _reopen(session, job.subject_id, runs=0)
     return [enqueue(session, kind="conclude", fleet_id=job.fleet_id, subject_id=job.subject_id)]
@@ -52,9 +48,7 @@ def _retry_conclusion(session: Session, job: Job) -> Sequence[Job]:
 
 def _retry_run(session: Session, job: Job) -> Sequence[Job]:
     """The whole run again, from its first iteration; its calibration waits for it."""
-    run = session.get(CalibrationRun, job.subject_id, with_for_update=True)
-    if run is None or run.state != WorkState.FAILED:
-        raise CannotRetryError(f"its run is {run.state if run else 'deleted'}, no longer failed")
+    run = failed_subject(session, job, CalibrationRun, "run")
     _check_retried_alone(session, run.calibration_id)
     for table in (Slot, Result):
         session.execute(delete(table).where(table.run_id == run.id).execution_options(synchronize_session=False))
@@ -107,6 +101,6 @@ def _newest_job(session: Session, subject_id: UUID) -> int:
 
 
 KINDS = (
-    Kind("solve", "solve", _end_part, _retry_run, cancelled=_CANCELLED_RUNS, tend=count_missed),
+    Kind("solve", "solve", _end_part, _retry_run, cancelled=_CANCELLED_RUNS),
     Kind("conclude", "report", _end_conclusion, _retry_conclusion),
 )

@@ -140,7 +140,7 @@ def _distortion(document: Json, other: Json) -> dict[str, float]:
 
 
 def _shared_points(one: Json | None, other: Json | None) -> dict[str, Floats] | None:
-    """The columns of a ``FieldDifference``; older results have no field."""
+    """The columns of a ``FieldDifference``; a fit without a fold of the pairs has no field."""
     if not one or not other:
         return None
     number, here, there = np.intersect1d(one["number"], other["number"], return_indices=True)

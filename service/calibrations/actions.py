@@ -23,7 +23,7 @@ def create(
     session: Session, rig: Rig, plan: CalibrationPlan, farm: str, publish: str, person_id: UUID, workers: int
 ) -> Calibration:
     """Insert a calibration with all its runs and their first jobs. Fits to all pairs are worked on first."""
-    waiting = waiting_runs(session, workers) + sum(fit.folds + 1 for fit in plan.fits)
+    waiting = waiting_runs(session, workers) + plan.runs
     return create_all(session, [(rig, plan)], farm, publish, person_id, workers, waiting)[0]
 
 
@@ -50,7 +50,7 @@ def create_all(
     session.add_all(calibrations)
     session.flush()
     runs = [
-        _run(calibration, fit, fold, plan, farm, waiting, workers)
+        _run(calibration, fit, fold, farm, waiting, workers)
         for calibration, (_, plan) in zip(calibrations, wanted, strict=True)
         for fit, fold in sorted(_runs(plan), key=lambda run: run[1])
     ]
@@ -77,7 +77,7 @@ def ask_to_end(session: Session, calibrations: Select[Any]) -> None:
 
 def _runs(plan: CalibrationPlan) -> Iterator[tuple[FitPlan, int]]:
     for fit in plan.fits:
-        yield from ((fit, fold) for fold in range(FULL, fit.folds))
+        yield from ((fit, fold) for fold in range(FULL, fit.request.folds))
 
 
 def _calibration(rig: Rig, plan: CalibrationPlan, publish: str, person_id: UUID) -> Calibration:
@@ -88,26 +88,25 @@ def _calibration(rig: Rig, plan: CalibrationPlan, publish: str, person_id: UUID)
         request=plan.request,
         content_hash=plan.content_hash,
         state=WorkState.QUEUED,
-        remaining=sum(fit.folds + 1 for fit in plan.fits),
+        remaining=plan.runs,
         publish=publish,
         notes=plan.notes,
         created_by=person_id,
     )
 
 
-def _run(
-    calibration: Calibration, fit: FitPlan, fold: int, plan: CalibrationPlan, farm: str, waiting: int, workers: int
-) -> CalibrationRun:
-    farming = choose_farming(farm, slots=plan.schedule.slots, cost=fit.cost, waiting_runs=waiting, workers=workers)
+def _run(calibration: Calibration, fit: FitPlan, fold: int, farm: str, waiting: int, workers: int) -> CalibrationRun:
+    slots = fit.request.schedule.slots
+    farming = choose_farming(farm, slots=slots, cost=fit.work.cost, waiting_runs=waiting, workers=workers)
     return CalibrationRun(
         fleet_id=calibration.fleet_id,
         calibration_id=calibration.id,
         set_id=fit.camera.pairs.id,
         camera=fit.camera.name,
-        model=fit.model,
+        model=fit.request.model,
         fold=fold,
         farm=farming.farm,
-        slots=plan.schedule.slots,
+        slots=slots,
         bundle=farming.bundle,
         problem=fit.of_fold(fold),
         state=WorkState.QUEUED,

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from apexcal.documents.bounds import LEAST_FOCAL_PX
-from apexcal.documents.camera_models import CAMERA_MODELS, FOCAL_AND_CENTRE, INTRINSICS, ModelName
+from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
 from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated
 from apexcal.documents.rules import LensUse
 from service.db.base import Json
@@ -120,15 +120,6 @@ class Lens:
         model: ModelName | None = self.stated["model"]
         values = _values(self.stated, model) if model else None
         return values and {"model": model, **values}
-
-    def locks_besides(self, named: Collection[str]) -> dict[str, float]:
-        """Focal lengths and principal point (pixels) at which the lens holds them, where it locks any.
-
-        Those in ``named`` are the request's own. The distortion is not among them: any may be right that was
-        measured.
-        """
-        locked = next(iter(self.known.values())).locked
-        return {name: locked[name] for name in FOCAL_AND_CENTRE if name in locked and name not in named}
 
 
 def take_over(camera: str, stated: Json, models: Sequence[ModelName], use_as: LensUse) -> Lens:

@@ -6,7 +6,14 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from apexcal.documents.bounds import LEAST_FOCAL_PX, Interval, preset_bounds
-from apexcal.documents.camera_models import ANGLES, MODELS, ModelName, SearchForm, all_names, bare_name
+from apexcal.documents.camera_models import (
+    ANGLES,
+    FOCAL_AND_CENTRE,
+    ModelName,
+    SearchForm,
+    all_names,
+    bare_name,
+)
 from apexcal.documents.fit_requests import FitRequest, in_radians
 from service.http.problems import Problem
 
@@ -73,33 +80,29 @@ def check_locks(locked: Mapping[str, float], bounds: Mapping[str, Interval]) -> 
 
 
 def check_camera_locks(
-    locked: Mapping[str, float],
-    of_lens: Mapping[str, float],
-    bounds: Mapping[str, Interval],
-    rig: Mapping[str, Interval],
-    fit: FitRequest,
+    fit: FitRequest, locked: Mapping[str, float], bounds: Mapping[str, Interval], rig: Mapping[str, Interval]
 ) -> None:
     """Refuse what lies where this camera would not be looked for: 422 ``locked_out_of_bounds``.
 
-    ``locked`` are the request's own values, ``of_lens`` those at which it holds the camera's stated lens.
-    ``bounds`` are the request's, which go before ``rig``, the rig's of this camera, and these before the preset's;
-    ``fit`` is a request of this camera.
+    ``locked`` and ``bounds`` are the template's own. ``rig`` are this camera's bounds in its rig, which go before the
+    preset's. Of a stated lens only focal lengths and centre are checked: any distortion may be right that was
+    measured.
     """
-    nominal_t = fit.nominal.translation_m
     # Any angle about the nominal mount may be right where it looks straight ahead: it has several then.
-    found = {
-        name: interval
-        for model in MODELS
-        for name, interval in preset_bounds(
-            fit.bounds_preset, model, fit.search, fit.image_size, nominal_t, reach=fit.rotation_range_rad
-        ).items()
-    }
-    for name, value in {**of_lens, **locked}.items():
-        if name in bounds:
+    preset = preset_bounds(
+        fit.bounds_preset,
+        fit.model,
+        fit.search,
+        fit.image_size,
+        fit.nominal.translation_m,
+        reach=fit.rotation_range_rad,
+    )
+    for name, value in fit.locked.items():
+        if name in bounds or name not in {*locked, *FOCAL_AND_CENTRE}:
             continue
         whose = "the rig's bounds" if name in rig else f"the bounds of {fit.bounds_preset}"
-        hint = _OF_LENS if name in of_lens else ""
-        _check(name, value, rig.get(name) or found[name], whose, f" of {fit.camera}", hint)
+        hint = "" if name in locked else _OF_LENS
+        _check(name, value, rig.get(name) or preset[name], whose, f" of {fit.camera}", hint)
 
 
 def _check(name: str, value: float, interval: Interval, whose: str, of: str, hint: str = "") -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.camera_models import ModelName, parameter_names
 from apexcal.documents.fit_requests import FitRequest
-from apexcal.documents.schedules import PRESETS, Schedule
 from service.calibrations.fold_rules import fold_count
 from service.calibrations.pair_rules import weighing_note
 from service.calibrations.resolve import (
@@ -19,33 +19,23 @@ from service.calibrations.resolve import (
     resolve_fits,
     resolve_template,
 )
-from service.calibrations.work_rules import Wanted, check_work, cost_of, predicted_s
+from service.calibrations.work_rules import FitWork, check_work, predicted_s
 from service.db.base import Json
 from service.db.digests import content_hash
 from service.http.problems import Problem
-from service.jobs.costs import RunCost
+from service.jobs.costs import run_cost
+
+# Members of a request that default to what its preset means.
+_OF_PRESET: Final = ("search", "bounds_preset", "loss", "outliers")
 
 
 @dataclass(frozen=True)
 class FitPlan:
-    """One model on one camera's pairs; each of the request's folds is held out in turn, besides the fit to all pairs.
-
-    ``cost`` is that of one run.
-    """
+    """One model on one camera's pairs: a fit to all, and one without each of the request's folds."""
 
     camera: ResolvedCamera
     request: FitRequest
-    cost: RunCost
-
-    @property
-    def model(self) -> ModelName:
-        """The camera model that is fitted."""
-        return self.request.model
-
-    @property
-    def folds(self) -> int:
-        """How many parts of the pairs are held out."""
-        return self.request.folds
+    work: FitWork
 
     def of_fold(self, fold: int) -> Json:
         """The request of one run as it is stored: without one part of the pairs, or -1, of all."""
@@ -57,17 +47,19 @@ class CalibrationPlan:
     """Everything that a request comes to."""
 
     fits: list[FitPlan]
-    schedule: Schedule
     content_hash: str
     request: Json
     notes: list[str]
 
     @property
+    def runs(self) -> int:
+        """Fits to all pairs, and to those without each fold."""
+        return sum(fit.work.runs for fit in self.fits)
+
+    @property
     def predicted_s(self) -> float:
         """Processor seconds of all its work, at most."""
-        return predicted_s(
-            Wanted(fit.camera.name, fit.model, fit.camera.pairs.count, 1 + fit.folds, fit.cost) for fit in self.fits
-        )
+        return predicted_s([fit.work for fit in self.fits])
 
 
 def plan_request(wanted: CalibrationTemplate, sources: Sequence[CameraPairs]) -> CalibrationPlan:
@@ -91,29 +83,24 @@ def plan_request(wanted: CalibrationTemplate, sources: Sequence[CameraPairs]) ->
         folds[camera.name], sentences = fold_count(camera.pairs.columns, wanted.folds, free, camera.name)
         notes += sentences
     fits: list[FitPlan] = []
-    for (camera, fit), one in zip(resolved, work, strict=False):
+    for (camera, fit), of_fit in zip(resolved, work, strict=False):
         notes += weighing_note(camera.name, fit.weights)
-        update = {"seed": seed, "folds": folds[camera.name][fit.model]}
-        fits.append(FitPlan(camera, fit.model_copy(update=update), one.cost))
-    preset = PRESETS[wanted.preset]
-    request = wanted.model_dump(mode="json") | {
-        "models": template.models,
-        "seed": seed,
-        "search": template.search,
-        "bounds_preset": wanted.bounds_preset or preset.bounds,
-        "loss": wanted.loss or preset.loss,
-        "outliers": wanted.outliers or preset.outliers,
-    }
-    return CalibrationPlan(fits, template.schedule, digest, request, list(dict.fromkeys(notes)))
+        count = folds[camera.name][fit.model]
+        complete = fit.model_copy(update={"seed": seed, "folds": count})
+        fits.append(FitPlan(camera, complete, of_fit._replace(runs=1 + count)))
+    request = wanted.model_dump(mode="json") | {"models": template.models, "seed": seed}
+    # What the preset means where the request names nothing is alike in all fits.
+    request |= {name: getattr(fit, name) for _, fit in resolved[:1] for name in _OF_PRESET}
+    return CalibrationPlan(fits, digest, request, list(dict.fromkeys(notes)))
 
 
-def _work(template: ResolvedTemplate, cameras: Sequence[ResolvedCamera]) -> list[Wanted]:
+def _work(template: ResolvedTemplate, cameras: Sequence[ResolvedCamera]) -> list[FitWork]:
     """What each fit costs. A template without cameras is looked at as for a camera without pairs."""
     fits: list[tuple[str, ModelName, int]] = [
         (camera.name, model, camera.pairs.count) for camera in cameras for model in camera.models
     ]
     return [
-        Wanted(camera, model, pairs, 1 + template.asked.folds, cost_of(model, pairs, template.schedule))
+        FitWork(camera, model, pairs, 1 + template.asked.folds, run_cost(model, pairs, template.schedule))
         for camera, model, pairs in fits or [("", model, 0) for model in template.models]
     ]
 

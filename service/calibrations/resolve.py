@@ -59,26 +59,17 @@ class ResolvedTemplate:
     lenses: Mapping[str, Lens]
 
     @property
-    def settled(self) -> set[str]:
-        """Parameters that the request itself bounds or locks."""
-        return {*self.bounds, *self.locked}
-
-    @property
     def named(self) -> set[str]:
         """Parameters of which the request itself says something."""
-        return self.settled | set(self.priors)
+        return {*self.bounds, *self.locked, *self.priors}
 
 
 @dataclass(frozen=True)
 class ResolvedCamera:
-    """A camera that a request calibrates. ``models`` are those of the request's that can be its lens.
-
-    ``bounds`` are the rig's, in radians, metres and pixels.
-    """
+    """A camera that a request calibrates. ``models`` are those of the request's that can be its lens."""
 
     camera: RigCamera
     pairs: CorrespondenceSet
-    bounds: Mapping[str, Interval]
     lens: Lens | None
     models: Sequence[ModelName]
 
@@ -94,7 +85,7 @@ class ResolvedCamera:
         notes = [f"{self.name}: {note}" for note in self.pairs.notes]
         notes += [f"The rig's bounds of {self.name} name {n!r}, which no model has; unused." for n in unused]
         if self.lens:
-            settled = template.settled | set(self.camera.bounds)
+            settled = {*template.bounds, *template.locked, *self.camera.bounds}
             notes += [f"{self.name}: {note}" for note in lens_notes(self.lens, template.models, settled)]
         return notes
 
@@ -111,9 +102,8 @@ def resolve_template(asked: CalibrationTemplate) -> ResolvedTemplate:
     preset = PRESETS[asked.preset]
     search = asked.search or preset.search
     schedule = schedule_of(preset, asked.schedule.model_dump(exclude_none=True))
-    priors = {name: prior.model_dump() for name, prior in asked.priors.items()}
     locked = check_names(asked.locked, "locked", models, search)
-    priors = check_names(priors, "priors", models, search)
+    priors = check_names({name: prior.model_dump() for name, prior in asked.priors.items()}, "priors", models, search)
     bounds = check_names(asked.bounds, "bounds", models, search)
     check_order(bounds)
     check_locks(locked, bounds)
@@ -131,8 +121,8 @@ def resolve_cameras(template: ResolvedTemplate, sources: Sequence[CameraPairs]) 
         Problem: 422 ``unknown_camera``, ``intrinsics_of_another_size``, ``intrinsics_of_another_model``.
     """
     cameras = [source.camera.name for source in sources]
-    strangers = sorted(set(template.lenses) - set(cameras)) if cameras else []
-    if strangers:
+    strangers = sorted(set(template.lenses) - set(cameras))
+    if cameras and strangers:
         raise Problem(
             422,
             "unknown_camera",
@@ -151,7 +141,7 @@ def _camera(template: ResolvedTemplate, source: CameraPairs) -> ResolvedCamera:
     elif source.stated is not None:
         lens = take_over(camera.name, source.stated, template.models, template.asked.intrinsics_as)
     models = template.models if lens is None else list(lens.known)
-    return ResolvedCamera(camera, source.pairs, in_radians(camera.bounds), lens, models)
+    return ResolvedCamera(camera, source.pairs, lens, models)
 
 
 def resolve_fits(template: ResolvedTemplate, camera: ResolvedCamera) -> list[FitRequest]:
@@ -160,14 +150,16 @@ def resolve_fits(template: ResolvedTemplate, camera: ResolvedCamera) -> list[Fit
     Raises:
         Problem: 422 ``locked_out_of_bounds``, ``no_covariances``, ``no_motion``.
     """
-    of_lens = camera.lens.locks_besides(template.named) if camera.lens else {}
-    fits = [_fit(template, camera, model) for model in camera.models]
-    for fit in fits[:1]:
-        check_camera_locks(template.locked, of_lens, template.bounds, camera.bounds, fit)
+    rig = in_radians(camera.camera.bounds)
+    fits = [_fit(template, camera, model, rig) for model in camera.models]
+    for fit in fits:
+        check_camera_locks(fit, template.locked, template.bounds, rig)
     return fits
 
 
-def _fit(template: ResolvedTemplate, camera: ResolvedCamera, model: ModelName) -> FitRequest:
+def _fit(
+    template: ResolvedTemplate, camera: ResolvedCamera, model: ModelName, rig: Mapping[str, Interval]
+) -> FitRequest:
     """The request with only the parameters that this model has.
 
     What the template says of a parameter goes before what is known of the lens; the rig's bounds go before its
@@ -183,7 +175,7 @@ def _fit(template: ResolvedTemplate, camera: ResolvedCamera, model: ModelName) -
     def unnamed(values: Mapping[str, object]) -> Json:
         return {name: value for name, value in values.items() if name not in named}
 
-    bounds = known.bounds | of_model(camera.bounds)
+    bounds = known.bounds | of_model(rig)
     preset = asked.bounds_preset or PRESETS[asked.preset].bounds
     skews = "skew" in names and preset != "paper-table-1" and "skew" not in {*named, *bounds, *known.priors}
     return camera_request(

@@ -104,7 +104,7 @@ def result_document(
     calibration beside it that is to know the marks.
     """
     document = row.document if with_pairs else _without_pairs(row.document)
-    outliers: list[Json] = document.get("outliers", [])
+    outliers: list[Json] = document["outliers"]
     # In a fit without a held-out block, indices count the remaining pairs.
     if row.fold == FULL:
         outliers = [one | {"pair": _origin(pairs, one["index"])} for one in outliers]
@@ -125,7 +125,7 @@ def result_document(
         "camera": row.camera,
         "model": row.model,
         "fold": row.fold,
-        "seed": run.problem.get("seed"),
+        "seed": run.problem["seed"],
         "created_at": row.created_at,
     }
 

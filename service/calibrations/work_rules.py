@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from math import inf
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ from apexcal.documents.camera_models import ModelName
 from apexcal.documents.checks import figure
 from apexcal.documents.schedules import Schedule
 from service.http.problems import Problem
-from service.jobs.costs import RunCost, comparison_s, run_cost
+from service.jobs.costs import RunCost, comparison_s
 from service.settings import get_settings
 
 # A worker may be so many times slower, or busier, than the machine on which the costs were measured.
@@ -28,7 +28,7 @@ MOST_FITTED_PAIRS = 2_000_000
 _HOUR_S = 3600.0
 
 
-class Wanted(NamedTuple):
+class FitWork(NamedTuple):
     """A model on a camera's pairs: its runs (with and without held-out blocks) and what each costs."""
 
     camera: str
@@ -38,30 +38,26 @@ class Wanted(NamedTuple):
     cost: RunCost
 
 
-def cost_of(model: ModelName, pairs: int, size: Schedule) -> RunCost:
-    """What one run costs."""
-    return run_cost(model, pairs, size)
-
-
-def predicted_s(wanted: Iterable[Wanted]) -> float:
+def predicted_s(fits: Sequence[FitWork]) -> float:
     """Processor seconds of a calibration of these, the comparison of its cameras included."""
-    fits = list(wanted)
-    cameras = {one.camera: one.pairs for one in fits}
-    comparing = comparison_s(len(cameras), max(cameras.values(), default=0))
-    return comparing + sum(one.runs * one.cost.seconds for one in fits)
+    return _comparison_s(fits) + sum(fit.runs * fit.cost.seconds for fit in fits)
 
 
-def check_work(fits: list[Wanted], size: Schedule) -> None:
+def _comparison_s(fits: Sequence[FitWork]) -> float:
+    pairs = {fit.camera: fit.pairs for fit in fits}
+    return comparison_s(len(pairs), max(pairs.values(), default=0))
+
+
+def check_work(fits: Sequence[FitWork], size: Schedule) -> None:
     """Refuse a calibration that a farm cannot take.
 
     Raises:
         Problem: 422 ``work_too_long`` where one slot or another piece is too long for whoever waits behind it,
             ``calibration_too_large`` where the whole is too much.
     """
-    for one in fits:
-        _check_run(one, size)
-    cameras = {one.camera: one.pairs for one in fits}
-    check_job("the comparison of the cameras", comparison_s(len(cameras), max(cameras.values(), default=0)), _PAIRS)
+    for fit in fits:
+        _check_run(fit, size)
+    check_job("the comparison of the cameras", _comparison_s(fits), _PAIRS)
     seconds, hours = predicted_s(fits), get_settings().calibration_hours
     if seconds > hours * _HOUR_S:
         raise _too_large(
@@ -71,13 +67,13 @@ def check_work(fits: list[Wanted], size: Schedule) -> None:
             predicted_seconds=round(seconds),
             limit_seconds=round(hours * _HOUR_S),
         )
-    slots = sum(one.runs * one.cost.slots for one in fits)
+    slots = sum(fit.runs * fit.cost.slots for fit in fits)
     if slots > MOST_SLOTS:
         raise _too_large(
             f"may run {slots:,} slots, and one may run {MOST_SLOTS:,}",
             "Lower schedule.slots or schedule.max_iterations, or ask for fewer models or folds.",
         )
-    pairs = sum(one.runs * one.pairs for one in fits)
+    pairs = sum(fit.runs * fit.pairs for fit in fits)
     if pairs > MOST_FITTED_PAIRS:
         raise _too_large(
             f"fits {pairs:,} pairs over all its runs, and one may fit {MOST_FITTED_PAIRS:,}",
@@ -113,16 +109,16 @@ def check_fleet_total(seconds: float) -> None:
         )
 
 
-def _check_run(one: Wanted, size: Schedule) -> None:
-    of = f"{one.model} on {one.pairs:,} pairs" + (f" of {one.camera}" if one.camera else "")
+def _check_run(fit: FitWork, size: Schedule) -> None:
+    of = f"{fit.model} on {fit.pairs:,} pairs" + (f" of {fit.camera}" if fit.camera else "")
     check_job(
         f"one slot of {of} (population {size.population:,}, {size.generations:,} generations)",
-        one.cost.slot_s,
+        fit.cost.slot_s,
         "Lower schedule.population or schedule.generations, or give fewer pairs. More slots and iterations search as "
         "much in shorter pieces.",
         LONGEST_SLOT_S,
     )
-    check_job(f"the last step of {of}", one.cost.finish_s, _PAIRS)
+    check_job(f"the last step of {of}", fit.cost.finish_s, _PAIRS)
 
 
 _PAIRS = "Give fewer pairs."

@@ -20,7 +20,7 @@ from sqlalchemy import Connection, Engine, inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
-from service.db.revisions import SCRIPTS, known, newest
+from service.db.revisions import SCRIPTS, known
 from service.db.session import open_engine
 from service.observability import logs
 from service.settings import settings_or_exit
@@ -89,7 +89,7 @@ def revise(message: str) -> None:
         upgrade(url)
         engine = open_engine(url)
         with _locked(engine) as connection:
-            number = f"{int(newest()) + 1:04d}"
+            number = f"{len(known()) + 1:04d}"
             command.revision(config(connection), message=message, autogenerate=True, rev_id=number)
         engine.dispose()
 

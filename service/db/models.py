@@ -1,4 +1,6 @@
 """All tables in one place, for the code that asks and for migrations."""
+# ruff: noqa: F401
+# pyright: reportUnusedImport=false
 
 from service.db.annotations import (
     AnnotationRevision,
@@ -37,54 +39,3 @@ from service.db.recordings import (
 from service.db.reports import Report
 from service.db.studies import Study, StudyFile
 from service.db.validations import Validation
-
-__all__ = [
-    "AnnotationRevision",
-    "Answer",
-    "Apex",
-    "ApiToken",
-    "Base",
-    "Blob",
-    "BlobHold",
-    "BrowserSession",
-    "Calibration",
-    "CalibrationRun",
-    "CameraFrame",
-    "CorrespondenceSet",
-    "Detection",
-    "Disclosure",
-    "Fleet",
-    "FleetRequest",
-    "FleetRequestVehicle",
-    "Heartbeat",
-    "IdempotencyKey",
-    "Job",
-    "JobEvent",
-    "JobTotal",
-    "Mark",
-    "MarkingFrontier",
-    "MarkingProgress",
-    "MarkingTask",
-    "Membership",
-    "PackedSweep",
-    "PackedSweeps",
-    "Person",
-    "Publication",
-    "Recording",
-    "Report",
-    "Result",
-    "Rig",
-    "RigCamera",
-    "Sensor",
-    "SignInLink",
-    "Slot",
-    "Study",
-    "StudyFile",
-    "UploadPart",
-    "Validation",
-    "Vehicle",
-    "Verdict",
-    "Vertex",
-    "VertexFrame",
-    "Worker",
-]

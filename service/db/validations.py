@@ -15,7 +15,7 @@ class Validation(Base):
     """One question and its answer. ``kind`` is ``pairs``, ``lanes`` or ``edges``.
 
     ``asked`` holds the calibration as it was when it was asked, so a validation outlives its result. ``single_pairs``
-    are the columns of the answer with one value for each pair; in rows of older versions they are in ``result``.
+    are the columns of the answer with one value for each pair.
     Lists read neither ``asked`` nor ``single_pairs``.
     """
 

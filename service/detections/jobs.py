@@ -16,7 +16,7 @@ from service.db.detections import Detection, Vertex
 from service.db.jobs import Job
 from service.db.recordings import Sensor
 from service.jobs.bundles import cut, shards
-from service.jobs.kinds import CannotRetryError, Kind
+from service.jobs.kinds import CannotRetryError, Kind, failed_subject
 from service.jobs.queue import enqueue_all
 
 AT_ONCE = 250
@@ -80,9 +80,7 @@ def _end(session: Session, detection_id: UUID, state: WorkState, problem: Json |
 
 def _retry(session: Session, job: Job) -> Sequence[Job]:
     """All shards again: a failed one ended the run, and what the others found later was dropped."""
-    row = session.get(Detection, job.subject_id, with_for_update=True)
-    if row is None or row.state != WorkState.FAILED:
-        raise CannotRetryError(f"its detection is {row.state if row else 'deleted'}, no longer failed")
+    row = failed_subject(session, job, Detection, "detection")
     shards_before = {
         payload.get("first", 0): payload
         for payload in session.scalars(select(Job.payload).where(Job.subject_id == row.id, Job.kind == "detect"))

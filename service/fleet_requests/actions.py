@@ -159,10 +159,9 @@ class _Total:
     def add(self, planned: Sequence[VehiclePlan]) -> None:
         """Count some vehicles more. Raises :class:`Problem` 422 ``fleet_request_too_large``."""
         plans = [one.plan for one in planned if one.plan]
-        fits = [fit for one in plans for fit in one.fits]
-        self.runs += sum(fit.folds + 1 for fit in fits)
-        self.slots += sum((fit.folds + 1) * fit.cost.slots for fit in fits)
-        self.seconds += sum(one.predicted_s for one in plans)
+        self.runs += sum(plan.runs for plan in plans)
+        self.slots += sum(fit.work.runs * fit.work.cost.slots for plan in plans for fit in plan.fits)
+        self.seconds += sum(plan.predicted_s for plan in plans)
         if self.runs > _MOST_RUNS:
             raise _too_large(f"more than {_MOST_RUNS} runs (cameras x models x (folds + 1))", f"{_MOST_RUNS} runs")
         if self.slots > _MOST_SLOTS:

@@ -70,7 +70,7 @@ def request_views(session: Session, rows: Sequence[FleetRequest]) -> list[FleetR
 
 
 def _asked_to_publish(row: FleetRequest) -> bool:
-    return row.asked["calibration"].get("publish") == "recommended"
+    return row.asked["calibration"]["publish"] == "recommended"
 
 
 def _published(session: Session, ids: Sequence[UUID]) -> dict[UUID, int]:

@@ -61,7 +61,7 @@ def draft_rig_of_recording(recording_id: UUID, body: DraftRequest, access: ReadA
         raise Problem(
             409,
             "no_static_transforms",
-            f"The recording {recording.name!r} holds no /tf_static, or was read by an older version.",
+            f"The recording {recording.name!r} holds no /tf_static.",
             "Send the vehicle's URDF, or upload the recording again.",
         )
     return draft(body, recorded_tree(transforms))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import dataclass
@@ -98,14 +98,13 @@ class Claim:
     request_id: str | None
 
 
-def claim(database: Database, job_id: int, worker: str, can: Collection[str] | None = None) -> Claim | None:
+def claim(database: Database, job_id: int, worker: str) -> Claim | None:
     """Take a job that was sent for one lease, or None: a twin message, a cancelled job, one in backoff, one done.
 
-    ``can``: the kinds of jobs that this worker does, by default all that it knows. While versions overlap there are
-    jobs that only the newer workers know; an older one leaves them in the queue, and the sweep sends them again until
-    one who knows them looks.
+    While versions overlap there are jobs that only the newer workers know; an older one leaves them in the queue, and
+    the sweep sends them again until one who knows them looks.
     """
-    names = [kind.name for kind in kinds()] if can is None else list(can)
+    names = [kind.name for kind in kinds()]
     asked = {"job": job_id, "by": worker, "kinds": names, "lease_s": get_settings().lease_s}
     with database.alone() as connection:
         row = connection.execute(_CLAIM, asked).one_or_none()

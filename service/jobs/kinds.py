@@ -7,20 +7,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 from uuid import UUID
 
 from sqlalchemy import Select
-from sqlalchemy.orm import InstrumentedAttribute, Session
+from sqlalchemy.orm import InstrumentedAttribute, Mapped, Session
 
 from apexcal.documents.states import WorkState
 from service.db.base import Json
 from service.db.jobs import Job
-from service.db.session import Database
 from service.jobs.queues import QUEUES
+
+
+class _Stateful(Protocol):
+    state: Mapped[str]
+
+
+Subject = TypeVar("Subject", bound=_Stateful)
 
 
 class CannotRetryError(Exception):
     """Why failed work is not started again."""
+
+
+def failed_subject(session: Session, job: Job, model: type[Subject], noun: str) -> Subject:
+    """Return the locked row that a failed job worked for. Raises :class:`CannotRetryError` if it is not failed."""
+    row = session.get(model, job.subject_id, with_for_update=True)
+    if row is None or row.state != WorkState.FAILED:
+        raise CannotRetryError(f"its {noun} is {row.state if row else 'deleted'}, no longer failed")
+    return row
 
 
 @dataclass(frozen=True)
@@ -41,8 +56,6 @@ class Kind:
     """The column in which subjects keep their job's id: such a job is not removed while its subject is there."""
     cancelled: Select[UUID] | None = None
     """Subjects that were cancelled and have not ended. The sweep cancels jobs that they got after that."""
-    tend: Callable[[Database], None] | None = None
-    """What a sweep does for the subjects beside their jobs."""
 
 
 _KINDS: dict[str, Kind] = {}

@@ -55,7 +55,6 @@ def sweep(database: Database, store: Store, gets_on: Callable[[], None] = lambda
         partial(_write, database, _send_again),
         partial(_write, database, _end_backoff),
         partial(_write, database, _release_waiting),
-        *(partial(kind.tend, database) for kind in kinds() if kind.tend),
         partial(_write, database, tally),
         partial(_write, database, forget_workers),
         partial(_remove_blobs, database, store),

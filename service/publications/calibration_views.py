@@ -78,16 +78,15 @@ def _quality(result: Result, calibration: Calibration) -> Json:
     cameras: Json = (calibration.summary or {}).get("cameras", {})
     summary: Json = cameras.get(result.camera, {}).get("models", {}).get(result.model, {})
     polished = result.document["polished"]
-    # Calibrations before decision 0045 have none.
     stated: Json = summary.get("between_models") or result.document
     return {
-        "pairs": result.document.get("pairs"),
+        "pairs": result.document["pairs"],
         "mean_px": polished["mean_px"],
         "rms_px": polished["rms_px"],
         "heldout_mean_px": summary.get("heldout_mean_px"),
         "heldout_rms_px": summary.get("heldout_rms_px"),
         "std": stated.get("std"),
-        "std_of_model": result.document.get("std"),
+        "std_of_model": result.document["std"],
         "interval95_half_width": stated.get("interval95_half_width"),
         "verdict": result.verdict,
     }

@@ -13,7 +13,7 @@ from service.broker.hints import hint
 from service.db.base import Json
 from service.db.jobs import Job
 from service.db.recordings import Recording
-from service.jobs.kinds import CannotRetryError, Kind
+from service.jobs.kinds import Kind, failed_subject
 from service.jobs.queue import enqueue
 from service.storage.quota import copied
 
@@ -53,9 +53,7 @@ def _end(session: Session, recording_id: UUID, state: WorkState, problem: Json |
 
 
 def _retry(session: Session, job: Job) -> Sequence[Job]:
-    row = session.get(Recording, job.subject_id, with_for_update=True)
-    if row is None or row.state != RecordingState.FAILED:
-        raise CannotRetryError(f"its recording is {row.state if row else 'deleted'}, no longer failed")
+    row = failed_subject(session, job, Recording, "recording")
     return [queue_ingestion(session, row)]
 
 

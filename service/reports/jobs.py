@@ -14,7 +14,7 @@ from service.db.base import Json
 from service.db.calibrations import Result
 from service.db.jobs import Job
 from service.db.reports import Report
-from service.jobs.kinds import CannotRetryError, Kind
+from service.jobs.kinds import Kind, failed_subject
 from service.jobs.queue import enqueue
 
 
@@ -46,9 +46,7 @@ def _end(session: Session, report_id: UUID, state: WorkState, problem: Json | No
 
 
 def _retry(session: Session, job: Job) -> Sequence[Job]:
-    row = session.get(Report, job.subject_id, with_for_update=True)
-    if row is None or row.state != WorkState.FAILED:
-        raise CannotRetryError(f"its report is {row.state if row else 'deleted'}, no longer failed")
+    row = failed_subject(session, job, Report, "report")
     return [_queue(session, row)]
 
 

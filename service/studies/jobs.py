@@ -13,7 +13,7 @@ from service.db.base import Json
 from service.db.jobs import Job
 from service.db.recordings import Recording
 from service.db.studies import Study
-from service.jobs.kinds import CannotRetryError, Kind
+from service.jobs.kinds import Kind, failed_subject
 from service.jobs.queue import enqueue
 from service.storage.quota import counted
 
@@ -49,12 +49,9 @@ def _end(session: Session, study_id: UUID, state: WorkState, problem: Json | Non
 
 
 def _retry(session: Session, job: Job) -> Sequence[Job]:
-    row = session.get(Study, job.subject_id, with_for_update=True)
-    if row is None or row.state != WorkState.FAILED:
-        raise CannotRetryError(f"its study is {row.state if row else 'deleted'}, no longer failed")
-    fresh = queue_study(session, row)
+    row = failed_subject(session, job, Study, "study")
     hint(session, row.fleet_id, "recording", row.recording_id)
-    return [fresh]
+    return [queue_study(session, row)]
 
 
 KINDS = tuple(

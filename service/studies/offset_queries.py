@@ -11,13 +11,14 @@ from apexcal.documents.schedules import PRESETS
 from service.annotations.consensus import agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.calibrations.resolve import camera_request
-from service.calibrations.work_rules import check_job, cost_of
+from service.calibrations.work_rules import check_job
 from service.db.base import Json
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.fleets import Rig
 from service.db.recordings import CameraFrame, Recording, Sensor
 from service.fleets.queries import rig_camera
 from service.http.problems import Problem
+from service.jobs.costs import run_cost
 
 # Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.
 _MARK_US = 2500.0
@@ -55,7 +56,7 @@ def what_is_known(session: Session, recording: Recording, detection: Detection, 
             "The offset is found from marks: mark vertices first, at least some dozens over the whole recording.",
         )
     # At worst it searches as a calibration does, and polishes.
-    searching = cost_of(parse_model(model), len(marks), PRESETS["default"].schedule)
+    searching = run_cost(parse_model(model), len(marks), PRESETS["default"].schedule)
     seconds = searching.seconds + 1e-6 * _MARK_US * len(marks)
     check_job(f"an offset from {len(marks):,} marks", seconds, "Detect in a shorter part of the recording.")
     columns = zip(("stamp_ns", "u", "v"), zip(*marks, strict=True), strict=True)

@@ -76,10 +76,8 @@ def _check_frame(access: Access, recording: Recording, result: Result, index: in
         raise Problem(
             404, "no_such_frame", f"{camera.name} has no frame {index}.", f"It has {camera.count}, numbered from 0."
         )
-    # Results of older versions do not state it.
-    fitted = result.document["intrinsics"].get("image_size")
-    if fitted and tuple(fitted) != (frame.width, frame.height):
-        width, height = fitted
+    width, height = result.document["intrinsics"]["image_size"]
+    if (width, height) != (frame.width, frame.height):
         raise Problem(
             422,
             "image_size_differs",

@@ -21,7 +21,6 @@ class _Origin(NamedTuple):
     vehicle_id: UUID
     set_id: UUID
     recording_id: UUID | None
-    problem: Json
 
     def shares_pairs(self, other: _Origin) -> bool:
         return self.set_id == other.set_id or (
@@ -54,15 +53,14 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
         other_model=other.model,
         sentence=_sentence(result.camera, found, shares_pairs=shares_pairs),
         shares_pairs=shares_pairs,
-        # Results of older versions do not state it; what was fitted does.
-        image_size=result.document["intrinsics"].get("image_size") or own.problem.get("image_size"),
+        image_size=result.document["intrinsics"]["image_size"],
         **found,
     )
 
 
 def _origin(session: Session, result: Result) -> _Origin:
     row = session.execute(
-        select(Calibration.vehicle_id, CorrespondenceSet.id, CorrespondenceSet.recording_id, CalibrationRun.problem)
+        select(Calibration.vehicle_id, CorrespondenceSet.id, CorrespondenceSet.recording_id)
         .select_from(CalibrationRun)
         .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
         .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)

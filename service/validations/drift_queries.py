@@ -164,13 +164,15 @@ def _incomparable(one: _Recommended, other: _Recommended) -> str | None:
     if one.model != other.model:
         return f"their lens models are {other.model} and {one.model}, and a mount belongs to its lens"
     if one.document["lens"] != other.document["lens"]:
-        return f"the lens of one is {other.document['lens']}, that of the other {one.document['lens']}"
-    failed = [each for each in (other, one) if each.verdict != "pass"]
-    if failed:
-        return (
-            f"the result of {' and that of '.join(f'{each.at:%Y-%m-%d}' for each in failed)} does not pass its checks"
-        )
-    return None
+        return f"the lens of the earlier result is {other.document['lens']}, that of the later {one.document['lens']}"
+    failed = [
+        f"the {which} result (pairs of {each.at:%Y-%m-%d %H:%M})"
+        for which, each in (("earlier", other), ("later", one))
+        if each.verdict != "pass"
+    ]
+    if len(failed) == 2:
+        return f"neither {' nor '.join(failed)} passes its checks"
+    return f"{failed[0]} does not pass its checks" if failed else None
 
 
 def _sentence(camera: str, steps: list[DriftStep]) -> str:

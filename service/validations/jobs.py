@@ -12,7 +12,7 @@ from service.broker.hints import hint
 from service.db.base import Json
 from service.db.jobs import Job
 from service.db.validations import Validation
-from service.jobs.kinds import CannotRetryError, Kind
+from service.jobs.kinds import Kind, failed_subject
 from service.jobs.queue import enqueue
 
 # Job kind and queue by what is validated. Scores of pairs take milliseconds: they must not wait behind drives.
@@ -39,12 +39,9 @@ def _end(session: Session, validation_id: UUID, state: WorkState, problem: Json 
 
 
 def _retry(session: Session, job: Job) -> Sequence[Job]:
-    row = session.get(Validation, job.subject_id, with_for_update=True)
-    if row is None or row.state != WorkState.FAILED:
-        raise CannotRetryError(f"its validation is {row.state if row else 'deleted'}, no longer failed")
-    fresh = queue_validation(session, row)
+    row = failed_subject(session, job, Validation, "validation")
     hint(session, row.fleet_id, "validation", row.id)
-    return [fresh]
+    return [queue_validation(session, row)]
 
 
 KINDS = tuple(Kind(name, queue, _end, _retry, shown_by=Validation.job_id) for name, queue in _JOBS.values())

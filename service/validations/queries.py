@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 from uuid import UUID
 
-from sqlalchemy.orm import Session
-
 from apexcal.documents.validations import GivenCalibration, ValidationRequest
 from service.auth.access import Access
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, Result
+from service.db.calibrations import Calibration, Result
 from service.db.fleets import Vehicle
 from service.http.problems import Problem
 from service.publications.queries import current_publication
@@ -44,7 +42,7 @@ def validated(access: Access, vehicle: Vehicle, wanted: ValidationRequest) -> Va
                 f"The camera {wanted.camera!r} has no published calibration.",
                 "Give `result_id`, or `calibration` with a lens and a transform.",
             )
-        return _of(access.session, result)
+        return _of(result)
     result = access.find(Result, wanted.result_id, "engineer")
     of_vehicle = access.session.get_one(Calibration, result.calibration_id).vehicle_id
     if of_vehicle != vehicle.id:
@@ -61,16 +59,11 @@ def validated(access: Access, vehicle: Vehicle, wanted: ValidationRequest) -> Va
             f"The result is of the camera {result.camera!r}, not of {wanted.camera!r}.",
             "Name the camera of the result.",
         )
-    return _of(access.session, result)
+    return _of(result)
 
 
-def _of(session: Session, result: Result) -> Validated:
-    document: Json = {name: result.document.get(name) for name in _NEEDED}
-    if "image_size" not in document["intrinsics"]:
-        # Results of older versions do not state it; what was fitted does.
-        size = session.get_one(CalibrationRun, result.run_id).problem["image_size"]
-        document["intrinsics"] = document["intrinsics"] | {"image_size": size}
-    return Validated(result.id, document)
+def _of(result: Result) -> Validated:
+    return Validated(result.id, {name: result.document[name] for name in _NEEDED})
 
 
 def _given(calibration: GivenCalibration) -> Json:

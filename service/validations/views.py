@@ -12,9 +12,7 @@ def validation_view(row: Validation, job: Job | None, *, with_pairs: bool) -> Va
     """A validation with its job; with or without what it says of single pairs."""
     result = row.result
     if result is not None and row.kind == "pairs":
-        # Older versions kept the columns in the result.
-        none = {name: [] for name in SINGLE_PAIRS}
-        result = (none | result | (row.single_pairs or {})) if with_pairs else result | none
+        result = result | ((row.single_pairs if with_pairs else None) or {name: [] for name in SINGLE_PAIRS})
     return ValidationView(
         id=row.id,
         vehicle_id=row.vehicle_id,

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import csv
+import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from apexcal.cli import app
 from apexcal.client import ApiError, Client
+from apexcal.documents.checks import Check
 from tests.apexcal.conftest import Embedded
 from tests.faults.jobs import LEVEL_RIG, pairs
 
@@ -82,3 +86,36 @@ def test_the_commands_publish_list_and_go_back(car: Car, owner: Client):
     assert results == [f"{car.edge}, current", car.good[0], car.good[1], car.good[0], car.edge]
     assert "  It leaves at noon." in listed
     owner.calibrations.publish(car.good[1], "For whoever comes next.")
+
+
+def test_what_a_check_keeps_back_ends_the_command_with_4_and_is_what_the_service_says(
+    embedded: Embedded, owner: Client, tmp_path: Path
+):
+    vehicle = owner.vehicles.create(owner.fleets.create("Kept back").id, "Cart")
+    owner.vehicles.create_rig(vehicle.id, LEVEL_RIG)
+    few = pairs(40)
+    with (tmp_path / "pairs.csv").open("w") as file:
+        table = csv.DictWriter(file, few[0].keys())
+        table.writeheader()
+        table.writerows(few)
+    words = ["calibrate", "--pairs", str(tmp_path / "pairs.csv"), "--vehicle", str(vehicle.id), "--model", "pinhole"]
+    words += ["--folds", "0", "--publish", "--url", embedded.url, "--token", embedded.token]
+    told = CliRunner().invoke(app, [*words, "--json"])
+    assert told.exit_code == 4, told.stderr
+    camera = json.loads(told.stdout)["summary"]["cameras"]["front"]
+    assert camera["published"] is False
+    checks = owner.calibrations.result(camera["models"]["pinhole"]["result_id"]).checks
+    assert _said([Check.model_validate(one) for one in camera["checks"]]) == _said(checks)
+    shown = CliRunner().invoke(app, words)
+    assert shown.exit_code == 4, shown.stderr
+    assert "Nothing was published for front on Cart: a check keeps it back." in shown.stdout
+    failed = [one for one in checks if one.verdict != "pass"]
+    assert any(one.sentence.startswith("No pairs were held out") for one in failed)
+    for check in failed:
+        assert f"{check.sentence} {check.remedy}" in shown.stdout
+    with pytest.raises(ApiError, match="Nothing has been published"):
+        owner.calibrations.current(vehicle.id, "front")
+
+
+def _said(checks: list[Check]) -> list[tuple[str, ...]]:
+    return sorted((one.name, one.scope, one.verdict, one.sentence, one.remedy) for one in checks)

@@ -2,7 +2,6 @@
 
 import json
 import re
-from uuid import UUID
 
 import pytest
 from sqlalchemy import delete, select, update
@@ -79,20 +78,6 @@ def test_a_report_is_made_kept_and_replaced(api, context, made):
         kept = session.scalars(select(Report.blob_key)).one()
     assert sorted(states.values()) == ["condemned", "stored"] and states[kept] == "stored"
     assert api.member(fleet, "viewer").get(f"/results/{result}/report").status_code == 200
-
-
-@one_database
-def test_a_result_of_an_older_version_has_a_report(api, context, made):
-    engineer, result, _ = made
-    with api.database.writing() as session:
-        row = session.get_one(Result, UUID(result))
-        lens = {name: value for name, value in row.document["intrinsics"].items() if name != "image_size"}
-        row.document = row.document | {"intrinsics": lens}
-    asked = engineer.post(f"/results/{result}/report").json()
-    work(context)
-    ended = engineer.get(f"/reports/{asked['id']}").json()
-    assert (ended["state"], ended["problem"]) == ("done", None)
-    assert '"image_size":[' in engineer.get(f"/results/{result}/report").text
 
 
 @one_database

@@ -11,7 +11,7 @@ import numpy as np
 
 from apexcal.documents.camera_models import CAMERA_MODELS, parse_model
 from workers.models.choice import Candidate, Choice, choose
-from workers.models.evidence import Integers, Pairs
+from workers.models.evidence import Pairs
 from workers.models.spread import spread_of, spread_sentence
 
 Json = dict[str, Any]
@@ -42,7 +42,7 @@ def camera_summary(fits: Sequence[Fit]) -> Json:
     models: dict[str, Json] = {}
     for name, fit in full.items():
         found = models[name] = _model_summary(fit)
-        found |= _heldout(candidates[name].heldout, wrong, _diagonal_px(fit.document))
+        found |= _heldout(candidates[name].heldout, wrong, float(np.hypot(*fit.document["intrinsics"]["image_size"])))
         if name in choice.behind:
             found["behind"] = asdict(choice.behind[name])
         if name in choice.weight:
@@ -61,7 +61,7 @@ def recommend(fits: Sequence[Fit]) -> tuple[Choice, dict[str, Candidate]]:
         if fit.heldout_fold is not None and fit.model in full and fit.document.get("heldout"):
             folds[fit.model][fit.heldout_fold] = fit.document
     candidates = {name: _candidate(name, document, folds[name]) for name, document in full.items()}
-    width, height = (next(iter(full.values())).get("intrinsics") or {}).get("image_size") or (1, 1)
+    width, height = next(iter(full.values()))["intrinsics"]["image_size"]
     return choose(candidates, float(width * height)), candidates
 
 
@@ -69,7 +69,7 @@ def _candidate(name: str, full: Json, folds: Mapping[int, Json]) -> Candidate:
     determined = {fold: one for fold, one in folds.items() if one["status"] != "not_determined"}
     # If most folds leave a model open, the others cannot judge it.
     judged = determined if 2 * len(determined) > len(folds) else {}
-    parts = [_pairs(one["heldout"], fold) for fold, one in sorted(judged.items())]
+    parts = [_pairs(judged[fold]["heldout"]) for fold in sorted(judged)]
     residuals = np.array(full.get("residuals_px") or [full["polished"]["mean_px"]], np.float64)
     order = np.arange(len(residuals))
     return Candidate(
@@ -83,14 +83,11 @@ def _candidate(name: str, full: Json, folds: Mapping[int, Json]) -> Candidate:
     )
 
 
-def _pairs(heldout: Json, fold: int) -> Pairs:
-    """A block of held-out pairs. Versions before decision 0045 kept neither blocks nor standardised distances."""
-    errors = np.array(heldout["errors_px"], np.float64)
-    number: Integers = np.array(heldout["indices"], np.int64)
-    block = np.array(heldout.get("blocks") or [fold] * len(number), np.int64)
-    standard = np.array(heldout.get("standard_px") or errors, np.float64)
+def _pairs(heldout: Json) -> Pairs:
+    """The pairs of a held-out fold."""
+    number, block = (np.array(heldout[name], np.int64) for name in ("indices", "blocks"))
     return Pairs(
-        number, block, standard, np.array(heldout.get("stretch") or np.ones(len(number)), np.float64), errors
+        number, block, *(np.array(heldout[name], np.float64) for name in ("standard_px", "stretch", "errors_px"))
     )
 
 
@@ -106,7 +103,7 @@ def _left_out_by_all(documents: Mapping[str, Json]) -> set[int]:
     model lacks the lens.
     """
     left_out = [
-        {outlier["index"] for outlier in document.get("outliers", []) if outlier["excluded"]}
+        {outlier["index"] for outlier in document["outliers"] if outlier["excluded"]}
         for document in documents.values()
     ]
     return set.intersection(*left_out) if left_out else set()
@@ -129,25 +126,19 @@ def _heldout(pairs: Pairs | None, wrong: set[int], diagonal_px: float) -> Json:
     }
 
 
-def _diagonal_px(document: Json) -> float:
-    """Infinite if an old document lacks the image's size."""
-    size = (document.get("intrinsics") or {}).get("image_size")
-    return float(np.hypot(*size)) if size else float("inf")
-
-
 def _model_summary(fit: Fit) -> Json:
     document = fit.document
-    summary: Json = {stage: _stage(document.get(stage)) for stage in _STAGES}
+    summary: Json = {stage: _stage(document[stage]) for stage in _STAGES}
     return summary | {
         "result_id": str(fit.result_id),
         "status": document["status"],
         "message": document["message"],
         "free_parameters": document["free_parameters"],
         "at_bounds": document["at_bounds"],
-        "lens": document.get("lens", "fitted"),
-        "stated_lens": (document.get("stated_lens") or {}).get("sentence"),
-        "explained_px": document.get("explained_px"),
-        "marks_outside": document.get("marks_outside"),
+        "lens": document["lens"],
+        "stated_lens": (document["stated_lens"] or {}).get("sentence"),
+        "explained_px": document["explained_px"],
+        "marks_outside": document["marks_outside"],
         "pairs": document["pairs"],
         "iterations": document["iterations"],
         "stopped": document["stopped"],

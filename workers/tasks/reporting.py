@@ -27,7 +27,6 @@ from service.publications.check_queries import checks_now
 from service.storage.blobs import condemn, keep, reserve
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, FrameImage, Material, PersonMark
-from workers.solver.problem import FitProblem
 from workers.solver.stopping import Stop
 from workers.tasks.context import Context
 from workers.tasks.loading import require_room
@@ -129,14 +128,8 @@ def _models(session: Session, result: Result, pairs: Json, stop: Stop) -> list[F
     for one, run in rows:
         if one.fold == FULL:
             problem = read_run(run.problem, FULL, pairs, stop).problem
-            made.append(FittedModel(one.model, _sized(one.document, problem), problem, held[one.model]))
+            made.append(FittedModel(one.model, one.document, problem, held[one.model]))
     return made
-
-
-def _sized(document: Json, problem: FitProblem) -> Json:
-    """The document with the image's size, which results of older versions do not state."""
-    size = {"image_size": list(problem.image_size)}
-    return document | {"intrinsics": size | document["intrinsics"]}
 
 
 def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:

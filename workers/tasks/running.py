@@ -101,7 +101,7 @@ def run_job(context: Context, job_id: int, queue: str = "") -> None:
     If the database cannot be asked, the message goes back to its ``queue``, for a worker that can.
     """
     try:
-        held = None if is_draining() else claim(context.database, job_id, context.worker, WORK)
+        held = None if is_draining() else claim(context.database, job_id, context.worker)
     except (OperationalError, PoolTimeoutError) as error:
         log.warning("job %d could not be claimed; its message goes back: %s", job_id, type(error).__name__)
         time.sleep(_TRY_AGAIN_S)

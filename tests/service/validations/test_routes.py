@@ -3,17 +3,18 @@
 import re
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from uuid import UUID
 
 import pytest
-from sqlalchemy import event, select
+from sqlalchemy import event
 
 from apexcal.documents.validations import SINGLE_PAIRS
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.jobs import Job
 from service.db.validations import Validation
 from tests.service.detections.seeding import LEVEL, seed_recording, seed_rig
+from tests.support.databases import one_database
 
 pytestmark = pytest.mark.usefixtures("broker")
 
@@ -71,7 +72,8 @@ def test_single_pairs_of_marks_are_for_reviewers(api, fleet, engineer, rig):
     body = {"kind": "pairs", "camera": "front", "set_id": made["id"], "calibration": GIVEN}
     said = engineer.post(f"/vehicles/{rig.vehicle_id}/validations", body).json()
     with api.database.writing() as session:
-        session.query(Validation).one().result = SCORE
+        row = session.query(Validation).one()
+        row.result, row.single_pairs = SCORE, {name: SCORE[name] for name in SINGLE_PAIRS}
         session.query(CorrespondenceSet).one().source = "annotations"
     annotator = api.member(fleet, "annotator")
     assert annotator.get(f"/validations/{said['id']}").json()["result"]["residual_u"] == []
@@ -114,13 +116,17 @@ def test_what_does_not_belong_together_is_refused(api, fleet, engineer, rig):
     assert elsewhere.status_code == 404
 
 
-def seed_results(api, rig, mounts):
-    """Recommended results, a day apart: (t_x in metres) each, stated to 5 mm and 0.05 degrees."""
+def seed_results(api, rig, mounts, changes=()):
+    """Recommended results, a day apart: (t_x in metres) each, stated to 5 mm and 0.05 degrees.
+
+    ``changes``: for each in its order, another ``model``, ``lens`` or ``verdict``.
+    """
     names = ["rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z"]
     std = dict(zip(names, [0.05] * 3 + [0.005] * 3, strict=True))
     matrix = [[std[a] ** 2 if a == b else 0.0 for b in names] for a in names]
     with api.database.writing() as session:
-        for day, t_x in enumerate(mounts):
+        for day, (t_x, change) in enumerate(zip_longest(mounts, changes, fillvalue={})):
+            of = {"model": "pinhole", "lens": "fitted", "verdict": "pass"} | change
             made = datetime(2026, 3, 1, tzinfo=UTC) + timedelta(days=day)
             owned = {"fleet_id": rig.fleet_id}
             pairs = CorrespondenceSet(
@@ -134,39 +140,28 @@ def seed_results(api, rig, mounts):
             session.add_all([pairs, calibration])
             session.flush()
             run = CalibrationRun(**owned, calibration_id=calibration.id, set_id=pairs.id, camera="front", fold=-1)
-            run.model, run.farm, run.slots, run.bundle, run.problem = "pinhole", "runs", 1, 1, {}
+            run.model, run.farm, run.slots, run.bundle, run.problem = of["model"], "runs", 1, 1, {}
             session.add(run)
             session.flush()
             result = Result(**owned, calibration_id=calibration.id, run_id=run.id, camera="front")
-            result.model, result.fold = "pinhole", -1
+            result.model, result.fold = of["model"], -1
             result.document = {
                 "model": "pinhole",
                 "status": "ok",
-                "intrinsics": {"model": "pinhole", **LENS["parameters"]},
+                "intrinsics": {"model": "pinhole", **LENS["parameters"], "image_size": [640, 480]},
                 "transform": LEVEL | {"translation_m": [t_x, -0.1, -0.2]},
                 "parameters": {**LENS["parameters"]},
                 "std": std,
                 "covariance": {"names": names, "units": [], "matrix": matrix},
-                "lens": "fitted",
+                "lens": of["lens"],
+                "sigma_px": 1.0,
                 "checks": [],
             }
-            result.checks, result.verdict = [], "pass"
+            result.checks, result.verdict = [], of["verdict"]
             session.add(result)
             session.flush()
-            model = {"result_id": str(result.id), "verdict": "pass"}
-            calibration.summary = {"cameras": {"front": {"recommended": "pinhole", "models": {"pinhole": model}}}}
-
-
-def test_a_result_of_an_older_version_is_validated_at_the_size_that_was_fitted(api, engineer, rig):
-    seed_results(api, rig, [0.0])
-    with api.database.writing() as session:
-        session.query(CalibrationRun).one().problem = {"image_size": [640, 480]}
-        (result,) = session.scalars(select(Result.id))
-    body = {"kind": "pairs", "camera": "front", "set_id": brought(engineer, rig)["id"], "result_id": str(result)}
-    asked = engineer.post(f"/vehicles/{rig.vehicle_id}/validations", body)
-    assert asked.status_code == 202, asked.text
-    with api.database.reading() as session:
-        assert session.query(Validation).one().asked["calibration"]["intrinsics"]["image_size"] == [640, 480]
+            models = {of["model"]: {"result_id": str(result.id), "verdict": of["verdict"]}}
+            calibration.summary = {"cameras": {"front": {"recommended": of["model"], "models": models}}}
 
 
 def test_drift_reads_no_whole_documents(api, engineer, rig):
@@ -201,6 +196,33 @@ def test_drift_compares_each_result_with_the_one_before_and_the_first(api, engin
         assert step["from_first"]["translation_mm"] == pytest.approx(
             1e3 * abs(step["transform"]["translation_m"][0] - mounts[0])
         )
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ([{"verdict": "look"}, {}], "the earlier result (pairs of 2026-03-01 00:00) does not pass its checks"),
+        ([{}, {"verdict": "stop"}], "the later result (pairs of 2026-03-02 00:00) does not pass its checks"),
+        (
+            [{"verdict": "stop"}, {"verdict": "look"}],
+            "neither the earlier result (pairs of 2026-03-01 00:00) nor the later result (pairs of 2026-03-02 00:00) "
+            "passes its checks",
+        ),
+        ([{}, {"model": "brown_conrady"}], "their lens models are pinhole and brown_conrady, and a mount belongs"),
+        ([{"lens": "stated"}, {}], "the lens of the earlier result is stated, that of the later fitted"),
+    ],
+)
+@one_database
+def test_drift_says_why_it_cannot_say_whether_the_mount_moved(api, engineer, rig, changes, why):
+    seed_results(api, rig, [0.0, 0.060], changes)
+    drift = drift_of(engineer, rig)
+    assert (
+        f"Whether the mount moved cannot be said: {why}" in drift["sentence"] and "moved (" not in drift["sentence"]
+    )
+    difference = drift["steps"][1]["from_previous"]
+    assert not difference["differs"] and difference["incomparable"].startswith(why)
+    # How far they are apart is said all the same.
+    assert difference["translation_mm"] == pytest.approx(60.0) and "60 mm" in drift["sentence"]
 
 
 def drift_of(engineer, rig, **asked):

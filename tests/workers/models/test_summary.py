@@ -2,13 +2,13 @@
 
 from uuid import uuid4
 
-from tests.workers.tasks.test_concluding import document
+from tests.workers.tasks.test_concluding import document, of_block
 from workers.models.summary import Fit, recommend
 
 
 def test_folds_that_hold_out_a_pair_twice_count_it_once():
     def fit(model, fold, indices):
-        heldout = {"errors_px": [1.0] * len(indices), "indices": indices}
+        heldout = of_block([1.0] * len(indices), indices)
         return Fit(uuid4(), model, fold, document(1.0, model=model) | {"heldout": heldout})
 
     cut = {"pinhole": ([0, 1, 2, 3], [2, 3, 4]), "brown_conrady": ([0, 2, 4], [1, 3])}

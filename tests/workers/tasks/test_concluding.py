@@ -22,8 +22,10 @@ MOUNT = {"to_frame": "camera", "from_frame": "velodyne"}
 
 
 def of_block(errors, indices):
+    numbers = list(indices)
     return {"errors_px": list(errors), "standard_px": list(errors), "stretch": [1.0] * len(errors)} | {
-        "indices": list(indices)
+        "indices": numbers,
+        "blocks": numbers[:1] * len(numbers),
     }
 
 
@@ -34,6 +36,10 @@ def document(mean_px, heldout=(), model="pinhole", **more):
         "ga": stage,
         "polished": stage,
         "baseline": stage,
+        "linear_baseline": None,
+        "stated_lens": None,
+        "explained_px": None,
+        "marks_outside": None,
         "status": "ok",
         "message": "Stopped.",
         "free_parameters": FREE[model],

@@ -4,7 +4,9 @@ Revision ID: 0001
 Revises:
 """
 
-from service.db.migrations.first_schema import calibrations, fleets_and_work, recordings
+from alembic import op
+
+from service.db.models import Base
 
 revision = "0001"
 down_revision = None
@@ -13,6 +15,5 @@ depends_on = None
 
 
 def upgrade():
-    fleets_and_work.create()
-    recordings.create()
-    calibrations.create()
+    # Until the first tag, today's schema (docs/decisions/0021-one-version-until-the-first-tag.md).
+    Base.metadata.create_all(op.get_bind())
