@@ -48,6 +48,7 @@ from service.http import (
     web,
 )
 from service.http.limits import ConcurrencyLimiter
+from service.http.lookups import Lookups
 from service.imports import routes as imports
 from service.job_status import routes as job_status
 from service.jobs.messages import COURIER as JOBS
@@ -178,7 +179,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         with drain.before_stopping():
             yield
         await _end(upkeep)
-        await app.state.retrieval.close()
+        await app.state.lookups.close()
         app.state.sender.close()
         app.state.publisher.close()
         for database in (app.state.database, upkeep_database, *app.state.health_databases):
@@ -203,7 +204,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.store = _opened(settings)
     app.state.room = Room(app.state.store, settings.min_free_bytes)
     adopt_if_known(app.state.database, app.state.store)
-    app.state.retrieval = Retrieval(app.state.database, app.state.threads)
+    app.state.lookups = Lookups(app.state.database, app.state.threads)
+    app.state.retrieval = Retrieval(app.state.database, app.state.threads, app.state.lookups)
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)
     # An import of 32 MiB takes some 130 MB while it is read, an answer of 100,000 pairs 20 MB and then 6.

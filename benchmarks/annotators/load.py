@@ -125,11 +125,14 @@ class Load:
         hinted = asyncio.Event()
 
         async def read() -> None:
+            last = -1.0
             while True:
                 await hinted.wait()
+                settle, now = self._draw.uniform(0.15, 1.0), time.monotonic()
+                await asyncio.sleep(max(settle, last + 1.0 - now))
                 hinted.clear()
+                last = time.monotonic()
                 await page.ask("page", "GET", progress)
-                await asyncio.sleep(1.0)
 
         reading = asyncio.create_task(read())
         try:

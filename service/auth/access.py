@@ -7,18 +7,18 @@ is sent (:mod:`service.http.router`). Rows of a fleet that the person is not in 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 from uuid import UUID
 
 from fastapi import Depends, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
-from sqlalchemy import ColumnElement, Select, bindparam, null, select
+from sqlalchemy import ColumnElement, Select, bindparam, select
 from sqlalchemy.orm import Session
 from starlette.types import Scope
 
@@ -31,6 +31,7 @@ from service.db.ids import new_id
 from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person
 from service.db.session import Database
 from service.http.idempotency import RequestKey, kept_answer, of_caller, repeat, request_key, sealed
+from service.http.lookups import Lookups
 from service.http.problems import Problem, not_found
 from service.http.router import Transaction
 
@@ -46,6 +47,15 @@ _FLEETS_ONE_BY_ONE = 50
 ModelT = TypeVar("ModelT")
 
 
+class TokenFacts(NamedTuple):
+    """An API token as it limits its holder, and whether it ends."""
+
+    id: UUID
+    fleet_id: UUID | None
+    role: str | None
+    ends: bool
+
+
 @dataclass(frozen=True)
 class Identity:
     """A person who proved who they are, with ``credential``, and the fleets and role that it is limited to.
@@ -58,7 +68,7 @@ class Identity:
     credential: str
     only_fleet: UUID | None = None
     only_role: str | None = None
-    token: ApiToken | None = None
+    token: TokenFacts | None = None
     known_at: float = field(default_factory=time.monotonic, compare=False)
 
     @property
@@ -201,9 +211,11 @@ class Access:
         raise repeat(kept, self.identity.credential)
 
 
-def identify(request: Request) -> Identity:
-    """Who sends this request. Raises :class:`Problem` 401 ``not_signed_in``."""
-    database: Database = request.app.state.database
+async def identified(request: Request) -> Identity:
+    """Who sends this request. It waits for no lock and behind nobody who does.
+
+    Raises :class:`Problem` 401 ``not_signed_in``.
+    """
     kind, _, bearer = request.headers.get("authorization", "").partition(" ")
     is_token = kind.lower() == "bearer" and bearer.startswith(TOKEN_PREFIX)
     secret = bearer if is_token else request.cookies.get(COOKIE)
@@ -211,13 +223,8 @@ def identify(request: Request) -> Identity:
         raise _not_signed_in("The request carries neither a session nor an API token.")
     if not is_token:
         check_origin(request, request.app.state.settings.public_url)
-    with database.reading() as session:
-        return _look_up(session, secret, is_token=is_token)
-
-
-async def identified(request: Request) -> Identity:
-    """The same, in a thread for this alone: it waits for no lock and behind nobody who does."""
-    return await request.app.state.threads.identity.run(identify, request)
+    lookups: Lookups = request.app.state.lookups
+    return _identity_of(await lookups.rows(_valid(is_token=is_token), _named(secret)), secret, is_token=is_token)
 
 
 def renewed(session: Session, identity: Identity) -> Identity | None:
@@ -239,24 +246,36 @@ async def _identity(request: Request) -> Identity:
 
 
 def _look_up(session: Session, secret: str, *, is_token: bool) -> Identity:
-    rows = session.execute(_valid(is_token=is_token), {"hash": secret_hash(secret)}).all()
+    return _identity_of(session.execute(_valid(is_token=is_token), _named(secret)).all(), secret, is_token=is_token)
+
+
+def _named(secret: str) -> dict[str, Any]:
+    return {"hash": secret_hash(secret)}
+
+
+def _identity_of(rows: Sequence[Sequence[Any]], secret: str, *, is_token: bool) -> Identity:
     if not rows:
         ended = "The API token is unknown, revoked or has ended." if is_token else "The browser's session has ended."
         raise _not_signed_in(ended)
-    person, _, _, token = rows[0]
-    roles: dict[UUID, Role] = {row.fleet_id: row.role for row in rows if row.fleet_id is not None}
+    (person_id, name, is_owner, *_), token = rows[0], TokenFacts(*rows[0][5:]) if is_token else None
+    person = Person(id=person_id, name=name, is_owner=is_owner)
+    roles: dict[UUID, Role] = {row[3]: row[4] for row in rows if row[3] is not None}
     return Identity(person, roles, secret, token and token.fleet_id, token and token.role, token)
 
 
 @cache
 def _valid(*, is_token: bool) -> Select[*tuple[Any, ...]]:
-    """Person, fleet, role and token of a credential that has not ended; one row for each fleet, or one without."""
+    """Id, name and ``is_owner`` of who has a credential that has not ended, fleet and role, and the token's facts.
+
+    One row for each fleet, or one without.
+    """
     kind = ApiToken if is_token else BrowserSession
     lasts = kind.expires_at > now()
     if is_token:
         lasts = ApiToken.revoked_at.is_(None) & (ApiToken.expires_at.is_(None) | lasts)
+    facts = (ApiToken.id, ApiToken.fleet_id, ApiToken.role, ApiToken.expires_at.is_not(None)) if is_token else ()
     return (
-        select(Person, Membership.fleet_id, Membership.role, ApiToken if is_token else null())
+        select(Person.id, Person.name, Person.is_owner, Membership.fleet_id, Membership.role, *facts)
         .join(kind, kind.person_id == Person.id)
         .outerjoin(Membership, Membership.person_id == Person.id)
         .where(kind.secret_hash == bindparam("hash"), lasts)

@@ -79,8 +79,9 @@ def post_invitation(id: UUID, body: NewInvitation, request: Request, access: Wri
     else:
         membership, person = find_member(access, id, body.person_id)
         check_may_sign_in_as(access, person)
+    token = access.identity.token
     link, expires_at = make_link(
-        access.session, person.id, settings.public_url, settings.invitation_hours, access.identity.token
+        access.session, person.id, settings.public_url, settings.invitation_hours, token and token.id
     )
     hint(access.session, id, "member", person.id)
     made: dict[str, Any] = _member(membership, person).model_dump()

@@ -53,7 +53,7 @@ def hold_to_give(access: Access, *others: UUID) -> None:
     hold(access.session, access.person.id, *others)
     access.confirm()
     token = access.identity.token
-    if token is not None and (token.fleet_id or token.role or token.expires_at):
+    if token is not None and (token.fleet_id or token.role or token.ends):
         raise Problem(
             403,
             "token_gives_nothing",

@@ -11,23 +11,22 @@ from sqlalchemy.orm import Session
 from service.auth.credential_actions import hold
 from service.auth.secrets import new_secret, secret_hash
 from service.db.clock import moment
-from service.db.people import ApiToken, BrowserSession, Person, SignInLink
+from service.db.people import BrowserSession, Person, SignInLink
 from service.http.problems import Problem
 
 
 def make_link(
-    session: Session, person_id: UUID, public_url: str, hours: int, maker: ApiToken | None = None
+    session: Session, person_id: UUID, public_url: str, hours: int, maker: UUID | None = None
 ) -> tuple[str, datetime]:
     """A fresh one-time sign-in link of a person and its end. The secret is in the fragment: no log sees it.
 
-    ``maker`` is the token that asked for it: with that one the link ends, and the session that comes of it.
+    ``maker`` is the id of the token that asked for it: with that one the link ends, and the session that comes of it.
     """
     hold(session, person_id)
     secret = new_secret()
-    made_by = maker.id if maker else None
     expires_at = moment(session) + timedelta(hours=hours)
     session.add(
-        SignInLink(secret_hash=secret_hash(secret), person_id=person_id, made_by=made_by, expires_at=expires_at)
+        SignInLink(secret_hash=secret_hash(secret), person_id=person_id, made_by=maker, expires_at=expires_at)
     )
     return f"{public_url.rstrip('/')}/sign-in#{secret}", expires_at
 

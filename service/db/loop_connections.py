@@ -1,8 +1,4 @@
-"""Connections to PostgreSQL that an event loop itself waits for.
-
-A thread that waits for an answer has to be woken twice, and shares the interpreter with the loop that it answers to:
-under load that takes longer than a small statement.
-"""
+"""Connections to PostgreSQL that an event loop itself waits for."""
 
 from __future__ import annotations
 

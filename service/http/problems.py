@@ -200,7 +200,8 @@ def install(app: FastAPI) -> None:
         if isinstance(error, DBAPIError) and _is_of_another_schema(error):
             return on_schema(request, error)
         code, detail, hint = _failure_of(error)
-        log.error("%s %s: %s", request.method, request.scope["path"], code, exc_info=error)
+        trace = None if code == _LOCKED else error
+        log.error("%s %s: %s", request.method, request.scope["path"], code, exc_info=trace)
         return Problem(503, code, detail, hint, headers={"Retry-After": "2"}).response()
 
     @app.exception_handler(IntegrityError)

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import json
-import logging
 from hashlib import sha256
 from uuid import UUID
 
 from fastapi import Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse, Response
-from psycopg import Error as PostgresError
 from sqlalchemy.orm import Session
 
 from apexcal.documents.exports import VEHICLE_HEADER
 from service.auth.access import Identity, identified
 from service.auth.secrets import TOKEN_PREFIX, secret_hash
 from service.db.fleets import Vehicle
-from service.db.loop_connections import LoopConnections
 from service.db.session import Database
 from service.exports.answers import exported
 from service.http.etags import Conditions, content_etag, names, repr_digest
+from service.http.lookups import Lookups
 from service.http.problems import not_found
-from service.http.threads import WAIT_S, Threads
+from service.http.threads import Threads
 from service.publications.calibration_views import vehicle_document
 from service.publications.camera_queries import published_exports
 from service.publications.selection import Selection
@@ -30,31 +28,17 @@ from service.publications.state_queries import digest_of, state_for_token, state
 
 # Part of every ETag: a version whose answers differ takes the next number.
 _FORM = "2"
-# Two statements run at once on a second core; the others wait in the loop.
-_CONNECTIONS = 4
-
-log = logging.getLogger(__name__)
 
 
 class Retrieval:
-    """Answers vehicles. Each answer, and its ETag, is of one state of the database, read after the request came.
+    """Answers vehicles. Each answer, and its ETag, is of one state of the database, read after the request came."""
 
-    The event loop itself waits for PostgreSQL's look-up; SQLite's is made in a thread.
-    """
-
-    def __init__(self, database: Database, threads: Threads) -> None:
+    def __init__(self, database: Database, threads: Threads, lookups: Lookups) -> None:
         dialect = database.engine.dialect.name
         self._database = database
         self._threads = threads
+        self._lookups = lookups
         self._for_token, self._of_vehicle = state_for_token(dialect), state_of_vehicle(dialect)
-        self._loop = LoopConnections(database, _CONNECTIONS, WAIT_S) if dialect == "postgresql" else None
-        self._compiled = self._for_token.compile(dialect=database.engine.dialect)
-        self._text = str(self._compiled).encode()
-
-    async def close(self) -> None:
-        """Close the connections."""
-        if self._loop is not None:
-            await self._loop.close()
 
     async def answer(self, request: Request, vehicle_id: UUID, selection: Selection, wanted: str | None) -> Response:
         """The answer to a request. Raises :class:`Problem`."""
@@ -90,18 +74,7 @@ class Retrieval:
         if kind.lower() != "bearer" or not token.startswith(TOKEN_PREFIX):
             return None
         given = {"secret": secret_hash(token), "vehicle": vehicle_id, "alias": alias}
-        if self._loop is not None:
-            try:
-                rows = await self._loop.rows(self._text, {**self._compiled.params, **given})
-                return digest_of(row[0] for row in rows)
-            except (PostgresError, TimeoutError):
-                # A connection may have ended. The thread's way has a new one, or says what is wrong.
-                log.info("a look at a vehicle's state is repeated in a thread", exc_info=True)
-        return await self._threads.identity.run(self._look, given)
-
-    def _look(self, given: dict[str, object]) -> str | None:
-        with self._database.alone() as connection:
-            return digest_of(connection.scalars(self._for_token, given))
+        return digest_of(row[0] for row in await self._lookups.rows(self._for_token, given))
 
     def _read(
         self, request: Request, identity: Identity | None, vehicle_id: UUID, selection: Selection, wanted: str | None

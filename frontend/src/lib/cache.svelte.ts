@@ -43,10 +43,14 @@ let noted: Hint[] = [];
 let timer: ReturnType<typeof setTimeout> | undefined;
 let last = -Infinity;
 
-/** Reads again soon after a hint, but not after each: while a fleet is calibrated they come many a second. */
+/**
+ * Reads again soon after a hint, but not after each: while a fleet is calibrated they come many a second. Pages that
+ * hear the same hint do not all read in the same moment.
+ */
 function note(hint: Hint): void {
   noted.push(hint);
-  timer ??= setTimeout(flush, Math.max(SETTLE_MS, last + APART_MS - performance.now()));
+  const settle = SETTLE_MS + (APART_MS - SETTLE_MS) * Math.random();
+  timer ??= setTimeout(flush, Math.max(settle, last + APART_MS - performance.now()));
 }
 
 function flush(): void {

@@ -92,7 +92,8 @@ class Site:
         """Give the vehicle what the finished calibration found."""
         done = self.engineer.get(f"/calibrations/{calibration}").json()
         found = done["summary"]["cameras"][self.camera]["models"]["pinhole"]
-        answer = self.engineer.post(f"/results/{found['result_id']}/publication")
+        override = {"override": {"reason": "The pairs are another camera's."}}
+        answer = self.engineer.post(f"/results/{found['result_id']}/publication", override)
         assert answer.status_code == 201, answer.text
 
     def answers(self, engineer: Actor, recording: str) -> dict[str, bytes]:

@@ -69,6 +69,7 @@ def calibrated(api, fleet, seed):
     assert built.status_code == 201, built.text
     outlier = {"index": 0, "residual_px": 41.6875, "score": 9.0, "reason": "41.6875 px right.", "excluded": False}
     document = {"outliers": [outlier], "residuals_px": [41.6875], "heldout": {"errors_px": [41.6875], "indices": [0]}}
+    document["checks"] = []
     apart = {"indices": [0, 0], "stamp_ns": 0, "distance_px": 41.6875, "sigmas": 9.0}
     rig = {"pairs": [{"shared": {"vertices": 2, "odd": [apart]}}], "alarms": []}
     own = {"fleet_id": fleet, "vehicle_id": seed.vehicle_id, "rig_id": seed.rig_id}
