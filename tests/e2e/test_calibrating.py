@@ -68,7 +68,7 @@ def test_an_engineer_calibrates_and_publishes(sign_in: Callable[[str, str], Page
 def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, str], Page], track: Track) -> None:
     vehicle, pairs_of_one = add_cart(track, "Sledge", 40, vertices=1)
     wanted = {"models": ["pinhole"], "folds": 0, "publish": "recommended"}
-    track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **wanted), timeout_s=60)
+    done = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **wanted), timeout_s=60)
     page = sign_in("Rex", "reviewer")
     page.goto(f"{track.url}/vehicles/{vehicle}")
     calibration = page.get_by_role("row").last
@@ -77,6 +77,12 @@ def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, st
     publish = page.get_by_role("button", name="Publish for the vehicle")
     expect(publish).not_to_have_class(re.compile("primary"))
     expect(page.get_by_text("It should not be used as it is.")).to_be_visible()
+    checks = track.owner.calibrations.result(done.summary.cameras["front"].models["pinhole"].result_id).checks
+    page.get_by_text(f"All {len(checks)} checks").click()
+    rows = page.get_by_role("table").filter(has_text="Finding").locator("tbody tr")
+    expect(rows).to_have_count(len(checks))
+    shown = [row.locator("td").all_text_contents() for row in rows.all()]
+    assert shown == [[check.title, check.verdict, check.sentence] for check in checks]
     publish.focus()
     page.keyboard.press("Enter")
     dialog = page.get_by_role("dialog", name="Give the vehicle this pinhole for front?")

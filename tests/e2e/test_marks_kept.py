@@ -1,10 +1,11 @@
 """No placed or saved mark is lost or replaced in silence: offline, reload, Back, undo, tabs, other people."""
 
+import re
 from collections.abc import Callable
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from tests.e2e.conftest import Track
 from tests.e2e.marking import Marker
@@ -221,11 +222,17 @@ def test_a_page_whose_browser_became_somebody_elses_is_theirs_from_then_on(sign_
     uma = marker(sign_in, track, "Uma")
     context = uma.page.context
     umas = context.cookies()
+    # Nobody is signed in for a moment. What her page asks in it waits for its end.
+    waiting: list[Route] = []
+    uma.page.route(re.compile("/v1/"), waiting.append)
     context.clear_cookies()
     other = context.new_page()
     other.goto(track.owner.fleets.invite(track.fleet_id, "Vic", "annotator").link)
     other.get_by_role("button", name="Sign in").click()
     other.get_by_role("link", name="Van 7").wait_for()
+    uma.page.unroute(re.compile("/v1/"))
+    for route in waiting:
+        route.continue_()
     uma.page.keyboard.press("s")
     expect(uma.page.get_by_text("Vic", exact=True)).to_be_visible()
     uma.ready()

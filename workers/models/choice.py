@@ -90,7 +90,7 @@ def _by_heldout(models: Mapping[str, Candidate], judged: Mapping[str, Pairs], fo
         *(_behind(name, behind[name]) for name in others),
         *_because(chosen, found.best, models),
         *(_unjudged(name, one) for name, one in models.items() if name not in judged),
-        *_more_pairs(chosen, others, behind, len(found.belongs)),
+        *_more_pairs(others, behind, len(found.belongs)),
     ]
     return Choice(chosen, " ".join(sentences), behind, found.weight, found.sigma_px)
 
@@ -139,7 +139,7 @@ def _unjudged(name: str, model: Candidate) -> str:
     return f"{name} was not judged: nothing was held out of it."
 
 
-def _more_pairs(chosen: str, others: Sequence[str], behind: Mapping[str, Difference], pairs: int) -> list[str]:
+def _more_pairs(others: Sequence[str], behind: Mapping[str, Difference], pairs: int) -> list[str]:
     """How many pairs it takes to tell the likeliest models apart: their difference grows with the number."""
     alike = [name for name in others if behind[name].within_noise]
     if not alike:

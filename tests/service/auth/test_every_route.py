@@ -179,7 +179,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     run = CalibrationRun(
         id=new_id(), fleet_id=rig.fleet_id, calibration_id=calibration.id, set_id=pairs.id, camera="front", fold=-1
     )
-    run.model, run.farm, run.slots, run.bundle, run.problem = "pinhole", "runs", 1, 1, {}
+    run.model, run.farm, run.slots, run.bundle, run.problem = "pinhole", "runs", 1, 1, {"seed": 1}
     result = Result(id=new_id(), fleet_id=rig.fleet_id, calibration_id=calibration.id, run_id=run.id, camera="front")
     result.model, result.fold, result.document = "pinhole", -1, DOCUMENT
     overlay.asked |= {"result_id": str(result.id)}
@@ -193,7 +193,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     request = FleetRequest(
         id=new_id(),
         fleet_id=rig.fleet_id,
-        asked={"vehicles": {}, "calibration": {}},
+        asked={"vehicles": {}, "calibration": {"publish": "none"}},
         state="done",
         matched=1,
         remaining=0,

@@ -9,7 +9,6 @@ from sqlalchemy import select, update
 
 from service.calibration_runs.actions import end_run
 from service.calibration_runs.fleet_request_actions import drop_calibrations
-from service.db.clock import now
 from service.db.models import (
     Calibration,
     CalibrationRun,
@@ -179,18 +178,6 @@ def test_another_fleets_request_gets_through_while_many_wait(api, vans: Vans, co
     van = other.add("theirs", 12)
     other.ask()
     assert sent[window:] == [job_of(context, van)]
-
-
-def test_what_a_worker_before_fleet_requests_ended_is_counted_by_the_sweep(vans: Vans, context):
-    vans.add("van")
-    asked = vans.ask().json()
-    with context.database.writing() as session:
-        session.execute(update(Job).values(state="done"))
-        session.execute(update(CalibrationRun).values(state="done"))
-        session.execute(update(Calibration).values(state="done", remaining=0, finished_at=now()))
-    for _ in range(2):
-        sweep(context.database, context.store)
-        assert (vans.read(asked)["state"], counts(vans.read(asked))) == ("done", {"matched": 1, "done": 1})
 
 
 @pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)

@@ -91,7 +91,8 @@ def test_a_repeated_retry_of_a_fleet_request_gets_the_first_answer(api: Api) -> 
     fleet = api.fleet()
     engineer = api.member(fleet, "engineer")
     with api.database.writing() as session:
-        request = FleetRequest(fleet_id=fleet, asked={"vehicles": {}, "calibration": {}}, state="done", matched=1)
+        asked = {"vehicles": {}, "calibration": {"publish": "none"}}
+        request = FleetRequest(fleet_id=fleet, asked=asked, state="done", matched=1)
         request.remaining = request.wave = 0
         session.add(request)
         session.flush()
