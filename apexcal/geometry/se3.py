@@ -64,7 +64,8 @@ class SE3:
     def log(self) -> Floats:
         """The twist (6,) of which this is the exponential; its turn is at most pi."""
         phi = vector_from_rotation(self.R)
-        return np.concatenate([phi, np.linalg.solve(_left_jacobian(phi), self.t)])
+        rho = np.linalg.solve(_left_jacobian(phi), self.t)
+        return np.concatenate([phi, np.asarray(rho, dtype=np.float64)])
 
     def adjoint(self) -> Floats:
         """Ad (6, 6), which carries twists of `from_frame` into `to_frame`: T exp(x) T^-1 = exp(Ad x).

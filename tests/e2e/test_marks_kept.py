@@ -224,7 +224,7 @@ def test_a_page_whose_browser_became_somebody_elses_is_theirs_from_then_on(sign_
     umas = context.cookies()
     # Nobody is signed in for a moment. What her page asks in it waits for its end.
     waiting: list[Route] = []
-    uma.page.route(re.compile("/v1/"), waiting.append)
+    uma.page.route(re.compile("/v1/"), lambda route: waiting.append(route))
     context.clear_cookies()
     other = context.new_page()
     other.goto(track.owner.fleets.invite(track.fleet_id, "Vic", "annotator").link)

@@ -61,10 +61,11 @@ def too_small(halves: list[Halves], problem: FitProblem) -> list[str]:
 
 
 def _sentence(one: Halves, blocks: str) -> str:
-    if one.turned_ratio is not None and one.turned_limit is not None and one.turned_ratio > one.turned_limit:
+    turn, ratio, limit = one.turned_deg, one.turned_ratio, one.turned_limit
+    if turn is not None and ratio is not None and limit is not None and ratio > limit:
         return (
-            f"Between the first and the last half of the {blocks} the camera turned by {figure(one.turned_deg)} "
-            f"degrees, {one.turned_ratio:.1f} times what noise explains: the standard deviations are too small."
+            f"Between the first and the last half of the {blocks} the camera turned by {figure(turn)} "
+            f"degrees, {ratio:.1f} times what noise explains: the standard deviations are too small."
         )
     which = "every second" if one.split == "alternating" else "the first half"
     return (
