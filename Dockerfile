@@ -33,4 +33,4 @@ ENV APEXCAL_DATA_DIR=/var/lib/apexcal \
     PYTHONUNBUFFERED=1
 EXPOSE 8000
 CMD ["python", "-m", "uvicorn", "service.app:create_app", "--factory", "--host=0.0.0.0", "--port=8000", \
-     "--http=service.http.connections:PatientProtocol", "--ws=none"]
+     "--http=service.platform.http.connections:PatientProtocol", "--ws=none"]

@@ -12,8 +12,8 @@ from uuid import UUID
 
 from sqlalchemy import ColumnElement, select
 
-from service.db.calibrations import CalibrationRun, CorrespondenceSet, Result
-from service.db.session import Database
+from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.session import Database
 from workers.solver.schedule import run_schedule
 from workers.tasks.solving import read_run, solved
 from workers.tasks.warming import warm_up

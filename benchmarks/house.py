@@ -20,10 +20,10 @@ from apexcal.client import Client
 from apexcal.embedded import plans
 from apexcal.embedded.children import ChildPlan
 from apexcal.embedded.folder import DataFolder
-from service.broker.hints import channel
-from service.db.jobs import Worker
-from service.db.migrate import upgrade
-from service.db.session import Database
+from service.platform.broker.hints import channel
+from service.platform.db.jobs import Worker
+from service.platform.db.migrate import upgrade
+from service.platform.db.session import Database
 from tests.faults.farm import free_port
 from tests.support.postgres import Postgres
 from tests.support.processes import start, stop, wait_until
@@ -63,7 +63,7 @@ class House:
             ):
                 self._start(plan)
             token = root / "token"
-            bootstrap = [sys.executable, "-m", "service.auth.bootstrap", "--token-file", str(token)]
+            bootstrap = [sys.executable, "-m", "service.platform.auth.bootstrap", "--token-file", str(token)]
             subprocess.run(bootstrap, env=environment, check=True, stdout=subprocess.DEVNULL)
             wait_until(self._is_ready, "the start of the service", 90)
             self.client = Client(self._address, token.read_text().strip())

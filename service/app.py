@@ -17,25 +17,26 @@ import service.job_kinds  # noqa: F401  # known before the first request
 from service import imports_done
 from service.annotations import mark_routes
 from service.annotations import routes as annotations
-from service.auth import member_routes, token_routes
-from service.auth import routes as auth
-from service.auth.gate import Gate
-from service.auth.retention import remove_ended
-from service.broker.hints import COURIER as HINTS
-from service.broker.hints import Publisher
 from service.calibrations import result_routes
 from service.calibrations import routes as calibrations
 from service.correspondence_sets import routes as correspondence_sets
-from service.db.session import Database
 from service.detections import routes as detections
-from service.events import routes as events
-from service.events.fanout import Fanout
 from service.exports import routes as exports
 from service.fleet_requests import routes as fleet_requests
 from service.fleets import routes as fleets
-from service.health import metrics_routes
-from service.health import routes as health
-from service.http import (
+from service.imports import routes as imports
+from service.platform.auth import member_routes, token_routes
+from service.platform.auth import routes as auth
+from service.platform.auth.gate import Gate
+from service.platform.auth.retention import remove_ended
+from service.platform.broker.hints import COURIER as HINTS
+from service.platform.broker.hints import Publisher
+from service.platform.db.session import Database
+from service.platform.events import routes as events
+from service.platform.events.fanout import Fanout
+from service.platform.health import metrics_routes
+from service.platform.health import routes as health
+from service.platform.http import (
     bodies,
     draining,
     etags,
@@ -47,14 +48,18 @@ from service.http import (
     watching,
     web,
 )
-from service.http.limits import ConcurrencyLimiter
-from service.http.lookups import Lookups
-from service.imports import routes as imports
-from service.job_status import routes as job_status
-from service.jobs.messages import COURIER as JOBS
-from service.jobs.messages import Sender
-from service.jobs.retention import forget_jobs
-from service.observability import logs, request_ids
+from service.platform.http.limits import ConcurrencyLimiter
+from service.platform.http.lookups import Lookups
+from service.platform.job_status import routes as job_status
+from service.platform.jobs.messages import COURIER as JOBS
+from service.platform.jobs.messages import Sender
+from service.platform.jobs.retention import forget_jobs
+from service.platform.observability import logs, request_ids
+from service.platform.settings import Settings, settings_or_exit
+from service.platform.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
+from service.platform.storage.audit import audit_if_due
+from service.platform.storage.room import Room
+from service.platform.storage.store import Store, open_store
 from service.publications import routes as publications
 from service.publications import vehicle_routes
 from service.publications.retrieval import Retrieval
@@ -62,11 +67,6 @@ from service.recordings import frame_routes, original_routes, presigned_routes, 
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
 from service.reports import routes as reports
-from service.settings import Settings, settings_or_exit
-from service.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
-from service.storage.audit import audit_if_due
-from service.storage.room import Room
-from service.storage.store import Store, open_store
 from service.studies import copy_routes, overlay_routes
 from service.studies import routes as studies
 from service.validations import routes as validations

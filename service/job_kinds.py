@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from service.calibration_runs import jobs as calibration_runs
 from service.detections import jobs as detections
-from service.jobs.kinds import register
+from service.platform.jobs.kinds import register
 from service.recordings import jobs as recordings
 from service.reports import jobs as reports
 from service.studies import jobs as studies

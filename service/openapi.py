@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from service.app import create_app
-from service.settings import Settings
+from service.platform.settings import Settings
 
 
 def document() -> str:

@@ -1,7 +1,8 @@
 """Make ready what the service needs at its start, in one process: ``python -m service.prepare --token-file FILE``.
 
-The schema, the store's folder and the owner. Each has a command of its own too (``service.db.migrate``,
-``service.storage.prepare``, ``service.auth.bootstrap``), which would spend its time on the same imports.
+The schema, the store's folder and the owner. Each has a command of its own too (``service.platform.db.migrate``,
+``service.platform.storage.prepare``, ``service.platform.auth.bootstrap``), which would spend its time on the
+same imports.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ import sys
 
 from sqlalchemy.exc import DBAPIError
 
-from service.auth import bootstrap
-from service.db.revisions import newest, stored
-from service.db.session import Database
-from service.settings import settings_or_exit
-from service.storage import prepare as storage
+from service.platform.auth import bootstrap
+from service.platform.db.revisions import newest, stored
+from service.platform.db.session import Database
+from service.platform.settings import settings_or_exit
+from service.platform.storage import prepare as storage
 
 
 def main() -> int:
@@ -28,7 +29,7 @@ def main() -> int:
     chosen = parser.parse_args()
     if not _is_current():
         # Imported here: Alembic takes longer to import than this look at what there is to do.
-        from service.db import migrate
+        from service.platform.db import migrate
 
         migrate.main([])
     if chosen.mark and (code := storage.main([])):

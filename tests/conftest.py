@@ -12,12 +12,12 @@ import pytest
 import uvicorn
 
 from service.app import create_app
-from service.db.migrate import upgrade
-from service.db.models import Base
-from service.db.session import Database
-from service.http.connections import PatientProtocol
-from service.settings import Settings, get_settings
-from service.storage.store import open_store
+from service.platform.db.migrate import upgrade
+from service.platform.db.models import Base
+from service.platform.db.session import Database
+from service.platform.http.connections import PatientProtocol
+from service.platform.settings import Settings, get_settings
+from service.platform.storage.store import open_store
 from tests.support.broker import Broker
 from tests.support.people import Actor, Api, TestClient
 from tests.support.postgres import Postgres

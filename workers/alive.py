@@ -10,7 +10,7 @@ from typing import Any
 
 from celery import Celery, bootsteps
 
-from service.settings import get_settings
+from service.platform.settings import get_settings
 
 _EVERY_S = 5.0
 

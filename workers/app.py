@@ -13,10 +13,10 @@ from celery.signals import celeryd_init, setup_logging, worker_init
 from kombu.transport import TRANSPORT_ALIASES
 
 from service import imports_done
-from service.broker.connection import CONSUMER
-from service.jobs.queues import QUEUES
-from service.observability import logs
-from service.settings import get_settings, settings_or_exit
+from service.platform.broker.connection import CONSUMER
+from service.platform.jobs.queues import QUEUES
+from service.platform.observability import logs
+from service.platform.settings import get_settings, settings_or_exit
 from workers import alive
 
 # By name: kombu loads it with the first connection.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import faulthandler
 
-from service.settings import get_settings
+from service.platform.settings import get_settings
 
 
 def expect_progress() -> None:

@@ -15,10 +15,10 @@ from functools import cache
 
 import service.job_kinds  # noqa: F401  # the sweep asks every kind what its subjects need
 from service import imports_done
-from service.jobs.sweep import sweep
-from service.observability import logs
-from service.settings import get_settings, settings_or_exit
-from service.storage.store import Store
+from service.platform.jobs.sweep import sweep
+from service.platform.observability import logs
+from service.platform.settings import get_settings, settings_or_exit
+from service.platform.storage.store import Store
 from workers.alive import touch
 from workers.stalls import expect_progress
 from workers.tasks.context import get_context

@@ -53,7 +53,7 @@ def api(folder: DataFolder, settings: Mapping[str, str], host: str, port: int) -
     command = (
         *(sys.executable, "-m", "uvicorn", "service.app:create_app", "--factory"),
         *("--host", host, "--port", str(port), "--no-access-log", "--no-server-header"),
-        *("--http", "service.http.connections:PatientProtocol", "--ws", "none"),
+        *("--http", "service.platform.http.connections:PatientProtocol", "--ws", "none"),
         *("--timeout-keep-alive", "30", "--timeout-graceful-shutdown", "3"),
     )
     return ChildPlan("api", command, settings, folder.logs / "api.log", grace_s=8.0)

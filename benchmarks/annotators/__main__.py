@@ -26,13 +26,13 @@ from sqlalchemy import func, insert, select
 
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
-from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
-from service.db.annotations import Answer, Mark, MarkingProgress, Verdict
-from service.db.fleets import Fleet
-from service.db.ids import new_id
-from service.db.migrate import upgrade
-from service.db.people import ApiToken, Membership, Person
-from service.db.session import Database
+from service.platform.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
+from service.platform.db.annotations import Answer, Mark, MarkingProgress, Verdict
+from service.platform.db.fleets import Fleet
+from service.platform.db.ids import new_id
+from service.platform.db.migrate import upgrade
+from service.platform.db.people import ApiToken, Membership, Person
+from service.platform.db.session import Database
 from tests.faults.farm import free_port
 from tests.service.detections.seeding import Seed, seed_marking
 from tests.support.broker import Broker

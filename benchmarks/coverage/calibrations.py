@@ -23,9 +23,9 @@ from benchmarks.coverage.poses import still
 from benchmarks.coverage.walks import Paired, Walked, pair
 from service.calibrations.plan import CalibrationPlan, plan_request
 from service.calibrations.resolve import CameraPairs
-from service.db.base import Json
-from service.db.calibrations import FULL, CorrespondenceSet
-from service.db.fleets import RigCamera
+from service.platform.db.base import Json
+from service.platform.db.calibrations import FULL, CorrespondenceSet
+from service.platform.db.fleets import RigCamera
 from workers.models.summary import Fit, camera_summary
 from workers.simulation.camera import FRONT
 from workers.solver.degeneracy import is_determined

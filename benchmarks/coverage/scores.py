@@ -12,7 +12,7 @@ from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotatio
 from apexcal.geometry.se3 import SE3, from_document
 from benchmarks.coverage.bounds import turn_bound
 from benchmarks.coverage.calibrations import Calibration
-from service.db.base import Json
+from service.platform.db.base import Json
 from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import project
 

@@ -12,7 +12,7 @@ from sqlalchemy import func, select
 from benchmarks.accuracy.rigs import Rig
 from benchmarks.fleet.vehicles import bring
 from benchmarks.house import House
-from service.db.calibrations import Calibration
+from service.platform.db.calibrations import Calibration
 
 # A hint may be lost.
 _LOOK_S = 0.5

@@ -14,7 +14,7 @@ from benchmarks.accuracy.rigs import draw_rig
 from benchmarks.bare import Bare, assert_same_bits, runs_of
 from benchmarks.farm.asking import Asker
 from benchmarks.house import House, cpu_s
-from service.db.calibrations import CalibrationRun
+from service.platform.db.calibrations import CalibrationRun
 
 _REQUEST: dict[str, Any] = {"models": ["brown_conrady"], "folds": 5}
 _LOOK_S = 0.01

@@ -15,9 +15,9 @@ from sqlalchemy import event, func, select
 from benchmarks.accuracy.rigs import draw_rig
 from benchmarks.farm.asking import Asker
 from benchmarks.house import House
-from service.db.calibrations import CalibrationRun
-from service.db.jobs import Job
-from service.settings import Settings
+from service.platform.db.calibrations import CalibrationRun
+from service.platform.db.jobs import Job
+from service.platform.settings import Settings
 from workers.solver.slot import warm_up
 from workers.tasks.context import Context
 from workers.tasks.running import run_job

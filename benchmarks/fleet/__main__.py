@@ -29,9 +29,9 @@ from benchmarks.fleet.bystander import Bystander
 from benchmarks.fleet.turns import Contender
 from benchmarks.fleet.vehicles import bring, draw
 from benchmarks.house import House, cpu_s, resident_mib
-from service.db.calibrations import CalibrationRun
-from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
-from service.db.session import Database
+from service.platform.db.calibrations import CalibrationRun
+from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.platform.db.session import Database
 
 _CALIBRATION: dict[str, Any] = {"models": ["pinhole"], "folds": 0, "farm": "auto"}
 _IDLE_ROUNDS = 5

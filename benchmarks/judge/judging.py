@@ -14,8 +14,8 @@ from apexcal.geometry.se3 import from_document
 from benchmarks.coverage.calibrations import held_out_document, planned
 from benchmarks.coverage.scores import derivative, projected
 from benchmarks.judge.cases import CASES, Case, Draw
-from service.db.calibrations import FULL
-from service.http.problems import Problem
+from service.platform.db.calibrations import FULL
+from service.platform.http.problems import Problem
 from workers.judge.calibration_checks import checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
 from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD

@@ -29,8 +29,8 @@ from apexcal.embedded.children import ChildPlan
 from apexcal.embedded.folder import DataFolder
 from benchmarks.retrieval.served import EMPTY
 from benchmarks.retrieval.vehicles import CAMERAS, Fleet, make
-from service.db.migrate import upgrade
-from service.db.session import Database
+from service.platform.db.migrate import upgrade
+from service.platform.db.session import Database
 from tests.faults.farm import free_port
 from tests.support.postgres import Postgres
 from tests.support.processes import start, stop_all, wait_until

@@ -8,8 +8,8 @@ from uuid import UUID
 
 from sqlalchemy import text
 
-from service.auth.secrets import new_secret, secret_hash
-from service.db.session import Database
+from service.platform.auth.secrets import new_secret, secret_hash
+from service.platform.db.session import Database
 
 CAMERAS = ("front", "rear")
 

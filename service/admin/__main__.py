@@ -22,8 +22,8 @@ from service.admin.people_commands import tokens, users
 from service.admin.quota_commands import quota
 from service.admin.restore import restore as bring_back
 from service.admin.retention_commands import retention
-from service.settings import get_settings
-from service.storage.store import open_store
+from service.platform.settings import get_settings
+from service.platform.storage.store import open_store
 
 _HELP = """Look after a service: back up and restore, people, jobs, retention, quotas.
 

@@ -30,15 +30,15 @@ from service.admin.errors import AdminError
 from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, TABLES, BlobFile, Damaged, Manifest, table_path
 from service.admin.retries import retried
 from service.admin.rows import TableFile, digest, write_table
-from service.db.clock import now, utc_now
-from service.db.jobs import Heartbeat
-from service.db.models import Base
-from service.db.recordings import Blob
-from service.db.revisions import newest
-from service.db.session import Database
-from service.db.upserts import put
-from service.storage.errors import MissingBlobError, StoreUnavailableError
-from service.storage.store import Store
+from service.platform.db.clock import now, utc_now
+from service.platform.db.jobs import Heartbeat
+from service.platform.db.models import Base
+from service.platform.db.recordings import Blob
+from service.platform.db.revisions import newest
+from service.platform.db.session import Database
+from service.platform.db.upserts import put
+from service.platform.storage.errors import MissingBlobError, StoreUnavailableError
+from service.platform.storage.store import Store
 
 # What only says how the service is at this moment.
 TRANSIENT = frozenset(("heartbeat", "worker", "blob_hold"))

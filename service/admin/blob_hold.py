@@ -11,10 +11,10 @@ from sqlalchemy import delete, select, update
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.admin.errors import AdminError
-from service.db.clock import now
-from service.db.ids import new_id
-from service.db.recordings import BlobHold
-from service.db.session import Database
+from service.platform.db.clock import now
+from service.platform.db.ids import new_id
+from service.platform.db.recordings import BlobHold
+from service.platform.db.session import Database
 
 # A backup that was killed holds the store for this long and no longer.
 HOLD_S = 120.0

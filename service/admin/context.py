@@ -18,13 +18,13 @@ from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 import service.job_kinds  # noqa: F401  # for what commands do to jobs
 from service.admin.errors import AdminError, WrongUsageError
-from service.db.revisions import is_older, newest
-from service.db.session import Database
-from service.jobs.messages import COURIER, Sender
-from service.observability.logs import visible
-from service.settings import Settings, SettingsError, get_settings
-from service.storage.errors import StoreFullError, StoreUnavailableError
-from service.storage.store import Store, open_store
+from service.platform.db.revisions import is_older, newest
+from service.platform.db.session import Database
+from service.platform.jobs.messages import COURIER, Sender
+from service.platform.observability.logs import visible
+from service.platform.settings import Settings, SettingsError, get_settings
+from service.platform.storage.errors import StoreFullError, StoreUnavailableError
+from service.platform.storage.store import Store, open_store
 
 FAILED, WRONG_USAGE = 1, 2
 # The variable that holds what --data gave, as it was typed.
@@ -70,12 +70,12 @@ def _refuse_other_schema(database: Database) -> None:
         except DBAPIError as error:
             raise AdminError(
                 f"the database does not answer as apexcal's: {str(error.orig).strip().splitlines()[0]}",
-                "Is APEXCAL_DATABASE_URL right, and did `python -m service.db.migrate` run?",
+                "Is APEXCAL_DATABASE_URL right, and did `python -m service.platform.db.migrate` run?",
             ) from None
     if has is None or is_older(has) or has != newest():
         raise AdminError(
             f"the schema is {has}, and this version's {newest()}",
-            "Run `python -m service.db.migrate`, or use the version that the service runs.",
+            "Run `python -m service.platform.db.migrate`, or use the version that the service runs.",
         )
 
 

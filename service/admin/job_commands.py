@@ -12,10 +12,10 @@ from sqlalchemy import select
 from apexcal.documents.states import WorkState
 from service.admin.context import JsonOption, command, opened, spoken, table
 from service.admin.errors import AdminError
-from service.db.jobs import Job, JobEvent
-from service.jobs.kinds import CannotRetryError
-from service.jobs.retry import retry
-from service.observability.logs import visible
+from service.platform.db.jobs import Job, JobEvent
+from service.platform.jobs.kinds import CannotRetryError
+from service.platform.jobs.retry import retry
+from service.platform.observability.logs import visible
 
 # What a column of the database holds.
 _LARGEST = 2**63 - 1

@@ -15,13 +15,13 @@ from sqlalchemy.orm import Session
 from service.admin.context import JsonOption, as_id, command, opened, spoken, table
 from service.admin.errors import AdminError
 from service.admin.served import served_url
-from service.auth.credential_actions import end_credentials, revoke
-from service.auth.session_actions import make_link
-from service.db.clock import utc_now
-from service.db.fleets import Fleet
-from service.db.people import ApiToken, Membership, Person
-from service.observability.logs import visible
-from service.settings import Settings
+from service.platform.auth.credential_actions import end_credentials, revoke
+from service.platform.auth.session_actions import make_link
+from service.platform.db.clock import utc_now
+from service.platform.db.fleets import Fleet
+from service.platform.db.people import ApiToken, Membership, Person
+from service.platform.observability.logs import visible
+from service.platform.settings import Settings
 
 users = typer.Typer(no_args_is_help=True, help="List people, make sign-in links, shut somebody out.")
 tokens = typer.Typer(no_args_is_help=True, help="List and revoke the API tokens of programs.")

@@ -11,9 +11,9 @@ from sqlalchemy import select
 
 from service.admin.context import JsonOption, command, opened, spoken, table
 from service.admin.errors import AdminError, WrongUsageError
-from service.db.fleets import Fleet
-from service.storage.quota import spoken as said
-from service.storage.quota import uses
+from service.platform.db.fleets import Fleet
+from service.platform.storage.quota import spoken as said
+from service.platform.storage.quota import uses
 
 quota = typer.Typer(no_args_is_help=True, help="Show and set how much the recordings of a fleet may take.")
 

@@ -14,11 +14,11 @@ from service.admin.errors import AdminError
 from service.admin.manifest import BlobFile, Manifest, table_path, verify
 from service.admin.retries import retried
 from service.admin.rows import read_table
-from service.db.migrate import upgrade
-from service.db.models import Base
-from service.db.revisions import known
-from service.db.session import Database
-from service.storage.store import Store
+from service.platform.db.migrate import upgrade
+from service.platform.db.models import Base
+from service.platform.db.revisions import known
+from service.platform.db.session import Database
+from service.platform.storage.store import Store
 
 Report = Callable[[str], None]
 

@@ -11,11 +11,11 @@ from sqlalchemy import func, select
 
 from service.admin.context import JsonOption, as_id, command, opened, spoken, table
 from service.admin.errors import AdminError
-from service.auth.retention import remove_ended
-from service.db.clock import utc_now
-from service.db.fleets import Fleet
-from service.db.recordings import Recording
-from service.jobs.retention import forget_jobs, overdue_jobs
+from service.platform.auth.retention import remove_ended
+from service.platform.db.clock import utc_now
+from service.platform.db.fleets import Fleet
+from service.platform.db.recordings import Recording
+from service.platform.jobs.retention import forget_jobs, overdue_jobs
 from service.recordings.retention import delete_overdue, expire_uploads
 
 retention = typer.Typer(

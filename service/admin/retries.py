@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from service.storage.errors import StoreUnavailableError
+from service.platform.storage.errors import StoreUnavailableError
 
 # Seconds between the tries, each of which has the store's own time limit.
 PAUSES_S = (0.5, 2.0)

@@ -35,8 +35,8 @@ from sqlalchemy import table as light_table
 from sqlalchemy.types import TypeEngine
 
 from service.admin.errors import AdminError
-from service.db.base import Finite
-from service.db.clock import Instant
+from service.platform.db.base import Finite
+from service.platform.db.clock import Instant
 
 _BATCH = 1000
 _SQUEEZE = 3  # gzip's level: the rows are small beside the blobs, and what takes long is not done often

@@ -17,12 +17,12 @@ from service.annotations.mark_actions import check_inside, find_mark, take_back,
 from service.annotations.progress_actions import counted, progress_of
 from service.annotations.task_actions import reopen
 from service.annotations.views import Subject, own_answer, subjects
-from service.db.annotations import Answer as AnswerRow
-from service.db.annotations import MarkingTask
-from service.db.base import Json
-from service.db.clock import now
-from service.db.session import upserting
-from service.http.problems import Problem
+from service.platform.db.annotations import Answer as AnswerRow
+from service.platform.db.annotations import MarkingTask
+from service.platform.db.base import Json
+from service.platform.db.clock import now
+from service.platform.db.session import upserting
+from service.platform.http.problems import Problem
 
 # People correct themselves once or twice. Each answer stays in the history, so their number is bounded: this many
 # rows, and as many for taking them back.

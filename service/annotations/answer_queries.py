@@ -12,9 +12,9 @@ from uuid import UUID
 from sqlalchemy import CTE, ColumnElement, Select, and_, case, exists, func, or_, select
 from sqlalchemy.orm import aliased
 
-from service.db.annotations import Mark, MarkingTask, Verdict
-from service.db.clock import now
-from service.db.detections import Vertex, VertexFrame
+from service.platform.db.annotations import Mark, MarkingTask, Verdict
+from service.platform.db.clock import now
+from service.platform.db.detections import Vertex, VertexFrame
 
 # Made once: aliases made anew make every statement a new one, and compiling it takes longer than running it.
 _verdict, _mark = aliased(Verdict), aliased(Mark)

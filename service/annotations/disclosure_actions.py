@@ -17,14 +17,14 @@ from sqlalchemy.orm import Session, aliased
 
 from service.annotations.answer_queries import answers_of
 from service.annotations.locks import lock_person
-from service.auth.access import Access
-from service.db.annotations import Answer, Disclosure, Verdict
-from service.db.calibrations import CorrespondenceSet
-from service.db.clock import utc_now
-from service.db.detections import Detection, Vertex, VertexFrame
-from service.db.recordings import Recording, Sensor
-from service.db.session import Database
-from service.http.problems import not_found
+from service.platform.auth.access import Access
+from service.platform.db.annotations import Answer, Disclosure, Verdict
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.clock import utc_now
+from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.recordings import Recording, Sensor
+from service.platform.db.session import Database
+from service.platform.http.problems import not_found
 
 # Made once, as in answer_queries.py.
 _PAIRED = _vertex, _frame, _detection = aliased(Vertex), aliased(VertexFrame), aliased(Detection)

@@ -12,9 +12,9 @@ from uuid import UUID
 from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
-from service.db.clock import now
-from service.db.people import Person
-from service.db.recordings import Recording
+from service.platform.db.clock import now
+from service.platform.db.people import Person
+from service.platform.db.recordings import Recording
 
 # Built once: to build a statement takes half as long as to execute it.
 _PERSON = (

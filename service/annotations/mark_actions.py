@@ -9,12 +9,12 @@ from sqlalchemy import delete, insert, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
-from service.db.annotations import AnnotationRevision, Mark, Verdict
-from service.db.base import Json
-from service.db.clock import utc_now
-from service.db.ids import new_id
-from service.db.recordings import CameraFrame
-from service.http.problems import Problem
+from service.platform.db.annotations import AnnotationRevision, Mark, Verdict
+from service.platform.db.base import Json
+from service.platform.db.clock import utc_now
+from service.platform.db.ids import new_id
+from service.platform.db.recordings import CameraFrame
+from service.platform.http.problems import Problem
 
 
 def check_inside(u: float, v: float, frame: CameraFrame) -> None:

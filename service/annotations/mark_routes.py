@@ -18,14 +18,14 @@ from service.annotations.locks import lock_person
 from service.annotations.mark_actions import find_mark, write_mark
 from service.annotations.progress_actions import counted
 from service.annotations.views import mark_view
-from service.auth.access import Access, ReadAccess, WriteAccess
-from service.db.annotations import Answer, Mark
-from service.db.detections import Apex
-from service.db.recordings import CameraFrame, Recording, Sensor
 from service.detections.queries import find_camera
-from service.http.etags import Conditional, Conditions, version_etag
-from service.http.problems import Problem
-from service.http.router import MarkingRoute, Router
+from service.platform.auth.access import Access, ReadAccess, WriteAccess
+from service.platform.db.annotations import Answer, Mark
+from service.platform.db.detections import Apex
+from service.platform.db.recordings import CameraFrame, Recording, Sensor
+from service.platform.http.etags import Conditional, Conditions, version_etag
+from service.platform.http.problems import Problem
+from service.platform.http.router import MarkingRoute, Router
 
 router = Router(tags=["annotations"], route_class=MarkingRoute)
 

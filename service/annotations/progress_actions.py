@@ -18,12 +18,12 @@ from sqlalchemy.orm import Session, aliased
 from apexcal.documents.marking import Progress
 from apexcal.documents.states import WorkState
 from service.annotations.answer_queries import answers_of, answers_of_others, has_answered
-from service.auth.access import Access
-from service.db.annotations import MarkingProgress, Verdict
-from service.db.detections import Detection, Vertex, VertexFrame
-from service.db.recordings import Recording, Sensor
-from service.db.session import Database, upserting
 from service.detections.views import marked_corners
+from service.platform.auth.access import Access
+from service.platform.db.annotations import MarkingProgress, Verdict
+from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.recordings import Recording, Sensor
+from service.platform.db.session import Database, upserting
 
 _vertex, _frame = aliased(Vertex), aliased(VertexFrame)
 _COUNTERS = ("answered", "complete", "mine")

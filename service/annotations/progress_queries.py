@@ -12,9 +12,9 @@ from sqlalchemy.orm import Session
 from apexcal.documents.marking import OwnPair, PersonAnswers, Tally
 from service.annotations.answer_queries import answers_of, answers_of_others, has_answered
 from service.annotations.consensus import Opinion
-from service.db.annotations import Disclosure, Mark, Verdict
-from service.db.detections import Vertex, VertexFrame
-from service.db.people import Person
+from service.platform.db.annotations import Disclosure, Mark, Verdict
+from service.platform.db.detections import Vertex, VertexFrame
+from service.platform.db.people import Person
 
 # The pages fit a camera to so many.
 _MOST_PAIRS = 100

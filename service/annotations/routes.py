@@ -27,14 +27,14 @@ from service.annotations.progress_actions import read_progress
 from service.annotations.progress_queries import own_pairs, tally, visible_answers
 from service.annotations.task_actions import next_tasks
 from service.annotations.views import Subject, find_subject, mark_view, task_view
-from service.auth.access import Access, ReadAccess, WriteAccess
-from service.broker.hints import hint
-from service.db.annotations import Verdict
-from service.db.detections import Detection
-from service.db.recordings import Recording
 from service.detections.queries import done_detection, find_camera
-from service.http.pages import LongPaging, Page, fetch
-from service.http.router import MarkingRoute, Router
+from service.platform.auth.access import Access, ReadAccess, WriteAccess
+from service.platform.broker.hints import hint
+from service.platform.db.annotations import Verdict
+from service.platform.db.detections import Detection
+from service.platform.db.recordings import Recording
+from service.platform.http.pages import LongPaging, Page, fetch
+from service.platform.http.router import MarkingRoute, Router
 
 router = Router(tags=["annotations"], route_class=MarkingRoute)
 

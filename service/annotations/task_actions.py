@@ -18,12 +18,12 @@ from service.annotations.answer_queries import has_answered, is_live
 from service.annotations.locks import lock_person, lock_recording
 from service.annotations.task_queries import Seeker
 from service.annotations.views import Subject, subjects
-from service.db.annotations import MarkingFrontier, MarkingTask
-from service.db.detections import Detection, Vertex, VertexFrame
-from service.db.ids import new_id
-from service.db.recordings import Sensor
-from service.db.session import upserting
 from service.detections.views import marked_corners
+from service.platform.db.annotations import MarkingFrontier, MarkingTask
+from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.ids import new_id
+from service.platform.db.recordings import Sensor
+from service.platform.db.session import upserting
 
 # Those ahead run out a little earlier, one after the other: whoever holds several gets them in the same order again.
 _APART = timedelta(seconds=0.5)

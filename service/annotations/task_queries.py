@@ -12,10 +12,10 @@ from sqlalchemy import ColumnElement, Integer, Select, Uuid, and_, bindparam, fu
 from sqlalchemy.orm import Session
 
 from service.annotations.answer_queries import answers_closing, leases_of_others
-from service.db.annotations import MarkingFrontier, MarkingTask
-from service.db.base import Json
-from service.db.detections import Apex, Vertex, VertexFrame
-from service.db.upserts import put
+from service.platform.db.annotations import MarkingFrontier, MarkingTask
+from service.platform.db.base import Json
+from service.platform.db.detections import Apex, Vertex, VertexFrame
+from service.platform.db.upserts import put
 
 # The next open vertex is mostly within so many ranks; stretches that others have answered may be longer.
 _NEAR = 150

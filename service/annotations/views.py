@@ -15,12 +15,12 @@ from apexcal.documents.detections import Moved, VertexSummary
 from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskView
 from service.annotations.answer_queries import is_paired
 from service.annotations.disclosure_actions import is_told
-from service.auth.access import Access
-from service.db.annotations import Answer, Mark, MarkingTask, Verdict
-from service.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.db.recordings import CameraFrame, Sensor
 from service.detections.views import SUMMARY
-from service.http.problems import not_found
+from service.platform.auth.access import Access
+from service.platform.db.annotations import Answer, Mark, MarkingTask, Verdict
+from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.platform.db.recordings import CameraFrame, Sensor
+from service.platform.http.problems import not_found
 
 # A task with all that its answer touches: the columns of `_subjects`.
 Subject = Row[*tuple[Any, ...]]

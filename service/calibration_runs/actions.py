@@ -14,15 +14,15 @@ from sqlalchemy import bindparam, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
-from service.broker.hints import hint
 from service.calibration_runs.conclusion import end_calibration, runs_of
-from service.db.base import Json
-from service.db.calibrations import FULL, Calibration, CalibrationRun
-from service.db.clock import now
-from service.jobs.bundles import cut
-from service.jobs.queue import enqueue, enqueue_all, enqueue_each
+from service.platform.broker.hints import hint
+from service.platform.db.base import Json
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun
+from service.platform.db.clock import now
+from service.platform.jobs.bundles import cut
+from service.platform.jobs.queue import enqueue, enqueue_all, enqueue_each
 
-# Built once, as those of :mod:`service.jobs.claims`.
+# Built once, as those of :mod:`service.platform.jobs.claims`.
 _COUNT_DOWN = (
     update(CalibrationRun)
     .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(UNENDED))

@@ -10,11 +10,11 @@ from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
-from service.broker.hints import hint
 from service.calibration_runs.fleet_request_actions import tell_fleet_request
-from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, Result
-from service.db.clock import now
+from service.platform.broker.hints import hint
+from service.platform.db.base import Json
+from service.platform.db.calibrations import Calibration, CalibrationRun, Result
+from service.platform.db.clock import now
 
 
 class RunRow(NamedTuple):

@@ -13,15 +13,15 @@ from sqlalchemy import ColumnElement, bindparam, case, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import RequestState, VehicleState
-from service.broker.hints import hint
-from service.db.base import Json
-from service.db.calibrations import Calibration
-from service.db.clock import now
-from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.platform.broker.hints import hint
+from service.platform.db.base import Json
+from service.platform.db.calibrations import Calibration
+from service.platform.db.clock import now
+from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 
 # Each is a column that counts the vehicles which came to it.
 _ENDED = (VehicleState.DONE, VehicleState.FAILED, VehicleState.CANCELLED)
-# Built once, as those of :mod:`service.jobs.claims`.
+# Built once, as those of :mod:`service.platform.jobs.claims`.
 _END_VEHICLES = (
     update(FleetRequestVehicle)
     .where(

@@ -9,15 +9,15 @@ from sqlalchemy import delete, exists, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
-from service.broker.hints import hint
 from service.calibration_runs.actions import end_run, start_runs
 from service.calibration_runs.conclusion import end_calibration
-from service.db.base import Json, written
-from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
-from service.db.fleet_requests import FleetRequestVehicle
-from service.db.jobs import Job
-from service.jobs.kinds import CannotRetryError, Kind, failed_subject
-from service.jobs.queue import enqueue
+from service.platform.broker.hints import hint
+from service.platform.db.base import Json, written
+from service.platform.db.calibrations import Calibration, CalibrationRun, Result, Slot
+from service.platform.db.fleet_requests import FleetRequestVehicle
+from service.platform.db.jobs import Job
+from service.platform.jobs.kinds import CannotRetryError, Kind, failed_subject
+from service.platform.jobs.queue import enqueue
 
 _CANCELLED_RUNS = select(CalibrationRun.id).where(
     CalibrationRun.cancel_requested, CalibrationRun.state.in_([written(state) for state in UNENDED])

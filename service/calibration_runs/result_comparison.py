@@ -10,7 +10,7 @@ import numpy as np
 from apexcal.documents.results import FIELD_AZIMUTHS_DEG, FIELD_ELEVATIONS_DEG, FIELD_RANGES_M
 from apexcal.geometry.rotations import vector_from_rotation
 from apexcal.geometry.se3 import SE3, Floats, from_document, to_document
-from service.db.base import Json
+from service.platform.db.base import Json
 
 _TURNS: Final = ("rotation_x", "rotation_y", "rotation_z")
 _OFFSETS: Final = ("t_x", "t_y", "t_z")

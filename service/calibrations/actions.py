@@ -12,11 +12,11 @@ from sqlalchemy.orm import Session
 from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import start_runs
 from service.calibrations.plan import CalibrationPlan, FitPlan
-from service.db.base import written
-from service.db.calibrations import FULL, Calibration, CalibrationRun
-from service.db.fleets import Rig
-from service.jobs.bundles import choose_farming
-from service.jobs.queue import cancel
+from service.platform.db.base import written
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun
+from service.platform.db.fleets import Rig
+from service.platform.jobs.bundles import choose_farming
+from service.platform.jobs.queue import cancel
 
 
 def create(

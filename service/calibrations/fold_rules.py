@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from apexcal.documents.folds import cut_folds, most_folds
 from apexcal.documents.pairs import held_together
-from service.db.base import Json
+from service.platform.db.base import Json
 
 # The most that a request may ask for.
 _MOST: Final = 20

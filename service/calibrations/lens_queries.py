@@ -13,11 +13,11 @@ from apexcal.documents.lenses import lens_of_images
 from apexcal.documents.readings import ImageKind
 from service.calibrations.lenses import check_size, is_of_images
 from service.calibrations.resolve import CameraPairs
-from service.db.base import Json
-from service.db.calibrations import CorrespondenceSet
-from service.db.fleets import RigCamera
-from service.db.recordings import Sensor
-from service.http.problems import Problem
+from service.platform.db.base import Json
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.fleets import RigCamera
+from service.platform.db.recordings import Sensor
+from service.platform.http.problems import Problem
 
 
 def with_recorded_lenses(

@@ -14,9 +14,9 @@ from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
 from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated
 from apexcal.documents.rules import LensUse
-from service.db.base import Json
-from service.db.fleets import RigCamera
-from service.http.problems import Problem
+from service.platform.db.base import Json
+from service.platform.db.fleets import RigCamera
+from service.platform.http.problems import Problem
 
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
 _FOCAL_SHARE = 0.10

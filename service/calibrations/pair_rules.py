@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MARK_SIGMA, SIGMAS, states_errors, tells_motion
 from apexcal.documents.rules import WeightRule, Weights
-from service.db.base import Json
-from service.db.calibrations import CorrespondenceSet
-from service.http.problems import Problem
+from service.platform.db.base import Json
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.http.problems import Problem
 
 # Mean elevation error of a recording's vertices, the largest that was measured (docs/decisions/0008): of the refined
 # detector with the board's size open, and of the ring rules, which state no deviations and place the apex low.

@@ -15,7 +15,7 @@ from apexcal.documents.camera_models import (
     bare_name,
 )
 from apexcal.documents.fit_requests import FitRequest, in_radians
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 
 _OF_LENS = (
     "The lens as stated has it: is it in pixels of these images? Where it is right, give the rig bounds of {} that "

@@ -20,10 +20,10 @@ from service.calibrations.resolve import (
     resolve_template,
 )
 from service.calibrations.work_rules import FitWork, check_work, predicted_s
-from service.db.base import Json
-from service.db.digests import content_hash
-from service.http.problems import Problem
-from service.jobs.costs import run_cost
+from service.platform.db.base import Json
+from service.platform.db.digests import content_hash
+from service.platform.http.problems import Problem
+from service.platform.jobs.costs import run_cost
 
 # Members of a request that default to what its preset means.
 _OF_PRESET: Final = ("search", "bounds_preset", "loss", "outliers")

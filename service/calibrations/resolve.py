@@ -24,10 +24,10 @@ from service.calibration_runs.image_frames import T_images_camera
 from service.calibrations.lenses import Known, Lens, as_stated, check_size, lens_notes, take_over
 from service.calibrations.pair_rules import common_errors, weighing
 from service.calibrations.parameter_rules import check_camera_locks, check_locks, check_names, check_order
-from service.db.base import Json
-from service.db.calibrations import CorrespondenceSet
-from service.db.fleets import RigCamera
-from service.http.problems import Problem
+from service.platform.db.base import Json
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.fleets import RigCamera
+from service.platform.http.problems import Problem
 
 
 @dataclass(frozen=True)

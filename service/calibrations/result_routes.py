@@ -13,14 +13,14 @@ from apexcal.documents.base import Stored
 from apexcal.documents.results import ResultView
 from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import tell_pairs
-from service.auth.access import ReadAccess
 from service.calibrations.views import result_document
-from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.exports.answers import WantedFormat, exported
 from service.exports.queries import of_result
-from service.http.etags import Conditional
-from service.http.problems import not_found
-from service.http.router import Router
+from service.platform.auth.access import ReadAccess
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.http.etags import Conditional
+from service.platform.http.problems import not_found
+from service.platform.http.router import Router
 from service.publications.check_queries import checks_now
 
 router = Router(tags=["calibrations"])

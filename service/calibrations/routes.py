@@ -13,20 +13,20 @@ from apexcal.documents.base import Sought
 from apexcal.documents.calibrations import CalibrationRequest, CalibrationView, SlotView
 from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import tell_pairs
-from service.auth.access import Access, ReadAccess, WriteAccess
-from service.broker.hints import hint
 from service.calibrations.actions import ask_to_end, create
 from service.calibrations.lens_queries import with_recorded_lenses
 from service.calibrations.plan import plan_request
 from service.calibrations.resolve import CameraPairs
 from service.calibrations.slot_views import slot_page
 from service.calibrations.views import calibration_views, vertices_apart
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
-from service.db.fleets import Rig, Vehicle
 from service.fleets.queries import rig_camera
-from service.http.pages import LongPaging, Page, Paging, fetch
-from service.http.problems import Problem
-from service.http.router import Router
+from service.platform.auth.access import Access, ReadAccess, WriteAccess
+from service.platform.broker.hints import hint
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
+from service.platform.db.fleets import Rig, Vehicle
+from service.platform.http.pages import LongPaging, Page, Paging, fetch
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
 
 router = Router(tags=["calibrations"])
 

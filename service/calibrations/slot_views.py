@@ -8,9 +8,9 @@ from sqlalchemy import Select, tuple_
 from sqlalchemy.orm import Session
 
 from apexcal.documents.calibrations import SlotView
-from service.db.calibrations import CalibrationRun, Slot
-from service.http.pages import Page, Window
-from service.http.problems import Problem
+from service.platform.db.calibrations import CalibrationRun, Slot
+from service.platform.http.pages import Page, Window
+from service.platform.http.problems import Problem
 
 
 def slot_page(session: Session, statement: Select[CalibrationRun, Slot], window: Window) -> Page[SlotView]:

@@ -16,8 +16,8 @@ from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.pairs import CORNER
 from apexcal.documents.results import SINGLE_HELD_OUT_PAIRS
 from apexcal.documents.states import UNENDED
-from service.db.base import Json
-from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.base import Json
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 
 
 def calibration_views(

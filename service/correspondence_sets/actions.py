@@ -5,10 +5,10 @@ from __future__ import annotations
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from service.db.calibrations import CorrespondenceSet
-from service.db.clock import now
-from service.db.digests import content_hash
-from service.db.fleets import Rig
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.clock import now
+from service.platform.db.digests import content_hash
+from service.platform.db.fleets import Rig
 
 
 def keep_set(session: Session, wanted: CorrespondenceSet) -> tuple[CorrespondenceSet, bool]:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 
 from service.correspondence_sets.pair_files import MAX_PAIRS, Columns, invalid
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 
 _NAMES = ("LiDAR frame", "camera frame", "x", "y", "z", "u", "v")
 # Metres. The authors walk within 30 m, and no sensor that is read here sees farther.

@@ -16,12 +16,12 @@ from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MARKED_BY, SIGMAS
 from service.annotations.consensus import Consensus, Opinion, Outcome, agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.correspondence_sets.pair_files import Columns
-from service.db.detections import Detection, Vertex, VertexFrame
-from service.db.fleets import RigCamera
-from service.db.recordings import Recording, Sensor
-from service.db.studies import Study
 from service.detections.views import marked_corners
-from service.http.problems import Problem
+from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.fleets import RigCamera
+from service.platform.db.recordings import Recording, Sensor
+from service.platform.db.studies import Study
+from service.platform.http.problems import Problem
 
 # A walker's board moves by a millimetre in this time.
 _STILL_NS = 1_000_000

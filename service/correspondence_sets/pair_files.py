@@ -12,8 +12,8 @@ from typing import Any
 from apexcal.documents.corners import CORNERS
 from apexcal.documents.pairs import CORNER, MARK_SIGMA, REQUIRED, SIGMAS
 from service.correspondence_sets.json_elements import NoDocumentError, elements_of
-from service.db.fleets import RigCamera
-from service.http.problems import Problem
+from service.platform.db.fleets import RigCamera
+from service.platform.http.problems import Problem
 
 _LEAST_MARK_SIGMA_PX = 0.01
 _OPTIONAL = ("stamp_ns", "group", *SIGMAS, MARK_SIGMA, CORNER)

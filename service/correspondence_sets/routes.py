@@ -18,27 +18,27 @@ from apexcal.documents.base import Sought
 from apexcal.documents.correspondence_sets import BuildRequest, SelectionRequest, SetView, SetWithPairs
 from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
-from service.auth.access import Access, CurrentIdentity, Identity, ReadAccess, WriteAccess
-from service.broker.hints import hint
 from service.correspondence_sets.actions import keep_set
 from service.correspondence_sets.label_files import FROM_ONE, is_labels, read_labels
 from service.correspondence_sets.marked_pairs import build
 from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
 from service.correspondence_sets.streamed_views import pairs_of, set_in_pieces
 from service.correspondence_sets.views import set_view
-from service.db.calibrations import CorrespondenceSet
-from service.db.detections import Detection
-from service.db.fleets import Rig
-from service.db.recordings import Recording
-from service.db.session import Database
 from service.detections.queries import find_camera
 from service.fleets.queries import rig_camera
-from service.http.etags import Conditional, Conditions, content_etag
-from service.http.limits import ConcurrencyLimiter
-from service.http.pages import Page, Paging, fetch
-from service.http.problems import Problem
-from service.http.router import Router
-from service.http.threads import Threads
+from service.platform.auth.access import Access, CurrentIdentity, Identity, ReadAccess, WriteAccess
+from service.platform.broker.hints import hint
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.detections import Detection
+from service.platform.db.fleets import Rig
+from service.platform.db.recordings import Recording
+from service.platform.db.session import Database
+from service.platform.http.etags import Conditional, Conditions, content_etag
+from service.platform.http.limits import ConcurrencyLimiter
+from service.platform.http.pages import Page, Paging, fetch
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
+from service.platform.http.threads import Threads
 
 router = Router(tags=["calibrations"])
 

@@ -13,9 +13,9 @@ from uuid import UUID
 from pydantic_core import to_json
 
 from service.correspondence_sets.views import set_view
-from service.db.calibrations import CorrespondenceSet
-from service.db.session import Database
-from service.http.problems import not_found
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.session import Database
+from service.platform.http.problems import not_found
 
 _AT_ONCE = 2000
 

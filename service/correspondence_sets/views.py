@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from apexcal.documents.correspondence_sets import SetView
-from service.db.calibrations import CorrespondenceSet
+from service.platform.db.calibrations import CorrespondenceSet
 
 
 def set_view(row: CorrespondenceSet) -> SetView:

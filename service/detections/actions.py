@@ -7,10 +7,10 @@ from uuid import UUID
 from apexcal.documents.detections import DetectionRequest
 from apexcal.documents.detectors import resolve_options
 from apexcal.documents.states import WorkState
-from service.db.detections import Detection
-from service.db.digests import content_hash
-from service.db.fleets import Rig
-from service.db.recordings import Recording
+from service.platform.db.detections import Detection
+from service.platform.db.digests import content_hash
+from service.platform.db.fleets import Rig
+from service.platform.db.recordings import Recording
 
 _UP = ("up_x", "up_y", "up_z")
 

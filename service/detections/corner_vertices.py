@@ -11,10 +11,10 @@ from sqlalchemy import case, delete, insert, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP, CornerName, nearest
-from service.db.annotations import MarkingFrontier, MarkingProgress
-from service.db.base import Json
-from service.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.db.ids import new_id
+from service.platform.db.annotations import MarkingFrontier, MarkingProgress
+from service.platform.db.base import Json
+from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.platform.db.ids import new_id
 
 Known = tuple[UUID, tuple[float, float, float]]
 """An apex's id and place."""

@@ -9,15 +9,15 @@ from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
-from service.broker.hints import hint
-from service.db.base import Json
-from service.db.clock import now
-from service.db.detections import Detection, Vertex
-from service.db.jobs import Job
-from service.db.recordings import Sensor
-from service.jobs.bundles import cut, shards
-from service.jobs.kinds import CannotRetryError, Kind, failed_subject
-from service.jobs.queue import enqueue_all
+from service.platform.broker.hints import hint
+from service.platform.db.base import Json
+from service.platform.db.clock import now
+from service.platform.db.detections import Detection, Vertex
+from service.platform.db.jobs import Job
+from service.platform.db.recordings import Sensor
+from service.platform.jobs.bundles import cut, shards
+from service.platform.jobs.kinds import CannotRetryError, Kind, failed_subject
+from service.platform.jobs.queue import enqueue_all
 
 AT_ONCE = 250
 """Tips whose corners one transaction makes. With three corners and two cameras these are 3000 rows: about half a

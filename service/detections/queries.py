@@ -10,10 +10,10 @@ from sqlalchemy.orm import Session
 from apexcal.documents.corners import TOP
 from apexcal.documents.roles import Role
 from apexcal.documents.states import UNENDED, RecordingState, WorkState
-from service.auth.access import Access
-from service.db.detections import Detection, Vertex, VertexFrame
-from service.db.recordings import Recording, Sensor
-from service.http.problems import Problem
+from service.platform.auth.access import Access
+from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.recordings import Recording, Sensor
+from service.platform.http.problems import Problem
 
 _CAMERAS = (
     select(Sensor).where(Sensor.recording_id == bindparam("recording"), Sensor.kind == "camera").order_by(Sensor.name)

@@ -19,23 +19,23 @@ from apexcal.documents.detections import (
     VertexSummary,
     VertexView,
 )
-from service.auth.access import ReadAccess, WriteAccess
-from service.broker.hints import hint
-from service.db.detections import Detection, Vertex
-from service.db.fleets import Rig
-from service.db.recordings import Recording
 from service.detections.actions import new_detection
 from service.detections.corner_actions import ask_corners
 from service.detections.jobs import queue_detection
 from service.detections.queries import done_detection, find_camera, ready_recording, vertices_of
 from service.detections.views import SUMMARY, detection_view, vertex_views
-from service.http.bodies import DOCUMENT
-from service.http.compressed import compressed
-from service.http.pages import LongPaging, Page, Paging, fetch
-from service.http.problems import not_found
-from service.http.router import Router
-from service.job_status.views import jobs_of
-from service.jobs.queue import cancel
+from service.platform.auth.access import ReadAccess, WriteAccess
+from service.platform.broker.hints import hint
+from service.platform.db.detections import Detection, Vertex
+from service.platform.db.fleets import Rig
+from service.platform.db.recordings import Recording
+from service.platform.http.bodies import DOCUMENT
+from service.platform.http.compressed import compressed
+from service.platform.http.pages import LongPaging, Page, Paging, fetch
+from service.platform.http.problems import not_found
+from service.platform.http.router import Router
+from service.platform.job_status.views import jobs_of
+from service.platform.jobs.queue import cancel
 
 router = Router(tags=["detections"])
 

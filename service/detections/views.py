@@ -13,10 +13,10 @@ from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.detections import DetectionView, FrameOfVertex, Moved, VertexSummary, VertexView
 from apexcal.documents.detectors import sentences_of
 from apexcal.documents.states import WorkState
-from service.db.detections import Detection, Vertex, VertexFrame
-from service.db.jobs import Job
-from service.db.recordings import Sensor
-from service.job_status.views import job_view
+from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.jobs import Job
+from service.platform.db.recordings import Sensor
+from service.platform.job_status.views import job_view
 
 # What the list of vertices reads: covariances and corners are large.
 SUMMARY = tuple(getattr(Vertex, name) for name in VertexSummary.model_fields)

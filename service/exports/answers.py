@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from fastapi import Depends, Query, Request
 from fastapi.responses import Response
 
-from service.http.etags import Conditions, content_etag, repr_digest
+from service.platform.http.etags import Conditions, content_etag, repr_digest
 
 if TYPE_CHECKING:
     from service.exports.calibrated import Calibrated

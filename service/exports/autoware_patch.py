@@ -6,7 +6,7 @@ import yaml
 
 from service.exports.autoware import NAMES, mounted_edge, values
 from service.exports.calibrated import CalibratedCamera
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 
 # PyYAML takes time with the square of how deep brackets lie in each other.
 _MOST_BRACKETS = 1000

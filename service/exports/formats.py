@@ -11,7 +11,7 @@ from typing import NamedTuple
 from service.exports import autoware, camera_info, kalibr, kitti, nuscenes, opencv, openlabel, ros2, urdf
 from service.exports.calibrated import Calibrated, file_name
 from service.exports.format import Files, Format, carried, lacking, obstacle
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 
 FORMATS: dict[str, Format] = {
     one.name: one

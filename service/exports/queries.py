@@ -13,10 +13,10 @@ from sqlalchemy.orm import Session
 from apexcal.documents.camera_models import parse_model
 from apexcal.documents.results import StatedLensFit
 from service.calibration_runs.image_frames import T_images_camera, joint_of_images
-from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.fleets import Rig, RigCamera, Vehicle
-from service.http.problems import not_found
+from service.platform.db.base import Json
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.http.problems import not_found
 
 if TYPE_CHECKING:
     from apexcal.geometry.se3 import Floats

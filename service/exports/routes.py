@@ -9,12 +9,12 @@ from uuid import UUID
 from fastapi.responses import Response
 
 from apexcal.documents.exports import FormatView, UrdfRequest
-from service.auth.access import CurrentIdentity, ReadAccess
-from service.db.calibrations import Result
 from service.exports.answers import notes_header, table
 from service.exports.queries import of_result
-from service.http.bodies import DOCUMENT
-from service.http.router import Router
+from service.platform.auth.access import CurrentIdentity, ReadAccess
+from service.platform.db.calibrations import Result
+from service.platform.http.bodies import DOCUMENT
+from service.platform.http.router import Router
 
 if TYPE_CHECKING:
     from service.exports.calibrated import Calibrated

@@ -12,7 +12,7 @@ import numpy as np
 
 from apexcal.geometry.rotations import rotation_from_euler
 from apexcal.geometry.se3 import SE3, Floats
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 
 _MOST_JOINTS = 2000
 # Metres or radians, as of the transforms that requests bring: products of larger ones are no numbers.

@@ -16,13 +16,13 @@ from apexcal.documents.fleet_requests import DryRunView, FleetRequestBody, Skipp
 from apexcal.documents.states import RequestState, VehicleState
 from service.calibrations.actions import ask_to_end, create_all, waiting_runs
 from service.calibrations.work_rules import check_fleet_total
-from service.db.clock import utc_now
-from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
-from service.db.fleets import Fleet
-from service.db.ids import new_id
 from service.fleet_requests.plan import VehiclePlan, check_template, plan_vehicles
 from service.fleet_requests.vehicle_queries import Chosen, choose
-from service.http.problems import Problem
+from service.platform.db.clock import utc_now
+from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.platform.db.fleets import Fleet
+from service.platform.db.ids import new_id
+from service.platform.http.problems import Problem
 
 # More at once would hold the database for longer than a lease (docs/decisions/0018).
 _MOST_VEHICLES = 5000

@@ -14,11 +14,11 @@ from apexcal.documents.calibrations import CalibrationRequest, CalibrationTempla
 from service.calibrations.lens_queries import with_recorded_lenses
 from service.calibrations.plan import CalibrationPlan, plan_request
 from service.calibrations.resolve import CameraPairs
-from service.db.base import Json
-from service.db.calibrations import CorrespondenceSet
-from service.db.fleets import Rig
 from service.fleet_requests.vehicle_queries import Chosen, in_chunks
-from service.http.problems import Problem
+from service.platform.db.base import Json
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.fleets import Rig
+from service.platform.http.problems import Problem
 
 # Vehicles whose pairs are in memory at once: some tens of kilobytes each.
 _CHUNK = 200

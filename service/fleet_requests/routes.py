@@ -17,17 +17,17 @@ from apexcal.documents.fleet_requests import (
     RequestVehicleView,
 )
 from apexcal.documents.states import VehicleState
-from service.auth.access import ReadAccess, WriteAccess
-from service.broker.hints import hint
-from service.db.digests import content_hash
-from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
-from service.db.fleets import Fleet
 from service.fleet_requests.actions import ask, ask_all_to_end, preview, retry_failed
 from service.fleet_requests.views import in_state, request_views, vehicle_view, vehicles_of
-from service.http.bodies import DOCUMENT
-from service.http.etags import Conditional, content_etag
-from service.http.pages import Page, Paging, fetch
-from service.http.router import Router
+from service.platform.auth.access import ReadAccess, WriteAccess
+from service.platform.broker.hints import hint
+from service.platform.db.digests import content_hash
+from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.platform.db.fleets import Fleet
+from service.platform.http.bodies import DOCUMENT
+from service.platform.http.etags import Conditional, content_etag
+from service.platform.http.pages import Page, Paging, fetch
+from service.platform.http.router import Router
 
 router = Router(tags=["fleet requests"])
 

@@ -23,11 +23,11 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 from apexcal.documents.fleet_requests import VehicleFilter
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import WorkState
-from service.db.base import written
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.fleets import Rig, RigCamera, Vehicle
-from service.db.publications import Publication
-from service.http.problems import Problem
+from service.platform.db.base import written
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.publications import Publication
+from service.platform.http.problems import Problem
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.fleets import Rig, RigCamera
-from service.http.problems import Problem
+from service.platform.db.fleets import Rig, RigCamera
+from service.platform.http.problems import Problem
 
 
 def rig_camera(session: Session, rig: Rig, name: str) -> RigCamera:

@@ -14,19 +14,19 @@ from sqlalchemy.orm import selectinload
 from apexcal.documents.base import stored
 from apexcal.documents.fleets import CameraImages, FleetOut, Named, NewRig, RigOut, SensorSerials, VehicleOut
 from apexcal.documents.policies import PublicationPolicy
-from service.auth.access import Access, ReadAccess, WriteAccess
-from service.broker.hints import hint
-from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
-from service.db.ids import new_id
 from service.fleets.queries import rig_camera
 from service.fleets.views import rig_view
-from service.http.bodies import DOCUMENT
-from service.http.etags import Conditional, version_etag
-from service.http.pages import Page, Paging, fetch
-from service.http.problems import Problem
-from service.http.router import Router
-from service.settings import Settings
-from service.storage.quota import uses
+from service.platform.auth.access import Access, ReadAccess, WriteAccess
+from service.platform.broker.hints import hint
+from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.db.ids import new_id
+from service.platform.http.bodies import DOCUMENT
+from service.platform.http.etags import Conditional, version_etag
+from service.platform.http.pages import Page, Paging, fetch
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
+from service.platform.settings import Settings
+from service.platform.storage.quota import uses
 
 router = Router(tags=["fleets"])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from apexcal.documents.base import stored
 from apexcal.documents.fleets import RigOut
-from service.db.fleets import Rig
+from service.platform.db.fleets import Rig
 
 
 def rig_view(rig: Rig) -> RigOut:

@@ -11,11 +11,11 @@ from apexcal.documents.imports import ComparisonRequest, LensDifference, ReadCam
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, vector_from_rotation
 from apexcal.geometry.se3 import SE3, Floats, from_document
 from service.calibration_runs.result_comparison import compared_with_stated
-from service.db.base import Json
-from service.http.problems import Problem
 from service.imports.found import refused
 from service.imports.plausibility import mount_doubts
 from service.imports.views import files_view, transform_view
+from service.platform.db.base import Json
+from service.platform.http.problems import Problem
 
 ReadAs = Literal["stated", "inverted", "body", "inverted_body", "none"]
 # Within so much of the truth a nominal mount has to be; what is farther off is another reading of the transform.

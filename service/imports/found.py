@@ -9,7 +9,7 @@ from typing import Any
 
 from apexcal.documents.errors import GeometryError
 from apexcal.geometry.se3 import SE3, Floats
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 
 LIDAR = "lidar"
 # As of the transforms and lenses that requests bring: products of larger numbers are no numbers.

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from apexcal.geometry.se3 import SE3
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 
 
 class Joint(NamedTuple):

@@ -13,13 +13,13 @@ from apexcal.documents.imports import (
     StatedComparison,
     UrdfDraftRequest,
 )
-from service.auth.access import CurrentIdentity, ReadAccess
 from service.calibration_runs.conclusion import spread_of_result
-from service.db.calibrations import Result
-from service.db.recordings import Recording
-from service.http.bodies import DOCUMENT
-from service.http.problems import Problem
-from service.http.router import Router
+from service.platform.auth.access import CurrentIdentity, ReadAccess
+from service.platform.db.calibrations import Result
+from service.platform.db.recordings import Recording
+from service.platform.http.bodies import DOCUMENT
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
 
 router = Router(tags=["imports"])
 

@@ -14,9 +14,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
-from service.db.calibrations import Calibration, Result
-from service.db.fleets import Vehicle
-from service.db.publications import Publication
+from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.fleets import Vehicle
+from service.platform.db.publications import Publication
 from service.publications.queries import newest_publication, newest_publications
 
 _PASSED = "It was recommended and passed its checks."

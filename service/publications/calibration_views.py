@@ -8,9 +8,9 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from service.calibration_runs.image_frames import T_images_camera, between, joint_of_images
-from service.db.base import Json
-from service.db.calibrations import Calibration, Result
-from service.db.fleets import Vehicle
+from service.platform.db.base import Json
+from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.fleets import Vehicle
 from service.publications.camera_queries import PublishedCamera, cameras_of, next_moves, published_cameras
 from service.publications.selection import Selection
 from service.publications.views import override_view

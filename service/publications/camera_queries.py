@@ -9,14 +9,14 @@ from uuid import UUID
 from sqlalchemy import Select, and_, func, select
 from sqlalchemy.orm import Session, aliased
 
-from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.detections import Detection
-from service.db.fleets import Rig, RigCamera, Vehicle
-from service.db.people import Person
-from service.db.publications import Publication
 from service.exports.queries import of_results
-from service.http.problems import Problem
+from service.platform.db.base import Json
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.detections import Detection
+from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.people import Person
+from service.platform.db.publications import Publication
+from service.platform.http.problems import Problem
 from service.publications.camera_rules import check_sensors, refuse_missing, refuse_nothing, refuse_swapped
 from service.publications.mounted_sensors import Calibrated, swapped_sensors
 from service.publications.selection import Selection

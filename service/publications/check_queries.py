@@ -12,8 +12,8 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.policies import PublicationPolicy
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.fleets import Fleet, Rig, RigCamera
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.fleets import Fleet, Rig, RigCamera
 from service.publications.mounted_sensors import Calibrated, swapped_sensors
 from service.publications.policy_checks import policy_check
 from service.publications.queries import current_publication, withdrawals

@@ -10,7 +10,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.fleets import Rig, RigCamera
+from service.platform.db.fleets import Rig, RigCamera
 
 LIDAR = "lidar"
 

@@ -10,8 +10,8 @@ from sqlalchemy.orm import Session
 from apexcal.documents.camera_models import EXTRINSICS
 from apexcal.documents.checks import Check, figure
 from apexcal.documents.policies import PublicationPolicy
-from service.db.base import Json
-from service.db.calibrations import CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.base import Json
+from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
 
 # Cells of the image, as `PublicationPolicy` defines coverage.
 _COLUMNS, _ROWS = 8, 6

@@ -9,8 +9,8 @@ from sqlalchemy import ColumnElement, Select, and_, exists, select
 from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.publications import CURRENT
-from service.db.calibrations import Result
-from service.db.publications import Publication
+from service.platform.db.calibrations import Result
+from service.platform.db.publications import Publication
 
 
 def newest_publication(session: Session, vehicle_id: UUID, camera: str, alias: str = CURRENT) -> Publication | None:

@@ -12,15 +12,15 @@ from fastapi.responses import JSONResponse, Response
 from sqlalchemy.orm import Session
 
 from apexcal.documents.exports import VEHICLE_HEADER
-from service.auth.access import Identity, identified
-from service.auth.secrets import TOKEN_PREFIX, secret_hash
-from service.db.fleets import Vehicle
-from service.db.session import Database
 from service.exports.answers import exported
-from service.http.etags import Conditions, content_etag, names, repr_digest
-from service.http.lookups import Lookups
-from service.http.problems import not_found
-from service.http.threads import Threads
+from service.platform.auth.access import Identity, identified
+from service.platform.auth.secrets import TOKEN_PREFIX, secret_hash
+from service.platform.db.fleets import Vehicle
+from service.platform.db.session import Database
+from service.platform.http.etags import Conditions, content_etag, names, repr_digest
+from service.platform.http.lookups import Lookups
+from service.platform.http.problems import not_found
+from service.platform.http.threads import Threads
 from service.publications.calibration_views import vehicle_document
 from service.publications.camera_queries import published_exports
 from service.publications.selection import Selection

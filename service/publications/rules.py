@@ -7,9 +7,9 @@ from uuid import UUID
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT, PublicationRequest
-from service.db.calibrations import FULL, Result
-from service.db.publications import Publication
-from service.http.problems import Problem
+from service.platform.db.calibrations import FULL, Result
+from service.platform.db.publications import Publication
+from service.platform.http.problems import Problem
 from service.publications.actions import Grounds
 from service.publications.check_queries import checks_now, failing
 from service.publications.queries import newest_publications, was_published

@@ -11,7 +11,7 @@ from pydantic import AwareDatetime
 
 from apexcal.documents.base import Sought
 from apexcal.documents.publications import CURRENT, AliasName
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 
 
 class Selection(NamedTuple):

@@ -8,11 +8,11 @@ from hashlib import sha256
 from sqlalchemy import Select, String, Uuid, and_, bindparam, cast, func, or_, select
 from sqlalchemy.orm import aliased
 
-from service.db.calibrations import Calibration, Result
-from service.db.clock import now
-from service.db.fleets import Rig, RigCamera, Vehicle
-from service.db.people import ApiToken, Membership, Person
-from service.db.publications import Publication
+from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.clock import now
+from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.people import ApiToken, Membership, Person
+from service.platform.db.publications import Publication
 
 
 def state_of_vehicle(dialect: str) -> Select[str]:

@@ -6,9 +6,9 @@ from uuid import UUID
 
 from sqlalchemy import ColumnElement, or_, select
 
-from service.auth.access import Access
-from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
-from service.http.problems import Problem
+from service.platform.auth.access import Access
+from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.http.problems import Problem
 from service.publications.mounted_sensors import carries
 
 

@@ -12,14 +12,14 @@ from fastapi.responses import Response
 from apexcal.documents.base import Sought, Stored
 from apexcal.documents.exports import UrdfRequest, VehicleCalibration
 from apexcal.documents.summaries import CurrentCalibration
-from service.auth.access import ReadAccess
-from service.db.digests import content_hash
-from service.db.fleets import Vehicle
 from service.exports.answers import WantedFormat, exported
 from service.exports.routes import XML, patched_answer
-from service.http.bodies import DOCUMENT
-from service.http.etags import Conditional, content_etag
-from service.http.router import Router
+from service.platform.auth.access import ReadAccess
+from service.platform.db.digests import content_hash
+from service.platform.db.fleets import Vehicle
+from service.platform.http.bodies import DOCUMENT
+from service.platform.http.etags import Conditional, content_etag
+from service.platform.http.router import Router
 from service.publications.calibration_views import camera_documents
 from service.publications.camera_queries import published_exports
 from service.publications.retrieval import Retrieval

@@ -8,11 +8,11 @@ from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import OverrideView, PublicationView
-from service.db.calibrations import Result
-from service.db.people import Person
-from service.db.publications import Publication
-from service.http.pages import Page, Window
-from service.http.problems import Problem
+from service.platform.db.calibrations import Result
+from service.platform.db.people import Person
+from service.platform.db.publications import Publication
+from service.platform.http.pages import Page, Window
+from service.platform.http.problems import Problem
 from service.publications.queries import is_newest, moves_of
 
 

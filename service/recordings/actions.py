@@ -12,19 +12,19 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import VehicleState
 from service.calibration_runs.fleet_request_actions import drop_calibrations
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.detections import Detection
-from service.db.fleet_requests import FleetRequestVehicle
-from service.db.recordings import Recording, UploadPart
-from service.db.reports import Report
-from service.db.studies import Study
-from service.db.validations import Validation
-from service.http.problems import Problem
-from service.jobs.queue import abandon
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.detections import Detection
+from service.platform.db.fleet_requests import FleetRequestVehicle
+from service.platform.db.recordings import Recording, UploadPart
+from service.platform.db.reports import Report
+from service.platform.db.studies import Study
+from service.platform.db.validations import Validation
+from service.platform.http.problems import Problem
+from service.platform.jobs.queue import abandon
+from service.platform.storage.blobs import condemn
 from service.publications.actions import hold_publications
 from service.publications.queries import aliases_to
 from service.recordings.blob_queries import sensor_keys, study_keys
-from service.storage.blobs import condemn
 
 
 def delete_recording(session: Session, recording_id: UUID, *, with_published: bool) -> None:

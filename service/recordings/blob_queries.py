@@ -7,8 +7,8 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.recordings import PackedSweeps, Sensor
-from service.db.studies import Study, StudyFile
+from service.platform.db.recordings import PackedSweeps, Sensor
+from service.platform.db.studies import Study, StudyFile
 
 
 def study_keys(session: Session, recording_id: UUID) -> list[str]:

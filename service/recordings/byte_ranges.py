@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from fastapi import Request, Response
 
 from apexcal.documents.recordings import BlobAddress
-from service.http.etags import Conditions, content_etag
+from service.platform.http.etags import Conditions, content_etag
+from service.platform.storage.store import Store
 from service.recordings.presigner import Presigner
-from service.storage.store import Store
 
 _FOREVER = "private, max-age=31536000, immutable"
 

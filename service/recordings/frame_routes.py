@@ -10,13 +10,13 @@ from sqlalchemy import select
 
 from apexcal.documents.base import Sought
 from apexcal.documents.recordings import BlobAddress, FrameView
-from service.auth.access import Access, CurrentIdentity, ReadAccess
-from service.db.recordings import CameraFrame, Recording
-from service.db.session import Database
-from service.http.etags import Conditional
-from service.http.pages import LongPaging, Page, fetch
-from service.http.problems import Problem
-from service.http.router import Router
+from service.platform.auth.access import Access, CurrentIdentity, ReadAccess
+from service.platform.db.recordings import CameraFrame, Recording
+from service.platform.db.session import Database
+from service.platform.http.etags import Conditional
+from service.platform.http.pages import LongPaging, Page, fetch
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
 from service.recordings.byte_ranges import ByteRange
 from service.recordings.queries import find_camera
 

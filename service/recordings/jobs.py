@@ -9,13 +9,13 @@ from sqlalchemy import update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import RecordingState, WorkState
-from service.broker.hints import hint
-from service.db.base import Json
-from service.db.jobs import Job
-from service.db.recordings import Recording
-from service.jobs.kinds import Kind, failed_subject
-from service.jobs.queue import enqueue
-from service.storage.quota import copied
+from service.platform.broker.hints import hint
+from service.platform.db.base import Json
+from service.platform.db.jobs import Job
+from service.platform.db.recordings import Recording
+from service.platform.jobs.kinds import Kind, failed_subject
+from service.platform.jobs.queue import enqueue
+from service.platform.storage.quota import copied
 
 _CANCELLED: Json = {
     "code": "cancelled",

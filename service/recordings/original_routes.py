@@ -12,14 +12,14 @@ from fastapi.responses import StreamingResponse
 
 from apexcal.documents.recordings import Original, OriginalPart
 from apexcal.documents.states import RecordingState
-from service.auth.access import Access, CurrentIdentity
-from service.db.recordings import Recording, UploadPart
-from service.db.session import Database
-from service.http.problems import Problem
-from service.http.router import Router
+from service.platform.auth.access import Access, CurrentIdentity
+from service.platform.db.recordings import Recording, UploadPart
+from service.platform.db.session import Database
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
+from service.platform.storage.store import Store
 from service.recordings.presigner import Presigner
 from service.recordings.queries import parts_of
-from service.storage.store import Store
 
 router = Router(tags=["recordings"])
 

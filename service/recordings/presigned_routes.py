@@ -14,11 +14,14 @@ from uuid import UUID
 from fastapi import Path, Request
 
 from apexcal.documents.recordings import MAX_PARTS, NewPart, PartAddress, PartView, PutPart
-from service.auth.access import Access, CurrentIdentity, Identity
-from service.db.recordings import Blob, Recording, UploadPart
-from service.db.session import Database
-from service.http.problems import Problem
-from service.http.router import Router
+from service.platform.auth.access import Access, CurrentIdentity, Identity
+from service.platform.db.recordings import Blob, Recording, UploadPart
+from service.platform.db.session import Database
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
+from service.platform.settings import Settings
+from service.platform.storage.errors import MissingBlobError
+from service.platform.storage.store import Store
 from service.recordings.presigner import Presigner
 from service.recordings.upload_actions import (
     FORGET_S,
@@ -29,9 +32,6 @@ from service.recordings.upload_actions import (
     part_too_large,
     reservation_ended,
 )
-from service.settings import Settings
-from service.storage.errors import MissingBlobError
-from service.storage.store import Store
 
 router = Router(tags=["recordings"])
 

@@ -7,9 +7,9 @@ from datetime import datetime, timedelta
 
 from fastapi import Request
 
-from service.db.clock import utc_now
-from service.settings import Settings
-from service.storage.store import Store
+from service.platform.db.clock import utc_now
+from service.platform.settings import Settings
+from service.platform.storage.store import Store
 
 
 @dataclass(frozen=True)

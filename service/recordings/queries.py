@@ -10,10 +10,10 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.recordings import Reading
-from service.auth.access import Access
-from service.db.fleets import RigCamera
-from service.db.recordings import Recording, Sensor, UploadPart
-from service.http.problems import Problem
+from service.platform.auth.access import Access
+from service.platform.db.fleets import RigCamera
+from service.platform.db.recordings import Recording, Sensor, UploadPart
+from service.platform.http.problems import Problem
 
 
 def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[str, Any]:

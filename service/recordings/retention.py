@@ -9,14 +9,14 @@ from sqlalchemy import delete, select
 from sqlalchemy.exc import OperationalError
 
 from apexcal.documents.states import RecordingState
-from service.broker.hints import hint
-from service.db.clock import now
-from service.db.recordings import Recording, UploadPart
-from service.db.session import Database
-from service.http.problems import Problem
+from service.platform.broker.hints import hint
+from service.platform.db.clock import now
+from service.platform.db.recordings import Recording, UploadPart
+from service.platform.db.session import Database
+from service.platform.http.problems import Problem
+from service.platform.storage.blobs import condemn
 from service.recordings.actions import delete_recording
 from service.recordings.upload_actions import EXPIRED
-from service.storage.blobs import condemn
 
 log = logging.getLogger(__name__)
 

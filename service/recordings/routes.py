@@ -18,22 +18,22 @@ from apexcal.documents.recordings import (
     RecordingView,
 )
 from apexcal.documents.states import RecordingState
-from service.auth.access import ReadAccess, WriteAccess
-from service.broker.hints import hint
-from service.db.clock import now
-from service.db.fleets import Rig, Vehicle
-from service.db.ids import new_id
-from service.db.recordings import Recording
-from service.http.etags import Conditional, version_etag
-from service.http.pages import Page, Paging, fetch
-from service.http.problems import Problem, not_found
-from service.http.router import Router
+from service.platform.auth.access import ReadAccess, WriteAccess
+from service.platform.broker.hints import hint
+from service.platform.db.clock import now
+from service.platform.db.fleets import Rig, Vehicle
+from service.platform.db.ids import new_id
+from service.platform.db.recordings import Recording
+from service.platform.http.etags import Conditional, version_etag
+from service.platform.http.pages import Page, Paging, fetch
+from service.platform.http.problems import Problem, not_found
+from service.platform.http.router import Router
+from service.platform.settings import Settings
+from service.platform.storage.quota import take
 from service.recordings.actions import delete_recording
 from service.recordings.queries import reading_document
 from service.recordings.upload_actions import how_to_upload
 from service.recordings.views import summaries, view
-from service.settings import Settings
-from service.storage.quota import take
 
 router = Router(tags=["recordings"])
 

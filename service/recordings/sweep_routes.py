@@ -11,13 +11,13 @@ from sqlalchemy import select
 from apexcal.documents.recordings import BlobAddress
 from apexcal.documents.states import RecordingState
 from apexcal.documents.sweeps import MEDIA_TYPE, SweepView
-from service.auth.access import Access, CurrentIdentity, ReadAccess
-from service.db.recordings import PackedSweep, PackedSweeps, Recording, Sensor
-from service.db.session import Database
-from service.http.etags import Conditional
-from service.http.pages import LongPaging, Page, fetch
-from service.http.problems import Problem
-from service.http.router import Router
+from service.platform.auth.access import Access, CurrentIdentity, ReadAccess
+from service.platform.db.recordings import PackedSweep, PackedSweeps, Recording, Sensor
+from service.platform.db.session import Database
+from service.platform.http.etags import Conditional
+from service.platform.http.pages import LongPaging, Page, fetch
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
 from service.recordings.byte_ranges import ByteRange
 
 router = Router(tags=["recordings"])

@@ -15,16 +15,16 @@ from starlette.requests import ClientDisconnect
 
 from apexcal.documents.recordings import Upload
 from apexcal.documents.states import RecordingState
-from service.auth.access import Access, Identity
-from service.db.clock import now
-from service.db.recordings import Blob, Recording, UploadPart
-from service.db.session import Database
-from service.http.problems import Problem
+from service.platform.auth.access import Access, Identity
+from service.platform.db.clock import now
+from service.platform.db.recordings import Blob, Recording, UploadPart
+from service.platform.db.session import Database
+from service.platform.http.problems import Problem
+from service.platform.settings import Settings
+from service.platform.storage.blobs import condemn, give_up, keep, reserve
+from service.platform.storage.errors import ReservationEndedError
+from service.platform.storage.quota import coming, take
 from service.recordings.presigner import Presigner
-from service.settings import Settings
-from service.storage.blobs import condemn, give_up, keep, reserve
-from service.storage.errors import ReservationEndedError
-from service.storage.quota import coming, take
 
 EXPIRED = "upload_expired"
 

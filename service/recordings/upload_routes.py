@@ -11,12 +11,16 @@ from fastapi.responses import JSONResponse
 
 from apexcal.documents.recordings import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
 from apexcal.documents.states import RecordingState
-from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
-from service.db.recordings import Recording, UploadPart
-from service.db.session import Database
-from service.http.problems import Problem
-from service.http.router import Router
-from service.job_status.views import job_views
+from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.platform.db.recordings import Recording, UploadPart
+from service.platform.db.session import Database
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
+from service.platform.job_status.views import job_views
+from service.platform.settings import Settings
+from service.platform.storage.errors import StoreFullError
+from service.platform.storage.room import Room
+from service.platform.storage.store import Store
 from service.recordings.jobs import queue_ingestion
 from service.recordings.queries import parts_of
 from service.recordings.upload_actions import (
@@ -33,10 +37,6 @@ from service.recordings.upload_actions import (
 )
 from service.recordings.upload_rules import check_complete
 from service.recordings.views import view
-from service.settings import Settings
-from service.storage.errors import StoreFullError
-from service.storage.room import Room
-from service.storage.store import Store
 
 router = Router(tags=["recordings"])
 

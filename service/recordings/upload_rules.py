@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from apexcal.documents.recordings import Completion
 from apexcal.documents.states import RecordingState
-from service.db.recordings import Recording, UploadPart
-from service.http.problems import Problem
+from service.platform.db.recordings import Recording, UploadPart
+from service.platform.http.problems import Problem
 
 
 def check_complete(row: Recording, parts: Sequence[UploadPart], declared: Completion) -> bool:

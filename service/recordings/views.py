@@ -8,8 +8,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.recordings import RecordingSummary, RecordingView, SensorView
-from service.db.recordings import Recording, Sensor
-from service.job_status.views import job_views
+from service.platform.db.recordings import Recording, Sensor
+from service.platform.job_status.views import job_views
 
 
 def summaries(session: Session, rows: Sequence[Recording]) -> list[RecordingSummary]:

@@ -9,13 +9,13 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
-from service.broker.hints import hint
-from service.db.base import Json
-from service.db.calibrations import Result
-from service.db.jobs import Job
-from service.db.reports import Report
-from service.jobs.kinds import Kind, failed_subject
-from service.jobs.queue import enqueue
+from service.platform.broker.hints import hint
+from service.platform.db.base import Json
+from service.platform.db.calibrations import Result
+from service.platform.db.jobs import Job
+from service.platform.db.reports import Report
+from service.platform.jobs.kinds import Kind, failed_subject
+from service.platform.jobs.queue import enqueue
 
 
 def ask_report(session: Session, result: Result) -> tuple[Report, Job | None]:

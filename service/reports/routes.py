@@ -12,19 +12,19 @@ from sqlalchemy import select
 from apexcal.documents.reports import ReportView
 from apexcal.documents.states import UNENDED
 from service.annotations.disclosure_actions import tell_pairs
-from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
-from service.db.calibrations import FULL, CalibrationRun, CorrespondenceSet, Result
-from service.db.jobs import Job
-from service.db.reports import Report
-from service.db.session import Database
-from service.http.etags import Conditional, content_etag
-from service.http.problems import Problem, not_found
-from service.http.router import Router
+from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.platform.db.calibrations import FULL, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.jobs import Job
+from service.platform.db.reports import Report
+from service.platform.db.session import Database
+from service.platform.http.etags import Conditional, content_etag
+from service.platform.http.problems import Problem, not_found
+from service.platform.http.router import Router
+from service.platform.settings import Settings
+from service.platform.storage.quota import require_quota
+from service.platform.storage.store import Store
 from service.reports.jobs import ask_report
 from service.reports.views import report_view
-from service.settings import Settings
-from service.storage.quota import require_quota
-from service.storage.store import Store
 
 router = Router(tags=["calibrations"])
 

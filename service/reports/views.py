@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from apexcal.documents.reports import ReportView
-from service.db.jobs import Job
-from service.db.reports import Report
-from service.job_status.views import job_view
+from service.platform.db.jobs import Job
+from service.platform.db.reports import Report
+from service.platform.job_status.views import job_view
 
 _SHOWN = ("id", "fleet_id", "result_id", "state", "problem", "verdict", "made_at", "created_at")
 

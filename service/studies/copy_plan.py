@@ -10,14 +10,14 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.copies import CopyRequest
 from apexcal.geometry.se3 import SE3
-from service.db.base import Json
-from service.db.fleets import Vehicle
-from service.db.recordings import Recording, Sensor
 from service.exports.calibrated import CalibratedCamera
 from service.exports.numbers import numbers
-from service.http.problems import Problem
 from service.imports.drafting import recorded_tree
 from service.imports.frame_tree import FrameTree, Joint, unusable
+from service.platform.db.base import Json
+from service.platform.db.fleets import Vehicle
+from service.platform.db.recordings import Recording, Sensor
+from service.platform.http.problems import Problem
 from service.publications.camera_queries import published_exports
 from service.publications.selection import Selection
 

@@ -10,13 +10,13 @@ from fastapi import Depends, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
 
 from apexcal.documents.copies import CopyRequest, CopyView
-from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
-from service.db.session import Database
-from service.db.studies import StudyFile
 from service.detections.queries import ready_recording
-from service.http.pages import Page, Paging
-from service.http.router import Router
-from service.storage.store import Store
+from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.platform.db.session import Database
+from service.platform.db.studies import StudyFile
+from service.platform.http.pages import Page, Paging
+from service.platform.http.router import Router
+from service.platform.storage.store import Store
 from service.studies.queries import delete_study, disposition, list_studies, new_study, read_study, study_file
 from service.studies.views import copy_view
 

@@ -8,14 +8,14 @@ from uuid import UUID
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
-from service.broker.hints import hint
-from service.db.base import Json
-from service.db.jobs import Job
-from service.db.recordings import Recording
-from service.db.studies import Study
-from service.jobs.kinds import Kind, failed_subject
-from service.jobs.queue import enqueue
-from service.storage.quota import counted
+from service.platform.broker.hints import hint
+from service.platform.db.base import Json
+from service.platform.db.jobs import Job
+from service.platform.db.recordings import Recording
+from service.platform.db.studies import Study
+from service.platform.jobs.kinds import Kind, failed_subject
+from service.platform.jobs.queue import enqueue
+from service.platform.storage.quota import counted
 
 # Kinds whose jobs write files that count towards the quota.
 _WRITING = ("packing", "calibrated_copy", "overlay")

@@ -12,13 +12,13 @@ from service.annotations.consensus import agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.calibrations.resolve import camera_request
 from service.calibrations.work_rules import check_job
-from service.db.base import Json
-from service.db.detections import Detection, Vertex, VertexFrame
-from service.db.fleets import Rig
-from service.db.recordings import CameraFrame, Recording, Sensor
 from service.fleets.queries import rig_camera
-from service.http.problems import Problem
-from service.jobs.costs import run_cost
+from service.platform.db.base import Json
+from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.fleets import Rig
+from service.platform.db.recordings import CameraFrame, Recording, Sensor
+from service.platform.http.problems import Problem
+from service.platform.jobs.costs import run_cost
 
 # Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.
 _MARK_US = 2500.0

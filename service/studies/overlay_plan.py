@@ -8,13 +8,13 @@ from sqlalchemy import select
 
 from apexcal.documents.overlays import OverlayRequest
 from apexcal.documents.states import WorkState
-from service.auth.access import Access
-from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.detections import Detection
-from service.db.recordings import CameraFrame, Recording
 from service.detections.queries import find_camera, ready_recording
-from service.http.problems import Problem, not_found
+from service.platform.auth.access import Access
+from service.platform.db.base import Json
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.detections import Detection
+from service.platform.db.recordings import CameraFrame, Recording
+from service.platform.http.problems import Problem, not_found
 
 
 def plan_overlay(access: Access, result: Result, wanted: OverlayRequest) -> tuple[Recording, Json]:

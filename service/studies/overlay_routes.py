@@ -10,14 +10,14 @@ from fastapi.responses import JSONResponse
 
 from apexcal.documents.overlays import OverlayRequest, OverlayView
 from service.annotations.disclosure_actions import tell_pairs
-from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
-from service.db.calibrations import Result
-from service.db.session import Database
-from service.db.studies import StudyFile
-from service.http.etags import Conditional, content_etag
-from service.http.pages import Page, Paging
-from service.http.router import Router
-from service.storage.store import Store
+from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.platform.db.calibrations import Result
+from service.platform.db.session import Database
+from service.platform.db.studies import StudyFile
+from service.platform.http.etags import Conditional, content_etag
+from service.platform.http.pages import Page, Paging
+from service.platform.http.router import Router
+from service.platform.storage.store import Store
 from service.studies.overlay_plan import pairs_of, plan_overlay
 from service.studies.queries import delete_study, disposition, list_studies, new_study, read_study, study_file
 from service.studies.views import overlay_view

@@ -12,15 +12,15 @@ from sqlalchemy import select
 
 from apexcal.documents.roles import Role
 from apexcal.documents.studies import StudyView
-from service.auth.access import Access
-from service.db.jobs import Job
-from service.db.recordings import Blob, Recording
-from service.db.studies import Study, StudyFile
-from service.http.pages import Page, Window, fetch
-from service.http.problems import Problem, not_found
-from service.jobs.queue import abandon
-from service.storage.blobs import condemn
-from service.storage.quota import counted
+from service.platform.auth.access import Access
+from service.platform.db.jobs import Job
+from service.platform.db.recordings import Blob, Recording
+from service.platform.db.studies import Study, StudyFile
+from service.platform.http.pages import Page, Window, fetch
+from service.platform.http.problems import Problem, not_found
+from service.platform.jobs.queue import abandon
+from service.platform.storage.blobs import condemn
+from service.platform.storage.quota import counted
 from service.studies.jobs import queue_study
 
 View = TypeVar("View", bound=StudyView)

@@ -15,12 +15,12 @@ from apexcal.documents.studies import (
     SuggestionView,
 )
 from apexcal.documents.sweeps import PackingView
-from service.auth.access import ReadAccess, WriteAccess
 from service.detections.queries import done_detection, find_camera, ready_recording
-from service.http.bodies import DOCUMENT
-from service.http.pages import Page, Paging
-from service.http.problems import not_found
-from service.http.router import Router
+from service.platform.auth.access import ReadAccess, WriteAccess
+from service.platform.http.bodies import DOCUMENT
+from service.platform.http.pages import Page, Paging
+from service.platform.http.problems import not_found
+from service.platform.http.router import Router
 from service.studies.jobs import queue_packing
 from service.studies.offset_queries import what_is_known
 from service.studies.queries import list_studies, new_study, read_study

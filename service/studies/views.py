@@ -9,9 +9,9 @@ from apexcal.documents.copies import CopyView
 from apexcal.documents.overlays import OverlayView
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.sweeps import PackingView
-from service.db.jobs import Job
-from service.db.studies import Study
-from service.job_status.views import job_view
+from service.platform.db.jobs import Job
+from service.platform.db.studies import Study
+from service.platform.job_status.views import job_view
 
 # An offset within so many of its standard deviations is no reason to move anything.
 _CERTAIN = 2.0

@@ -10,9 +10,9 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.comparisons import ResultComparison
 from service.calibration_runs.conclusion import spread_of_result
-from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.http.problems import Problem, not_found
+from service.platform.db.base import Json
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.http.problems import Problem, not_found
 
 
 class _Origin(NamedTuple):

@@ -12,10 +12,10 @@ from sqlalchemy.orm import Session
 from apexcal.documents.publications import PublicationView
 from apexcal.documents.states import WorkState
 from apexcal.documents.validations import Drift, DriftStep
-from service.db.base import Json
-from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.publications import Publication
-from service.http.problems import Problem
+from service.platform.db.base import Json
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.publications import Publication
+from service.platform.http.problems import Problem
 from service.publications.queries import withdrawals
 from service.publications.views import publication_views
 

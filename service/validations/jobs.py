@@ -8,12 +8,12 @@ from uuid import UUID
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
-from service.broker.hints import hint
-from service.db.base import Json
-from service.db.jobs import Job
-from service.db.validations import Validation
-from service.jobs.kinds import Kind, failed_subject
-from service.jobs.queue import enqueue
+from service.platform.broker.hints import hint
+from service.platform.db.base import Json
+from service.platform.db.jobs import Job
+from service.platform.db.validations import Validation
+from service.platform.jobs.kinds import Kind, failed_subject
+from service.platform.jobs.queue import enqueue
 
 # Job kind and queue by what is validated. Scores of pairs take milliseconds: they must not wait behind drives.
 _JOBS = {

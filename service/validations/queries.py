@@ -6,11 +6,11 @@ from typing import NamedTuple
 from uuid import UUID
 
 from apexcal.documents.validations import GivenCalibration, ValidationRequest
-from service.auth.access import Access
-from service.db.base import Json
-from service.db.calibrations import Calibration, Result
-from service.db.fleets import Vehicle
-from service.http.problems import Problem
+from service.platform.auth.access import Access
+from service.platform.db.base import Json
+from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.fleets import Vehicle
+from service.platform.http.problems import Problem
 from service.publications.queries import current_publication
 
 # What a worker needs of a result; a document also has the errors of all its pairs.

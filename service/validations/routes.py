@@ -14,17 +14,17 @@ from apexcal.documents.comparisons import ResultComparison
 from apexcal.documents.roles import rank
 from apexcal.documents.validations import Drift, ValidationRequest, ValidationView
 from service.annotations.disclosure_actions import tell_pairs
-from service.auth.access import Access, ReadAccess, WriteAccess
-from service.broker.hints import hint
-from service.db.calibrations import CorrespondenceSet, Result
-from service.db.fleets import Vehicle
-from service.db.jobs import Job
-from service.db.validations import Validation
 from service.detections.queries import find_camera, ready_recording
-from service.http.bodies import DOCUMENT
-from service.http.pages import Page, Paging, fetch
-from service.http.problems import Problem
-from service.http.router import Router
+from service.platform.auth.access import Access, ReadAccess, WriteAccess
+from service.platform.broker.hints import hint
+from service.platform.db.calibrations import CorrespondenceSet, Result
+from service.platform.db.fleets import Vehicle
+from service.platform.db.jobs import Job
+from service.platform.db.validations import Validation
+from service.platform.http.bodies import DOCUMENT
+from service.platform.http.pages import Page, Paging, fetch
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
 from service.validations.comparison_queries import comparison_of
 from service.validations.drift_queries import drift_of
 from service.validations.jobs import queue_validation

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from apexcal.documents.validations import SINGLE_PAIRS, ValidationView
-from service.db.jobs import Job
-from service.db.validations import Validation
-from service.job_status.views import job_view
+from service.platform.db.jobs import Job
+from service.platform.db.validations import Validation
+from service.platform.job_status.views import job_view
 
 
 def validation_view(row: Validation, job: Job | None, *, with_pairs: bool) -> ValidationView:

@@ -12,7 +12,7 @@ from apexcal.commands.admin import folder_first
 from service.admin.__main__ import _made
 from service.admin.errors import AdminError
 from service.admin.people_commands import public_url
-from service.settings import Settings
+from service.platform.settings import Settings
 from tests.apexcal.conftest import Embedded
 from tests.apexcal.test_cli import program
 

@@ -15,8 +15,8 @@ from sqlalchemy import update
 from typer.testing import CliRunner
 
 from apexcal.cli import app
-from service.db.calibrations import Result
-from service.db.fleets import Rig, RigCamera
+from service.platform.db.calibrations import Result
+from service.platform.db.fleets import Rig, RigCamera
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, seed_results
 from tests.service.detections.seeding import seed_rig
 from tests.service.publications.given import another_rig

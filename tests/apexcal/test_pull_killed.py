@@ -11,7 +11,7 @@ from hashlib import sha256
 import pytest
 from sqlalchemy import update
 
-from service.db.fleets import Rig, RigCamera
+from service.platform.db.fleets import Rig, RigCamera
 from tests.apexcal.test_pull import Car, cut_off
 from tests.service.publications.given import another_rig
 from tests.support.databases import one_database

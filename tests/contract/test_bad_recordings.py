@@ -7,7 +7,7 @@ import zipfile
 import pytest
 from sqlalchemy import func, select
 
-from service.db.models import Blob, CameraFrame, Sensor, UploadPart
+from service.platform.db.models import Blob, CameraFrame, Sensor, UploadPart
 from tests.support.databases import one_database
 from tests.support.uploads import RIG, new_recording, upload
 from tests.support.work import work

@@ -16,7 +16,7 @@ PACES = {
     "faults/campaign/campaign.py": "when a disturbance begins",
     "integration/fleet.py": "between two looks of a caller's loop",
     "operations/balancer.py": "how often it looks at its processes",
-    "service/http/test_connections.py": "between two pieces of what is endless",
+    "service/platform/http/test_connections.py": "between two pieces of what is endless",
     "service/test_app.py": "how far the service has come when it is stopped",
 }
 

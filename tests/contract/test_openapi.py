@@ -11,10 +11,10 @@ from uuid import UUID
 import pytest
 from sqlalchemy import select
 
-from service.db.models import Sensor, VertexFrame
+from service.platform.db.models import Sensor, VertexFrame
 from tests.faults.jobs import pairs
-from tests.service.auth.test_every_route import address, fill
 from tests.service.fleet_requests.conftest import QUICK
+from tests.service.platform.auth.test_every_route import address, fill
 from tests.support.databases import one_database
 from tests.support.people import Actor, Api
 from tests.support.uploads import new_vehicle

@@ -7,9 +7,9 @@ import pytest
 from sqlalchemy import delete, select, update
 
 from apexcal.documents.reports import ReportView
-from service.db.calibrations import CorrespondenceSet, Result
-from service.db.fleets import Fleet
-from service.db.models import Blob, Report
+from service.platform.db.calibrations import CorrespondenceSet, Result
+from service.platform.db.fleets import Fleet
+from service.platform.db.models import Blob, Report
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database

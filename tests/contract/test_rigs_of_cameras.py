@@ -8,9 +8,9 @@ from sqlalchemy import select
 
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
 from apexcal.geometry.se3 import SE3, to_document
-from service.db.models import Job
-from service.jobs.claims import claim
-from service.jobs.sweep import sweep
+from service.platform.db.models import Job
+from service.platform.jobs.claims import claim
+from service.platform.jobs.sweep import sweep
 from tests.support.databases import one_database
 from tests.support.work import work
 from tests.workers.solver.two_cameras import FRONT, LEFT, SIZE, walked

@@ -3,9 +3,9 @@
 import pytest
 from sqlalchemy import select
 
-from service.db.models import Job, UploadPart
-from service.storage.store import Store
-from tests.service.jobs.support import let_backoff_end
+from service.platform.db.models import Job, UploadPart
+from service.platform.storage.store import Store
+from tests.service.platform.jobs.support import let_backoff_end
 from tests.support.s3 import free_port
 from tests.support.uploads import new_recording, upload
 from tests.support.work import work

@@ -5,9 +5,9 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from service.db.annotations import Mark, Verdict
-from service.db.detections import Apex, Vertex
-from service.db.ids import new_id
+from service.platform.db.annotations import Mark, Verdict
+from service.platform.db.detections import Apex, Vertex
+from service.platform.db.ids import new_id
 from tests.service.detections.seeding import SECOND, seed_detection, seed_recording, seed_rig
 from tests.support.work import work
 from workers.solver.clock_offset import OffsetEstimate

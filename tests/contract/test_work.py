@@ -7,8 +7,8 @@ from sqlalchemy import select
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.results import ResultView
 from apexcal.documents.summaries import CurrentCalibration
-from service.db.jobs import Job
-from service.jobs.sweep import sweep
+from service.platform.db.jobs import Job
+from service.platform.jobs.sweep import sweep
 from tests.service.detections.seeding import seed_rig
 from tests.support.work import work
 from tests.workers.solver.few_pairs import drawn

@@ -11,8 +11,8 @@ import numpy as np
 from playwright.sync_api import Page, Route, expect
 from sqlalchemy import select
 
-from service.db.models import Calibration, CalibrationRun, Job
-from service.db.session import Database
+from service.platform.db.models import Calibration, CalibrationRun, Job
+from service.platform.db.session import Database
 from tests.e2e.conftest import Track
 from tests.faults.jobs import LEVEL_RIG, SLOW, pairs
 from tests.support.work import lose_every_worker

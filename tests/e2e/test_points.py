@@ -12,9 +12,9 @@ from playwright.sync_api import Locator, Page, expect
 from sqlalchemy import delete, select
 
 from apexcal.sweeps import Points, unpack
-from service.db.models import PackedSweep, PackedSweeps, Sensor, Study
-from service.db.session import Database
-from service.storage.blobs import condemn
+from service.platform.db.models import PackedSweep, PackedSweeps, Sensor, Study
+from service.platform.db.session import Database
+from service.platform.storage.blobs import condemn
 from tests.e2e.conftest import Track
 from tests.e2e.dense import write_dense
 from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show

@@ -11,8 +11,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.annotations.mark_actions import write_mark
-from service.db.ids import new_id
-from service.db.models import (
+from service.platform.db.ids import new_id
+from service.platform.db.models import (
     Blob,
     Calibration,
     CalibrationRun,
@@ -30,7 +30,7 @@ from service.db.models import (
     UploadPart,
     Vehicle,
 )
-from service.storage.store import Store
+from service.platform.storage.store import Store
 from tests.faults.campaign.invariants import Findings, check
 from tests.faults.campaign.ledger import Ledger
 from tests.faults.campaign.requests import Expected, sensors, vertices

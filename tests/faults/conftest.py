@@ -9,7 +9,7 @@ from uuid import uuid4
 
 import pytest
 
-from service.db.migrate import upgrade
+from service.platform.db.migrate import upgrade
 from tests.faults.farm import Farm
 from tests.faults.jobs import Walk, record
 from tests.support.postgres import Postgres

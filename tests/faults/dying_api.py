@@ -9,7 +9,7 @@ from pathlib import Path
 from fastapi import FastAPI
 
 from service.app import create_app as create_real_app
-from service.jobs.messages import COURIER, Message
+from service.platform.jobs.messages import COURIER, Message
 
 
 def create_app() -> FastAPI:

@@ -19,8 +19,8 @@ from apexcal.client import Client
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
-from service.db.models import Job
-from service.db.session import Database
+from service.platform.db.models import Job
+from service.platform.db.session import Database
 from tests.faults.results import Documents, documents
 from tests.support.broker import Broker
 from tests.support.processes import start, stop, stop_all, wait_until
@@ -65,7 +65,7 @@ class Farm:
             for name in self._commands:
                 self.start(name)
             token = root / "owner.token"
-            self._run("service.auth.bootstrap", "--token-file", str(token))
+            self._run("service.platform.auth.bootstrap", "--token-file", str(token))
             wait_until(self.is_ready, "the farm's start", 150)
         except BaseException:
             self._stop()

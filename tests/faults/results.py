@@ -8,7 +8,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.models import CalibrationRun, Result, Slot
+from service.platform.db.models import CalibrationRun, Result, Slot
 
 _TIMES = ("finish_seconds",)
 Documents = dict[tuple[str, str, int], dict[str, Any]]

@@ -15,7 +15,7 @@ from random import Random
 import pytest
 from sqlalchemy import delete, update
 
-from service.db.models import (
+from service.platform.db.models import (
     AnnotationRevision,
     Blob,
     Calibration,
@@ -30,7 +30,7 @@ from service.db.models import (
     UploadPart,
     Vehicle,
 )
-from service.db.session import Database
+from service.platform.db.session import Database
 from tests.faults.campaign.kinds import KINDS
 from tests.faults.campaign.schedule import draw
 from tests.faults.campaign_world import World, make_world

@@ -8,9 +8,9 @@ from sqlalchemy import select
 
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
-from service.db.clock import now
-from service.db.models import Heartbeat
-from service.db.session import Database
+from service.platform.db.clock import now
+from service.platform.db.models import Heartbeat
+from service.platform.db.session import Database
 from tests.faults.farm import QUICK
 from tests.support.broker import Broker
 from tests.support.databases import one_database

@@ -13,11 +13,11 @@ import pytest
 from sqlalchemy import func, select
 from sqlalchemy.engine import make_url
 
-from service.db.models import Blob, Job, Recording, Result, Slot
-from service.jobs.claims import claim
-from service.jobs.messages import Message, Sender
-from service.jobs.workers import answering_workers
-from service.storage.marker import MARKER
+from service.platform.db.models import Blob, Job, Recording, Result, Slot
+from service.platform.jobs.claims import claim
+from service.platform.jobs.messages import Message, Sender
+from service.platform.jobs.workers import answering_workers
+from service.platform.storage.marker import MARKER
 from tests.faults.farm import LEASE_S, Farm, seconds_of
 from tests.faults.jobs import REGION, Walk, ask, ask_two_cameras, new_rig
 from tests.faults.results import slot_bests

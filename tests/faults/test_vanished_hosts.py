@@ -12,11 +12,11 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
-from service.db.connection import CONNECT_S, SILENCE_S
-from service.db.migrate import upgrade
-from service.db.session import Database
-from service.jobs.sweep import sweep
-from service.storage.store import Store
+from service.platform.db.connection import CONNECT_S, SILENCE_S
+from service.platform.db.migrate import upgrade
+from service.platform.db.session import Database
+from service.platform.jobs.sweep import sweep
+from service.platform.storage.store import Store
 from tests.support.folders import folder_store
 from tests.support.networks import Host, Network, network, why_not
 from tests.support.postgres import Postgres

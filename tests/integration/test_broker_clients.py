@@ -17,12 +17,12 @@ from sqlalchemy import select
 
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
-from service.db.jobs import Worker
-from service.db.session import Database
-from service.jobs.messages import RUN_JOB, Message, Sender
-from service.settings import Settings
-from service.storage.store import open_store
-from tests.service.jobs.support import job, make_fleet, make_jobs
+from service.platform.db.jobs import Worker
+from service.platform.db.session import Database
+from service.platform.jobs.messages import RUN_JOB, Message, Sender
+from service.platform.settings import Settings
+from service.platform.storage.store import open_store
+from tests.service.platform.jobs.support import job, make_fleet, make_jobs
 from tests.support.broker import Broker
 from tests.support.processes import start, stop_all, wait_until
 

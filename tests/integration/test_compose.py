@@ -17,10 +17,10 @@ from apexcal.demo.truth import Truth
 from apexcal.documents.recordings import BlobAddress, Parts
 from apexcal.regions import read_region
 from apexcal.rigs import read_rig
-from service.db.session import Database
-from service.settings import Settings
-from service.storage.audit import audit
-from service.storage.store import open_store
+from service.platform.db.session import Database
+from service.platform.settings import Settings
+from service.platform.storage.audit import audit
+from service.platform.storage.store import open_store
 from tests.integration.fleet import Fleet
 from tests.support.postgres import Postgres
 from tests.support.processes import start, stop
@@ -67,7 +67,7 @@ def fleet(tmp_path: Path, postgres: Postgres, s3_server: S3Server) -> Iterator[F
 def test_the_job_goes_through_the_fleet_of_the_compose_file(
     fleet: Fleet, walk: Callable[[], Path], tmp_path: Path
 ) -> None:
-    fleet.run("api", "python", "-m", "service.auth.bootstrap", "--token-file", str(tmp_path / "token"))
+    fleet.run("api", "python", "-m", "service.platform.auth.bootstrap", "--token-file", str(tmp_path / "token"))
     fleet.wait_until_healthy(RUNNING, PATIENCE_S)
     folder = walk()
     bag = folder / "recording.bag"

@@ -11,7 +11,7 @@ import yaml
 
 from apexcal.embedded.folder import DataFolder
 from apexcal.embedded.plans import QUEUES, api
-from service.settings import Settings
+from service.platform.settings import Settings
 from tests.support.compose import FILE, ROOT, MissingVariableError, demanded, image_environment, load
 
 VARIABLES = {name: f"given-{name.lower().replace('_', '-')}" for name in demanded()}

@@ -13,9 +13,9 @@ from typing import Any
 
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
-from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
-from service.db.models import ApiToken, Person
-from service.db.session import Database
+from service.platform.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
+from service.platform.db.models import ApiToken, Person
+from service.platform.db.session import Database
 from tests.operations.balancer import Balancer
 from tests.support.broker import Broker
 from tests.support.processes import start, stop, wait_until
@@ -25,7 +25,7 @@ DRAIN_S = 2.0
 _CELERY_SAYS = "worker: Warm shutdown (MainProcess)"
 _API = (
     *("-m", "uvicorn", "service.app:create_app", "--factory", "--host", "127.0.0.1", "--no-access-log"),
-    *("--http", "service.http.connections:PatientProtocol"),
+    *("--http", "service.platform.http.connections:PatientProtocol"),
 )
 
 

@@ -11,8 +11,8 @@ import httpx
 import pytest
 from sqlalchemy import func, select
 
-from service.db.migrate import upgrade
-from service.db.models import Job, JobEvent, Vehicle, Worker
+from service.platform.db.migrate import upgrade
+from service.platform.db.models import Job, JobEvent, Vehicle, Worker
 from tests.contract.test_work import pairs_of_a_pinhole
 from tests.operations.balancer import is_ready
 from tests.operations.fleet import DRAIN_S, Fleet

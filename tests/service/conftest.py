@@ -4,7 +4,7 @@ from uuid import UUID
 
 import pytest
 
-from service.db.fleets import Rig
+from service.platform.db.fleets import Rig
 from tests.service.detections.seeding import seed_rig
 from tests.support.people import Actor, Api
 

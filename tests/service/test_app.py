@@ -3,7 +3,7 @@
 import asyncio
 
 from service.app import create_app
-from service.settings import Settings
+from service.platform.settings import Settings
 from tests.support.databases import one_database
 
 

@@ -7,9 +7,9 @@ from uuid import UUID
 
 from sqlalchemy.orm import Session
 
-from service.db.calibrations import Calibration
-from service.jobs.claims import Lease, claim
-from service.jobs.queue import enqueue
+from service.platform.db.calibrations import Calibration
+from service.platform.jobs.claims import Lease, claim
+from service.platform.jobs.queue import enqueue
 from workers.tasks.concluding import conclude
 from workers.tasks.context import Context
 

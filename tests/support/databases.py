@@ -3,7 +3,7 @@
 import pytest
 from sqlalchemy import text
 
-from service.db.session import Database
+from service.platform.db.session import Database
 from tests.support.processes import wait_until
 
 _WAITING = "SELECT count(*) FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND datname = current_database()"

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from service.storage.store import Store
+from service.platform.storage.store import Store
 
 
 def folder_store(path: Path) -> Store:

@@ -2,9 +2,9 @@
 
 from sqlalchemy import select
 
-from service.db.jobs import Job
-from service.db.session import Database
-from service.jobs.sweep import LEASES
+from service.platform.db.jobs import Job
+from service.platform.db.session import Database
+from service.platform.jobs.sweep import LEASES
 
 
 def let_lease_expire(database: Database, job_id: int) -> None:

@@ -12,11 +12,11 @@ with warnings.catch_warnings():
 
 from fastapi import FastAPI
 
-from service.auth.secrets import new_secret, secret_hash
-from service.db.fleets import Fleet
-from service.db.ids import new_id
-from service.db.people import ApiToken, Membership, Person
-from service.db.session import Database
+from service.platform.auth.secrets import new_secret, secret_hash
+from service.platform.db.fleets import Fleet
+from service.platform.db.ids import new_id
+from service.platform.db.people import ApiToken, Membership, Person
+from service.platform.db.session import Database
 
 
 @dataclass

@@ -13,9 +13,9 @@ from typing import Any
 import httpx
 from pydantic import SecretStr
 
-from service.settings import S3Options
-from service.storage.prepare import prepare
-from service.storage.store import Store
+from service.platform.settings import S3Options
+from service.platform.storage.prepare import prepare
+from service.platform.storage.store import Store
 from tests.support.processes import start, stop, wait_until
 
 _numbers = itertools.count(1)

@@ -23,12 +23,12 @@ _FIRST = (
 
 # What is tested here is the database itself, who holds which row, what it takes as text, or how it orders.
 _EVERY_CASE = (
-    "tests/service/db/",
-    "tests/service/jobs/",
+    "tests/service/platform/db/",
+    "tests/service/platform/jobs/",
     "tests/workers/tasks/",
     "tests/service/annotations/test_task_actions.py",
-    "tests/service/http/test_repeated_requests.py",
-    "tests/service/http/test_texts.py::test_what_is_no_text",
+    "tests/service/platform/http/test_repeated_requests.py",
+    "tests/service/platform/http/test_texts.py::test_what_is_no_text",
 )
 
 
@@ -40,7 +40,7 @@ _SAME_STATEMENTS = (
     "tests/service/calibrations/test_weight_rules.py",
     "tests/service/calibrations/test_work_rules.py",
     "tests/service/correspondence_sets/test_streamed_views.py",
-    "tests/service/events/",
+    "tests/service/platform/events/",
     "tests/service/recordings/test_presigned_routes.py",
 )
 

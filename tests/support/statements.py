@@ -13,11 +13,11 @@ from sqlalchemy import create_engine
 from sqlalchemy.dialects.postgresql.psycopg import PGDialect_psycopg
 from sqlalchemy.dialects.sqlite.pysqlite import SQLiteDialect_pysqlite
 
-from service.db import session
+from service.platform.db import session
 
 
 def compile_once() -> None:
-    """Let all engines of :mod:`service.db.session` share what was compiled."""
+    """Let all engines of :mod:`service.platform.db.session` share what was compiled."""
     compiled: dict[Any, Any] = {}
     for dialect in (PGDialect_psycopg, SQLiteDialect_pysqlite):
         dialect.__eq__ = _alike  # type: ignore[method-assign]

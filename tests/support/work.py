@@ -2,11 +2,11 @@
 
 from sqlalchemy import select
 
-from service.db.jobs import Job
-from service.db.session import Database
-from service.jobs.claims import claim
-from service.jobs.history import note
-from service.settings import get_settings
+from service.platform.db.jobs import Job
+from service.platform.db.session import Database
+from service.platform.jobs.claims import claim
+from service.platform.jobs.history import note
+from service.platform.settings import get_settings
 from tests.support.leases import let_lease_expire
 from workers.tasks.context import Context
 from workers.tasks.running import run_job

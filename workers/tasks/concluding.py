@@ -21,10 +21,10 @@ from apexcal.geometry.se3 import from_document
 from service.calibration_runs.conclusion import end_calibration, runs_of
 from service.calibration_runs.image_frames import T_images_camera
 from service.calibration_runs.result_comparison import compared
-from service.db.base import Json
-from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
-from service.db.fleets import Rig
-from service.jobs.claims import Claim, Lease, StaleInputError
+from service.platform.db.base import Json
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
+from service.platform.db.fleets import Rig
+from service.platform.jobs.claims import Claim, Lease, StaleInputError
 from service.publications.actions import hold_publications, publish_by_itself
 from service.publications.check_queries import failing, judged_now
 from service.publications.queries import current_publication

@@ -14,14 +14,14 @@ from uuid import UUID
 
 from sqlalchemy.orm import undefer
 
-from service.broker.hints import COURIER as HINTS
-from service.broker.hints import Publisher
-from service.db.base import Json
-from service.db.calibrations import CorrespondenceSet
-from service.db.session import Database
-from service.jobs.messages import COURIER, Sender
-from service.settings import Settings, get_settings
-from service.storage.store import open_store
+from service.platform.broker.hints import COURIER as HINTS
+from service.platform.broker.hints import Publisher
+from service.platform.db.base import Json
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.session import Database
+from service.platform.jobs.messages import COURIER, Sender
+from service.platform.settings import Settings, get_settings
+from service.platform.storage.store import open_store
 from workers.tasks.leftovers import scratch_prefix
 
 # Correspondence sets in memory: megabytes at most.

@@ -9,10 +9,10 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.base import Json
-from service.db.recordings import Recording, UploadPart
-from service.db.studies import Study
-from service.jobs.claims import Claim, Lease
+from service.platform.db.base import Json
+from service.platform.db.recordings import Recording, UploadPart
+from service.platform.db.studies import Study
+from service.platform.jobs.claims import Claim, Lease
 from workers.readers.limited import write_limited
 from workers.tasks.context import Context
 from workers.tasks.originals import join_parts, reading_limits

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from apexcal.documents.corners import CornerName
-from service.db.base import Json
+from service.platform.db.base import Json
 from workers.vertices.corners import Floats, moved
 from workers.vertices.vertex import Corners, Vertex
 

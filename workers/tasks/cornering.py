@@ -7,10 +7,10 @@ from collections.abc import Callable
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.detections import Detection
-from service.db.recordings import Recording
 from service.detections.corner_vertices import make_corners
-from service.jobs.claims import Claim, Lease
+from service.platform.db.detections import Detection
+from service.platform.db.recordings import Recording
+from service.platform.jobs.claims import Claim, Lease
 from workers.tasks.context import Context
 
 

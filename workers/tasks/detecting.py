@@ -14,12 +14,12 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP, nearest
 from apexcal.documents.states import UNENDED, WorkState
-from service.db.base import Json
-from service.db.clock import now
-from service.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.db.ids import new_id
-from service.db.recordings import CameraFrame, Recording, Sensor
-from service.jobs.claims import Claim, Lease
+from service.platform.db.base import Json
+from service.platform.db.clock import now
+from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.platform.db.ids import new_id
+from service.platform.db.recordings import CameraFrame, Recording, Sensor
+from service.platform.jobs.claims import Claim, Lease
 from workers.tasks import corner_columns
 from workers.tasks.context import Context
 from workers.tasks.loading import lidar_key, open_lidar, said_still

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from service.jobs.claims import Lease
+from service.platform.jobs.claims import Lease
 
 DRAIN_SIGNAL = signal.SIGUSR2
 

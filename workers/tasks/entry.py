@@ -18,8 +18,8 @@ from celery.signals import (
     worker_shutting_down,
 )
 
-from service.jobs.messages import RUN_JOB
-from service.settings import get_settings
+from service.platform.jobs.messages import RUN_JOB
+from service.platform.settings import get_settings
 from workers.app import app
 from workers.readers.isolation.isolate import hide_from_others
 from workers.readers.limited import isolation_here

@@ -10,16 +10,16 @@ from typing import Any, cast
 from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import Session
 
-from service.db.base import Json
-from service.db.fleets import RigCamera
-from service.db.models import Rig
-from service.db.recordings import CameraFrame, Recording, Sensor, UploadPart
-from service.db.repeating import repeated
-from service.jobs.claims import Claim, Lease, require_mine
+from service.platform.db.base import Json
+from service.platform.db.fleets import RigCamera
+from service.platform.db.models import Rig
+from service.platform.db.recordings import CameraFrame, Recording, Sensor, UploadPart
+from service.platform.db.repeating import repeated
+from service.platform.jobs.claims import Claim, Lease, require_mine
+from service.platform.storage.blobs import condemn, keep, reserve
+from service.platform.storage.quota import QuotaExceededError, copied, take
 from service.recordings.blob_queries import sensor_keys
 from service.recordings.jobs import begin_ingestion
-from service.storage.blobs import condemn, keep, reserve
-from service.storage.quota import QuotaExceededError, copied, take
 from service.studies.jobs import queue_packing
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table

@@ -9,8 +9,8 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.recordings import Recording, Sensor
-from service.jobs.claims import Lease
+from service.platform.db.recordings import Recording, Sensor
+from service.platform.jobs.claims import Lease
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import ReadError, Sweep
 from workers.tasks.context import Context

@@ -8,9 +8,9 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from service.db.recordings import Recording, UploadPart
-from service.jobs.claims import Lease
-from service.settings import MIB, Settings
+from service.platform.db.recordings import Recording, UploadPart
+from service.platform.jobs.claims import Lease
+from service.platform.settings import MIB, Settings
 from workers.readers.limits import Limits
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context

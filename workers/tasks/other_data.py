@@ -12,10 +12,10 @@ from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.states import WorkState
 from apexcal.documents.validations import SINGLE_PAIRS
-from service.db.base import Json
-from service.db.calibrations import CalibrationRun, CorrespondenceSet, Result
-from service.db.recordings import Recording
-from service.db.validations import Validation
+from service.platform.db.base import Json
+from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.recordings import Recording
+from service.platform.db.validations import Validation
 
 # Validations of a result that are read, the newest first.
 _MOST: Final = 20

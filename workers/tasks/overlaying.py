@@ -13,11 +13,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
-from service.db.base import Json
-from service.db.detections import Vertex
-from service.db.recordings import CameraFrame, Sensor
-from service.db.studies import Study
-from service.jobs.claims import Claim, Lease
+from service.platform.db.base import Json
+from service.platform.db.detections import Vertex
+from service.platform.db.recordings import CameraFrame, Sensor
+from service.platform.db.studies import Study
+from service.platform.jobs.claims import Claim, Lease
 from workers.overlays.camera import camera_of
 from workers.overlays.drawing import draw, png
 from workers.overlays.motion import LONGEST_NS, Moment, Moved, motion_at, moved

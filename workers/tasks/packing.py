@@ -9,13 +9,13 @@ from uuid import UUID
 from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
-from service.db.base import Json
-from service.db.recordings import PackedSweep, PackedSweeps, Recording, Sensor
-from service.db.repeating import repeated
-from service.db.studies import Study
-from service.jobs.claims import Claim, Lease, require_mine
-from service.storage.blobs import keep, reserve
-from service.storage.quota import QuotaExceededError, counted, take
+from service.platform.db.base import Json
+from service.platform.db.recordings import PackedSweep, PackedSweeps, Recording, Sensor
+from service.platform.db.repeating import repeated
+from service.platform.db.studies import Study
+from service.platform.jobs.claims import Claim, Lease, require_mine
+from service.platform.storage.blobs import keep, reserve
+from service.platform.storage.quota import QuotaExceededError, counted, take
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.packed_sweeps import pack
 from workers.readers.recording import ReadError

@@ -13,11 +13,11 @@ from typing import Any
 from sqlalchemy import delete
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.db.clock import now
-from service.db.jobs import Worker
-from service.db.session import Database
-from service.db.upserts import put
-from service.settings import get_settings
+from service.platform.db.clock import now
+from service.platform.db.jobs import Worker
+from service.platform.db.session import Database
+from service.platform.db.upserts import put
+from service.platform.settings import get_settings
 from workers import transport
 
 BEAT_S = 2.0

@@ -12,19 +12,19 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
 from apexcal.documents.pairs import CORNER
-from service.db.annotations import Mark, Verdict
-from service.db.base import Json
-from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
-from service.db.clock import now
-from service.db.detections import Vertex, VertexFrame
-from service.db.fleets import Rig, Vehicle
-from service.db.people import Person
-from service.db.recordings import CameraFrame, Sensor
-from service.db.repeating import repeated
-from service.db.reports import Report
-from service.jobs.claims import Claim, Lease, require_mine
+from service.platform.db.annotations import Mark, Verdict
+from service.platform.db.base import Json
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
+from service.platform.db.clock import now
+from service.platform.db.detections import Vertex, VertexFrame
+from service.platform.db.fleets import Rig, Vehicle
+from service.platform.db.people import Person
+from service.platform.db.recordings import CameraFrame, Sensor
+from service.platform.db.repeating import repeated
+from service.platform.db.reports import Report
+from service.platform.jobs.claims import Claim, Lease, require_mine
+from service.platform.storage.blobs import condemn, keep, reserve
 from service.publications.check_queries import checks_now
-from service.storage.blobs import condemn, keep, reserve
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, FrameImage, Material, PersonMark
 from workers.solver.stopping import Stop

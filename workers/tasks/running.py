@@ -14,9 +14,9 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.errors import DocumentError
 from apexcal.documents.states import WorkState
-from service.db.base import Json
 from service.job_kinds import KINDS
-from service.jobs.claims import (
+from service.platform.db.base import Json
+from service.platform.jobs.claims import (
     CancelledError,
     Claim,
     Lease,
@@ -27,10 +27,10 @@ from service.jobs.claims import (
     give_back,
     stumble,
 )
-from service.jobs.messages import Message
-from service.observability.logs import about
-from service.observability.request_ids import working_for
-from service.storage.errors import MissingBlobError, ReservationEndedError
+from service.platform.jobs.messages import Message
+from service.platform.observability.logs import about
+from service.platform.observability.request_ids import working_for
+from service.platform.storage.errors import MissingBlobError, ReservationEndedError
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
 from workers.tasks.drain import DrainedError, interruptible, is_draining

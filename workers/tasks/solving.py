@@ -18,9 +18,9 @@ from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, held_together
 from apexcal.documents.results import FitResult, Provenance
 from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
-from service.db.base import Json
-from service.db.calibrations import CalibrationRun, Result, Slot
-from service.jobs.claims import CancelledError, Claim, Lease
+from service.platform.db.base import Json
+from service.platform.db.calibrations import CalibrationRun, Result, Slot
+from service.platform.jobs.claims import CancelledError, Claim, Lease
 from workers.judge.fit_checks import checks_of_fit
 from workers.solver.blocks import blocks_of
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS

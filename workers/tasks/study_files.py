@@ -10,13 +10,13 @@ from uuid import UUID
 
 from sqlalchemy.orm import Session
 
-from service.db.base import Json
-from service.db.recordings import Recording
-from service.db.repeating import repeated
-from service.db.studies import Study, StudyFile
-from service.jobs.claims import Claim, require_mine
-from service.storage.blobs import keep, reserve
-from service.storage.quota import QuotaExceededError, counted, take
+from service.platform.db.base import Json
+from service.platform.db.recordings import Recording
+from service.platform.db.repeating import repeated
+from service.platform.db.studies import Study, StudyFile
+from service.platform.jobs.claims import Claim, require_mine
+from service.platform.storage.blobs import keep, reserve
+from service.platform.storage.quota import QuotaExceededError, counted, take
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
 from workers.tasks.loading import require_room

@@ -14,10 +14,10 @@ from sqlalchemy.orm import Session
 from apexcal.documents.corners import TOP
 from apexcal.documents.errors import InputError
 from apexcal.documents.fit_requests import FitRequest
-from service.db.base import Json
-from service.db.detections import Detection, Vertex
-from service.db.studies import Study
-from service.jobs.claims import Claim, Lease
+from service.platform.db.base import Json
+from service.platform.db.detections import Detection, Vertex
+from service.platform.db.studies import Study
+from service.platform.jobs.claims import Claim, Lease
 from workers.solver.clock_offset import estimate_offset
 from workers.tasks.context import Context
 from workers.tasks.loading import lidar_key, open_lidar, said_still, watched

@@ -14,10 +14,10 @@ from sqlalchemy.orm import Session
 from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.states import WorkState
 from apexcal.documents.validations import SINGLE_PAIRS
-from service.db.calibrations import CorrespondenceSet, Result
-from service.db.recordings import CameraFrame, Sensor
-from service.db.validations import Validation
-from service.jobs.claims import Claim, Lease
+from service.platform.db.calibrations import CorrespondenceSet, Result
+from service.platform.db.recordings import CameraFrame, Sensor
+from service.platform.db.validations import Validation
+from service.platform.jobs.claims import Claim, Lease
 from workers.judge.validation_checks import elsewhere
 from workers.readers.images.decoded_frames import decoded_frames
 from workers.readers.normalised.lidar_file import LidarFile

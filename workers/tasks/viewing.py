@@ -11,9 +11,9 @@ from uuid import UUID
 import numpy as np
 from sqlalchemy import select
 
-from service.db.base import Json
-from service.db.recordings import Blob, CameraFrame, Recording, Sensor
-from service.jobs.claims import Lease
+from service.platform.db.base import Json
+from service.platform.db.recordings import Blob, CameraFrame, Recording, Sensor
+from service.platform.jobs.claims import Lease
 from workers.geometry.models import parse_model
 from workers.geometry.projection import project
 from workers.readers.limited import write_limited

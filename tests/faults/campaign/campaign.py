@@ -16,10 +16,10 @@ from uuid import UUID
 from sqlalchemy import func, select, text, update
 from sqlalchemy.exc import OperationalError
 
-from service.auth.secrets import new_secret, secret_hash
-from service.db.ids import new_id
-from service.db.models import ApiToken, Blob, Calibration, Detection, Job, Membership, Person, Recording
-from service.storage.audit import audit
+from service.platform.auth.secrets import new_secret, secret_hash
+from service.platform.db.ids import new_id
+from service.platform.db.models import ApiToken, Blob, Calibration, Detection, Job, Membership, Person, Recording
+from service.platform.storage.audit import audit
 from tests.faults.campaign.clients import Annotator, Engineer, GaveUpError
 from tests.faults.campaign.invariants import Findings, check
 from tests.faults.campaign.kinds import KINDS, NEED_A_NETWORK

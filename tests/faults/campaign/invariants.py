@@ -11,8 +11,8 @@ from uuid import UUID
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from service.db.base import Base
-from service.db.models import (
+from service.platform.db.base import Base
+from service.platform.db.models import (
     AnnotationRevision,
     Calibration,
     CalibrationRun,
@@ -28,7 +28,7 @@ from service.db.models import (
     UploadPart,
     Vehicle,
 )
-from service.storage.store import Store
+from service.platform.storage.store import Store
 from tests.faults.campaign.ledger import Ledger
 from tests.faults.campaign.objects import check_objects, missing_objects
 from tests.faults.campaign.requests import CALIBRATIONS, Expected, sensors, sha256_of, vertices

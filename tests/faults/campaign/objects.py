@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.models import Blob, PackedSweeps, Sensor, StudyFile, UploadPart
+from service.platform.db.models import Blob, PackedSweeps, Sensor, StudyFile, UploadPart
 
 
 def used_keys(session: Session) -> set[str]:

@@ -14,9 +14,9 @@ from random import Random
 
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
-from service.db.migrate import upgrade
-from service.db.session import Database
-from service.storage.store import Store
+from service.platform.db.migrate import upgrade
+from service.platform.db.session import Database
+from service.platform.storage.store import Store
 from tests.faults.farm import QUICK, free_port
 from tests.support.broker import Broker
 from tests.support.networks import Host, Network
@@ -100,7 +100,7 @@ class Plant:
     def begin(self) -> str:
         """Start every process, wait until it is ready, and return the owner's token."""
         token = self.logs / "owner.token"
-        bootstrap = [sys.executable, "-m", "service.auth.bootstrap", "--no-link", "--token-file", str(token)]
+        bootstrap = [sys.executable, "-m", "service.platform.auth.bootstrap", "--no-link", "--token-file", str(token)]
         subprocess.run(bootstrap, env=self.environment, check=True)
         for name, command in self._commands().items():
             self.parts[name] = Part(self._launcher(name, command))

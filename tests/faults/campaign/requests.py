@@ -13,8 +13,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.rigs import read_rig
-from service.db.models import Detection, Recording, Sensor, Vertex
-from service.storage.store import Store
+from service.platform.db.models import Detection, Recording, Sensor, Vertex
+from service.platform.storage.store import Store
 from tests.faults.jobs import REGION, Walk
 from tests.faults.results import Documents
 

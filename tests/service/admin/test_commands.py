@@ -16,8 +16,8 @@ from typer.testing import CliRunner, Result
 
 from service.admin import __main__ as commands
 from service.admin.context import GIVEN_FOLDER, command
-from service.db.clock import now, utc_now
-from service.db.models import (
+from service.platform.db.clock import now, utc_now
+from service.platform.db.models import (
     ApiToken,
     BrowserSession,
     Calibration,
@@ -27,13 +27,13 @@ from service.db.models import (
     Recording,
     Slot,
 )
-from service.db.session import Database
-from service.jobs.claims import claim, finishing
-from service.jobs.queue import enqueue, enqueue_all
-from service.jobs.totals import tally
-from service.settings import get_settings
+from service.platform.db.session import Database
+from service.platform.jobs.claims import claim, finishing
+from service.platform.jobs.queue import enqueue, enqueue_all
+from service.platform.jobs.totals import tally
+from service.platform.settings import get_settings
 from tests.service.detections.seeding import seed_recording, seed_rig
-from tests.service.jobs.support import make_calibration, make_fleet, make_jobs
+from tests.service.platform.jobs.support import make_calibration, make_fleet, make_jobs
 from tests.support.people import Api
 
 FAILED = {"code": "worker_lost", "detail": "", "hint": ""}

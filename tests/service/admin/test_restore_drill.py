@@ -26,13 +26,13 @@ from service.admin.manifest import BLOBS, verify
 from service.admin.restore import restore
 from service.admin.rows import kind_of
 from service.app import create_app
-from service.db.migrate import upgrade
-from service.db.models import Base, Blob, Job
-from service.db.session import Database
-from service.jobs.sweep import sweep
-from service.settings import Settings, get_settings
-from service.storage.errors import StoreUnavailableError
-from service.storage.store import Store, open_store
+from service.platform.db.migrate import upgrade
+from service.platform.db.models import Base, Blob, Job
+from service.platform.db.session import Database
+from service.platform.jobs.sweep import sweep
+from service.platform.settings import Settings, get_settings
+from service.platform.storage.errors import StoreUnavailableError
+from service.platform.storage.store import Store, open_store
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
 from tests.support.people import Actor, Api, TestClient
 from tests.support.postgres import Postgres

@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from service.admin import __main__ as commands
-from service.db.models import Blob
-from service.db.session import Database
-from service.settings import get_settings
+from service.platform.db.models import Blob
+from service.platform.db.session import Database
+from service.platform.settings import get_settings
 from tests.support.s3 import free_port
 
 
@@ -41,7 +41,13 @@ def test_settings_that_cannot_be_used_are_named(monkeypatch: pytest.MonkeyPatch,
 
 
 @pytest.mark.parametrize(
-    "program", ["service.auth.bootstrap", "service.storage.prepare", "celery -A workers.app", "workers.sweeper"]
+    "program",
+    [
+        "service.platform.auth.bootstrap",
+        "service.platform.storage.prepare",
+        "celery -A workers.app",
+        "workers.sweeper",
+    ],
 )
 def test_programs_end_with_a_sentence_where_settings_cannot_be_used(program: str):
     environment = {**os.environ, "APEXCAL_WORKERS": "abc"}

@@ -6,10 +6,10 @@ from uuid import uuid4
 import pytest
 
 from service.annotations.answer_actions import MOST_ANSWERS
-from service.db.annotations import AnnotationRevision, Answer, Mark, Verdict
-from service.db.detections import VertexFrame
-from service.db.ids import new_id
-from service.db.recordings import Blob, CameraFrame, Sensor
+from service.platform.db.annotations import AnnotationRevision, Answer, Mark, Verdict
+from service.platform.db.detections import VertexFrame
+from service.platform.db.ids import new_id
+from service.platform.db.recordings import Blob, CameraFrame, Sensor
 from tests.service.annotations.test_routes import ask, let_leases_end, reply
 from tests.service.detections.seeding import HEIGHT, WIDTH, seed_marking
 

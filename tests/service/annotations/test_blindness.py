@@ -20,8 +20,8 @@ from sqlalchemy import delete
 
 from service.annotations.consensus import agree
 from service.annotations.progress_queries import opinions_of
-from service.db.annotations import Mark, MarkingProgress
-from service.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.annotations import Mark, MarkingProgress
+from service.platform.db.detections import Detection, Vertex, VertexFrame
 from tests.service.annotations.test_routes import ask, reply
 from tests.service.detections.seeding import seed_detection, seed_marking
 from tests.support.databases import one_database

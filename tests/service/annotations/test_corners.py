@@ -2,8 +2,8 @@
 
 import pytest
 
-from service.db.annotations import Mark
-from service.db.detections import Apex, Vertex, VertexFrame
+from service.platform.db.annotations import Mark
+from service.platform.db.detections import Apex, Vertex, VertexFrame
 from tests.service.annotations.test_routes import ask, reply
 from tests.service.detections.seeding import seed_detection, seed_marking, vertices_of
 

@@ -4,12 +4,12 @@ import pytest
 from sqlalchemy import func, select
 
 from service.annotations import task_queries
-from service.db.annotations import MarkingFrontier
-from service.db.detections import Apex, Vertex, VertexFrame
-from service.db.jobs import Job
 from service.detections import corner_actions, jobs
-from service.jobs.retry import retry
-from service.jobs.sweep import sweep
+from service.platform.db.annotations import MarkingFrontier
+from service.platform.db.detections import Apex, Vertex, VertexFrame
+from service.platform.db.jobs import Job
+from service.platform.jobs.retry import retry
+from service.platform.jobs.sweep import sweep
 from tests.service.annotations.test_corners import ALL, choose, state_corners
 from tests.service.annotations.test_routes import ask, reply
 from tests.service.detections.seeding import seed_marking

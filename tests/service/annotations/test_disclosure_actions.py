@@ -3,9 +3,9 @@
 import pytest
 from sqlalchemy import update
 
-from service.db.annotations import Disclosure
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.recordings import Recording
+from service.platform.db.annotations import Disclosure
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.recordings import Recording
 from tests.service.annotations.test_answer_actions import add_rear_camera, take_back
 from tests.service.annotations.test_routes import ask, reply
 from tests.service.detections.seeding import seed_marking

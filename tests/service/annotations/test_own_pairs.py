@@ -3,7 +3,7 @@
 import pytest
 from sqlalchemy import select
 
-from service.db.detections import VertexFrame
+from service.platform.db.detections import VertexFrame
 from tests.service.annotations.test_routes import ask, reply
 from tests.service.detections.seeding import seed_marking
 

@@ -2,10 +2,10 @@
 
 from uuid import uuid4
 
-from service.db.annotations import AnnotationRevision, Mark, MarkingTask, Verdict
-from service.db.clock import now
-from service.db.detections import Detection, VertexFrame
-from service.db.recordings import Recording
+from service.platform.db.annotations import AnnotationRevision, Mark, MarkingTask, Verdict
+from service.platform.db.clock import now
+from service.platform.db.detections import Detection, VertexFrame
+from service.platform.db.recordings import Recording
 from tests.service.detections.seeding import seed_answer, seed_detection, seed_marking, vertices_of
 
 

@@ -11,13 +11,13 @@ from sqlalchemy import insert
 from service.annotations import task_queries
 from service.annotations.mark_actions import write_mark, write_verdict
 from service.annotations.task_actions import next_tasks
-from service.db.annotations import Mark, MarkingTask, Verdict
-from service.db.clock import now, utc_now
-from service.db.detections import Detection, Vertex
-from service.db.people import Person
-from service.db.recordings import CameraFrame, Sensor
+from service.platform.db.annotations import Mark, MarkingTask, Verdict
+from service.platform.db.clock import now, utc_now
+from service.platform.db.detections import Detection, Vertex
+from service.platform.db.people import Person
+from service.platform.db.recordings import CameraFrame, Sensor
 from tests.service.detections.seeding import seed_marking
-from tests.service.jobs.support import make_fleet
+from tests.service.platform.jobs.support import make_fleet
 
 LEASE_S = 60.0
 

@@ -7,11 +7,11 @@ import threading
 from sqlalchemy import func, select, update
 
 from service.calibration_runs.actions import count_down, end_run, start_iteration, start_runs
-from service.db.models import Calibration, CalibrationRun, Fleet, Job
-from service.jobs.claims import claim, finishing
-from service.jobs.queue import cancel
-from service.jobs.sweep import sweep
-from tests.service.jobs.support import make_calibration
+from service.platform.db.models import Calibration, CalibrationRun, Fleet, Job
+from service.platform.jobs.claims import claim, finishing
+from service.platform.jobs.queue import cancel
+from service.platform.jobs.sweep import sweep
+from tests.service.platform.jobs.support import make_calibration
 from tests.support.folders import folder_store
 
 

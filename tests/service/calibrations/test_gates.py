@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from sqlalchemy import update
 
-from service.db.calibrations import Result
+from service.platform.db.calibrations import Result
 from tests.service.calibrations.test_results import DOCUMENT, FOUND, failed, seed_results
 from tests.service.publications.given import history, publish, put_pairs
 

@@ -6,8 +6,8 @@ from sqlalchemy import text, update
 from sqlalchemy.exc import StatementError
 
 from apexcal.geometry.se3 import from_document, to_document
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
-from service.db.fleets import Rig
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
+from service.platform.db.fleets import Rig
 from tests.service.detections.seeding import LEVEL, seed_rig
 
 T_VEHICLE_LIDAR = {

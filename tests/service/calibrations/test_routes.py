@@ -4,9 +4,9 @@ from uuid import UUID
 
 import pytest
 
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet
-from service.db.jobs import Job
-from service.db.recordings import Sensor
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet
+from service.platform.db.jobs import Job
+from service.platform.db.recordings import Sensor
 from tests.service.detections.seeding import seed_answer, seed_marking, seed_rig
 from tests.support.databases import one_database
 

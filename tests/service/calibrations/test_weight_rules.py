@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from service.db.calibrations import CalibrationRun
+from service.platform.db.calibrations import CalibrationRun
 from tests.service.calibrations.test_routes import add_set, ask, documents
 from tests.service.detections.seeding import seed_rig
 from workers.tasks.solving import read_run

@@ -4,8 +4,8 @@ import pytest
 from sqlalchemy import func, select, update
 
 from service.calibrations.work_rules import LONGEST_SLOT_S, MOST_FITTED_PAIRS, MOST_SLOTS
-from service.db.models import Calibration, CalibrationRun, CorrespondenceSet, Job
-from service.settings import get_settings
+from service.platform.db.models import Calibration, CalibrationRun, CorrespondenceSet, Job
+from service.platform.settings import get_settings
 from tests.faults.jobs import pairs
 from tests.support.databases import one_database
 from tests.support.uploads import new_vehicle

@@ -9,7 +9,7 @@ import pytest
 
 from service.correspondence_sets.json_elements import NoDocumentError, elements_of
 from service.correspondence_sets.pair_files import read_json
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 
 PAIR = {"x": 1.5, "y": -2e-7, "z": 3, "u": 4.25, "v": 5, "group": 'ä"\\\n', "more": [1, {"a": None}], "flag": True}
 MIB = 1024 * 1024

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from service.correspondence_sets.pair_files import read_csv, read_json
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 
 HEADER = "x,y,z,u,v"
 

@@ -8,10 +8,10 @@ from sqlalchemy import select
 
 from apexcal.documents.states import WorkState
 from service.calibrations.pair_rules import common_errors
-from service.db.calibrations import CorrespondenceSet
-from service.db.detections import Detection, VertexFrame
-from service.db.recordings import Recording, Sensor
-from service.db.studies import Study
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.detections import Detection, VertexFrame
+from service.platform.db.recordings import Recording, Sensor
+from service.platform.db.studies import Study
 from tests.service.detections.seeding import (
     Seed,
     seed_answer,

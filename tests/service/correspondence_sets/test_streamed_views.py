@@ -11,8 +11,8 @@ import httpx
 import pytest
 from sqlalchemy import event
 
-from service.db.calibrations import CorrespondenceSet
-from service.http.limits import ConcurrencyLimiter
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.http.limits import ConcurrencyLimiter
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
 from tests.support.people import Api

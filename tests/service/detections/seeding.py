@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
 
-from service.db.annotations import Mark, Verdict
-from service.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.db.fleets import Rig, RigCamera, Vehicle
-from service.db.ids import new_id
-from service.db.recordings import Blob, CameraFrame, Recording, Sensor
-from service.db.session import Database
+from service.platform.db.annotations import Mark, Verdict
+from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.ids import new_id
+from service.platform.db.recordings import Blob, CameraFrame, Recording, Sensor
+from service.platform.db.session import Database
 
 WIDTH, HEIGHT = 640, 480
 SECOND = 10**9

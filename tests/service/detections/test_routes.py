@@ -3,9 +3,9 @@
 import pytest
 
 from apexcal.documents.detectors import DETECTORS
-from service.db.detections import Detection, Vertex, VertexFrame
-from service.db.jobs import Job
-from service.db.recordings import Recording
+from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.jobs import Job
+from service.platform.db.recordings import Recording
 from tests.service.detections.seeding import seed_marking, seed_recording, seed_rig
 from tests.support.databases import one_database
 

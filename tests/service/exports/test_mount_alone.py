@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from apexcal.documents.results import StatedLensFit
-from service.db.calibrations import Result
 from service.exports.calibrated import Calibrated
 from service.exports.formats import FORMATS, export
+from service.platform.db.calibrations import Result
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
 from tests.service.detections.seeding import seed_rig
 from tests.service.exports.rigs import rig_of

@@ -10,7 +10,7 @@ import pytest
 
 from service.exports.calibrated import Calibrated
 from service.exports.formats import FORMATS, export
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 from tests.service.exports.readers import READERS, files_of
 from tests.service.exports.rigs import LENSES, ours, rig_of, seen, vehicle_mount
 

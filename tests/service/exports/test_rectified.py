@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from sqlalchemy import select
 
 from apexcal.geometry.se3 import SE3, from_document
-from service.db.fleets import RigCamera
+from service.platform.db.fleets import RigCamera
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
 from tests.service.detections.seeding import LEVEL, seed_rig
 from tests.service.exports.readers import joints

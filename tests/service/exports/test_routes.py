@@ -10,8 +10,8 @@ import pytest
 import yaml
 from sqlalchemy import update
 
-from service.db.calibrations import Result
-from service.db.fleets import RigCamera
+from service.platform.db.calibrations import Result
+from service.platform.db.fleets import RigCamera
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database

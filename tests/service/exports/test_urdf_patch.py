@@ -9,7 +9,7 @@ import pytest
 
 from apexcal.geometry.se3 import SE3
 from service.exports.urdf_patch import patched
-from service.http.problems import Problem
+from service.platform.http.problems import Problem
 from tests.service.exports.readers import _tree, joints
 from tests.service.exports.rigs import mount
 

@@ -7,9 +7,9 @@ from uuid import UUID, uuid4
 import pytest
 from sqlalchemy import select, update
 
-from service.db.models import Calibration, CalibrationRun, Fleet, FleetRequest, Job
-from service.db.session import Database
-from service.settings import get_settings
+from service.platform.db.models import Calibration, CalibrationRun, Fleet, FleetRequest, Job
+from service.platform.db.session import Database
+from service.platform.settings import get_settings
 from tests.support.work import work
 
 from .conftest import QUICK, Vans

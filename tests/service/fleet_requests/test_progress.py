@@ -9,7 +9,9 @@ from sqlalchemy import select, update
 
 from service.calibration_runs.actions import end_run
 from service.calibration_runs.fleet_request_actions import drop_calibrations
-from service.db.models import (
+from service.fleet_requests import actions
+from service.fleet_requests.actions import ask_all_to_end, retry_failed
+from service.platform.db.models import (
     Calibration,
     CalibrationRun,
     CorrespondenceSet,
@@ -19,14 +21,12 @@ from service.db.models import (
     Recording,
     Rig,
 )
-from service.fleet_requests import actions
-from service.fleet_requests.actions import ask_all_to_end, retry_failed
-from service.jobs.claims import claim, finishing
-from service.jobs.messages import COURIER
-from service.jobs.sweep import sweep
+from service.platform.jobs.claims import claim, finishing
+from service.platform.jobs.messages import COURIER
+from service.platform.jobs.sweep import sweep
+from service.platform.settings import get_settings
 from service.recordings.actions import delete_recording
-from service.settings import get_settings
-from tests.service.jobs.support import statements
+from tests.service.platform.jobs.support import statements
 from tests.support.databases import one_database, wait_until_one_waits
 from tests.support.work import lose_every_worker, work
 from workers.tasks.running import run_job

@@ -11,8 +11,8 @@ import pytest
 
 from apexcal.documents.imports import CalibrationFiles
 from service.exports.calibrated import file_name
-from service.http.problems import Problem
 from service.imports.views import files_view
+from service.platform.http.problems import Problem
 from tests.service.exports.readers import files_of
 from tests.service.exports.rigs import rig_of
 

@@ -9,10 +9,10 @@ import pytest
 
 from apexcal.documents.fleets import NewRig
 from apexcal.geometry.se3 import from_document
-from service.db.recordings import Recording
 from service.exports.urdf_patch import patched
 from service.exports.urdf_tree import read_joints
 from service.imports.drafting import urdf_tree
+from service.platform.db.recordings import Recording
 from tests.service.calibrations.test_results import DOCUMENT, current_address, seed_results
 from tests.service.detections.seeding import LEVEL, seed_recording, seed_rig
 from tests.service.publications.given import publish

@@ -6,8 +6,8 @@ from datetime import datetime
 
 from sqlalchemy import update
 
-from service.db.calibrations import CorrespondenceSet
-from service.db.fleets import Rig, RigCamera
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.fleets import Rig, RigCamera
 from tests.service.calibrations.test_results import seed_results
 from tests.service.detections.seeding import LEVEL
 

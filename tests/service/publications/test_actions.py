@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.publications import Publication
-from service.jobs.claims import StaleInputError
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.publications import Publication
+from service.platform.jobs.claims import StaleInputError
 from service.publications.actions import Grounds, hold_to_publish, publish
 from service.recordings.actions import delete_recording
 from tests.service.calibrations.test_results import FOUND, NEWER, current_address, failed, seed_results

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from service.db.calibrations import Result
+from service.platform.db.calibrations import Result
 from service.publications import rules
 from tests.service.calibrations.test_results import ON_BOUNDS, current_address, failed, seed_results
 from tests.service.publications.given import camera_address, history, publish, same_moment, withdraw

@@ -11,11 +11,11 @@ import psycopg
 import pytest
 from sqlalchemy import delete, update
 
-from service.auth.secrets import new_secret, secret_hash
-from service.db.calibrations import Calibration, Result
-from service.db.clock import utc_now
-from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
-from service.db.people import ApiToken, BrowserSession, Membership
+from service.platform.auth.secrets import new_secret, secret_hash
+from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.clock import utc_now
+from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.db.people import ApiToken, BrowserSession, Membership
 from service.publications import retrieval
 from tests.service.detections.seeding import seed_rig
 from tests.service.publications.given import another_rig, publish, withdraw

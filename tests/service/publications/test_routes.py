@@ -9,10 +9,10 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import select, text, update
 
-from service.db.calibrations import Calibration, CorrespondenceSet, Result
-from service.db.clock import utc_now
-from service.db.fleets import Rig
-from service.db.publications import Publication
+from service.platform.db.calibrations import Calibration, CorrespondenceSet, Result
+from service.platform.db.clock import utc_now
+from service.platform.db.fleets import Rig
+from service.platform.db.publications import Publication
 from tests.service.calibrations.test_results import (
     EDGE,
     FOUND,
@@ -166,8 +166,8 @@ from uuid import UUID
 from tests.faults.campaign.shifted import shift
 shift(float(sys.argv[2]))
 from service.publications.actions import Grounds, hold_to_publish, publish
-from service.db.calibrations import Result
-from service.db.session import Database
+from service.platform.db.calibrations import Result
+from service.platform.db.session import Database
 database = Database(sys.argv[1])
 with database.writing() as session:
     result = session.get_one(Result, UUID(sys.argv[3]))

@@ -6,9 +6,9 @@ from uuid import UUID
 
 from sqlalchemy import delete, select
 
-from service.db.calibrations import Calibration, Result
-from service.db.fleets import Rig, RigCamera
-from service.db.publications import Publication
+from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.fleets import Rig, RigCamera
+from service.platform.db.publications import Publication
 from service.publications import routes
 from tests.service.calibrations.test_results import FOUND, NEWER, current_address, failed, seed_results
 from tests.service.detections.seeding import LEVEL

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from service.settings import Settings
+from service.platform.settings import Settings
 from tests.support.people import Api
 from tests.support.s3 import S3Server
 

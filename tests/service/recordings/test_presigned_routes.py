@@ -10,11 +10,11 @@ import pytest
 from sqlalchemy import select, update
 
 from apexcal.client import Client
-from service.db.clock import utc_now
-from service.db.recordings import Blob, UploadPart
-from service.jobs.sweep import sweep
-from service.storage.audit import audit
-from service.storage.store import Store
+from service.platform.db.clock import utc_now
+from service.platform.db.recordings import Blob, UploadPart
+from service.platform.jobs.sweep import sweep
+from service.platform.storage.audit import audit
+from service.platform.storage.store import Store
 from tests.service.recordings.test_routes import add_camera
 from tests.support.people import Api
 from tests.support.s3 import S3Server

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 
-from service.db.clock import now
-from service.db.models import Fleet
-from service.db.recordings import Blob, Recording, UploadPart
+from service.platform.db.clock import now
+from service.platform.db.models import Fleet
+from service.platform.db.recordings import Blob, Recording, UploadPart
 from service.recordings.retention import delete_overdue, expire_uploads
 from tests.support.people import Api
 from tests.support.uploads import new_recording, new_vehicle, put_part, upload

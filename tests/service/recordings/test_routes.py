@@ -7,9 +7,9 @@ import pytest
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.exc import OperationalError
 
-from service.db.clock import utc_now
-from service.db.ids import new_id
-from service.db.models import (
+from service.platform.db.clock import utc_now
+from service.platform.db.ids import new_id
+from service.platform.db.models import (
     Apex,
     Base,
     Blob,
@@ -27,8 +27,8 @@ from service.db.models import (
     Slot,
     Vertex,
 )
-from service.http.problems import Problem
-from service.jobs.queue import enqueue
+from service.platform.http.problems import Problem
+from service.platform.jobs.queue import enqueue
 from service.recordings import retention
 from service.recordings.actions import delete_recording
 from service.recordings.retention import delete_overdue

@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import select
 
 from apexcal.documents.sweeps import MEDIA_TYPE
-from service.db.models import Blob, PackedSweep, PackedSweeps, Recording, Sensor
+from service.platform.db.models import Blob, PackedSweep, PackedSweeps, Recording, Sensor
 from service.recordings.actions import delete_recording
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.support.people import Api

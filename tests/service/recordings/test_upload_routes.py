@@ -10,8 +10,8 @@ import pytest
 from sqlalchemy import select, update
 from sqlalchemy.exc import OperationalError
 
-from service.db.jobs import Job
-from service.db.recordings import Blob, UploadPart
+from service.platform.db.jobs import Job
+from service.platform.db.recordings import Blob, UploadPart
 from service.recordings import upload_routes
 from service.recordings.upload_actions import finish_part
 from tests.support.people import Api

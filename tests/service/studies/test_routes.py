@@ -2,11 +2,11 @@
 
 import pytest
 
-from service.db.detections import Detection
-from service.db.fleets import Rig
-from service.db.jobs import Job
-from service.db.studies import Study
-from service.settings import get_settings
+from service.platform.db.detections import Detection
+from service.platform.db.fleets import Rig
+from service.platform.db.jobs import Job
+from service.platform.db.studies import Study
+from service.platform.settings import get_settings
 from tests.service.detections.seeding import seed_answer, seed_detection, seed_marking, seed_recording, seed_rig
 
 pytestmark = pytest.mark.usefixtures("broker")

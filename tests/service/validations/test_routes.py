@@ -10,9 +10,9 @@ import pytest
 from sqlalchemy import event
 
 from apexcal.documents.validations import SINGLE_PAIRS
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.jobs import Job
-from service.db.validations import Validation
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.jobs import Job
+from service.platform.db.validations import Validation
 from tests.service.detections.seeding import LEVEL, seed_recording, seed_rig
 from tests.support.databases import one_database
 

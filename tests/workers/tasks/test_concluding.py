@@ -7,10 +7,10 @@ import pytest
 from sqlalchemy import select, update
 
 from service.calibration_runs.actions import end_run
-from service.db.models import Calibration, CalibrationRun, Fleet, Job, Publication, Result
-from service.jobs.claims import Lease, StaleInputError, claim, finish, finishing
-from service.jobs.kinds import CannotRetryError, kind_of
-from tests.service.jobs.support import make_calibration, statements
+from service.platform.db.models import Calibration, CalibrationRun, Fleet, Job, Publication, Result
+from service.platform.jobs.claims import Lease, StaleInputError, claim, finish, finishing
+from service.platform.jobs.kinds import CannotRetryError, kind_of
+from tests.service.platform.jobs.support import make_calibration, statements
 from tests.support.work import work
 from workers.tasks.concluding import conclude
 

@@ -10,12 +10,12 @@ import pytest
 from sqlalchemy import func, select
 
 from apexcal.geometry.se3 import from_document
-from service.db.models import Blob, Fleet, Recording, Study, StudyFile
-from service.db.recordings import CameraFrame
-from service.db.recordings import Recording as Row
 from service.exports.urdf_tree import read_joints
 from service.imports.drafting import urdf_tree
-from service.jobs.sweep import sweep
+from service.platform.db.models import Blob, Fleet, Recording, Study, StudyFile
+from service.platform.db.recordings import CameraFrame
+from service.platform.db.recordings import Recording as Row
+from service.platform.jobs.sweep import sweep
 from tests.faults.jobs import pairs
 from tests.service.detections.seeding import seed_rig
 from tests.service.publications.given import publish

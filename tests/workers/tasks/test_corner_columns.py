@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from service.db.models import Detection, Sensor, Vertex
 from service.detections.views import vertex_views
+from service.platform.db.models import Detection, Sensor, Vertex
 from tests.workers.tasks.test_detecting import PAIRING, finish, make_run, recording  # noqa: F401 - a fixture
 from workers.tasks import detecting
 from workers.vertices.corners import moved

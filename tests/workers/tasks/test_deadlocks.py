@@ -8,11 +8,11 @@ import time
 import pytest
 from sqlalchemy import event, select, text, update
 
-from service.db.jobs import Job, JobEvent
-from service.db.models import Recording
-from service.db.session import Database
+from service.platform.db.jobs import Job, JobEvent
+from service.platform.db.models import Recording
+from service.platform.db.session import Database
 from tests.service.detections.seeding import seed_rig
-from tests.service.jobs.support import make_fleet
+from tests.service.platform.jobs.support import make_fleet
 from tests.support.databases import waits_for_a_lock
 from tests.support.processes import wait_until
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag

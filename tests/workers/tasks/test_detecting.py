@@ -7,11 +7,11 @@ import pytest
 from sqlalchemy import select
 
 from apexcal.documents.detections import DetectionCounts
-from service.db.models import Apex, Detection, Vertex, VertexFrame
-from service.jobs.claims import claim, finishing
-from service.jobs.queue import enqueue_all
+from service.platform.db.models import Apex, Detection, Vertex, VertexFrame
+from service.platform.jobs.claims import claim, finishing
+from service.platform.jobs.queue import enqueue_all
 from tests.service.detections.seeding import seed_recording, seed_rig
-from tests.service.jobs.support import make_fleet
+from tests.service.platform.jobs.support import make_fleet
 from workers.tasks import detecting
 from workers.tasks.detecting import Pair
 from workers.vertices.vertex import Detections, PoseFacts, SizeFacts

@@ -4,8 +4,8 @@ import pytest
 from sqlalchemy import select, text
 from sqlalchemy.exc import ProgrammingError
 
-from service.db.models import Job, JobEvent
-from tests.service.jobs.support import make_calibration, make_fleet, make_jobs
+from service.platform.db.models import Job, JobEvent
+from tests.service.platform.jobs.support import make_calibration, make_fleet, make_jobs
 from workers.tasks import drain, running
 
 

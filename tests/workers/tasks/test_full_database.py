@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import event, func, select
 
-from service.db.clock import now
-from service.db.jobs import Heartbeat, Job
-from service.jobs.sweep import sweep
-from tests.service.jobs.support import let_backoff_end, make_fleet, make_jobs
+from service.platform.db.clock import now
+from service.platform.db.jobs import Heartbeat, Job
+from service.platform.jobs.sweep import sweep
+from tests.service.platform.jobs.support import let_backoff_end, make_fleet, make_jobs
 from tests.support.leases import let_lease_expire
 from workers.tasks.running import WORK, run_job
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from service.db.fleets import Rig, RigCamera
+from service.platform.db.fleets import Rig, RigCamera
 from tests.service.detections.seeding import seed_rig
-from tests.service.jobs.support import make_fleet
+from tests.service.platform.jobs.support import make_fleet
 from tests.support.databases import one_database
 from workers.readers.normalised.manifest import SensorManifest
 from workers.tasks.image_kinds import keep_image_kinds

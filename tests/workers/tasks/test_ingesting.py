@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
-from service.db.models import Blob, Recording, Rig, Sensor, UploadPart
-from service.jobs.claims import Lease, LostLeaseError, claim, finishing
-from service.jobs.queue import cancel, enqueue
-from service.jobs.sweep import sweep
+from service.platform.db.models import Blob, Recording, Rig, Sensor, UploadPart
+from service.platform.jobs.claims import Lease, LostLeaseError, claim, finishing
+from service.platform.jobs.queue import cancel, enqueue
+from service.platform.jobs.sweep import sweep
+from service.platform.settings import Settings
 from service.recordings.actions import delete_recording
-from service.settings import Settings
 from tests.service.detections.seeding import seed_recording, seed_rig
-from tests.service.jobs.support import make_fleet
+from tests.service.platform.jobs.support import make_fleet
 from tests.support.leases import let_lease_expire
 from tests.support.work import work
 from tests.workers.readers.making_recordings import clouds, header, images, interleaved, png, write_bag

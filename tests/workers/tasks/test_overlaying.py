@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
-from service.db.calibrations import CorrespondenceSet, Result
-from service.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.db.models import Blob, Disclosure, Fleet, Recording, Sensor, Study, Verdict
-from service.jobs.sweep import sweep
+from service.platform.db.calibrations import CorrespondenceSet, Result
+from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.platform.db.models import Blob, Disclosure, Fleet, Recording, Sensor, Study, Verdict
+from service.platform.jobs.sweep import sweep
 from tests.service.calibrations.test_results import DOCUMENT, seed_results
 from tests.service.detections.seeding import LEVEL, seed_rig
 from tests.service.publications.given import another_rig

@@ -7,13 +7,13 @@ import pytest
 from sqlalchemy import func, select
 
 from apexcal.sweeps import unpack
-from service.db.models import Blob, Fleet, PackedSweep, PackedSweeps, Recording, Sensor, Study
-from service.db.session import Database
-from service.jobs.sweep import sweep
-from service.storage.quota import take
+from service.platform.db.models import Blob, Fleet, PackedSweep, PackedSweeps, Recording, Sensor, Study
+from service.platform.db.session import Database
+from service.platform.jobs.sweep import sweep
+from service.platform.storage.quota import take
 from service.studies.jobs import queue_packing
 from tests.service.detections.seeding import seed_rig
-from tests.service.jobs.support import make_fleet
+from tests.service.platform.jobs.support import make_fleet
 from tests.support.work import work
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
 from tests.workers.tasks.test_ingesting import uploaded

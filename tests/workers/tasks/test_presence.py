@@ -2,7 +2,7 @@
 
 from sqlalchemy import select
 
-from service.db.jobs import Worker
+from service.platform.db.jobs import Worker
 from tests.support.processes import wait_until
 from workers import transport
 from workers.tasks import presence as presence_module

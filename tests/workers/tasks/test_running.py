@@ -7,10 +7,10 @@ import errno
 import pytest
 from sqlalchemy import select
 
-from service.db.clock import now
-from service.db.jobs import Job
-from service.storage.errors import StoreFullError
-from tests.service.jobs.support import job, let_backoff_end, make_fleet, make_jobs
+from service.platform.db.clock import now
+from service.platform.db.jobs import Job
+from service.platform.storage.errors import StoreFullError
+from tests.service.platform.jobs.support import job, let_backoff_end, make_fleet, make_jobs
 from workers.readers.recording import ReadError
 from workers.tasks.running import WORK, run_job
 

@@ -10,11 +10,11 @@ import pytest
 from sqlalchemy import select
 
 from service.calibrations.actions import ask_to_end
-from service.db.models import Calibration, CalibrationRun, Job, JobEvent, Slot
-from service.jobs.claims import claim
-from service.jobs.sweep import sweep
+from service.platform.db.models import Calibration, CalibrationRun, Job, JobEvent, Slot
+from service.platform.jobs.claims import claim
+from service.platform.jobs.sweep import sweep
 from tests.faults.jobs import pairs
-from tests.service.jobs.support import make_due
+from tests.service.platform.jobs.support import make_due
 from tests.support.leases import let_lease_expire
 from tests.support.uploads import new_vehicle
 from workers.solver import genetic

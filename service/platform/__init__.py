@@ -1,0 +1,1 @@
+"""What stands below every resource: database, storage, jobs, broker, HTTP, access, events, health and settings."""

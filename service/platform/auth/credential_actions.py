@@ -1,0 +1,94 @@
+"""Credentials: sign-in links, sessions and tokens. Each ends with what made it, and with a higher role."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+from uuid import UUID
+
+from sqlalchemy import delete, or_, select, update
+from sqlalchemy.orm import Session
+
+from service.platform.db.clock import moment
+from service.platform.db.people import ApiToken, BrowserSession, Person, SignInLink
+
+_MADE = (ApiToken, SignInLink, BrowserSession)
+
+
+class Ended(NamedTuple):
+    """How many sessions, unused links and tokens ended."""
+
+    sessions: int = 0
+    links: int = 0
+    tokens: int = 0
+
+
+def hold(session: Session, *person_ids: UUID) -> None:
+    """Hold these people's rights and credentials until the transaction ends (PostgreSQL; SQLite has one writer).
+
+    Whoever makes or ends credentials holds their person first. So a link is made before its person gets a higher
+    role, and ends, or after, by somebody who still may make it.
+    """
+    wanted = select(Person.id).where(Person.id.in_(person_ids)).order_by(Person.id)
+    session.execute(wanted.with_for_update(key_share=True)).all()
+
+
+def end_credentials(session: Session, person_id: UUID, fleet_id: UUID | None = None) -> Ended:
+    """End a person's sessions, unused links and tokens, and what was made with these.
+
+    With ``fleet_id`` only tokens that act in this fleet end; those of other fleets have nothing to do with it.
+    """
+    hold(session, person_id)
+    tokens: Any = ApiToken.person_id == person_id
+    if fleet_id is not None:
+        tokens &= or_(ApiToken.fleet_id == fleet_id, ApiToken.fleet_id.is_(None))
+    ended = _end_ways_in(session, SignInLink.person_id == person_id, BrowserSession.person_id == person_id)
+    made = revoke(session, tokens)
+    return Ended(ended.sessions + made.sessions, ended.links + made.links, made.tokens)
+
+
+def revoke(session: Session, which: Any) -> Ended:
+    """Revoke the valid tokens among ``which``, and end what was made with them."""
+    hold(session, *session.scalars(select(ApiToken.person_id).where(which, ApiToken.revoked_at.is_(None))))
+    revoked = session.scalars(
+        update(ApiToken)
+        .where(which, ApiToken.revoked_at.is_(None))
+        .values(revoked_at=moment(session))
+        .returning(ApiToken.id)
+        .execution_options(synchronize_session="fetch")
+    ).all()
+    if not revoked:
+        return Ended()
+    ended = _end_ways_in(session, SignInLink.made_by.in_(revoked), BrowserSession.made_by.in_(revoked))
+    made = revoke(session, ApiToken.made_by.in_(revoked))
+    return Ended(ended.sessions + made.sessions, ended.links + made.links, len(revoked) + made.tokens)
+
+
+def hand_over(session: Session, old: list[UUID], new: UUID) -> None:
+    """What the ``old`` tokens made ends with the ``new`` one from now on."""
+    for table in _MADE:
+        session.execute(
+            update(table)
+            .where(table.made_by.in_(old))
+            .values(made_by=new)
+            .execution_options(synchronize_session=False)
+        )
+
+
+def _end_ways_in(session: Session, links: Any, sessions: Any) -> Ended:
+    # Links first: a link that is used at this moment leaves a session, which the second statement then sees.
+    now = moment(session)
+    unused = (SignInLink.used_at.is_(None), SignInLink.expires_at > now)
+    ended = session.scalars(
+        update(SignInLink)
+        .where(links, *unused)
+        .values(expires_at=now)
+        .returning(SignInLink.id)
+        .execution_options(synchronize_session=False)
+    ).all()
+    gone = session.scalars(
+        delete(BrowserSession)
+        .where(sessions)
+        .returning(BrowserSession.id)
+        .execution_options(synchronize_session=False)
+    ).all()
+    return Ended(len(gone), len(ended))

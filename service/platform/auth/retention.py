@@ -1,0 +1,23 @@
+"""Removes expired sessions and links, and kept answers that nobody will ask for again."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+from sqlalchemy import delete
+
+from service.platform.db.clock import moment
+from service.platform.db.people import BrowserSession, IdempotencyKey, SignInLink
+from service.platform.db.session import Database
+
+# Nobody repeats a request, or asks why a link does not work, after this.
+_REMEMBERED = timedelta(days=14)
+
+
+def remove_ended(database: Database) -> None:
+    """Remove sessions that have ended, links that ended long ago, and answers that nobody will ask for again."""
+    with database.writing() as session:
+        now = moment(session)
+        session.execute(delete(BrowserSession).where(BrowserSession.expires_at < now))
+        session.execute(delete(SignInLink).where(SignInLink.expires_at < now - _REMEMBERED))
+        session.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < now - _REMEMBERED))

@@ -1,0 +1,107 @@
+"""What all tables share: the declarative base, column types and the columns that most rows have."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime
+from math import isfinite
+from typing import Annotated, Any
+from uuid import UUID
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    ColumnElement,
+    Dialect,
+    Double,
+    ForeignKey,
+    Index,
+    Integer,
+    MetaData,
+    String,
+    Uuid,
+    literal_column,
+    text,
+)
+from sqlalchemy.orm import DeclarativeBase, mapped_column
+from sqlalchemy.types import TypeDecorator
+
+from apexcal.documents.corners import TOP
+from service.platform.db.clock import Instant, now
+from service.platform.db.ids import new_id
+
+Json = dict[str, Any]
+
+# PostgreSQL's JSON keeps the text, and with it every bit of a float; JSONB would rewrite numbers.
+RowId = Annotated[UUID, mapped_column(Uuid, primary_key=True, insert_default=new_id)]
+Nanoseconds = Annotated[int, mapped_column(BigInteger)]
+Bytes = Annotated[int, mapped_column(BigInteger)]
+Name = Annotated[str, mapped_column(String(200))]
+# A corner of the board. A row that names none means the tip.
+Corner = Annotated[str, mapped_column(String(10), insert_default=TOP)]
+Digest = Annotated[str, mapped_column(String(64))]
+# The database's clock: rows that several hosts write are compared by it.
+Created = Annotated[datetime, mapped_column(Instant, insert_default=now())]
+Version = Annotated[int, mapped_column(Integer, insert_default=1)]
+
+
+class Finite(TypeDecorator[float]):
+    """A float that is a number, as in JSON columns: SQLite would make NULL of NaN, and backups carry numbers only."""
+
+    impl = Double
+    cache_ok = True
+
+    def process_bind_param(self, value: float | None, dialect: Dialect) -> float | None:
+        """Raises ValueError for what is not finite."""
+        if value is not None and not isfinite(value):
+            raise ValueError(f"a number that is not finite would be stored: {value}")
+        return value
+
+
+class Base(DeclarativeBase):
+    """Declarative base; constraint names are fixed so that migrations can name them."""
+
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+            "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+            "fk": "fk_%(table_name)s_%(column_0_name)s",
+            "pk": "pk_%(table_name)s",
+        }
+    )
+    type_annotation_map = {  # noqa: RUF012
+        Json: JSON(none_as_null=True),
+        list[Any]: JSON(none_as_null=True),
+        datetime: Instant,
+        float: Finite,
+        UUID: Uuid,
+    }
+
+
+def partial_index(name: str, *columns: str, where: str) -> Index:
+    """An index of the few rows that match ``where``, however many others there are.
+
+    It serves statements that repeat the condition in the same words, with values by :func:`written`: no database
+    finds a partial index by a parameter. A boolean column stands in it as ``IS_TRUE(column)``.
+    """
+    sqlite = re.sub(r"IS_TRUE\((\w+)\)", r"\1 = 1", where)
+    postgresql = re.sub(r"IS_TRUE\((\w+)\)", r"\1", where)
+    return Index(name, *columns, postgresql_where=text(postgresql), sqlite_where=text(sqlite))
+
+
+def written(value: str) -> ColumnElement[str]:
+    """A state, written out in the statement."""
+    assert value.isidentifier(), value
+    return literal_column(f"'{value}'", String())
+
+
+def belongs_to(target: str, *, nullable: bool = False, index: bool = True, primary_key: bool = False) -> Any:
+    """A foreign key whose rows go when the row that they belong to goes."""
+    return mapped_column(
+        ForeignKey(target, ondelete="CASCADE"), nullable=nullable, index=index, primary_key=primary_key
+    )
+
+
+def refers_to(target: str) -> Any:
+    """A nullable foreign key that is emptied when its target goes."""
+    return mapped_column(ForeignKey(target, ondelete="SET NULL"), nullable=True, index=True)

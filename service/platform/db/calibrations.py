@@ -1,0 +1,176 @@
+"""Tables of correspondence sets, calibrations, runs, slots and results."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from functools import cached_property
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import Index, String, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column, object_session
+
+from apexcal.documents.states import WorkState
+from service.platform.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, partial_index, refers_to
+
+_UNENDED = "state IN ('queued', 'running')"
+
+FULL = -1
+"""The fold of a fit to all pairs."""
+
+
+class CorrespondenceSet(Base):
+    """Immutable 3D-2D pairs of one camera.
+
+    ``pairs`` is an object of equally long lists: x y z (metres, LiDAR frame), u v (pixels), and where known
+    stamp_ns, group, gap_ns, marks. It may have 16 MB, so it is loaded where it is read. A selection has none: it
+    names a whole set and the indices of the pairs that it leaves out. ``brought_at`` is when the same content last
+    came again: by it, or else by ``created_at``, sets are newer than others.
+    """
+
+    __tablename__ = "correspondence_set"
+    __table_args__ = (
+        UniqueConstraint("rig_id", "camera", "content_hash"),
+        Index("ix_correspondence_set_rig_id_id", "rig_id", "id"),
+        partial_index("ix_correspondence_set_made", "rig_id", "camera", "created_at", where="brought_at IS NULL"),
+        partial_index(
+            "ix_correspondence_set_brought", "rig_id", "camera", "brought_at", where="brought_at IS NOT NULL"
+        ),
+    )
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
+    rig_id: Mapped[UUID] = belongs_to("rig.id")
+    recording_id: Mapped[UUID | None] = belongs_to("recording.id", nullable=True)
+    detection_id: Mapped[UUID | None] = belongs_to("detection.id", nullable=True)
+    camera: Mapped[Name]
+    source: Mapped[str] = mapped_column(String(20))
+    content_hash: Mapped[Digest]
+    count: Mapped[int]
+    pairs: Mapped[Json | None] = mapped_column(deferred=True)
+    whole_id: Mapped[UUID | None] = belongs_to("correspondence_set.id", nullable=True)
+    left_out: Mapped[list[Any] | None]
+    flagged: Mapped[int] = mapped_column(default=0)
+    notes: Mapped[list[Any]] = mapped_column(default=list)
+    created_by: Mapped[UUID | None] = refers_to("person.id")
+    created_at: Mapped[Created]
+    brought_at: Mapped[datetime | None]
+
+    @cached_property
+    def columns(self) -> Json:
+        """The set's own pairs, or those of the whole set without the ones that are left out."""
+        if self.whole_id is None:
+            return self.pairs or {}
+        session = object_session(self)
+        assert session is not None
+        whole = session.get_one(CorrespondenceSet, self.whole_id)
+        kept = self.kept(whole.count)
+        return {name: [values[i] for i in kept] for name, values in whole.columns.items()}
+
+    def kept(self, count: int) -> list[int]:
+        """Where the set's pairs are among the ``count`` pairs of the whole set."""
+        left_out = set(self.left_out or ())
+        return [i for i in range(count) if i not in left_out]
+
+
+class Calibration(Base):
+    """A request: every model on every camera's correspondences. ``remaining`` counts the runs that have not ended."""
+
+    __tablename__ = "calibration"
+    __table_args__ = (
+        Index("ix_calibration_vehicle_id_created_at", "vehicle_id", "created_at"),
+        Index("ix_calibration_vehicle_id_id", "vehicle_id", "id"),
+        partial_index("ix_calibration_done", "vehicle_id", "finished_at", where="state = 'done'"),
+    )
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
+    rig_id: Mapped[UUID] = belongs_to("rig.id")
+    request: Mapped[Json]
+    content_hash: Mapped[Digest]
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
+    remaining: Mapped[int]
+    publish: Mapped[str] = mapped_column(String(20))
+    notes: Mapped[list[Any]] = mapped_column(default=list)
+    summary: Mapped[Json | None]
+    problem: Mapped[Json | None]
+    created_by: Mapped[UUID | None] = refers_to("person.id")
+    created_at: Mapped[Created]
+    finished_at: Mapped[datetime | None]
+
+
+class CalibrationRun(Base):
+    """One fit: a model on a camera's pairs, all of them (fold -1) or without the held-out block of a fold.
+
+    ``problem`` is the complete document that the solver reads; ``schedule`` is the state of the narrowing after
+    ``iteration`` finished iterations; ``remaining`` counts the bundles of the running one.
+    """
+
+    __tablename__ = "calibration_run"
+    __table_args__ = (
+        UniqueConstraint("calibration_id", "camera", "model", "fold"),
+        partial_index("ix_calibration_run_unended", "id", where=_UNENDED),
+        partial_index("ix_calibration_run_cancelled", "id", where=f"IS_TRUE(cancel_requested) AND {_UNENDED}"),
+    )
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    calibration_id: Mapped[UUID] = belongs_to("calibration.id", index=False)
+    set_id: Mapped[UUID] = belongs_to("correspondence_set.id")
+    camera: Mapped[Name]
+    model: Mapped[str] = mapped_column(String(20))
+    fold: Mapped[int]
+    farm: Mapped[str] = mapped_column(String(10))
+    slots: Mapped[int]
+    bundle: Mapped[int]
+    problem: Mapped[Json]
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
+    iteration: Mapped[int] = mapped_column(default=0)
+    remaining: Mapped[int] = mapped_column(default=0)
+    cancel_requested: Mapped[bool] = mapped_column(default=False)
+    schedule: Mapped[Json | None]
+    failure: Mapped[Json | None]
+    created_at: Mapped[Created]
+    finished_at: Mapped[datetime | None]
+
+
+class Slot(Base):
+    """The best individual of one GA slot. Written once, by whichever twin finished first."""
+
+    __tablename__ = "slot"
+
+    run_id: Mapped[UUID] = belongs_to("calibration_run.id", primary_key=True, index=False)
+    iteration: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    slot: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    loss: Mapped[float]
+    parameters: Mapped[list[Any]]
+    evaluations: Mapped[int]
+    seconds: Mapped[float]
+    worker: Mapped[Name]
+
+
+class Result(Base):
+    """What a run found; ``document`` is the solver's solution, with the held-out figures where there are any.
+
+    ``document`` has the checks of the fit, ``checks`` those of its calibration and of other data; ``verdict`` is the
+    gravest of both for the mount with its lens. Both are null until the calibration has ended. ``compared_with``: the
+    result that was the camera's current one then.
+    """
+
+    __tablename__ = "result"
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    calibration_id: Mapped[UUID] = belongs_to("calibration.id")
+    run_id: Mapped[UUID] = belongs_to("calibration_run.id", index=False)
+    camera: Mapped[Name]
+    model: Mapped[str] = mapped_column(String(20))
+    fold: Mapped[int]
+    document: Mapped[Json]
+    checks: Mapped[list[Any] | None]
+    verdict: Mapped[str | None] = mapped_column(String(4))
+    compared_with: Mapped[UUID | None]
+    created_at: Mapped[Created]
+    __table_args__ = (UniqueConstraint("run_id"),)

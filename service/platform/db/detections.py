@@ -1,0 +1,127 @@
+"""Detection runs and the vertices that they found."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import Index, String, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column
+
+from apexcal.documents.states import WorkState
+from service.platform.db.base import (
+    Base,
+    Corner,
+    Created,
+    Digest,
+    Json,
+    Name,
+    Nanoseconds,
+    RowId,
+    belongs_to,
+    refers_to,
+)
+
+
+class Detection(Base):
+    """One run of a detector inside a region. ``remaining`` counts the shards that have not ended.
+
+    ``marked_corners`` are the board's corners that people are to mark; null for the tip alone.
+    """
+
+    __tablename__ = "detection"
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    region: Mapped[Json]
+    detector: Mapped[Name]
+    options: Mapped[Json]
+    pairing: Mapped[Json]
+    content_hash: Mapped[Digest]
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
+    remaining: Mapped[int] = mapped_column(default=1)
+    counts: Mapped[Json] = mapped_column(default=dict)
+    problem: Mapped[Json | None]
+    marked_corners: Mapped[list[Any] | None]
+    created_by: Mapped[UUID | None] = refers_to("person.id")
+    created_at: Mapped[Created]
+    finished_at: Mapped[datetime | None]
+
+
+class Apex(Base):
+    """A board's vertex in one sweep, whichever detection runs found it. Verdicts belong to it.
+
+    ``corner``: which of the board's corners it is.
+    """
+
+    __tablename__ = "apex"
+    __table_args__ = (Index("ix_apex_recording_id_sweep_index", "recording_id", "sweep_index"),)
+
+    id: Mapped[RowId]
+    recording_id: Mapped[UUID] = belongs_to("recording.id", index=False)
+    sweep_index: Mapped[int]
+    x: Mapped[float]
+    y: Mapped[float]
+    z: Mapped[float]
+    corner: Mapped[Corner]
+
+
+class Vertex(Base):
+    """A vertex as one detection run measured it, in metres in the LiDAR frame.
+
+    ``rank`` orders the marking: any first part of the order covers the whole recording evenly. ``covariance`` is
+    3 x 3 over azimuth (rad), elevation (rad) and range (m), where the detector states one; ``flags`` are names of
+    what the person who confirms should look at.
+
+    ``corners`` are the board's other corners as ``CornerView`` shows them, where the detector states them.
+    ``corner_covariance`` is the lower triangle, by rows, of the covariance of the tip and all of them. A corner that
+    people are to mark has a row of its own, with the tip's sweep, time and rank (``corner_actions.py``).
+    """
+
+    __tablename__ = "vertex"
+    __table_args__ = (
+        UniqueConstraint("detection_id", "apex_id"),
+        Index("ix_vertex_detection_id_rank", "detection_id", "rank"),
+    )
+
+    id: Mapped[RowId]
+    detection_id: Mapped[UUID] = belongs_to("detection.id", index=False)
+    apex_id: Mapped[UUID] = belongs_to("apex.id")
+    rank: Mapped[int]
+    sweep_index: Mapped[int]
+    time_ns: Mapped[Nanoseconds]
+    x: Mapped[float]
+    y: Mapped[float]
+    z: Mapped[float]
+    ring: Mapped[int]
+    points: Mapped[int]
+    quality: Mapped[str | None] = mapped_column(String(20))
+    flags: Mapped[list[Any]] = mapped_column(default=list)
+    covariance: Mapped[list[Any] | None]
+    corner: Mapped[Corner]
+    corners: Mapped[list[Any] | None]
+    # Large, and rarely asked for.
+    corner_covariance: Mapped[list[Any] | None] = mapped_column(deferred=True)
+
+
+class VertexFrame(Base):
+    """The camera frame that a vertex is paired with. ``gap_ns`` is frame time minus vertex time.
+
+    Where the pairing interpolates, x, y, z and covariance are the vertex's, moved along its track to the frame's
+    time, and the gap is zero; ``corners`` are the board's other corners, moved with it.
+    """
+
+    __tablename__ = "vertex_frame"
+    __table_args__ = (Index("ix_vertex_frame_sensor_id_frame_index", "sensor_id", "frame_index"),)
+
+    vertex_id: Mapped[UUID] = belongs_to("vertex.id", primary_key=True, index=False)
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
+    frame_index: Mapped[int]
+    gap_ns: Mapped[Nanoseconds]
+    x: Mapped[float | None]
+    y: Mapped[float | None]
+    z: Mapped[float | None]
+    covariance: Mapped[list[Any] | None]
+    corners: Mapped[list[Any] | None]

@@ -1,0 +1,66 @@
+"""Tables of fleet requests and the outcome of each of their vehicles."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from uuid import UUID
+
+from sqlalchemy import Index, String, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column
+
+from service.platform.db.base import Base, Created, Json, RowId, belongs_to, partial_index, refers_to
+
+
+class FleetRequest(Base):
+    """One call for calibrations of many vehicles: running, done, done_with_failures or cancelled.
+
+    ``asked`` is the filter and the calibration's template. ``matched`` vehicles are ``remaining`` (not ended),
+    ``done``, ``failed``, ``cancelled`` or ``skipped``; each of these counts moves in the transaction that ends a
+    vehicle's calibration. ``wave`` is how many vehicles were put to work at ``started_at``, by the request or by its
+    newest retry.
+    """
+
+    __tablename__ = "fleet_request"
+    __table_args__ = (
+        Index("ix_fleet_request_fleet_id_id", "fleet_id", "id"),
+        partial_index("ix_fleet_request_running", "id", where="state = 'running'"),
+    )
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    asked: Mapped[Json]
+    state: Mapped[str] = mapped_column(String(20))
+    matched: Mapped[int]
+    remaining: Mapped[int]
+    done: Mapped[int] = mapped_column(default=0)
+    failed: Mapped[int] = mapped_column(default=0)
+    cancelled: Mapped[int] = mapped_column(default=0)
+    skipped: Mapped[int] = mapped_column(default=0)
+    wave: Mapped[int]
+    cancel_requested: Mapped[bool] = mapped_column(default=False)
+    created_by: Mapped[UUID | None] = refers_to("person.id")
+    created_at: Mapped[Created]
+    started_at: Mapped[Created]
+    finished_at: Mapped[datetime | None]
+
+
+class FleetRequestVehicle(Base):
+    """A vehicle of a fleet request: queued until its calibration ends, then done, failed or cancelled; or skipped.
+
+    That a queued one is being worked on is told by its jobs, not by this row. Ids sort by the vehicles' names.
+    """
+
+    __tablename__ = "fleet_request_vehicle"
+    __table_args__ = (
+        UniqueConstraint("fleet_request_id", "vehicle_id"),
+        Index("ix_fleet_request_vehicle_fleet_request_id_state_id", "fleet_request_id", "state", "id"),
+        Index("ix_fleet_request_vehicle_fleet_request_id_id", "fleet_request_id", "id"),
+    )
+
+    id: Mapped[RowId]
+    fleet_request_id: Mapped[UUID] = belongs_to("fleet_request.id", index=False)
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
+    calibration_id: Mapped[UUID | None] = refers_to("calibration.id")
+    state: Mapped[str] = mapped_column(String(20))
+    problem: Mapped[Json | None]
+    finished_at: Mapped[datetime | None]

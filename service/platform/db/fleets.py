@@ -1,0 +1,91 @@
+"""Fleets, their vehicles, and the rigs that the vehicles carry."""
+
+from __future__ import annotations
+
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import BigInteger, Index, String, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column, relationship
+
+from service.platform.db.base import Base, Created, Json, Name, RowId, Version, belongs_to
+
+
+class Fleet(Base):
+    """What roles are bound to: every row below belongs to exactly one fleet.
+
+    ``quota_bytes`` is what its recordings may take; None: what the settings say. ``policy`` says what its results
+    must show to be published.
+    """
+
+    __tablename__ = "fleet"
+
+    id: Mapped[RowId]
+    name: Mapped[Name] = mapped_column(unique=True)
+    quota_bytes: Mapped[int | None] = mapped_column(BigInteger)
+    policy: Mapped[Json | None]
+    version: Mapped[Version]
+    created_at: Mapped[Created]
+
+
+class Vehicle(Base):
+    """One vehicle of a fleet."""
+
+    __tablename__ = "vehicle"
+    __table_args__ = (UniqueConstraint("fleet_id", "name"), Index("ix_vehicle_fleet_id_id", "fleet_id", "id"))
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    name: Mapped[Name]
+    version: Mapped[Version]
+    created_at: Mapped[Created]
+
+
+class Rig(Base):
+    """One LiDAR and one or more cameras on a vehicle. ``T_vehicle_lidar`` is a transform document or absent.
+
+    ``camera_transforms`` are those between cameras that are known otherwise, with their standard deviations. Members
+    of ``policy`` replace the fleet's. Serial numbers are those of the mounted sensors, if known.
+    """
+
+    __tablename__ = "rig"
+    __table_args__ = (UniqueConstraint("vehicle_id", "name"),)
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
+    name: Mapped[Name]
+    lidar_frame: Mapped[Name]
+    lidar_topic: Mapped[str | None]
+    lidar_serial: Mapped[str | None] = mapped_column(String(200), index=True)
+    T_vehicle_lidar: Mapped[Json | None]
+    camera_transforms: Mapped[list[Any] | None]
+    policy: Mapped[Json | None]
+    version: Mapped[Version]
+    created_at: Mapped[Created]
+    cameras: Mapped[list[RigCamera]] = relationship(order_by="RigCamera.position", passive_deletes=True)
+
+
+class RigCamera(Base):
+    """One camera of a rig: its nominal mount ``T_camera_lidar`` (a transform document), image size and bounds.
+
+    ``joint`` holds ``T_parent_lidar`` and ``T_child_camera`` around the joint that its results are also given for.
+    ``images`` says whether they are raw or rectified, and of rectified ones the rotation ``R`` of their CameraInfo.
+    """
+
+    __tablename__ = "rig_camera"
+    __table_args__ = (UniqueConstraint("rig_id", "name"),)
+
+    id: Mapped[RowId]
+    rig_id: Mapped[UUID] = belongs_to("rig.id")
+    position: Mapped[int]
+    name: Mapped[Name]
+    frame: Mapped[Name]
+    topic: Mapped[str | None]
+    serial: Mapped[str | None] = mapped_column(String(200), index=True)
+    image_width: Mapped[int]
+    image_height: Mapped[int]
+    nominal: Mapped[Json]
+    bounds: Mapped[Json]
+    joint: Mapped[Json | None]
+    images: Mapped[Json | None]

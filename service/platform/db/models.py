@@ -1,0 +1,41 @@
+"""All tables in one place, for the code that asks and for migrations."""
+# ruff: noqa: F401
+# pyright: reportUnusedImport=false
+
+from service.platform.db.annotations import (
+    AnnotationRevision,
+    Answer,
+    Disclosure,
+    Mark,
+    MarkingFrontier,
+    MarkingProgress,
+    MarkingTask,
+    Verdict,
+)
+from service.platform.db.base import Base
+from service.platform.db.calibrations import (
+    Calibration,
+    CalibrationRun,
+    CorrespondenceSet,
+    Result,
+    Slot,
+)
+from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.db.jobs import Heartbeat, Job, JobEvent, JobTotal, Worker
+from service.platform.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person, SignInLink
+from service.platform.db.publications import Publication
+from service.platform.db.recordings import (
+    Blob,
+    BlobHold,
+    CameraFrame,
+    PackedSweep,
+    PackedSweeps,
+    Recording,
+    Sensor,
+    UploadPart,
+)
+from service.platform.db.reports import Report
+from service.platform.db.studies import Study, StudyFile
+from service.platform.db.validations import Validation

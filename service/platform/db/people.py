@@ -1,0 +1,102 @@
+"""Tables of people, memberships and credentials. Secrets are stored as SHA-256 only."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated
+from uuid import UUID
+
+from sqlalchemy import String, UniqueConstraint, Uuid
+from sqlalchemy.orm import Mapped, mapped_column
+
+from service.platform.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to
+
+# The token that it was made with, and ends with. No foreign key: a younger token may take its place (`hand_over`),
+# and a backup is restored in the order of ids.
+MadeBy = Annotated[UUID | None, mapped_column(Uuid)]
+
+
+class Person(Base):
+    """Somebody who signs in, or a program that has a token. An owner may make fleets and sees all of them."""
+
+    __tablename__ = "person"
+
+    id: Mapped[RowId]
+    name: Mapped[Name]
+    is_owner: Mapped[bool] = mapped_column(default=False)
+    created_at: Mapped[Created]
+
+
+class Membership(Base):
+    """A person's role in one fleet."""
+
+    __tablename__ = "membership"
+
+    person_id: Mapped[UUID] = belongs_to("person.id", primary_key=True)
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id", primary_key=True)
+    role: Mapped[str] = mapped_column(String(20))
+    created_at: Mapped[Created]
+
+
+class SignInLink(Base):
+    """A link that signs its person in once."""
+
+    __tablename__ = "sign_in_link"
+
+    id: Mapped[RowId]
+    secret_hash: Mapped[Digest] = mapped_column(unique=True)
+    person_id: Mapped[UUID] = belongs_to("person.id")
+    made_by: Mapped[MadeBy]
+    expires_at: Mapped[datetime] = mapped_column(index=True)
+    used_at: Mapped[datetime | None]
+    created_at: Mapped[Created]
+
+
+class BrowserSession(Base):
+    """A signed-in browser."""
+
+    __tablename__ = "browser_session"
+
+    id: Mapped[RowId]
+    secret_hash: Mapped[Digest] = mapped_column(unique=True)
+    person_id: Mapped[UUID] = belongs_to("person.id")
+    made_by: Mapped[MadeBy]
+    expires_at: Mapped[datetime] = mapped_column(index=True)
+    created_at: Mapped[Created]
+
+
+class ApiToken(Base):
+    """A program's bearer token: it acts as its person, within one fleet and role where these are given."""
+
+    __tablename__ = "api_token"
+
+    id: Mapped[RowId]
+    secret_hash: Mapped[Digest] = mapped_column(unique=True)
+    name: Mapped[Name]
+    person_id: Mapped[UUID] = belongs_to("person.id")
+    fleet_id: Mapped[UUID | None] = belongs_to("fleet.id", nullable=True)
+    role: Mapped[str | None] = mapped_column(String(20))
+    made_by: Mapped[MadeBy]
+    expires_at: Mapped[datetime | None]
+    revoked_at: Mapped[datetime | None]
+    created_at: Mapped[Created]
+
+
+class IdempotencyKey(Base):
+    """The answer that was given to a POST, kept so that a repeated one gets it again.
+
+    ``fleet_id`` and ``role`` are what the POST took: the answer is repeated only to who still has them.
+    """
+
+    __tablename__ = "idempotency_key"
+    __table_args__ = (UniqueConstraint("person_id", "key"),)
+
+    id: Mapped[RowId]
+    person_id: Mapped[UUID] = belongs_to("person.id")
+    key: Mapped[Name]
+    request_hash: Mapped[Digest]
+    fleet_id: Mapped[UUID | None] = belongs_to("fleet.id", nullable=True)
+    role: Mapped[str | None] = mapped_column(String(20))
+    status: Mapped[int]
+    body: Mapped[Json]
+    created_at: Mapped[Created] = mapped_column(index=True)

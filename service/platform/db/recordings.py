@@ -1,0 +1,167 @@
+"""Recordings: their upload, their blobs, their sensors, the byte range of every camera frame and packed sweep."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import BigInteger, ForeignKey, Index, String, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column
+
+from apexcal.documents.states import RecordingState
+from service.platform.db.base import (
+    Base,
+    Bytes,
+    Created,
+    Digest,
+    Json,
+    Name,
+    Nanoseconds,
+    RowId,
+    Version,
+    belongs_to,
+    partial_index,
+    refers_to,
+)
+
+
+class Blob(Base):
+    """One object of the store, reserved here before its first byte is written.
+
+    ``reserved`` may hold bytes or not; ``stored`` is durable and in use; ``condemned`` is removed by the sweep.
+    ``job_id`` and ``attempt`` say whose work a reservation is; an upload part's has none. One that the store did not
+    remove is tried again after ``remove_after``.
+    """
+
+    __tablename__ = "blob"
+    __table_args__ = (Index("ix_blob_state_created_at", "state", "created_at"),)
+
+    key: Mapped[str] = mapped_column(String(300), primary_key=True)
+    state: Mapped[str] = mapped_column(String(20), default="reserved")
+    size: Mapped[Bytes] = mapped_column(default=0)
+    sha256: Mapped[str | None] = mapped_column(String(64))
+    job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
+    attempt: Mapped[int | None]
+    failed_removals: Mapped[int] = mapped_column(default=0)
+    remove_after: Mapped[datetime | None]
+    created_at: Mapped[Created]
+
+
+class BlobHold(Base):
+    """While one is in force no object is removed: a backup copies what its snapshot of the rows names."""
+
+    __tablename__ = "blob_hold"
+
+    id: Mapped[RowId]
+    reason: Mapped[str] = mapped_column(String(100))
+    until: Mapped[datetime]
+
+
+class Recording(Base):
+    """A recording in one of the states uploading, queued, ingesting, ready, failed.
+
+    ``reading`` is what its owner knows of the file and the file does not say. ``taken_bytes`` is what it takes of its
+    fleet's quota: what was announced or has come of its file, and its sensors' files. ``expires_at`` ends an upload
+    that nobody goes on with.
+    """
+
+    __tablename__ = "recording"
+    __table_args__ = (
+        Index("ix_recording_fleet_id_id", "fleet_id", "id"),
+        Index("ix_recording_fleet_id_state_id", "fleet_id", "state", "id"),
+        Index("ix_recording_fleet_id_taken_bytes", "fleet_id", "taken_bytes"),
+        Index("ix_recording_vehicle_id_id", "vehicle_id", "id"),
+        partial_index("ix_recording_retain_until", "retain_until", where="retain_until IS NOT NULL"),
+    )
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
+    rig_id: Mapped[UUID] = belongs_to("rig.id")
+    name: Mapped[Name]
+    file_name: Mapped[Name]
+    state: Mapped[str] = mapped_column(String(20), default=RecordingState.UPLOADING)
+    size: Mapped[Bytes] = mapped_column(default=0)
+    sha256: Mapped[str | None] = mapped_column(String(64))
+    marks_per_vertex: Mapped[int] = mapped_column(default=1)
+    reading: Mapped[Json] = mapped_column(default=dict)
+    facts: Mapped[Json | None]
+    warnings: Mapped[list[Any]] = mapped_column(default=list)
+    problem: Mapped[Json | None]
+    job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
+    retain_until: Mapped[datetime | None]
+    taken_bytes: Mapped[Bytes] = mapped_column(default=0)
+    expires_at: Mapped[datetime | None]
+    created_by: Mapped[UUID | None] = refers_to("person.id")
+    version: Mapped[Version]
+    created_at: Mapped[Created]
+
+
+class UploadPart(Base):
+    """One acknowledged part of a recording's original file, numbered from 1."""
+
+    __tablename__ = "upload_part"
+
+    recording_id: Mapped[UUID] = belongs_to("recording.id", primary_key=True, index=False)
+    number: Mapped[int] = mapped_column(primary_key=True)
+    blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"))
+    size: Mapped[Bytes]
+    sha256: Mapped[Digest]
+
+
+class Sensor(Base):
+    """One normalised sensor of a recording: a LiDAR named ``lidar`` or a camera with its name in the rig."""
+
+    __tablename__ = "sensor"
+    __table_args__ = (UniqueConstraint("recording_id", "name"),)
+
+    id: Mapped[RowId]
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    kind: Mapped[str] = mapped_column(String(20))
+    name: Mapped[Name]
+    topic: Mapped[str]
+    frame_id: Mapped[str]
+    blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"))
+    count: Mapped[int]
+    first_ns: Mapped[Nanoseconds]
+    last_ns: Mapped[Nanoseconds]
+    facts: Mapped[Json]
+
+
+class CameraFrame(Base):
+    """Where a camera frame's encoded image lies in its sensor's blob."""
+
+    __tablename__ = "camera_frame"
+    __table_args__ = (Index("ix_camera_frame_sensor_id_stamp_ns", "sensor_id", "stamp_ns"),)
+
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
+    index: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    stamp_ns: Mapped[Nanoseconds]
+    offset: Mapped[Bytes]
+    length: Mapped[Bytes]
+    media_type: Mapped[str] = mapped_column(String(40))
+    width: Mapped[int]
+    height: Mapped[int]
+
+
+class PackedSweeps(Base):
+    """The file of a LiDAR's sweeps as they go over the wire. A sensor has none until its sweeps are packed."""
+
+    __tablename__ = "packed_sweeps"
+
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
+    blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"))
+
+
+class PackedSweep(Base):
+    """Where a sweep's bytes lie in that file. ``index`` is the sweep's number in the order of the stamps."""
+
+    __tablename__ = "packed_sweep"
+
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
+    index: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    stamp_ns: Mapped[Nanoseconds]
+    points: Mapped[int]
+    offset: Mapped[Bytes]
+    length: Mapped[Bytes]

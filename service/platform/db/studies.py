@@ -1,0 +1,46 @@
+"""The table of studies: region previews, region suggestions, clock offsets, packings of sweeps, calibrated copies,
+overlays."""
+
+from __future__ import annotations
+
+from uuid import UUID
+
+from sqlalchemy import BigInteger, ForeignKey, Index, String
+from sqlalchemy.orm import Mapped, mapped_column
+
+from apexcal.documents.states import WorkState
+from service.platform.db.base import Base, Created, Json, RowId, belongs_to
+
+
+class Study(Base):
+    """One question and its answer. ``kind`` is ``preview``, ``suggestion``, ``clock_offset``, ``packing``,
+    ``calibrated_copy`` or ``overlay``, as its job's.
+
+    ``asked`` holds all that the worker needs besides the recording (and, for ``clock_offset``, the detection);
+    ``result`` is the answer. Nothing refers to a study, and what is asked anew is another row.
+    """
+
+    __tablename__ = "study"
+    __table_args__ = (Index("ix_study_recording_id_kind", "recording_id", "kind"),)
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    recording_id: Mapped[UUID] = belongs_to("recording.id", index=False)
+    detection_id: Mapped[UUID | None] = belongs_to("detection.id", nullable=True)
+    kind: Mapped[str] = mapped_column(String(20))
+    asked: Mapped[Json] = mapped_column(default=dict)
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
+    result: Mapped[Json | None]
+    problem: Mapped[Json | None]
+    job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
+    created_at: Mapped[Created]
+
+
+class StudyFile(Base):
+    """The file that a ``calibrated_copy`` or an ``overlay`` made, and its name for whoever takes it."""
+
+    __tablename__ = "calibrated_copy"
+
+    study_id: Mapped[UUID] = belongs_to("study.id", primary_key=True, index=False)
+    blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"), index=True)
+    file_name: Mapped[str] = mapped_column(String(300))

@@ -1,0 +1,133 @@
+"""Idempotency-Key: a POST that is sent again gets the answer that it got the first time.
+
+The answer is kept in the transaction that makes the thing, so either both exist or neither. An answer that holds
+a secret is kept sealed with the caller's own credential, which the database does not have.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from base64 import b64decode, b64encode
+from dataclasses import dataclass
+from typing import Any
+from uuid import UUID
+
+from cryptography.exceptions import InvalidTag
+from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+from fastapi import FastAPI, Request
+from fastapi.responses import JSONResponse, Response
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from service.platform.db.people import IdempotencyKey
+from service.platform.http.problems import Problem
+
+# Bytes, as NIST SP 800-38D recommends for GCM.
+_NONCE = 12
+
+
+class Repeated(Exception):  # noqa: N818 - an answer, not an error
+    """This request was answered before."""
+
+    def __init__(self, status: int, body: dict[str, Any], *, secret: bool = False) -> None:
+        super().__init__(status)
+        self.status = status
+        self.body = body
+        self.secret = secret
+
+
+@dataclass(frozen=True)
+class RequestKey:
+    """A request's Idempotency-Key and the hash of its credential, route and body."""
+
+    key: str
+    request_hash: str
+
+
+def of_caller(asked: RequestKey, *caller: object) -> RequestKey:
+    """The same key, and a hash that is also of who asks: a session or token, and what it is limited to."""
+    digest = hashlib.sha256("\n".join([asked.request_hash, *map(str, caller)]).encode())
+    return RequestKey(asked.key, digest.hexdigest())
+
+
+async def request_key(request: Request) -> RequestKey | None:
+    """The key of a POST that has one. Raises :class:`Problem` ``invalid_request`` where it is none."""
+    key = request.headers.get("idempotency-key")
+    if key is None or request.method != "POST":
+        return None
+    if not 0 < len(key) <= 200 or not key.isprintable():
+        detail = "Idempotency-Key has between 1 and 200 printable characters."
+        raise Problem(422, "invalid_request", detail, "Send a UUID.")
+    scope = request.scope
+    digest = hashlib.sha256(f"{scope['method']} {scope['path']}?".encode(errors="surrogatepass"))
+    digest.update(scope["query_string"] + b"\n" + await request.body())
+    return RequestKey(key, digest.hexdigest())
+
+
+def kept_answer(session: Session, person_id: UUID, asked: RequestKey) -> IdempotencyKey | None:
+    """The answer that is kept under this key, or None where the key is new.
+
+    Raises :class:`Problem` ``idempotency_key_reused`` where the key belongs to another request.
+    """
+    if session.get_bind().dialect.name == "postgresql":
+        # Twins of one request wait here for each other; SQLite has one writer at a time anyway.
+        session.execute(select(func.pg_advisory_xact_lock(_lock_number(person_id, asked.key))))
+    kept = session.scalar(
+        select(IdempotencyKey).where(IdempotencyKey.person_id == person_id, IdempotencyKey.key == asked.key)
+    )
+    if kept is not None and kept.request_hash != asked.request_hash:
+        raise Problem(
+            422,
+            "idempotency_key_reused",
+            "This Idempotency-Key was sent before with another request, or by another session or token.",
+            "Use a fresh key for every new request, and the same key only to repeat one exactly.",
+        )
+    return kept
+
+
+def repeat(kept: IdempotencyKey, credential: str) -> Repeated:
+    """The kept answer, to be raised; what is sealed opens with the credential that it was made with.
+
+    Raises :class:`Problem` ``answer_not_kept`` where it does not open: a version before this one sealed it otherwise.
+    """
+    if set(kept.body) != {"sealed"}:
+        return Repeated(kept.status, kept.body)
+    nonce_and_text = b64decode(kept.body["sealed"])
+    try:
+        text = _cipher(kept.id, credential).decrypt(nonce_and_text[:_NONCE], nonce_and_text[_NONCE:], kept.id.bytes)
+    except (InvalidTag, ValueError):
+        raise Problem(
+            409,
+            "answer_not_kept",
+            "This request was done before, and its answer can no longer be opened.",
+            "Send it with a fresh Idempotency-Key, and remove what the first one made.",
+        ) from None
+    return Repeated(kept.status, json.loads(text), secret=True)
+
+
+def sealed(row_id: UUID, body: dict[str, Any], credential: str) -> dict[str, Any]:
+    """An answer's body so that only ``credential`` opens it."""
+    nonce = os.urandom(_NONCE)
+    text = _cipher(row_id, credential).encrypt(nonce, json.dumps(body).encode(), row_id.bytes)
+    return {"sealed": b64encode(nonce + text).decode()}
+
+
+def _cipher(row_id: UUID, credential: str) -> AESGCM:
+    # A credential has 256 random bits, so a hash of it is a key; the row's id makes each row's another one.
+    return AESGCM(hashlib.sha256(row_id.bytes + credential.encode()).digest())
+
+
+def _lock_number(person_id: UUID, key: str) -> int:
+    digest = hashlib.sha256(person_id.bytes + key.encode()).digest()
+    return int.from_bytes(digest[:8], "big", signed=True)
+
+
+def install(app: FastAPI) -> None:
+    """Answer :class:`Repeated` with the kept answer."""
+
+    @app.exception_handler(Repeated)
+    async def on_repeated(request: Request, found: Repeated) -> Response:
+        headers = {"Idempotency-Replayed": "true"} | ({"Cache-Control": "no-store"} if found.secret else {})
+        return JSONResponse(found.body, status_code=found.status, headers=headers)

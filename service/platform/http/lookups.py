@@ -1,0 +1,56 @@
+"""Small statements that most requests begin with: PostgreSQL's answer is waited for by the event loop itself.
+
+A thread that waits for an answer has to be woken twice, and shares the interpreter with the loop that it answers to.
+SQLite has no server to wait for, so it is asked in a thread.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from psycopg import Error as PostgresError
+from sqlalchemy import Select
+
+from service.platform.db.loop_connections import LoopConnections
+from service.platform.db.session import Database
+from service.platform.http.threads import WAIT_S, Threads
+
+# Two statements run at once on a second core; the others wait in the loop.
+_CONNECTIONS = 4
+
+log = logging.getLogger(__name__)
+
+
+class Lookups:
+    """Looks things up by statements that are made once and kept."""
+
+    def __init__(self, database: Database, threads: Threads) -> None:
+        self._database, self._threads = database, threads
+        self._dialect = database.engine.dialect
+        self._loop = LoopConnections(database, _CONNECTIONS, WAIT_S) if self._dialect.name == "postgresql" else None
+        self._compiled: dict[Select[Any], tuple[bytes, Mapping[str, Any]]] = {}
+
+    async def close(self) -> None:
+        """Close the connections."""
+        if self._loop is not None:
+            await self._loop.close()
+
+    async def rows(self, statement: Select[Any], values: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
+        """Return the rows of a statement, a transaction of its own. Columns: text, numbers, truth values and ids."""
+        if self._loop is not None:
+            if statement not in self._compiled:
+                compiled = statement.compile(dialect=self._dialect)
+                self._compiled[statement] = str(compiled).encode(), compiled.params
+            text, defaults = self._compiled[statement]
+            try:
+                return await self._loop.rows(text, {**defaults, **values})
+            except (PostgresError, TimeoutError):
+                # A connection may have ended. The thread's way has a new one, or says what is wrong.
+                log.info("a look at the database is repeated in a thread", exc_info=True)
+        return await self._threads.identity.run(self._look, statement, values)
+
+    def _look(self, statement: Select[Any], values: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
+        with self._database.alone() as connection:
+            return connection.execute(statement, values).all()

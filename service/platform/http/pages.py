@@ -1,0 +1,99 @@
+"""Cursor pages: a list is answered a hundred rows at a time, each page naming where the next begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+from uuid import UUID
+
+from fastapi import Depends, Query
+from pydantic import BaseModel
+from sqlalchemy import ColumnElement, Select, select, union_all
+from sqlalchemy.orm import InstrumentedAttribute, Session
+
+from apexcal.documents.base import Page as Page
+from service.platform.http.problems import Problem
+
+_AFTER = "the `next` of the page before"
+_LIMIT = "how many at most"
+
+
+class Window(BaseModel):
+    """Which part of a list is asked for."""
+
+    after: str | None = None
+    limit: int = 100
+
+
+async def _window(
+    after: Annotated[str | None, Query(max_length=200, description=_AFTER)] = None,
+    limit: Annotated[int, Query(ge=1, le=100, description=_LIMIT)] = 100,
+) -> Window:
+    return Window(after=after, limit=limit)
+
+
+async def _long_window(
+    after: Annotated[str | None, Query(max_length=200, description=_AFTER)] = None,
+    limit: Annotated[int, Query(ge=1, le=5000, description=_LIMIT)] = 100,
+) -> Window:
+    return Window(after=after, limit=limit)
+
+
+Paging = Annotated[Window, Depends(_window)]
+LongPaging = Annotated[Window, Depends(_long_window)]
+
+
+def fetch(
+    session: Session,
+    statement: Select[Any],
+    key: InstrumentedAttribute[Any],
+    window: Window,
+    *,
+    newest_first: bool = False,
+    any_of: Sequence[ColumnElement[bool]] = (),
+) -> tuple[list[Any], str | None]:
+    """The rows of one page of ``statement`` and its ``next``.
+
+    ``any_of``: conditions of which each row fulfils one, each with an index that sorts by ``key``. A page of each is
+    found, and of all these the first; for all at once a database would sort everything or read what fits none.
+
+    ``key`` is a column that is unique within the statement, a UUID (version 7: sorted by time) or an integer; it
+    gives the order. A statement of one entity gives entities; of several it gives rows, ``key`` being the first's.
+    Raises :class:`Problem` ``invalid_cursor``.
+    """
+    if window.after is not None:
+        edge = _parse(key, window.after)
+        statement = statement.where(key < edge if newest_first else key > edge)
+    order = key.desc() if newest_first else key
+    if len(any_of) == 1:
+        statement = statement.where(*any_of)
+    elif any_of:
+        ids = statement.with_only_columns(key.label("key"))
+        parts = [ids.where(one).order_by(order).limit(window.limit + 1).subquery() for one in any_of]
+        statement = statement.where(key.in_(union_all(*(select(part.c.key) for part in parts))))
+    statement = statement.order_by(None).order_by(order).limit(window.limit + 1)
+    single = len(statement.column_descriptions) == 1
+    rows: list[Any] = list(session.scalars(statement) if single else session.execute(statement))
+    if len(rows) <= window.limit:
+        return rows, None
+    rows = rows[: window.limit]
+    last = getattr(rows[-1] if single else rows[-1][0], key.key)
+    return rows, last.hex if isinstance(last, UUID) else str(last)
+
+
+def _parse(key: InstrumentedAttribute[Any], text: str) -> UUID | int:
+    kind: type[Any] = key.type.python_type
+    try:
+        if kind is UUID:
+            return UUID(hex=text)
+        number = int(text)
+        if abs(number) >= 2**63:
+            raise ValueError(text)
+        return number
+    except ValueError:
+        raise Problem(
+            422,
+            "invalid_cursor",
+            f"`after` is no cursor of this list: {text!r}.",
+            "Give the `next` of a page as it is.",
+        ) from None

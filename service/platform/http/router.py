@@ -1,0 +1,120 @@
+"""The router of every resource: what a request does with the database is one call of one thread.
+
+Session, route, rendering of the answer and commit. Were they calls of their own, as FastAPI makes them, the holder of
+a row's lock would wait for a thread between them, and those who have the threads would wait for its lock.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, NamedTuple
+from uuid import UUID
+
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi.dependencies.utils import get_flat_params
+from fastapi.exceptions import ResponseValidationError
+from fastapi.params import Query
+from fastapi.routing import APIRoute
+
+from service.platform.http.problems import check_query
+from service.platform.http.threads import Lane, Threads
+
+_READS = frozenset(("GET", "HEAD"))
+
+
+@dataclass(frozen=True)
+class Transaction:
+    """A session that is not open yet. A route names what ``open`` yields; it is opened in the route's own thread."""
+
+    open: Callable[[], AbstractContextManager[Any]]
+    writes: bool
+    caller: UUID
+
+
+class _Exchange(NamedTuple):
+    request: Request
+    response: Response
+
+
+async def _exchange(request: Request, response: Response) -> _Exchange:
+    return _Exchange(request, response)
+
+
+class Route(APIRoute):
+    """A route that is one call of one thread, and that knows each parameter of its query."""
+
+    writers: Literal["writing", "marking"] = "writing"
+
+    def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
+        is_plain = not inspect.iscoroutinefunction(endpoint)
+        super().__init__(path, self._in_one_call(endpoint) if is_plain else endpoint, **options)
+
+    def get_route_handler(self) -> Callable[[Request], Any]:
+        """FastAPI's own, behind a look at the names in the query."""
+        handler = super().get_route_handler()
+        parameters = get_flat_params(self.dependant)
+        known = sorted({one.alias for one in parameters if isinstance(one.field_info, Query)})
+
+        async def checked(request: Request) -> Response:
+            check_query(request.query_params, known)
+            return await handler(request)
+
+        return checked
+
+    def _in_one_call(self, endpoint: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(endpoint)
+        async def called(*, _exchange: _Exchange, **values: Any) -> Response:
+            threads: Threads = _exchange.request.app.state.threads
+            sessions = [one for one in values.values() if isinstance(one, Transaction)]
+            reads = not any(one.writes for one in sessions) and (sessions or _exchange.request.method in _READS)
+            lane: Lane = threads.reading if reads else getattr(threads, self.writers)
+            caller = sessions[0].caller if sessions else None
+            return await lane.run(self._answer, endpoint, values, _exchange.response, caller=caller)
+
+        signature = inspect.signature(endpoint)
+        extra = inspect.Parameter(
+            "_exchange", inspect.Parameter.KEYWORD_ONLY, annotation=Annotated[_Exchange, Depends(_exchange)]
+        )
+        called.__signature__ = signature.replace(  # pyright: ignore[reportAttributeAccessIssue]
+            parameters=[*signature.parameters.values(), extra]
+        )
+        return called
+
+    def _answer(self, endpoint: Callable[..., Any], values: dict[str, Any], injected: Response) -> Response:
+        with ExitStack() as stack:
+            opened = {
+                name: stack.enter_context(one.open()) if isinstance(one, Transaction) else one
+                for name, one in values.items()
+            }
+            answer = endpoint(**opened)
+            return answer if isinstance(answer, Response) else self._rendered(answer, injected)
+
+    def _rendered(self, answer: Any, injected: Response) -> Response:
+        """The answer as its model says, with the status and headers that the route set."""
+        content = None
+        if self.response_field is not None:
+            valid, errors = self.response_field.validate(answer, {}, loc=("response",))
+            if errors:
+                raise ResponseValidationError(errors=errors, body=answer)
+            content = self.response_field.serialize_json(valid)
+        status = injected.status_code or self.status_code or 200
+        made = Response(content, status, media_type="application/json" if content is not None else None)
+        made.headers.raw.extend(injected.headers.raw)
+        return made
+
+
+class MarkingRoute(Route):
+    """A route of many people who mark at once; those that write have few threads of their own."""
+
+    writers = "marking"
+
+
+class Router(APIRouter):
+    """A resource's router."""
+
+    def __init__(self, *, tags: list[str], route_class: type[Route] = Route) -> None:
+        super().__init__(tags=[*tags], route_class=route_class)

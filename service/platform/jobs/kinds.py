@@ -1,0 +1,78 @@
+"""Kinds of jobs. A resource says in its ``jobs.py`` what the end and the retry of its jobs mean.
+
+:mod:`service.job_kinds` registers them all; nothing here knows a resource.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+from uuid import UUID
+
+from sqlalchemy import Select
+from sqlalchemy.orm import InstrumentedAttribute, Mapped, Session
+
+from apexcal.documents.states import WorkState
+from service.platform.db.base import Json
+from service.platform.db.jobs import Job
+from service.platform.jobs.queues import QUEUES
+
+
+class _Stateful(Protocol):
+    state: Mapped[str]
+
+
+Subject = TypeVar("Subject", bound=_Stateful)
+
+
+class CannotRetryError(Exception):
+    """Why failed work is not started again."""
+
+
+def failed_subject(session: Session, job: Job, model: type[Subject], noun: str) -> Subject:
+    """Return the locked row that a failed job worked for. Raises :class:`CannotRetryError` if it is not failed."""
+    row = session.get(model, job.subject_id, with_for_update=True)
+    if row is None or row.state != WorkState.FAILED:
+        raise CannotRetryError(f"its {noun} is {row.state if row else 'deleted'}, no longer failed")
+    return row
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of job, and what happens to the row that such a job works for (its subject).
+
+    ``end(session, subject_id, state, problem)`` runs in the transaction that ends a job as done, failed or cancelled.
+    A subject that was deleted meanwhile hears nothing: its job must still be able to end.
+    ``retry(session, failed_job)`` takes the subject back to where it began and returns its fresh jobs. It raises
+    :class:`CannotRetryError`; without it, failed work is asked for anew.
+    """
+
+    name: str
+    queue: str
+    end: Callable[[Session, UUID, WorkState, Json | None], None]
+    retry: Callable[[Session, Job], Sequence[Job]] | None = None
+    shown_by: InstrumentedAttribute[int | None] | None = None
+    """The column in which subjects keep their job's id: such a job is not removed while its subject is there."""
+    cancelled: Select[UUID] | None = None
+    """Subjects that were cancelled and have not ended. The sweep cancels jobs that they got after that."""
+
+
+_KINDS: dict[str, Kind] = {}
+
+
+def register(*kinds: Kind) -> None:
+    """Make kinds of jobs known to this process."""
+    for kind in kinds:
+        assert kind.queue in QUEUES, kind.queue
+        _KINDS[kind.name] = kind
+
+
+def kind_of(name: str) -> Kind:
+    """The kind of this name."""
+    return _KINDS[name]
+
+
+def kinds() -> Collection[Kind]:
+    """All kinds that this process knows."""
+    return _KINDS.values()

@@ -1,0 +1,57 @@
+"""A job whose worker died, or whose database, store or disk failed: tried again, or failed with the reason."""
+
+from __future__ import annotations
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from apexcal.documents.states import WorkState
+from service.platform.db.base import Json
+from service.platform.db.clock import now
+from service.platform.db.jobs import Job, JobEvent
+from service.platform.jobs.history import note
+from service.platform.jobs.kinds import kind_of
+from service.platform.settings import get_settings
+
+# How much longer a job waits after each loss than after the one before, and the longest.
+_LONGER = 4
+LONGEST_S = 128.0
+
+
+def lose(
+    session: Session, job: Job, what: str, problem: Json, after_s: float = 0.0, *, tries: int | None = None
+) -> None:
+    """Count a loss of a running job whose row the caller has locked; a cancelled one ends.
+
+    ``lost`` with its worker, which may be the job's own doing: ``max_lost_leases`` of them end it as failed with
+    ``problem``. ``stumbled`` over its surroundings, such as a store that is away: only ``max_stumbles`` do, which
+    take about an hour. Until then it is queued again and waits ``after_s`` seconds, longer each time, before it waits
+    for its turn as others do. ``tries``: so many losses with this problem's code end it.
+    """
+    note(session, job, what, problem)
+    job.lost += 1
+    job.lease_until = None
+    if job.cancel_requested:
+        end(session, job, WorkState.CANCELLED, None)
+        return
+    counted = select(func.count()).where(JobEvent.job_id == job.id, JobEvent.what == what)
+    if tries is not None:
+        counted = counted.where(JobEvent.reason == problem["code"])
+    times = session.scalar(counted) or 0
+    settings = get_settings()
+    if times >= (tries or (settings.max_lost_leases if what == "lost" else settings.max_stumbles)):
+        end(session, job, WorkState.FAILED, problem)
+    else:
+        job.state = WorkState.QUEUED
+        job.sends = 0
+        longer = min(after_s * _LONGER ** min(times - 1, 10), LONGEST_S)
+        job.send_after = session.scalar(select(now(longer)))
+
+
+def end(session: Session, job: Job, state: WorkState, problem: Json | None) -> None:
+    """End a job that no worker finishes, as its kind says."""
+    job.state, job.problem = state, problem
+    job.finished_at = session.scalar(select(now()))
+    session.flush()
+    note(session, job, state, problem)
+    kind_of(job.kind).end(session, job.subject_id, state, problem)

@@ -1,0 +1,155 @@
+"""Into the table and out to the broker: enqueue, release within each fleet's window, cancel, abandon."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import (
+    Integer,
+    ScalarSelect,
+    Select,
+    Update,
+    bindparam,
+    case,
+    func,
+    literal_column,
+    select,
+    update,
+)
+from sqlalchemy.orm import Session
+
+from apexcal.documents.states import UNENDED, WorkState
+from service.platform.db.base import written
+from service.platform.db.clock import now, now_plus
+from service.platform.db.fleets import Fleet
+from service.platform.db.jobs import Job
+from service.platform.db.session import post
+from service.platform.jobs.history import ATTEMPT, note
+from service.platform.jobs.kinds import kind_of
+from service.platform.jobs.messages import COURIER, Message
+from service.platform.jobs.queues import FLEET_CAPS
+from service.platform.settings import get_settings
+
+# Nobody else releases jobs of a capped queue meanwhile. This row is locked last, so that there is no deadlock.
+_HOLD_FLEET = select(Fleet.id).where(Fleet.id == bindparam("fleet")).with_for_update(key_share=True)
+
+
+def _releasing(*, capped: bool) -> Update:
+    """Marks a fleet's oldest waiting jobs as sent, as far as its window has room, and returns their ids.
+
+    ``capped``: running jobs take room too.
+    """
+    window = bindparam("window", type_=Integer())
+    mine = select(Job.id).where(Job.queue == bindparam("of_queue"), Job.fleet_id == bindparam("fleet"))
+    queued = mine.where(Job.state == written(WorkState.QUEUED))
+    # At most a window's worth is sent and unclaimed; counting stops there.
+    room = window - _count(queued.where(Job.sends > literal_column("0")).limit(window))
+    if capped:
+        room -= _count(mine.where(Job.state == written(WorkState.RUNNING)))
+    # A common table expression, for PostgreSQL may run a plain subquery once per row, each time past its own limit.
+    oldest = (
+        queued.where(Job.send_after.is_(None), ~Job.cancel_requested)
+        .order_by(Job.id)
+        .limit(case((room > 0, room), else_=0))
+        .with_for_update(skip_locked=True)
+        .cte("oldest")
+    )
+    return (
+        update(Job)
+        .where(Job.id.in_(select(oldest.c.id)))
+        .values(sends=1, send_after=now_plus("resend_s"))
+        .returning(Job.id)
+    )
+
+
+def _count(ids: Select[int]) -> ScalarSelect[int]:
+    return select(func.count()).select_from(ids.subquery()).scalar_subquery()
+
+
+_RELEASE = _releasing(capped=False)
+_RELEASE_CAPPED = _releasing(capped=True)
+
+
+def enqueue(
+    session: Session, *, kind: str, fleet_id: UUID, subject_id: UUID, payload: dict[str, Any] | None = None
+) -> Job:
+    """Insert one job in the caller's transaction; its message goes out after the commit."""
+    return enqueue_all(session, kind=kind, fleet_id=fleet_id, subject_id=subject_id, payloads=[payload or {}])[0]
+
+
+def enqueue_all(
+    session: Session, *, kind: str, fleet_id: UUID, subject_id: UUID, payloads: Iterable[dict[str, Any]]
+) -> list[Job]:
+    """Insert several jobs of one subject; those within the fleet's window are sent after the commit."""
+    return enqueue_each(session, kind=kind, fleet_id=fleet_id, work=[(subject_id, payload) for payload in payloads])
+
+
+def enqueue_each(
+    session: Session, *, kind: str, fleet_id: UUID, work: Iterable[tuple[UUID, dict[str, Any]]]
+) -> list[Job]:
+    """The same for several subjects, each with its payload."""
+    queue = kind_of(kind).queue
+    jobs = [
+        Job(kind=kind, queue=queue, fleet_id=fleet_id, subject_id=subject_id, payload=payload)
+        for subject_id, payload in work
+    ]
+    session.add_all(jobs)
+    session.flush()
+    release(session, fleet_id, queue)
+    return jobs
+
+
+def release(session: Session, fleet_id: UUID, queue: str) -> None:
+    """Send the fleet's oldest waiting jobs, as many as its window of sent and unclaimed ones has room for.
+
+    The window keeps a fleet of a thousand vehicles from filling the broker's first-in, first-out queue. On a capped
+    queue it also holds those that run: only what was sent is claimed, so no more than the cap ever run.
+    """
+    settings = get_settings()
+    cap = FLEET_CAPS.get(queue)
+    # One waits for each worker, and none is idle while the next is sent. More would only delay the other fleets.
+    room: int = getattr(settings, cap) if cap else max(2, settings.workers)
+    window = {"fleet": fleet_id, "of_queue": queue, "window": room, "resend_s": settings.resend_s}
+    connection = session.connection()
+    if cap:
+        connection.execute(_HOLD_FLEET, {"fleet": fleet_id})
+    released = connection.execute(_RELEASE_CAPPED if cap else _RELEASE, window)
+    for job_id in sorted(released.scalars().all()):
+        post(session, COURIER, Message(job_id, queue))
+
+
+def cancel(session: Session, subjects: Iterable[UUID] | Select[UUID]) -> None:
+    """Ask for the end of these subjects' jobs. Running ones look at it with each renewal; the sweep ends the rest."""
+    # Locked in one order, as by everybody who takes several.
+    unended = (
+        select(Job.id)
+        .where(Job.subject_id.in_(subjects if isinstance(subjects, Select) else list(subjects)))
+        .where(Job.state.in_(UNENDED), ~Job.cancel_requested)
+        .order_by(Job.id)
+        .with_for_update()
+        .cte("unended")
+    )
+    session.execute(
+        update(Job)
+        .where(Job.id.in_(select(unended.c.id)))
+        .values(cancel_requested=True)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def abandon(session: Session, subject_ids: Iterable[UUID]) -> None:
+    """End these subjects' jobs because the subjects themselves are being deleted, so none hears of it."""
+    unended = select(Job.id).where(Job.subject_id.in_(list(subject_ids)), Job.state.in_(UNENDED))
+    # In one order: two deletions may share jobs.
+    locked = session.scalars(unended.order_by(Job.id).with_for_update()).all()
+    ended = session.execute(
+        update(Job)
+        .where(Job.id.in_(locked))
+        .values(state=WorkState.CANCELLED, finished_at=now(), lease_until=None)
+        .returning(*ATTEMPT)
+        .execution_options(synchronize_session=False)
+    )
+    for job in ended.all():
+        note(session, job, WorkState.CANCELLED)

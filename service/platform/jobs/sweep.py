@@ -1,0 +1,226 @@
+"""The only recovery: what was lost, never sent, cancelled or left over is found here, every two seconds.
+
+Two sweeps at once do no harm: each row is decided by one UPDATE that looks at its state again.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from functools import partial
+
+from sqlalchemy import ColumnElement, exists, or_, select, tuple_, update
+from sqlalchemy.exc import DBAPIError
+from sqlalchemy.orm import Session
+
+from apexcal.documents.states import WorkState
+from service.platform.db.base import Json, written
+from service.platform.db.clock import now
+from service.platform.db.fleets import Fleet
+from service.platform.db.jobs import Heartbeat, Job
+from service.platform.db.session import Database, post
+from service.platform.db.upserts import put
+from service.platform.jobs.kinds import kinds
+from service.platform.jobs.leases import LeaseWatch
+from service.platform.jobs.losses import LONGEST_S, end, lose
+from service.platform.jobs.messages import COURIER, Message
+from service.platform.jobs.queue import cancel, release
+from service.platform.jobs.queues import QUEUES
+from service.platform.jobs.retention import forget_workers
+from service.platform.jobs.totals import tally
+from service.platform.settings import get_settings
+from service.platform.storage.blobs import condemn_lost, condemned, forget, postpone
+from service.platform.storage.store import Store
+
+log = logging.getLogger(__name__)
+_BATCH = 200
+# A message is sent again after `resend_s` times this at most.
+_MOST_RESENDS = 2**5
+LEASES = LeaseWatch()
+
+
+def sweep(database: Database, store: Store, gets_on: Callable[[], None] = lambda: None) -> None:
+    """One pass over everything that may need help. A step that fails keeps none of the others from being done.
+
+    ``gets_on`` is called before each step. Raises the first failure once all have been tried; at once where the
+    database is away, as none of them can work.
+    """
+    cancelled = (Job.state == written(WorkState.QUEUED)) & Job.cancel_requested
+    steps: tuple[Callable[[], None], ...] = (
+        partial(_write, database, _beat),
+        partial(_recover_lost, database),
+        partial(_write, database, _spread_cancels),
+        partial(_each, database, cancelled, _end_cancelled),
+        partial(_write, database, _send_again),
+        partial(_write, database, _end_backoff),
+        partial(_write, database, _release_waiting),
+        partial(_write, database, tally),
+        partial(_write, database, forget_workers),
+        partial(_remove_blobs, database, store),
+    )
+    failures: list[Exception] = []
+    for step in steps:
+        gets_on()
+        try:
+            step()
+        except Exception as error:
+            # Without a statement: no connection could be opened.
+            if isinstance(error, DBAPIError) and (error.connection_invalidated or error.statement is None):
+                raise
+            log.exception("a step of the sweep failed")
+            failures.append(error)
+    if failures:
+        raise failures[0]
+
+
+def _write(database: Database, step: Callable[[Session], None]) -> None:
+    with database.writing() as session:
+        step(session)
+
+
+def _beat(session: Session) -> None:
+    """Note that the sweep runs."""
+    put(session, Heartbeat, {"name": "sweep"}, {"at": now()})
+
+
+def _recover_lost(database: Database) -> None:
+    """Give the jobs of workers that died or stalled to others."""
+    running = Job.state == written(WorkState.RUNNING)
+    with database.reading() as session:
+        rows = session.execute(select(Job.id, Job.attempt, Job.lease_until).where(running)).all()
+    lost = LEASES.lost((job_id, attempt, until) for job_id, attempt, until in rows)
+    if lost:
+        # With its value: one that was renewed meanwhile is not lost.
+        _each(database, running & tuple_(Job.id, Job.attempt, Job.lease_until).in_(lost), _recover)
+
+
+def _spread_cancels(session: Session) -> None:
+    """Flag the jobs that a cancelled subject got after the cancel looked."""
+    for kind in kinds():
+        if kind.cancelled is not None:
+            cancel(session, kind.cancelled)
+
+
+def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Session, Job], None]) -> None:
+    """Decide every matching job, oldest first, in a transaction of its own: its row locked and looked at again.
+
+    Stops when the next sweep is due twice over, so that thousands of cancelled jobs keep nobody from the others.
+    """
+    end = time.monotonic() + 2 * get_settings().sweep_s
+    last = 0
+    while time.monotonic() < end:
+        with database.reading() as session:
+            oldest = select(Job.id).where(which, Job.id > last).order_by(Job.id)
+            found = session.scalars(oldest.limit(_BATCH)).all()
+        if not found:
+            return
+        last = found[-1]
+        for job_id in found:
+            if time.monotonic() >= end:
+                return
+            _decide(database, job_id, which, decide)
+
+
+def _decide(
+    database: Database, job_id: int, which: ColumnElement[bool], decide: Callable[[Session, Job], None]
+) -> None:
+    try:
+        with database.writing() as session:
+            again = select(Job).where(Job.id == job_id, which).with_for_update(skip_locked=True)
+            job = session.scalars(again).one_or_none()
+            if job:
+                decide(session, job)
+    except Exception:
+        # One job that cannot be decided must not keep the sweep from all the others.
+        log.exception("the sweep could not decide job %d", job_id)
+
+
+def _recover(session: Session, job: Job) -> None:
+    """A lease was not renewed."""
+    log.warning("job %d lost attempt %d on %s", job.id, job.attempt, job.worker)
+    lose(session, job, "lost", _worker_lost(job))
+
+
+def _worker_lost(job: Job) -> Json:
+    return {
+        "code": "worker_lost",
+        "detail": f"The work was started {job.attempt} times, and {get_settings().max_lost_leases} times its worker "
+        "died or stalled.",
+        "hint": "The input may need more memory or time than a worker has; the operator's log of the worker "
+        f"{job.worker} tells more. Ask for it again after that.",
+    }
+
+
+def _end_cancelled(session: Session, job: Job) -> None:
+    end(session, job, WorkState.CANCELLED, None)
+
+
+def _due(longest_s: float) -> ColumnElement[bool]:
+    """Whether a job's time has come, or lies farther ahead than any wait: then the database's clock stepped back."""
+    return or_(Job.send_after < now(), Job.send_after > now(longest_s))
+
+
+def _send_again(session: Session) -> None:
+    """Send what was sent and is still unclaimed; twice as late each time."""
+    settings = get_settings()
+    overdue = (
+        select(Job.id, Job.queue, Job.sends)
+        .where(Job.state == written(WorkState.QUEUED), Job.sends > 0, ~Job.cancel_requested)
+        .where(_due(settings.resend_s * _MOST_RESENDS))
+        .order_by(Job.id)
+        .limit(_BATCH)
+        .with_for_update(skip_locked=True)
+    )
+    for job_id, queue, sends in session.execute(overdue).all():
+        later = now(settings.resend_s * min(2**sends, _MOST_RESENDS))
+        session.execute(update(Job).where(Job.id == job_id).values(sends=sends + 1, send_after=later))
+        post(session, COURIER, Message(job_id, queue))
+
+
+def _end_backoff(session: Session) -> None:
+    """Let the jobs whose time to be tried again has come wait for their place in the window, as fresh ones do."""
+    over = (
+        select(Job.id)
+        .where(Job.state == written(WorkState.QUEUED), Job.sends == 0, _due(LONGEST_S))
+        .order_by(Job.id)
+        .limit(_BATCH)
+        .with_for_update(skip_locked=True)
+        .cte("over")
+    )
+    session.execute(
+        update(Job)
+        .where(Job.id.in_(select(over.c.id)))
+        .values(send_after=None)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def _release_waiting(session: Session) -> None:
+    """Top up every fleet's window, in case that the finish that should have done it never came."""
+    for queue in QUEUES:
+        # One look for each fleet, however many jobs wait.
+        waits = exists().where(
+            Job.fleet_id == Fleet.id,
+            Job.queue == queue,
+            Job.state == written(WorkState.QUEUED),
+            Job.send_after.is_(None),
+        )
+        # Two sweeps hold fleets in one order.
+        for fleet_id in session.scalars(select(Fleet.id).where(waits).order_by(Fleet.id)).all():
+            release(session, fleet_id, queue)
+
+
+def _remove_blobs(database: Database, store: Store) -> None:
+    """Remove the objects that no row uses, then their rows; a crash in between only repeats the removal.
+
+    An object that the store does not remove keeps no other from it.
+    """
+    with database.writing() as session:
+        condemn_lost(session)
+        keys = condemned(session)
+    removed, kept = store.delete_all(keys, time.monotonic() + 2 * get_settings().sweep_s)
+    if removed or kept:
+        with database.writing() as session:
+            forget(session, removed)
+            postpone(session, kept)

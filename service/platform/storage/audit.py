@@ -1,0 +1,135 @@
+"""Compares the store with the table once a day: objects without a row, and rows without their object.
+
+The sweep removes by row and needs no listing. This finds what no row can tell of: bytes put at a presigned address
+after its reservation had gone, what a restored database does not know, and what somebody removed by hand.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+
+from sqlalchemy import exists, select, update
+
+from service.platform.db.clock import now
+from service.platform.db.jobs import Heartbeat
+from service.platform.db.recordings import Blob, BlobHold
+from service.platform.db.session import Database
+from service.platform.db.upserts import put
+from service.platform.settings import Settings
+from service.platform.storage.store import Listed, Store
+
+log = logging.getLogger(__name__)
+
+AUDIT = "audit"
+_PAGE = 500
+_SHOWN = 10
+# More than this share without rows is no litter: it is another service's store, or a database from a backup.
+_LITTER = 0.1
+_LITTER_AT_LEAST = 20
+
+
+@dataclass
+class Audit:
+    """What was found. ``lost`` are keys that the table calls stored and the store does not have."""
+
+    objects: int = 0
+    orphans: list[Listed] = field(default_factory=list)
+    removed: int = 0
+    lost: list[str] = field(default_factory=list)
+
+    @property
+    def orphan_bytes(self) -> int:
+        """Bytes of all orphans."""
+        return sum(one.size for one in self.orphans)
+
+
+def audit_if_due(database: Database, store: Store, settings: Settings) -> Audit | None:
+    """The audit, where the settings want one and none has begun for so long; several callers agree on one."""
+    if settings.audit == "off" or not _take_turn(database, settings.audit_hours * 3600):
+        return None
+    return audit(database, store, timedelta(hours=settings.orphan_hours), remove=settings.audit == "remove")
+
+
+def audit(database: Database, store: Store, orphan_age: timedelta, *, remove: bool) -> Audit:
+    """List the store, log what does not fit, and ``remove`` orphans that are older than ``orphan_age``.
+
+    Nothing is removed while a backup holds the store, nor where orphans are too many to be litter.
+    """
+    with database.reading() as session:
+        began = session.scalars(select(now())).one()
+    found = Audit()
+    listed: set[str] = set()
+    for page in _pages(store.list()):
+        found.objects += len(page)
+        listed.update(one.key for one in page)
+        found.orphans += _without_row(database, page, began - orphan_age)
+    found.lost = list(_lost(database, listed, began))
+    if found.lost:
+        log.error("%d objects are gone from the store, among them %s", len(found.lost), found.lost[:_SHOWN])
+    if not found.orphans:
+        log.info("the audit of the store found %d objects, each with its row", found.objects)
+        return found
+    keys = [one.key for one in found.orphans]
+    too_many = len(keys) > max(_LITTER_AT_LEAST, _LITTER * found.objects)
+    if remove and not too_many and not _held(database):
+        removed, failed = store.delete_all(keys)
+        found.removed = len(removed)
+        if failed:
+            log.warning("the audit could not remove %d objects, among them %s", len(failed), failed[:_SHOWN])
+    log.warning(
+        "the audit of the store found %d objects; %d of %d bytes have no row, %d of them were removed%s; they are %s",
+        found.objects,
+        len(keys),
+        found.orphan_bytes,
+        found.removed,
+        ": so many look like another service's, or like a database from a backup" if too_many else "",
+        keys[:_SHOWN],
+    )
+    return found
+
+
+def _take_turn(database: Database, period_s: float) -> bool:
+    """Whether this caller is the first for ``period_s``."""
+    with database.writing() as session:
+        # A row that nobody has made yet is as old as can be.
+        put(session, Heartbeat, {"name": AUDIT}, first={"at": datetime.fromtimestamp(0, UTC)})
+        late = update(Heartbeat).where(Heartbeat.name == AUDIT, Heartbeat.at < now(-period_s)).values(at=now())
+        taken = session.execute(late.returning(Heartbeat.name).execution_options(synchronize_session=False))
+        return taken.one_or_none() is not None
+
+
+def _pages(found: Iterable[Listed]) -> Iterator[list[Listed]]:
+    page: list[Listed] = []
+    for one in found:
+        page.append(one)
+        if len(page) == _PAGE:
+            yield page
+            page = []
+    if page:
+        yield page
+
+
+def _without_row(database: Database, page: list[Listed], before: datetime) -> list[Listed]:
+    """The objects of a page that were there ``before`` and that no row knows."""
+    # What an interrupted write left in a folder is named after its object, with a # and a number.
+    old = {one.key: one.key.partition("#")[0] for one in page if one.modified < before}
+    with database.reading() as session:
+        known = set(session.scalars(select(Blob.key).where(Blob.key.in_(set(old.values())))))
+    return [one for one in page if one.key in old and old[one.key] not in known]
+
+
+def _lost(database: Database, listed: set[str], began: datetime) -> Iterator[str]:
+    """Keys that were stored before the listing began, are so still, and were not on it."""
+    with database.engine.connect() as connection:
+        stored = select(Blob.key).where(Blob.state == "stored", Blob.created_at < began)
+        for key in connection.scalars(stored.execution_options(yield_per=_PAGE)):
+            if key not in listed:
+                yield key
+
+
+def _held(database: Database) -> bool:
+    with database.reading() as session:
+        return bool(session.scalar(select(exists().where(BlobHold.until > now()))))

@@ -1,0 +1,137 @@
+"""What a fleet's recordings and reports take of its quota: a sum over their own rows, so that it cannot drift.
+
+A recording takes what was announced or has come of its file, and the files of its sensors. Whoever lets it take more
+locks the fleet's row until the commit, so that many at once do not exceed the quota together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+from uuid import UUID
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from service.platform.db.fleets import Fleet
+from service.platform.db.recordings import Blob, PackedSweeps, Recording, Sensor, UploadPart
+from service.platform.db.reports import Report
+from service.platform.db.studies import Study, StudyFile
+
+_UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
+
+
+class Use(NamedTuple):
+    """Bytes."""
+
+    taken: int
+    allowed: int
+
+
+class QuotaExceededError(Exception):
+    """The fleet's recordings and reports would take more than they may."""
+
+    code = "fleet_quota_exceeded"
+
+    def __init__(self, use: Use, asked: int) -> None:
+        self.use = use
+        self.asked = asked
+        self.message = (
+            f"The fleet's recordings and reports take {spoken(use.taken)} of the {spoken(use.allowed)} that they "
+            f"may, and this would take {spoken(asked)} more."
+        )
+        self.hint = (
+            "Delete recordings and unfinished uploads of the fleet that nobody needs, or ask whoever runs the "
+            "service for a larger quota."
+        )
+        super().__init__(self.message)
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The same for programs."""
+        return {"taken_bytes": self.use.taken, "quota_bytes": self.use.allowed, "asked_bytes": self.asked}
+
+
+def uses(session: Session, fleets: Iterable[Fleet], default: int) -> dict[UUID, Use]:
+    """What these fleets take and may take; ``default`` where a fleet has no quota of its own."""
+    allowed = {fleet.id: fleet.quota_bytes for fleet in fleets}
+    taken = dict.fromkeys(allowed, 0)
+    for owner, size in ((Recording.fleet_id, Recording.taken_bytes), (Report.fleet_id, Report.size)):
+        summed = select(owner, func.sum(size)).where(owner.in_(allowed)).group_by(owner)
+        for id, total in session.execute(summed):
+            taken[id] += int(total or 0)
+    return {id: Use(taken[id], default if quota is None else quota) for id, quota in allowed.items()}
+
+
+def take(session: Session, recording: Recording, size: int, default: int) -> None:
+    """Let a recording, whose row is new or locked, take ``size`` bytes in all.
+
+    Raises :class:`QuotaExceededError` where it takes more than before and the fleet has no room for that.
+    """
+    more = size - recording.taken_bytes
+    if more <= 0:
+        return
+    require_quota(session, recording.fleet_id, more, default)
+    recording.taken_bytes = size
+
+
+def require_quota(session: Session, fleet_id: UUID, more: int, default: int) -> None:
+    """Lock the fleet's row. Raises :class:`QuotaExceededError` if the fleet has no room for ``more`` bytes."""
+    fleet = session.scalars(select(Fleet).where(Fleet.id == fleet_id).with_for_update(key_share=True)).one()
+    session.flush()
+    use = uses(session, [fleet], default)[fleet.id]
+    if use.taken + more > use.allowed:
+        raise QuotaExceededError(use, more)
+
+
+def counted(session: Session, recording: Recording, *, besides: int | None) -> int:
+    """Bytes of a recording's file, of the files that its rows name, and of those that jobs are writing.
+
+    Those of the job ``besides`` that are not kept do not count.
+    """
+    of_sensors = select(func.sum(Blob.size)).join(Sensor, Sensor.blob_key == Blob.key)
+    packed = (
+        select(func.sum(Blob.size))
+        .join(PackedSweeps, PackedSweeps.blob_key == Blob.key)
+        .join(Sensor, Sensor.id == PackedSweeps.sensor_id)
+    )
+    writing = select(func.sum(Blob.size)).where(
+        Blob.state == "reserved",
+        Blob.job_id.is_not(None),
+        Blob.job_id != (besides or 0),
+        Blob.key.startswith(f"recordings/{recording.id}/", autoescape=True),
+    )
+    sums = (
+        session.scalar(of_sensors.where(Sensor.recording_id == recording.id)),
+        session.scalar(packed.where(Sensor.recording_id == recording.id)),
+        session.scalar(writing),
+    )
+    return recording.size + copied(session, recording.id) + sum(int(one or 0) for one in sums)
+
+
+def copied(session: Session, recording_id: UUID) -> int:
+    """Bytes of the files that a recording's studies made."""
+    copies = (
+        select(func.sum(Blob.size))
+        .join(StudyFile, StudyFile.blob_key == Blob.key)
+        .join(Study, Study.id == StudyFile.study_id)
+    )
+    return int(session.scalar(copies.where(Study.recording_id == recording_id)) or 0)
+
+
+def coming(session: Session, recording: Recording) -> int:
+    """Bytes of a recording's file that have come or are on their way."""
+    parts = select(func.sum(UploadPart.size)).where(UploadPart.recording_id == recording.id)
+    reserved = select(func.sum(Blob.size)).where(
+        Blob.state == "reserved", Blob.key.startswith(f"recordings/{recording.id}/parts/", autoescape=True)
+    )
+    return int(session.scalar(parts) or 0) + int(session.scalar(reserved) or 0)
+
+
+def spoken(size: float) -> str:
+    """Bytes for people, as the pages write them."""
+    for unit in _UNITS[:-1]:
+        if size < 1000:
+            return f"{size:.0f} {unit}" if unit == _UNITS[0] or size >= 10 else f"{size:.1f} {unit}"
+        size /= 1000
+    return f"{size:.1f} {_UNITS[-1]}"

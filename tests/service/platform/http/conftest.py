@@ -1,0 +1,47 @@
+"""A server process of its own, whose memory and threads are no test's."""
+
+import socket
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import httpx
+import pytest
+
+from tests.support.people import Api
+from tests.support.processes import start, stop, wait_until
+
+
+class ServedProcess(NamedTuple):
+    """Where it answers, and its process id."""
+
+    url: str
+    pid: int
+
+    def peak_mib(self) -> float:
+        """The most memory that it has had (VmHWM of proc(5)), in MiB."""
+        status = Path(f"/proc/{self.pid}/status").read_text()
+        return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+
+
+@pytest.fixture
+def process(api: Api, tmp_path: Path) -> Iterator[ServedProcess]:
+    """A server process on the test's database."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    serve = ("-m", "uvicorn", "service.app:create_app", "--factory", "--host", "127.0.0.1", "--no-access-log")
+    more = ("--http", "service.platform.http.connections:PatientProtocol", "--port", str(port))
+    child = start([sys.executable, *serve, *more], tmp_path / "server.log")
+    url = f"http://127.0.0.1:{port}"
+
+    def answers() -> bool:
+        try:
+            return httpx.get(f"{url}/healthz").status_code == 200
+        except httpx.TransportError:
+            return False
+
+    wait_until(answers, "the server's start", 120)
+    yield ServedProcess(url, child.pid)
+    stop(child)

@@ -1,0 +1,318 @@
+"""The sweep finds what was lost, never sent, cancelled or left over."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+
+import pytest
+from sqlalchemy import delete, select, update
+from sqlalchemy.exc import OperationalError
+
+from service.platform.db.clock import now
+from service.platform.db.models import Blob, Calibration, CalibrationRun, Heartbeat
+from service.platform.db.session import Database
+from service.platform.jobs import sweep as sweep_module
+from service.platform.jobs.claims import claim
+from service.platform.jobs.queue import cancel
+from service.platform.jobs.sweep import sweep
+from service.platform.settings import get_settings
+from service.platform.storage.blobs import condemn, keep, reserve
+from service.platform.storage.marker import MARKER
+from tests.support.folders import folder_store
+from tests.support.leases import let_lease_expire
+
+from .support import Postbox, job, make_calibration, make_due, make_fleet, make_jobs, states
+
+
+@pytest.fixture
+def store(tmp_path):
+    return folder_store(tmp_path / "blobs")
+
+
+def test_an_expired_lease_is_queued_and_sent_again_at_once(database, store):
+    (job_id,) = make_jobs(database, make_fleet(database), 1)
+    claim(database, job_id, "w")
+    let_lease_expire(database, job_id)
+    postbox = Postbox(database)
+    sweep(database, store)
+    assert (job(database, job_id).state, job(database, job_id).lost) == ("queued", 1)
+    assert postbox.ids == [job_id]
+
+
+def test_jobs_that_cannot_be_decided_keep_the_sweep_from_no_other(database, store, monkeypatch):
+    monkeypatch.setattr(sweep_module, "_BATCH", 2)
+    *stuck, last = make_jobs(database, make_fleet(database), 4)
+    recover = sweep_module._recover
+
+    def decide(session, row):
+        if row.id in stuck:
+            raise RuntimeError
+        recover(session, row)
+
+    monkeypatch.setattr(sweep_module, "_recover", decide)
+    for job_id in [*stuck, last]:
+        claim(database, job_id, "w")
+        let_lease_expire(database, job_id)
+    sweep(database, store)
+    assert states(database) == ["running"] * 3 + ["queued"]
+
+
+def test_a_step_that_fails_keeps_no_other_from_being_done(database, store, monkeypatch):
+    def fail(session):
+        raise RuntimeError("this step")
+
+    for name in ("_beat", "_spread_cancels", "tally", "_send_again"):
+        monkeypatch.setattr(sweep_module, name, fail)
+    (lost,) = make_jobs(database, make_fleet(database), 1)
+    claim(database, lost, "w")
+    let_lease_expire(database, lost)
+    with database.writing() as session:
+        condemned = reserve(session, "recordings/a")
+        condemn(session, [condemned])
+    store.put_bytes(condemned, b"x")
+    with pytest.raises(RuntimeError, match="this step"):
+        sweep(database, store)
+    assert job(database, lost).state == "queued"
+    assert store.local_path(condemned) is None
+
+
+def test_a_database_that_is_away_ends_the_sweep_at_once(store, tmp_path, monkeypatch):
+    away = Database(f"sqlite:///{tmp_path / 'no such folder' / 'apexcal.db'}")
+    tried = []
+    monkeypatch.setattr(sweep_module, "log", SimpleNamespace(exception=tried.append))
+    with pytest.raises(OperationalError):
+        sweep(away, store)
+    assert not tried
+
+
+def test_decisions_that_take_long_keep_the_sweep_no_longer_than_two_periods(database, store, monkeypatch):
+    for job_id in make_jobs(database, make_fleet(database), 4):
+        claim(database, job_id, "w")
+        let_lease_expire(database, job_id)
+    clock = [0.0]
+    recover = sweep_module._recover
+
+    def decide(session, row):
+        clock[0] += 1.5 * get_settings().sweep_s
+        recover(session, row)
+
+    monkeypatch.setattr(sweep_module, "_recover", decide)
+    monkeypatch.setattr(sweep_module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    sweep(database, store)
+    assert states(database) == ["queued"] * 2 + ["running"] * 2
+    sweep(database, store)
+    assert states(database) == ["queued"] * 4
+
+
+def test_a_live_lease_is_left_alone(database, store):
+    (job_id,) = make_jobs(database, make_fleet(database), 1)
+    claim(database, job_id, "w")
+    postbox = Postbox(database)
+    sweep(database, store)
+    assert job(database, job_id).state == "running"
+    assert not postbox.sent
+
+
+def test_a_job_that_kills_every_worker_fails_with_its_reason_and_ends_its_parents(database, store):
+    calibration_id, (run_id, other) = make_calibration(database, models=("pinhole", "kannala_brandt"))
+    (job_id,) = make_jobs(database, make_fleet(database, "other"), 1, run_id)
+    for _ in range(get_settings().max_lost_leases):
+        assert claim(database, job_id, "unlucky")
+        let_lease_expire(database, job_id)
+        sweep(database, store)
+    row = job(database, job_id)
+    assert row.state == "failed"
+    assert row.problem["code"] == "worker_lost"
+    assert "5 times" in row.problem["detail"]
+    with database.reading() as session:
+        run = session.get_one(CalibrationRun, run_id)
+        assert (run.state, run.failure["code"]) == ("failed", "worker_lost")
+        assert session.get_one(CalibrationRun, other).state == "queued"
+        assert session.get_one(Calibration, calibration_id).remaining == 1
+
+
+def test_what_was_never_claimed_is_sent_again_twice_as_late_each_time(database, store):
+    (job_id,) = make_jobs(database, make_fleet(database), 1)
+    delays = []
+    for _ in range(3):
+        make_due(database)
+        postbox = Postbox(database)
+        sweep(database, store)
+        assert postbox.ids == [job_id]
+        row = job(database, job_id)
+        delays.append((row.send_after - _clock(database)).total_seconds())
+    assert delays[1] == pytest.approx(2 * delays[0], rel=0.1)
+    assert delays[2] == pytest.approx(4 * delays[0], rel=0.1)
+    postbox = Postbox(database)
+    sweep(database, store)
+    assert not postbox.sent
+
+
+def _clock(database):
+    with database.reading() as session:
+        return session.scalar(select(now()))
+
+
+def test_a_commit_whose_send_never_happened_is_sent_later(database, store):
+    database.couriers.clear()
+    (job_id,) = make_jobs(database, make_fleet(database), 1)
+    make_due(database)
+    postbox = Postbox(database)
+    sweep(database, store)
+    assert postbox.ids == [job_id]
+
+
+def test_a_cancel_ends_queued_jobs_and_their_parents_once(database, store):
+    calibration_id, runs = make_calibration(database, models=("pinhole", "kannala_brandt"))
+    fleet_id = make_fleet(database, "other")
+    for run_id in runs:
+        make_jobs(database, fleet_id, 2, run_id)
+    with database.writing() as session:
+        cancel(session, runs)
+    sweep(database, store)
+    sweep(database, store)
+    assert states(database) == ["cancelled"] * 4
+    with database.reading() as session:
+        calibration = session.get_one(Calibration, calibration_id)
+        assert (calibration.state, calibration.remaining) == ("cancelled", 0)
+
+
+def test_a_job_inserted_behind_a_cancel_is_cancelled_too(database, store):
+    calibration_id, (run_id,) = make_calibration(database)
+    with database.writing() as session:
+        session.get_one(CalibrationRun, run_id).cancel_requested = True
+    make_jobs(database, make_fleet(database, "other"), 1, run_id)
+    sweep(database, store)
+    assert states(database) == ["cancelled"]
+    with database.reading() as session:
+        assert session.get_one(Calibration, calibration_id).state == "cancelled"
+
+
+def test_two_sweeps_at_once_do_no_harm(database, store):
+    calibration_id, runs = make_calibration(database, models=("pinhole", "kannala_brandt", "brown_conrady"))
+    fleet_id = make_fleet(database, "other")
+    for run_id in runs:
+        make_jobs(database, fleet_id, 1, run_id)
+    with database.writing() as session:
+        cancel(session, runs)
+    threads = [threading.Thread(target=sweep, args=(database, store)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    with database.reading() as session:
+        assert session.get_one(Calibration, calibration_id).remaining == 0
+
+
+def test_blobs_whose_work_was_lost_are_removed_and_won_ones_stay(database, store):
+    (lost, running) = make_jobs(database, make_fleet(database), 2)
+    first = claim(database, lost, "w")
+    second = claim(database, running, "w")
+    assert first and second
+    with database.writing() as session:
+        gone = reserve(session, "recordings/a", job_id=lost, attempt=1)
+        working = reserve(session, "recordings/b", job_id=running, attempt=1)
+        won = reserve(session, "recordings/c", job_id=lost, attempt=1)
+        keep(session, won, size=1)
+    for key in (gone, working, won):
+        store.put_bytes(key, b"x")
+    let_lease_expire(database, lost)
+    sweep(database, store)
+    with database.reading() as session:
+        assert set(session.scalars(select(Blob.key))) == {working, won}
+    assert store.local_path(gone) is None
+    assert store.local_path(working) and store.local_path(won)
+
+
+def test_an_object_that_cannot_be_removed_keeps_no_other_from_it(database, store, caplog):
+    with database.writing() as session:
+        stuck, *others = [reserve(session, "recordings/a") for _ in range(5)]
+        condemn(session, [stuck, *others])
+    for key in others:
+        store.put_bytes(key, b"x")
+    # A folder of that name is no object, and no store removes it.
+    (store.folder / stuck / "in the way").mkdir(parents=True)
+    for _ in range(3):
+        sweep(database, store)
+    assert not any(store.local_path(key) for key in others)
+    with database.reading() as session:
+        (left,) = session.scalars(select(Blob)).all()
+        late = (left.remove_after - session.scalar(select(now()))).total_seconds()
+    assert (left.key, left.state, left.failed_removals) == (stuck, "condemned", 1) and 0 < late <= 10
+    assert caplog.text.count(f"object {stuck} could not be removed") == 1
+    # Its turn comes again, each time later; then it goes.
+    for failures in (2, 3):
+        let_removals_be_due(database)
+        sweep(database, store)
+        with database.reading() as session:
+            assert session.get_one(Blob, stuck).failed_removals == failures
+    (store.folder / stuck / "in the way").rmdir()
+    (store.folder / stuck).rmdir()
+    let_removals_be_due(database)
+    sweep(database, store)
+    with database.reading() as session:
+        assert session.scalars(select(Blob)).all() == []
+
+
+def let_removals_be_due(database):
+    with database.writing() as session:
+        session.execute(update(Blob).values(remove_after=now(-1)))
+
+
+def test_a_store_that_is_away_is_asked_for_three_objects_and_no_more(database, store):
+    with database.writing() as session:
+        condemn(session, [reserve(session, "recordings/a") for _ in range(20)])
+    (store.folder / MARKER).unlink()
+    sweep(database, store)
+    with database.reading() as session:
+        tried = [blob.failed_removals for blob in session.scalars(select(Blob))]
+    assert (len(tried), sum(tried)) == (20, 3)
+    store.prepare()
+    let_removals_be_due(database)
+    sweep(database, store)
+    with database.reading() as session:
+        assert session.scalars(select(Blob)).all() == []
+
+
+def test_the_sweep_notes_its_heartbeat(database, store):
+    sweep(database, store)
+    with database.reading() as session:
+        first = session.get_one(Heartbeat, "sweep").at
+    sweep(database, store)
+    with database.reading() as session:
+        assert session.get_one(Heartbeat, "sweep").at > first
+
+
+def test_a_job_whose_parent_is_gone_ends_and_keeps_nobody_waiting(database, store):
+    _, (run_id,) = make_calibration(database)
+    fleet_id = make_fleet(database, "other")
+    (orphan,) = make_jobs(database, fleet_id, 1, run_id)
+    (innocent,) = make_jobs(database, fleet_id, 1)
+    with database.writing() as session:
+        session.execute(delete(CalibrationRun))
+        cancel(session, [run_id])
+    make_due(database)
+    postbox = Postbox(database)
+    sweep(database, store)
+    assert job(database, orphan).state == "cancelled"
+    assert postbox.ids == [innocent]
+
+
+def test_one_job_that_cannot_be_decided_does_not_stop_the_sweep(database, store, monkeypatch, caplog):
+    fleet_id = make_fleet(database)
+    broken, innocent = make_jobs(database, fleet_id, 2)
+    for job_id in (broken, innocent):
+        assert claim(database, job_id, "w")
+        let_lease_expire(database, job_id)
+    decide = sweep_module._recover
+
+    def fail_one(session, row):
+        if row.id == broken:
+            raise ZeroDivisionError
+        decide(session, row)
+
+    monkeypatch.setattr(sweep_module, "_recover", fail_one)
+    sweep(database, store)
+    assert job(database, innocent).state == "queued"
+    assert f"could not decide job {broken}" in caplog.text

@@ -1,0 +1,75 @@
+"""The reserve of the store's disk holds also while many parts come at once, and while others fill the disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx
+import pytest
+from sqlalchemy import select
+
+from service.platform.db.recordings import UploadPart
+from service.platform.storage.store import Store
+from tests.support.databases import one_database
+from tests.support.people import Api
+from tests.support.uploads import digest, new_recording, put_part
+
+pytestmark = one_database
+
+MB = 10**6
+DISK, RESERVE = 60 * MB, 10 * MB
+
+
+@pytest.fixture
+def api(make_api, monkeypatch) -> Api:
+    """A service whose disk has 60 MB, 10 of them its reserve."""
+    api: Api = make_api(min_free_bytes=RESERVE, max_part_bytes=30 * MB)
+    monkeypatch.setattr(api.app.state.store, "free_bytes", lambda: DISK - used(api.app.state.store))
+    return api
+
+
+def used(store: Store) -> int:
+    assert store.folder
+    return sum(file.stat().st_size for file in store.folder.rglob("*") if file.is_file())
+
+
+@pytest.fixture
+def engineer(api: Api):
+    return api.member(api.fleet(), "engineer")
+
+
+@pytest.fixture
+def recording(engineer) -> str:
+    return new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])["id"]
+
+
+def test_parts_that_come_at_once_do_not_pass_the_reserve_together(api: Api, engineer, recording) -> None:
+    with ThreadPoolExecutor(6) as pool:
+        answers = list(pool.map(lambda number: put_part(engineer, recording, number, b"x" * 20 * MB), range(1, 7)))
+    assert {answer.status_code for answer in answers} == {200, 507}
+    assert api.app.state.store.free_bytes() >= RESERVE
+    refused = next(answer for answer in answers if answer.status_code == 507)
+    assert refused.json()["code"] == "disk_full"
+    # What was promised to those that are done or refused is given back.
+    assert put_part(engineer, recording, 9, b"x" * MB).status_code == 200
+
+
+def test_a_part_ends_where_another_fills_the_disk_meanwhile(served, engineer, recording) -> None:
+    api, url = served
+    filler = api.app.state.store.folder / "of somebody else"
+
+    def chunks() -> Iterator[bytes]:
+        for number in range(28):
+            if number == 2:
+                filler.write_bytes(b"x" * 40 * MB)
+            yield b"y" * MB
+
+    headers = {"Content-Digest": digest(b"y" * 28 * MB), "Authorization": f"Bearer {engineer.token}"}
+    with httpx.Client(timeout=30) as client:
+        answer = client.put(f"{url}/v1/recordings/{recording}/parts/1", content=chunks(), headers=headers)
+    assert (answer.status_code, answer.json()["code"]) == (507, "disk_full")
+    with api.database.reading() as session:
+        assert session.scalars(select(UploadPart)).all() == []
+    filler.unlink()
+    assert put_part(engineer, recording, 1, b"y" * MB).status_code == 200
