@@ -2,12 +2,13 @@
 
 import errno
 import json
+import signal
 import threading
 from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 from unittest.mock import patch
-from uuid import UUID, uuid4
 
 import pytest
 from anyio.to_thread import current_default_thread_limiter
@@ -16,12 +17,15 @@ from sqlalchemy import event
 
 from service.platform.db import revisions
 from service.platform.db.clock import now
+from service.platform.db.fleets import Rig
 from service.platform.db.jobs import Heartbeat, Worker
 from service.platform.db.session import Database
 from service.platform.health import parts as health_parts
 from service.platform.storage.store import Store
+from tests.service.publications.given import camera_address, publish
 from tests.support.broker import Broker
-from tests.support.people import Api
+from tests.support.people import Actor, Api
+from tests.support.processes import wait_until
 
 # For all requests that are no streams; Starlette has 40.
 THREADS = 3
@@ -39,22 +43,36 @@ def beat(api: Api, ago_s: float = 0.0) -> None:
         session.merge(Heartbeat(name="sweep", at=now(-ago_s)))
 
 
-def degraded(api: Api) -> dict[str, str]:
-    """The parts that are ill, and why, of a process that is ready all the same and answers a vehicle."""
-    answer = api.client.get("/readyz")
-    assert answer.status_code == 200, answer.text
-    car = api.member(api.fleet(str(uuid4())), "viewer")
-    assert car.get(f"/vehicles/{UUID(int=1)}/cameras/front/calibration").status_code == 404
-    return dict(one.split(": ", 1) for one in answer.json()["degraded"])
+@dataclass(frozen=True)
+class Car:
+    """A program on a vehicle with a published calibration, which any process of the service answers."""
+
+    viewer: Actor
+    address: str
+    result: str
+
+    def degraded(self, api: Api) -> dict[str, str]:
+        """The parts that are ill, and why, of a process that is ready all the same and answers this car."""
+        answer = api.client.get("/readyz")
+        assert answer.status_code == 200, answer.text
+        calibration = replace(self.viewer, client=api.client).get(self.address)
+        assert (calibration.status_code, calibration.json()["result_id"]) == (200, self.result)
+        return dict(one.split(": ", 1) for one in answer.json()["degraded"])
+
+
+@pytest.fixture
+def car(api: Api, rig: Rig, viewer: Actor, reviewer: Actor) -> Car:
+    made = publish(api, rig, reviewer)
+    return Car(viewer, f"{camera_address(rig)}/calibration", made["result_id"])
 
 
 @pytest.mark.usefixtures("always_anew")
-def test_what_every_process_shares_makes_none_unready(make_api, broker: Broker) -> None:
+def test_what_every_process_shares_makes_none_unready(make_api, broker: Broker, car: Car) -> None:
     api = make_api(metrics_token=SecretStr("scrape-me"))
     assert api.client.get("/healthz").json() == {"status": "ok"}
-    assert degraded(api)["sweep"].startswith("the sweep has never run")
+    assert car.degraded(api)["sweep"].startswith("the sweep has never run")
     beat(api)
-    assert set(degraded(api)) == {"workers"}
+    assert set(car.degraded(api)) == {"workers"}
     assert set(api.client.get("/readyz").json()["parts"]) == {
         "database",
         "writes",
@@ -64,10 +82,16 @@ def test_what_every_process_shares_makes_none_unready(make_api, broker: Broker) 
         "workers",
     }
     beat(api, ago_s=3600)
-    assert "late" in degraded(api)["sweep"]
+    assert "late" in car.degraded(api)["sweep"]
     beat(api)
+    broker.child.send_signal(signal.SIGSTOP)
+    try:
+        assert set(car.degraded(api)) == {"broker", "workers"}
+    finally:
+        broker.child.send_signal(signal.SIGCONT)
+    wait_until(lambda: set(car.degraded(api)) == {"workers"}, "a broker that answers again")
     broker.stop()
-    assert set(degraded(api)) == {"broker", "workers"}
+    assert set(car.degraded(api)) == {"broker", "workers"}
     assert (
         'apexcal_part_up{part="broker"} 0.0'
         in api.client.get("/metrics", headers={"authorization": "Bearer scrape-me"}).text
@@ -76,15 +100,15 @@ def test_what_every_process_shares_makes_none_unready(make_api, broker: Broker) 
 
 
 @pytest.mark.usefixtures("always_anew")
-def test_a_store_that_is_away_or_full_makes_no_process_unready(make_api, tmp_path) -> None:
+def test_a_store_that_is_away_or_full_makes_no_process_unready(make_api, tmp_path, car: Car) -> None:
     api = make_api(min_free_bytes=2**62)
-    assert "too little room" in degraded(api)["store"]
+    assert "too little room" in car.degraded(api)["store"]
     with patch.object(Store, "put_bytes", side_effect=OSError(errno.ENOSPC, "no space")):
-        assert "store" in degraded(make_api())
+        assert "store" in car.degraded(make_api())
 
 
 @pytest.mark.usefixtures("always_anew")
-def test_a_database_that_takes_no_writes_is_ready_and_says_so(api: Api) -> None:
+def test_a_database_that_takes_no_writes_is_ready_and_says_so(api: Api, car: Car) -> None:
     """As a full one, one that only reads: a vehicle is answered."""
     beat(api)
     health: Database = api.app.state.health_databases[1]
@@ -97,21 +121,21 @@ def test_a_database_that_takes_no_writes_is_ready_and_says_so(api: Api) -> None:
             connection.read_only = refused[-1] == "ON"
 
     event.listen(health.engine, "checkout", checkout)
-    assert "takes no writes" in degraded(api)["writes"]
+    assert "takes no writes" in car.degraded(api)["writes"]
     refused.pop()
-    assert "writes" not in degraded(api)
+    assert "writes" not in car.degraded(api)
 
 
 @pytest.mark.usefixtures("always_anew")
-def test_the_supervisors_children_are_shown(make_api, tmp_path) -> None:
+def test_the_supervisors_children_are_shown(make_api, tmp_path, car: Car) -> None:
     status = tmp_path / "supervisor.json"
     api = make_api(supervisor_status=status)
     beat(api)
-    assert "children" in degraded(api)
+    assert "children" in car.degraded(api)
     for state, ill in (("running", set()), ("restarting", {"children"})):
         child = {"name": "sweeper", "pid": 1, "state": state, "restarts": 0, "since": "2026-01-01T00:00:00Z"}
         status.write_text(json.dumps({"children": [child]}))
-        assert set(degraded(api)) - {"workers"} == ill
+        assert set(car.degraded(api)) - {"workers"} == ill
         assert api.client.get("/readyz").json()["parts"]["children"]["children"] == {"sweeper": state}
 
 
