@@ -53,7 +53,7 @@ class Preset:
 
 # Ours reaches the same optima as the paper's numbers with some 60 % of the evaluations, on simulated rigs and on the
 # real board; four slots divide evenly among workers. Half-widths that shrink by 0.7, not 0.8, save a quarter of the
-# time and lose nothing; by 0.5 they begin to (docs/decisions/0014).
+# time and lose nothing; by 0.5 they begin to (docs/decisions/0016).
 PRESETS: Final[dict[PresetName, Preset]] = {
     "default": Preset(Schedule()),
     "paper": Preset(Schedule(slots=5, scale=0.8, patience=5), "euler", "paper-table-1", "mean", "keep", False),

@@ -5,7 +5,7 @@
 2 simplex: SPX of n + 1 parents (Tsutsui, Yamamura and Higuchi 1999).
 3 parent-centric: PCX of three parents (Deb, Anand and Joshi 2002).
 4 unimodal normal: UNDX of three parents (Ono and Kobayashi 1997).
-5 covariance: mean and covariance of the best, all alike, about their own mean (docs/decisions/0014).
+5 covariance: mean and covariance of the best, all alike, about their own mean (docs/decisions/0016).
 6 moving covariance: what the product does (`workers.solver.genetic`), here for an equal footing.
 2 to 6 take their parents from the best 150 of 800, each with the same chance.
 """

@@ -2,7 +2,7 @@
 
 Truncation selection of parents, crossover along their covariance (their mean plus L z, L the Cholesky factor, with a
 share of one parent kept), mutation of single genes, reflection at the bounds, and elitism. Textbook operators search
-along the axes and stall on these strongly correlated parameters (docs/decisions/0014 and 0016).
+along the axes and stall on these strongly correlated parameters (docs/decisions/0016).
 
 Better parents weigh more in mean and covariance, by the logarithm of their rank, and the covariance is taken about
 the mean of the parents before them, so that it is long in the direction in which the population moves: both are
