@@ -41,7 +41,7 @@ def detect(
     keep: Annotated[list[str] | None, typer.Option(help=_KEEP, metavar="INEQUALITY")] = None,
     region: Annotated[Path | None, typer.Option(help="JSON file of a region, for trees with `or`.")] = None,
     detector: Annotated[
-        DetectorName, typer.Option(help="How vertices are found; docs/engineers.md compares the detectors.")
+        DetectorName, typer.Option(help="How vertices are found; docs/detecting.md compares the detectors.")
     ] = "refined",
     board: Annotated[str, typer.Option(help="Size of the board in metres, as 0.61x0.91 (refined).")] = "",
     option: Annotated[
@@ -213,5 +213,5 @@ def _advice(detection: DetectionView) -> str:
         return "\nHint: strict accepts few sweeps by its nature; --detector tolerant or refined accepts more."
     return (
         "\nHint: hardly any sweep was accepted. Something else in the region is as high or as wide as the board: "
-        "narrow it (docs/engineers.md)."
+        "narrow it (docs/detecting.md)."
     )

@@ -197,7 +197,7 @@ class ImageSize(Document):
 
 
 class SensorFacts(Document):
-    """How a sensor was read, and what stands out in it; docs/engineers.md says what each means."""
+    """How a sensor was read, and what stands out in it."""
 
     rate_hz: float | None = None
     gaps: list[Gap] = []

@@ -215,8 +215,9 @@ _FEW = "--model pinhole --model brown_conrady --folds 0"
 PAGE_SETUPS: dict[str, Setup] = {
     _ENGINEERS: Setup(
         _walk,
-        instead={"VAN": '"Truck 7"', "DRIVE": "RECORDING", "--detection DETECTION": "--detection DETECTION " + _FEW},
+        instead={"--detection DETECTION": "--detection DETECTION " + _FEW},
     ),
+    "docs/judging.md": Setup(after=(_ENGINEERS,), instead={"VAN": '"Truck 7"', "DRIVE": "RECORDING"}),
     "docs/exports.md": Setup(_truck, (_ENGINEERS,), {"/etc/truck/": ""}),
     "docs/imports.md": Setup(
         _other_programs,
