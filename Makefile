@@ -101,6 +101,7 @@ check: setup $(API_TYPES)  ## style, types, import rules
 	$(BIN)/ruff format --check .
 	PATH="$(CURDIR)/$(BIN):$$PATH" frontend/node_modules/.bin/pyright
 	$(BIN)/lint-imports
+	$(BIN)/python -m tests.contract.names
 	$(NPM) run check
 
 frontend: $(STAMPS)/frontend  ## build the pages into service/web

@@ -1,0 +1,156 @@
+"""Names of the product: a class name stands once, and names that say nothing do not grow in number.
+
+`make check` runs this: python -m tests.contract.names. CONTRIBUTING.md has the glossary that names come from.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PRODUCT = ("apexcal", "service", "workers")
+
+# A table's row may bear the name of the document that it stores.
+ROWS = "service/platform/db/"
+
+# Class names that still stand twice. A name that no longer does is taken out; none is added.
+TWICE = frozenset(
+    [
+        "Box",
+        "Calibrated",
+        "Camera",
+        "Capture",
+        "Channel",
+        "Contents",
+        "Counts",
+        "Detections",
+        "Ended",
+        "Exported",
+        "Field",
+        "Fit",
+        "Format",
+        "Found",
+        "FrameTable",
+        "Gap",
+        "GivenLens",
+        "HeldOut",
+        "ImageSize",
+        "InputError",
+        "Joint",
+        "Lens",
+        "Lidar",
+        "Listed",
+        "Manifest",
+        "Moved",
+        "Outcome",
+        "Part",
+        "Parts",
+        "Plane",
+        "Progress",
+        "RegionPreview",
+        "RingCount",
+        "Seen",
+        "Sent",
+        "Settings",
+        "Stamped",
+        "Steps",
+        "Summary",
+        "Topic",
+        "Track",
+        "TrackPoints",
+        "Transport",
+        "Watched",
+        "Way",
+        "Window",
+    ]
+)
+
+# Participles and pronouns that do not say what a thing is, as names of variables, parameters, members and functions.
+SAY_NOTHING = frozenset(
+    [
+        "asked",
+        "found",
+        "given",
+        "held",
+        "kept",
+        "known",
+        "made",
+        "one",
+        "place",
+        "said",
+        "seen",
+        "told",
+        "wanted",
+        "written",
+    ]
+)
+
+# How often each room may use them. Later changes lower these numbers.
+CEILINGS = {
+    "apexcal": 190,
+    "service": 389,
+    "service/platform": 139,
+    "workers": 22,
+    "workers/geometry": 10,
+    "workers/judge": 18,
+    "workers/models": 24,
+    "workers/overlays": 11,
+    "workers/readers": 220,
+    "workers/reports": 26,
+    "workers/simulation": 27,
+    "workers/solver": 116,
+    "workers/tasks": 142,
+    "workers/vertices": 145,
+}
+
+
+def main() -> int:
+    """Print what is wrong, and what may be lowered; 1 if something is wrong."""
+    classes: defaultdict[str, set[str]] = defaultdict(set)
+    counts: Counter[str] = Counter()
+    for path, tree in modules():
+        room = max((name for name in CEILINGS if path.startswith(name + "/")), key=len, default=None)
+        if room is None:
+            print(f"{path}: its room has no ceiling in {Path(__file__).name}")
+            return 1
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_") and not path.startswith(ROWS):
+                classes[node.name].add(path)
+            counts[room] += name_of(node) in SAY_NOTHING
+    repeated = {name: ", ".join(sorted(paths)) for name, paths in classes.items() if len(paths) > 1}
+    wrong = [f"the class name {name} stands twice: {repeated[name]}" for name in sorted(repeated.keys() - TWICE)]
+    wrong += [f"the class name {name} stands once: take it out of TWICE" for name in sorted(TWICE - repeated.keys())]
+    for room, ceiling in CEILINGS.items():
+        if counts[room] > ceiling:
+            wrong.append(
+                f"{room}: {counts[room]} names are one of {', '.join(sorted(SAY_NOTHING))}; at most {ceiling}"
+            )
+        elif counts[room] < ceiling:
+            print(f"{room}: {counts[room]} names say nothing; its ceiling of {ceiling} may be lowered")
+    print("\n".join(wrong) or f"{sum(counts.values())} names say nothing; {len(repeated)} class names stand twice")
+    return bool(wrong)
+
+
+def modules() -> Iterator[tuple[str, ast.Module]]:
+    """Return the path, relative to the root, and the syntax tree of each module of the product."""
+    for room in PRODUCT:
+        for path in sorted((ROOT / room).rglob("*.py")):
+            yield str(path.relative_to(ROOT)), ast.parse(path.read_text())
+
+
+def name_of(node: ast.AST) -> str | None:
+    """Return the name that a node gives to something; None if it gives none."""
+    match node:
+        case ast.Name(id=name, ctx=ast.Store()) | ast.arg(arg=name):
+            return name
+        case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
+            return name
+    return None
+
+
+if __name__ == "__main__":
+    sys.exit(main())
