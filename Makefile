@@ -96,7 +96,7 @@ bench-annotators: setup  ## 1 to 100 people who mark one recording at once, with
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))
 
-check: setup $(API_TYPES)  ## style, types, import rules
+check: setup $(API_TYPES)  ## style, types, import rules, names
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	PATH="$(CURDIR)/$(BIN):$$PATH" frontend/node_modules/.bin/pyright
