@@ -1,51 +1,65 @@
 """The command ``apexcal``. Exit codes: 0 done; 1 the service refused or failed; 2 wrong usage; 3 no answer;
 4 done, but a check kept a result from being published.
 
-Each subcommand lives in a module of its own, loaded when it is called: ``apexcal --help`` loads none.
+The module of a subcommand is loaded when it is called: ``apexcal --help`` loads none.
 """
 
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 OK, FAILED, USAGE, UNREACHABLE, WITHHELD = 0, 1, 2, 3, 4
 
-# Name -> what `apexcal --help` says of it. The module is apexcal.commands.<name>, its function has the same name;
-# hyphens become underscores there.
+
+class Command(NamedTuple):
+    """The module below :mod:`apexcal.commands` that holds it, and what `apexcal --help` says of it.
+
+    Its function has the command's name with underscores for hyphens.
+    """
+
+    module: str
+    help: str
+
+
 COMMANDS = {
-    "serve": "Start the whole service on this machine.",
-    "worker": "Start a worker of a fleet on this host.",
-    "simulate": "Write a simulated recording with its ground truth.",
-    "invite": "Make a one-time sign-in link for a person.",
-    "token": "Make an API token for a program.",
-    "rig": "Describe a vehicle's LiDAR and cameras to the service.",
-    "draft-rig": "Write a rig's description from a URDF or a recording's /tf_static.",
-    "upload": "Upload a recording and wait until it is ready.",
-    "reread": "Read again a recording that failed.",
-    "suggest": "Suggest a region of interest from what moves.",
-    "detect": "Find the board's vertices in a recording.",
-    "clock-offset": "Estimate how far the camera's clock is from the LiDAR's.",
-    "calibrate": "Calibrate a camera from marks or from a file of pairs.",
-    "validate": "Test a calibration on other pairs, or on a drive.",
-    "drift": "Compare a camera's results over time.",
-    "admin": "Back up, restore and maintain a service.",
-    "publish": "Make a result its camera's current calibration.",
-    "publications": "List a camera's publications, by whom and why.",
-    "withdraw": "Take back a camera's current calibration.",
-    "alias": "List and move a camera's aliases, such as canary.",
-    "rollback": "Restore a camera's previous calibration.",
-    "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
-    "pull": "Keep what a vehicle is given now in a file.",
-    "copy": "Copy a recording's bag and write the published calibration into it.",
-    "compare": "Compare a camera's calibration with another result or another program's file.",
-    "recalibrate": "Calibrate again without some of a result's pairs.",
-    "report": "Write the report of a result, with its verdict, as one HTML file.",
-    "overlay": "Draw a sweep into its frame through a result's lens, as a PNG file.",
-    "export": "Write a camera's current calibration, or one result, for other programs.",
+    "serve": Command("programs", "Start the whole service on this machine."),
+    "worker": Command("programs", "Start a worker of a fleet on this host."),
+    "simulate": Command("programs", "Write a simulated recording with its ground truth."),
+    "invite": Command("people", "Make a one-time sign-in link for a person."),
+    "token": Command("people", "Make an API token for a program."),
+    "rig": Command("rig", "Describe a vehicle's LiDAR and cameras to the service."),
+    "draft-rig": Command("rig", "Write a rig's description from a URDF or a recording's /tf_static."),
+    "upload": Command("recordings", "Upload a recording and wait until it is ready."),
+    "reread": Command("recordings", "Read again a recording that failed."),
+    "suggest": Command("detect", "Suggest a region of interest from what moves."),
+    "detect": Command("detect", "Find the board's vertices in a recording."),
+    "clock-offset": Command("clock_offset", "Estimate how far the camera's clock is from the LiDAR's."),
+    "calibrate": Command("calibrate", "Calibrate a camera from marks or from a file of pairs."),
+    "validate": Command("results", "Test a calibration on other pairs, or on a drive."),
+    "drift": Command("results", "Compare a camera's results over time."),
+    "admin": Command("programs", "Back up, restore and maintain a service."),
+    "publish": Command("publishing", "Make a result its camera's current calibration."),
+    "publications": Command("publishing", "List a camera's publications, by whom and why."),
+    "withdraw": Command("publishing", "Take back a camera's current calibration."),
+    "alias": Command("publishing", "List and move a camera's aliases, such as canary."),
+    "rollback": Command("publishing", "Restore a camera's previous calibration."),
+    "calibrate-fleet": Command("calibrate_fleet", "Calibrate all vehicles of a fleet that a filter names."),
+    "pull": Command("pull", "Keep what a vehicle is given now in a file."),
+    "copy": Command("recordings", "Copy a recording's bag and write the published calibration into it."),
+    "compare": Command("results", "Compare a camera's calibration with another result or another program's file."),
+    "recalibrate": Command("results", "Calibrate again without some of a result's pairs."),
+    "report": Command("results", "Write the report of a result, with its verdict, as one HTML file."),
+    "overlay": Command("results", "Draw a sweep into its frame through a result's lens, as a PNG file."),
+    "export": Command("export", "Write a camera's current calibration, or one result, for other programs."),
+}
+# Another program of ours defines their options and their help.
+_PASSED_ON: dict[str, Any] = {
+    "add_help_option": False,
+    "context_settings": {"ignore_unknown_options": True, "allow_extra_args": True},
 }
 
 
@@ -56,16 +70,18 @@ class _Commands(TyperGroup):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> TyperCommand | None:
-        return TyperCommand(cmd_name, help=COMMANDS[cmd_name]) if cmd_name in COMMANDS else None
+        return TyperCommand(cmd_name, help=COMMANDS[cmd_name].help) if cmd_name in COMMANDS else None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        name, found, rest = super().resolve_command(ctx, args)
-        if found is None or found.name not in COMMANDS:
-            return name, found, rest
-        word = found.name.replace("-", "_")
-        module = importlib.import_module(f"apexcal.commands.{word}")
+        name, listed, rest = super().resolve_command(ctx, args)
+        if listed is None or listed.name not in COMMANDS:
+            return name, listed, rest
+        module = importlib.import_module(f"apexcal.commands.{COMMANDS[listed.name].module}")
+        run = getattr(module, listed.name.replace("-", "_"))
+        if "session" in run.__annotations__:
+            run = importlib.import_module("apexcal.commands.session").with_session(run)
         lone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-        lone.command(found.name, cls=getattr(module, "COMMAND", None))(getattr(module, word))
+        lone.command(listed.name, **(_PASSED_ON if "context" in run.__annotations__ else {}))(run)
         return name, typer.main.get_command(lone), rest
 
 

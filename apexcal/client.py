@@ -30,7 +30,7 @@ from apexcal.documents.sweeps import PackingView
 from apexcal.documents.validations import ValidationView
 from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
-from apexcal.resources.detections import Detections
+from apexcal.resources.detections import DetectionRuns
 from apexcal.resources.exports import Exports
 from apexcal.resources.fleet_requests import FleetRequests
 from apexcal.resources.fleets import Fleets, Vehicles
@@ -38,7 +38,7 @@ from apexcal.resources.imports import Imports
 from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
 from apexcal.resources.validations import Validations
-from apexcal.transport import Transport, at
+from apexcal.transport import HttpTransport, at
 
 __all__ = [
     "ApiError",
@@ -80,12 +80,12 @@ class Client:
     def __init__(
         self, base_url: str = "http://127.0.0.1:8000", token: str | None = None, timeout_s: float | None = None
     ) -> None:
-        self._http = Transport(base_url, token, timeout_s=timeout_s)
+        self._http = HttpTransport(base_url, token, timeout_s=timeout_s)
         self.base_url = self._http.base_url
         self.fleets = Fleets(self._http)
         self.vehicles = Vehicles(self._http)
         self.recordings = Recordings(self._http)
-        self.detections = Detections(self._http)
+        self.detections = DetectionRuns(self._http)
         self.marking = Marking(self._http)
         self.correspondence_sets = CorrespondenceSets(self._http)
         self.calibrations = Calibrations(self._http)

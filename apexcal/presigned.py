@@ -14,7 +14,7 @@ import httpx
 
 from apexcal.documents.recordings import PartAddress, PartView
 from apexcal.errors import ApiError, UnreachableError
-from apexcal.transport import TIMEOUT, Transport, at
+from apexcal.transport import TIMEOUT, HttpTransport, at
 
 _PAUSES_S = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
 # The address has ended, the bytes were damaged on their way, or the store is away or busy.
@@ -37,7 +37,7 @@ class EndedAddressError(UnreachableError):
 class PresignedStore:
     """One client's connections to the store. Safe to share between threads; close it, or use it as a context."""
 
-    def __init__(self, service: Transport) -> None:
+    def __init__(self, service: HttpTransport) -> None:
         self._service = service
         self._http = httpx.Client(timeout=TIMEOUT)
 
@@ -50,9 +50,9 @@ class PresignedStore:
     def put_part(self, recording_id: str, number: int, data: bytes, digest: bytes) -> None:
         """Put a part of a recording into the store and tell the service. Raises UnreachableError, ApiError."""
         path = at("recordings", recording_id, "parts", number)
-        asked = {"size": len(data), "sha256": digest.hex()}
+        announced = {"size": len(data), "sha256": digest.hex()}
         for pause_s in (*_PAUSES_S, None):
-            address = self._service.post(f"{path}/address", PartAddress, asked)
+            address = self._service.post(f"{path}/address", PartAddress, announced)
             if address.part or self._put(path, address, data, last=pause_s is None):
                 return
             time.sleep(pause_s or 0.0)

@@ -38,7 +38,7 @@ _MOST_BYTES = 16 * 2**20
 _TOKEN = re.compile(r"[!-~]+")
 
 
-class Transport:
+class HttpTransport:
     """Speaks JSON over HTTP with one service. Safe to share between threads."""
 
     def __init__(
@@ -167,7 +167,7 @@ class Transport:
         # A service that never answered is more likely misspelt than restarting.
         pauses_s = self._pauses_s if self._reached else self._pauses_s[:2]
         for pause_s in (*pauses_s, None):
-            asked_s = 0.0
+            retry_after_s = 0.0
             try:
                 with self._http.stream(method, path, **request) as streamed:
                     response = _read(streamed, most_bytes)
@@ -181,11 +181,11 @@ class Transport:
                     raise ForeignAnswerError(response.request.url, f"leads on to {where}, which is not followed")
                 if response.status_code < 400:
                     return response
-                asked_s = _retry_after_s(response)
-                if response.status_code not in _BUSY or pause_s is None or asked_s > _MOST_WAIT_S:
+                retry_after_s = _retry_after_s(response)
+                if response.status_code not in _BUSY or pause_s is None or retry_after_s > _MOST_WAIT_S:
                     raise problem_of(response)
             # Spread, so that a fleet does not come back at one moment.
-            time.sleep(max(pause_s, asked_s) * random.uniform(1.0, 1.5))
+            time.sleep(max(pause_s, retry_after_s) * random.uniform(1.0, 1.5))
         raise AssertionError("the last pause is None")
 
     @contextmanager
@@ -206,6 +206,13 @@ class Transport:
             f"no answer from {self.base_url}: {reason}",
             "Is the service running (`apexcal serve`), and is the address right (--url or APEXCAL_URL)?",
         )
+
+
+class Resource:
+    """Methods for the things of one kind, over a client's transport."""
+
+    def __init__(self, transport: HttpTransport) -> None:
+        self._http = transport
 
 
 def read(response: httpx.Response, kind: type[M]) -> M:
@@ -266,8 +273,8 @@ def problem_of(response: httpx.Response) -> ApiError:
             "detail": f"{response.request.url} answered {response.status_code} {response.reason_phrase}",
             "hint": "Is this the address of an apexcal service?",
         }
-    if asked_s := _retry_after_s(response):
-        fields["hint"] = f"{fields.get('hint') or ''} Ask again in {asked_s:.0f} s.".strip()
+    if wait_s := _retry_after_s(response):
+        fields["hint"] = f"{fields.get('hint') or ''} Ask again in {wait_s:.0f} s.".strip()
     return ApiError(response.status_code, fields)
 
 
@@ -277,15 +284,15 @@ def _not_finite(document: Any, at: str = "") -> str | None:
         return None if math.isfinite(document) else at
     steps = document.items() if isinstance(document, Mapping) else ()
     steps = enumerate(document) if isinstance(document, list | tuple) else steps
-    inside = (_not_finite(one, f"{at}.{step}" if at else str(step)) for step, one in steps)
-    return next((found for found in inside if found is not None), None)
+    inside = (_not_finite(value, f"{at}.{step}" if at else str(step)) for step, value in steps)
+    return next((where for where in inside if where is not None), None)
 
 
 def _retry_after_s(response: httpx.Response) -> float:
     """Seconds that the answer asks to wait: a number or a date (RFC 9110, 10.2.3); 0 where it asks for none."""
-    asked = response.headers.get("Retry-After", "")
+    after = response.headers.get("Retry-After", "")
     with suppress(ValueError):
-        return max(float(asked) if asked.isdigit() else parsedate_to_datetime(asked).timestamp() - time.time(), 0.0)
+        return max(float(after) if after.isdigit() else parsedate_to_datetime(after).timestamp() - time.time(), 0.0)
     return 0.0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tarfile
+from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -81,7 +82,7 @@ class FolderSource:
         """The bytes of the tar from ``offset``. Raises :class:`ClientError` where a file has become shorter."""
         end = min(offset + length, self.size)
         parts: list[bytes] = []
-        for piece in self._pieces[self._at(offset) :]:
+        for piece in self._pieces[bisect_right(self._pieces, offset, key=lambda piece: piece.end) :]:
             if piece.start >= end:
                 break
             first, last = max(offset, piece.start) - piece.start, min(end, piece.end) - piece.start
@@ -106,24 +107,14 @@ class FolderSource:
             self._pieces.append(_Piece(self.size, self.size + len(data), data, None))
             self.size += len(data)
 
-    def _at(self, offset: int) -> int:
-        """Index of the piece that holds byte ``offset``."""
-        low, high = 0, len(self._pieces)
-        while low < high:
-            middle = (low + high) // 2
-            low, high = (middle + 1, high) if self._pieces[middle].end <= offset else (low, middle)
-        return low
-
 
 def _files(folder: Path) -> list[tuple[str, Path]]:
-    found: list[tuple[str, Path]] = []
-    for place, folders, names in os.walk(folder):
+    files: list[tuple[str, Path]] = []
+    for root, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        for name in names:
-            path = Path(place) / name
-            if not name.startswith(".") and path.is_file():
-                found.append((path.relative_to(folder).as_posix(), path))
-    return found
+        paths = [Path(root) / name for name in names if not name.startswith(".")]
+        files += [(path.relative_to(folder).as_posix(), path) for path in paths if path.is_file()]
+    return files
 
 
 def _read(path: Path, offset: int, length: int) -> bytes:

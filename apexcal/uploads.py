@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
-import threading
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
@@ -17,18 +16,19 @@ from functools import partial
 from apexcal.documents.recordings import Parts, PartView, RecordingSummary, Upload
 from apexcal.errors import ApiError, ClientError
 from apexcal.presigned import PresignedStore
-from apexcal.transport import Transport, at
+from apexcal.transport import HttpTransport, at
 from apexcal.upload_sources import Source
 
 MIB = 1024 * 1024
 _DAMAGED_TRIES = 3
 
-Progress = Callable[[int, int], None]
+# Bytes so far, bytes in all.
+OnSent = Callable[[int, int], None]
 PutPart = Callable[[str, int, bytes, bytes], None]
 
 
 @dataclass(frozen=True)
-class Sent:
+class SentParts:
     """What ``complete`` has to say."""
 
     parts: int
@@ -37,56 +37,49 @@ class Sent:
 
 
 def send_parts(
-    http: Transport,
+    http: HttpTransport,
     recording: RecordingSummary,
     source: Source,
-    on_progress: Progress | None = None,
+    on_progress: OnSent | None = None,
     connections: int = 3,
-) -> Sent:
+) -> SentParts:
     """Upload every part of ``source`` that the recording does not hold yet.
 
-    Memory holds at most ``connections + 1`` parts. ``on_progress(bytes so far, bytes in all)`` is called from
-    several threads, one at a time. Raises :class:`ClientError` ``part_differs`` (an :class:`ApiError` where the
-    service says it) when the recording holds parts of something else.
+    Memory holds at most ``connections + 1`` parts. Raises :class:`ClientError` ``part_differs`` (an
+    :class:`ApiError` where the service says it) when the recording holds parts of something else.
     """
     begun = http.get(at("recordings", recording.id, "parts"), Parts)
-    held = {part.number: part for part in begun.items}
-    part_bytes = part_size(begun.upload, held)
+    stored = {part.number: part for part in begun.items}
+    part_bytes = part_size(begun.upload, stored)
     parts = math.ceil(source.size / part_bytes)
-    counter = _Counter(source.size, on_progress)
-    whole = hashlib.sha256()
+    whole, sent = hashlib.sha256(), 0
+    running: dict[Future[None], int] = {}
     with PresignedStore(http) as store, ThreadPoolExecutor(connections, thread_name_prefix="upload") as pool:
         put = store.put_part if begun.upload.parts == "presigned" else partial(_put_part, http)
-        running: set[Future[None]] = set()
         for number in range(1, parts + 1):
             data = source.read((number - 1) * part_bytes, part_bytes)
             whole.update(data)
             digest = hashlib.sha256(data)
-            if number in held:
-                _require_same(number, held[number], digest.hexdigest(), source.name)
-                counter.add(len(data))
-                continue
-            if len(running) > connections:
-                running = _settle(running)
-            running.add(pool.submit(_send, put, str(recording.id), number, data, digest.digest(), counter))
-        while running:
-            running = _settle(running)
-    return Sent(parts, source.size, whole.hexdigest())
+            if number in stored:
+                _require_same(number, stored[number], digest.hexdigest(), source.name)
+                sent += len(data)
+            else:
+                running[pool.submit(put, str(recording.id), number, data, digest.digest())] = len(data)
+            while len(running) > connections or (running and number == parts):
+                sent += _settle(running)
+                if on_progress:
+                    on_progress(sent, source.size)
+    return SentParts(parts, source.size, whole.hexdigest())
 
 
-def part_size(upload: Upload, held: dict[int, PartView]) -> int:
+def part_size(upload: Upload, stored: dict[int, PartView]) -> int:
     """Bytes in every part but the last: what the upload began with, else what the service says."""
-    if 1 in held or len(held) > 1:
-        return max(part.size for part in held.values())
+    if 1 in stored or len(stored) > 1:
+        return max(part.size for part in stored.values())
     return upload.part_bytes
 
 
-def _send(put: PutPart, recording_id: str, number: int, data: bytes, digest: bytes, counter: _Counter) -> None:
-    put(recording_id, number, data, digest)
-    counter.add(len(data))
-
-
-def _put_part(http: Transport, recording_id: str, number: int, data: bytes, digest: bytes) -> None:
+def _put_part(http: HttpTransport, recording_id: str, number: int, data: bytes, digest: bytes) -> None:
     """Send a part to the service, which stores it."""
     headers = {
         "Content-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:",
@@ -101,38 +94,20 @@ def _put_part(http: Transport, recording_id: str, number: int, data: bytes, dige
                 raise
 
 
-def _settle(running: set[Future[None]]) -> set[Future[None]]:
-    """Wait for one of the parts at least; the first failure stops the upload."""
-    done, still = wait(running, return_when=FIRST_COMPLETED)
+def _settle(running: dict[Future[None], int]) -> int:
+    """Wait for one of the parts at least, and return the bytes of those that arrived. The first failure stops all."""
+    done, others = wait(running, return_when=FIRST_COMPLETED)
     for part in done:
-        try:
-            part.result()
-        except BaseException:
-            for other in still:
+        if part.exception():
+            for other in others:
                 other.cancel()
-            raise
-    return still
+            part.result()
+    return sum(running.pop(part) for part in done)
 
 
-def _require_same(number: int, held: PartView, digest: str, name: str) -> None:
-    if held.sha256 != digest:
+def _require_same(number: int, begun: PartView, digest: str, name: str) -> None:
+    if begun.sha256 != digest:
         raise ClientError(
             f"the recording's upload began with something else: its part {number} differs from {name}",
             "Upload it as a new recording (--new), or finish the old upload with the file that it began with.",
         )
-
-
-class _Counter:
-    """Bytes so far, told to one listener."""
-
-    def __init__(self, total: int, listener: Progress | None) -> None:
-        self._total = total
-        self._listener = listener
-        self._done = 0
-        self._lock = threading.Lock()
-
-    def add(self, count: int) -> None:
-        with self._lock:
-            self._done += count
-            if self._listener:
-                self._listener(self._done, self._total)

@@ -1,1 +1,1 @@
-"""One module per subcommand of ``apexcal``; each holds a function of the same name."""
+"""The subcommands of ``apexcal``: a function each; :data:`apexcal.cli.COMMANDS` names its module."""

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 from uuid import UUID
 
 import typer
 
 from apexcal.cli import WITHHELD
 from apexcal.client import ApiError, Client
-from apexcal.commands.calibrated import show, why_unpublished
-from apexcal.commands.camera_files import (
-    camera_and_file,
-    lenses,
-    pairs_of_files,
-    pairs_of_marks,
-    saying_what_stays,
-)
-from apexcal.commands.choices import FoldsOption, ModelsOption, PresetOption, PublishOption
-from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
-from apexcal.commands.connect import connected
+from apexcal.commands.calibrated import tables, why_unpublished
+from apexcal.commands.camera_files import camera_and_file, lenses, pairs_of_files, pairs_of_marks, saying_what_stays
+from apexcal.commands.named import assignments
+from apexcal.commands.options import FoldsOption, ModelsOption, PresetOption, PublishOption
+from apexcal.commands.session import Reply, Session
+from apexcal.commands.terminal import usage
 from apexcal.documents.bounds import SKEW_BOUNDS, BoundsPreset
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.camera_models import SearchForm
 from apexcal.documents.correspondence_sets import SetView
 from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
-from apexcal.embedded.folder import DEFAULT
 
 
 def _check_range(degrees: float | None) -> float | None:
@@ -34,15 +28,16 @@ def _check_range(degrees: float | None) -> float | None:
     return degrees
 
 
-def _locked(given: str) -> tuple[str, float]:
-    name, _, value = given.partition("=")
+def _locked(texts: list[str] | None) -> dict[str, float]:
+    values = assignments(texts, "--lock", "skew=0 or --lock t_z=0.3")
     try:
-        return name.strip(), float(value)
+        return {name: float(value) for name, value in values.items()}
     except ValueError:
-        usage(f"--lock is {given!r}, not NAME=VALUE", "Write --lock skew=0 or --lock t_z=0.3")
+        usage(f"--lock {', '.join(texts or ())} is not NAME=VALUE", "Write --lock skew=0 or --lock t_z=0.3")
 
 
 def calibrate(
+    session: Session,
     detection: Annotated[str, typer.Option(help="Id of a detection whose vertices people have marked.")] = "",
     pairs: Annotated[
         list[str] | None,
@@ -126,11 +121,7 @@ def calibrate(
         Farm | None, typer.Option(help="How the work is split among workers; the result is the same. Otherwise auto.")
     ] = None,
     publish: PublishOption = False,
-    url: UrlOption = "",
-    token: TokenOption = "",
-    data: DataOption = DEFAULT,
-    as_json: JsonOption = False,
-) -> None:
+) -> Reply:
     """Fit every model to each camera's pairs, and say which one to take."""
     if detection and pairs:
         usage("not both: --detection takes the pairs from marks, --pairs from a file", "Leave one of them out")
@@ -147,11 +138,11 @@ def calibrate(
             "not both: --stated takes the lens that the recording states, --intrinsics the one of a file",
             "Leave one of them out",
         )
-    locked = dict(_locked(one) for one in lock or [])
+    locked = _locked(lock)
     if free_skew and "skew" in locked:
         usage("not both: --free-skew fits the skew, --lock fixes it", "Leave one of them out")
     # The service fills in what is not given, because a preset also sets the form of the search and its bounds.
-    given: dict[str, object] = {
+    request: dict[str, Any] = {
         "preset": preset,
         "search": search,
         "bounds_preset": bounds,
@@ -168,46 +159,39 @@ def calibrate(
         "seed": seed,
         "farm": farm,
     }
-    with connected(url, token, data) as client:
-        cameras = camera or []
-        of_cameras = (
-            pairs_of_files(client, pairs, vehicle, rig, cameras)
-            if pairs
-            else pairs_of_marks(client, detection, cameras)
+    client, cameras = session.client, camera or []
+    if pairs:
+        of_cameras = pairs_of_files(client, pairs, vehicle, rig, cameras)
+    else:
+        of_cameras = pairs_of_marks(client, detection, cameras)
+    request["intrinsics"] = lenses(client, intrinsics or [], [each.camera for each in of_cameras]) or None
+    request["publish"] = "recommended" if publish else "none"
+    sets: list[SetView] = []
+    with saying_what_stays(sets):
+        sets.extend(each.make() for each in of_cameras)
+        options = {name: value for name, value in request.items() if value is not None}
+        calibration = client.calibrations.create(
+            sets[0].vehicle_id, [each.id for each in sets], model or None, **options
         )
-        given["intrinsics"] = lenses(client, intrinsics or [], [one.camera for one in of_cameras]) or None
-        sets: list[SetView] = []
-        with saying_what_stays(sets):
-            sets.extend(one.make() for one in of_cameras)
-            calibration = client.calibrations.create(
-                sets[0].vehicle_id,
-                [one.id for one in sets],
-                model or None,
-                **{name: value for name, value in given.items() if value is not None},
-                publish="recommended" if publish else "none",
-            )
-        with bar("Calibrating", not as_json) as progress:
-            calibration = client.wait(calibration, on_progress=progress)
-        published = [] if as_json else _publications(client, calibration, wanted=publish)
-    if not as_json:
-        show(calibration)
-    say(calibration, as_json, "\n".join([f"The calibration is {calibration.id}.", *published]))
-    cameras = calibration.summary.cameras.values() if calibration.summary else ()
-    if publish and not all(camera.published for camera in cameras):
-        raise typer.Exit(WITHHELD)
+    calibration = session.wait(calibration, "Calibrating")
+    text = [] if session.as_json else [*tables(calibration), f"The calibration is {calibration.id}."]
+    text += [] if session.as_json else _publications(client, calibration, publish=publish)
+    summaries = calibration.summary.cameras.values() if calibration.summary else ()
+    is_withheld = publish and not all(summary.published for summary in summaries)
+    return Reply(calibration, text, WITHHELD if is_withheld else 0)
 
 
-def _publications(client: Client, calibration: CalibrationView, *, wanted: bool) -> list[str]:
+def _publications(client: Client, calibration: CalibrationView, *, publish: bool) -> list[str]:
     """For each camera, which result is now its current calibration, or why none of this calibration is."""
     vehicle = client.vehicles.get(calibration.vehicle_id).name
     sentences: list[str] = []
     for name, camera in (calibration.summary.cameras if calibration.summary else {}).items():
         current = _current_result(client, calibration.vehicle_id, name)
-        model = next((model for model, found in camera.models.items() if found.result_id == current), None)
+        model = next((model for model, run in camera.models.items() if run.result_id == current), None)
         if model:
             sentences.append(f"{model} is now the current calibration of {name} on {vehicle}.")
         else:
-            why = why_unpublished(camera, wanted=wanted)
+            why = why_unpublished(camera, publish=publish)
             sentences.append(f"Nothing was published for {name} on {vehicle}: {why}")
     return sentences
 

@@ -7,24 +7,24 @@ from collections.abc import Sequence
 from datetime import datetime
 from math import ceil
 from typing import Annotated, Any
-from uuid import UUID
 
 import typer
 
 from apexcal.cli import FAILED, WITHHELD
 from apexcal.client import Client
 from apexcal.commands.calibrated import line_of
-from apexcal.commands.choices import FoldsOption, ModelsOption, PresetOption, PublishOption
-from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
-from apexcal.commands.connect import check_id, connected, find_fleet
-from apexcal.documents.fleet_requests import CameraOutcome, Counts, DryRunView, FleetRequestView
-from apexcal.embedded.folder import DEFAULT
+from apexcal.commands.named import check_id, find_fleet
+from apexcal.commands.options import FleetOption, FoldsOption, ModelsOption, PresetOption, PublishOption
+from apexcal.commands.session import Reply, Session
+from apexcal.commands.terminal import usage
+from apexcal.documents.fleet_requests import CameraOutcome, Counts, DryRunView, FleetRequestView, RequestVehicleView
 
 _SHOWN = 20
 
 
 def calibrate_fleet(
-    fleet: Annotated[str, typer.Option(help="Fleet, by name or id; needed where there are several.")] = "",
+    session: Session,
+    fleet: FleetOption = "",
     name: Annotated[str | None, typer.Option(help="Only vehicles whose name matches; * and ? are wildcards.")] = None,
     rig: Annotated[str | None, typer.Option(help="Only rigs whose name matches; * and ? are wildcards.")] = None,
     since: Annotated[
@@ -45,67 +45,52 @@ def calibrate_fleet(
         str | None, typer.Option(help="Calibrate the failed vehicles of this request again.", metavar="REQUEST")
     ] = None,
     cancel: Annotated[str | None, typer.Option(help="End this request.", metavar="REQUEST")] = None,
-    url: UrlOption = "",
-    token: TokenOption = "",
-    data: DataOption = DEFAULT,
-    as_json: JsonOption = False,
-) -> None:
+) -> Reply:
     """Calibrate each vehicle from its newest pairs; a vehicle without fitting pairs is skipped.
 
     If --not-since or --new-pairs leave no vehicle, nothing is done and the exit code is 0. It is 1 if a vehicle
     failed or was cancelled.
     """
     # An empty id is an error: treated as none, a mistyped --cancel would calibrate the whole fleet.
-    known = [one for one in (follow, retry, cancel) if one is not None]
-    if len(known) > 1:
+    requests = [each for each in (follow, retry, cancel) if each is not None]
+    if len(requests) > 1:
         usage("--follow, --retry and --cancel are about one request each", "Give one of them")
-    new = (fleet, name, rig, since, new_pairs, model, preset, folds is not None, publish, dry_run)
-    if known and any(new):
+    if requests and any((fleet, name, rig, since, new_pairs, model, preset, folds is not None, publish, dry_run)):
         usage(
             "--follow, --retry and --cancel are about a request that was made; all else says what a new one asks",
             "Leave the others out",
         )
-    given: dict[str, Any] = {"models": model or None, "preset": preset, "folds": folds}
-    calibration = {word: value for word, value in given.items() if value is not None}
+    calibration = _given(models=model or None, preset=preset, folds=folds)
     calibration["publish"] = "recommended" if publish else "none"
-    wanted = {"name": name, "rig": rig, "not_calibrated_since": _moment(since), "new_pairs": new_pairs or None}
-    vehicles = {word: value for word, value in wanted.items() if value is not None}
-    with connected(url, token, data) as client:
-        if dry_run:
-            found = client.fleet_requests.preview(find_fleet(client, fleet).id, vehicles, **calibration)
-            say(found, as_json, _what_it_comes_to(found))
-            return
-        if known:
-            request = _known(client, follow, retry, cancel)
-        else:
-            request = client.fleet_requests.create(find_fleet(client, fleet).id, vehicles, **calibration)
-        if cancel is not None:
-            say(request, as_json, f"The request {request.id} is asked to end: {_counted(request.counts)}.")
-            return
-        with bar("Calibrating", not as_json) as progress:
-            request = client.wait(request, on_progress=progress)
-        lines = [f"The request {request.id} is {request.state.replace('_', ' ')}: {_counted(request.counts)}."]
-        outcomes = _outcomes(client, request.id)
-        is_asked = request.asked.calibration.publish == "recommended"
-        is_withheld = is_asked and not all(found.published for _, _, found in outcomes)
-        if not as_json:
-            lines += _reasons(client, request.id)
-            lines += _doubts(outcomes)
-            if is_asked:
-                lines += _publications(outcomes)
-    say(request, as_json, "\n".join(lines))
-    if request.state != "done":
-        raise typer.Exit(FAILED)
-    if is_withheld:
-        raise typer.Exit(WITHHELD)
-
-
-def _known(client: Client, follow: str | None, retry: str | None, cancel: str | None) -> FleetRequestView:
-    if retry is not None:
-        return client.fleet_requests.retry(check_id(retry, "fleet request"))
+    vehicles = _given(name=name, rig=rig, not_calibrated_since=_moment(since), new_pairs=new_pairs or None)
+    client = session.client
+    if dry_run:
+        preview = client.fleet_requests.preview(find_fleet(client, fleet).id, vehicles, **calibration)
+        return Reply(preview, _prediction(preview))
+    if requests:
+        request_id = check_id(requests[0], "fleet request")
+        resource = client.fleet_requests
+        request = (resource.retry if retry else resource.cancel if cancel else resource.get)(request_id)
+    else:
+        request = client.fleet_requests.create(find_fleet(client, fleet).id, vehicles, **calibration)
     if cancel is not None:
-        return client.fleet_requests.cancel(check_id(cancel, "fleet request"))
-    return client.fleet_requests.get(check_id(follow or "", "fleet request"))
+        return Reply(request, f"The request {request.id} is asked to end: {_counted(request.counts)}.")
+    return _ended(client, session.wait(request, "Calibrating"))
+
+
+def _ended(client: Client, request: FleetRequestView) -> Reply:
+    rows = list(client.fleet_requests.vehicles(request.id))
+    outcomes = [(row.vehicle, camera, outcome) for row in rows for camera, outcome in row.cameras.items()]
+    publishes = request.asked.calibration.publish == "recommended"
+    lines = [f"The request {request.id} is {request.state.replace('_', ' ')}: {_counted(request.counts)}."]
+    lines += [*_reasons(rows), *_doubts(outcomes), *(_publications(outcomes) if publishes else [])]
+    is_withheld = publishes and not all(outcome.published for _, _, outcome in outcomes)
+    code = FAILED if request.state != "done" else WITHHELD if is_withheld else 0
+    return Reply(request, "\n".join(lines), code)
+
+
+def _given(**options: Any) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def _moment(since: str | None) -> str | None:
@@ -133,58 +118,54 @@ def _count(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def _reasons(client: Client, request_id: UUID) -> list[str]:
+def _first(lines: Sequence[str], more: str) -> list[str]:
+    """The first lines, and how many more there are."""
+    rest = len(lines) - _SHOWN
+    return [*lines[:_SHOWN], *([f"  ... and {rest} more{more}"] if rest > 0 else [])]
+
+
+def _reasons(rows: Sequence[RequestVehicleView]) -> list[str]:
     """Why vehicles failed or were skipped, the first of each."""
-    lines: list[str] = []
-    for state in ("failed", "skipped"):
-        rows = list(client.fleet_requests.vehicles(request_id, state))
-        lines += [
-            f"  {row.vehicle} {state}: {row.problem.detail or '' if row.problem else ''}" for row in rows[:_SHOWN]
-        ]
-        if len(rows) > _SHOWN:
-            lines.append(f"  ... and {len(rows) - _SHOWN} more {state}")
-    return lines
-
-
-def _outcomes(client: Client, request_id: UUID) -> list[tuple[str, str, CameraOutcome]]:
-    """Vehicle, camera and what its calibration recommends."""
     return [
-        (row.vehicle, camera, found)
-        for row in client.fleet_requests.vehicles(request_id)
-        for camera, found in row.cameras.items()
+        line
+        for state in ("failed", "skipped")
+        for line in _first(
+            [
+                f"  {row.vehicle} {state}: {row.problem.detail if row.problem else 'no reason given'}"
+                for row in rows
+                if row.state == state
+            ],
+            f" {state}",
+        )
     ]
 
 
 def _doubts(outcomes: Sequence[tuple[str, str, CameraOutcome]]) -> list[str]:
     """Results that should not be used, the first of them; and how many cameras have each verdict."""
-    stopped = [one for one in outcomes if one[2].verdict == "stop"]
-    lines = [f"  {vehicle}, {camera}: {_first_of(found)}" for vehicle, camera, found in stopped[:_SHOWN]]
-    if len(stopped) > _SHOWN:
-        lines.append(f"  ... and {len(stopped) - _SHOWN} more that should not be used")
-    verdicts = Counter(found.verdict for _, _, found in outcomes)
+    stopped = [f"  {row}, {camera}: {_check_of(each)}" for row, camera, each in outcomes if each.verdict == "stop"]
+    verdicts = Counter(outcome.verdict for _, _, outcome in outcomes)
     named = [f"{verdicts[verdict]} {verdict}" for verdict in ("pass", "look", "stop") if verdicts[verdict]]
+    lines = _first(stopped, " that should not be used")
     return [*lines, f"Verdicts on {_count(len(outcomes), 'camera')}: {', '.join(named)}."] if named else lines
 
 
 def _publications(outcomes: Sequence[tuple[str, str, CameraOutcome]]) -> list[str]:
     """Vehicles without a publication and why, the first of them; and for how many cameras a result was published."""
-    withheld = [one for one in outcomes if not one[2].published]
-    lines = [
-        f"  {vehicle}: nothing published for {camera}: {_first_of(found)}"
-        for vehicle, camera, found in withheld[:_SHOWN]
+    withheld = [
+        f"  {vehicle}: nothing published for {camera}: {_check_of(outcome)}"
+        for vehicle, camera, outcome in outcomes
+        if not outcome.published
     ]
-    if len(withheld) > _SHOWN:
-        lines.append(f"  ... and {len(withheld) - _SHOWN} more")
     by_hand = " A reviewer can publish a result on its calibration's page." if withheld else ""
     counted = f"Published for {len(outcomes) - len(withheld)} of {len(outcomes)} calibrated cameras."
-    return [*lines, counted + by_hand]
+    return [*_first(withheld, ""), counted + by_hand]
 
 
-def _first_of(found: CameraOutcome) -> str:
-    if not found.checks:
+def _check_of(outcome: CameraOutcome) -> str:
+    if not outcome.checks:
         return "No model is recommended."
-    more = f" (and {len(found.checks) - 1} more)" if len(found.checks) > 1 else ""
-    return f"{line_of(found.checks[0])}{more}"
+    more = f" (and {len(outcome.checks) - 1} more)" if len(outcome.checks) > 1 else ""
+    return f"{line_of(outcome.checks[0])}{more}"
 
 
 def _processor_time(seconds: int) -> str:
@@ -192,14 +173,13 @@ def _processor_time(seconds: int) -> str:
     return _count(minutes, "processor minute") if minutes < 90 else f"{seconds / 3600:.1f} processor hours"
 
 
-def _what_it_comes_to(found: DryRunView) -> str:
-    first = found.skipped_vehicles[:_SHOWN]
-    skipped = [f"  {one.vehicle} skipped: {one.problem.detail}" for one in first]
-    if found.skipped > len(skipped):
-        skipped.append(f"  ... and {found.skipped - len(skipped)} more skipped")
+def _prediction(preview: DryRunView) -> str:
+    skipped = [f"  {each.vehicle} skipped: {each.problem.detail}" for each in preview.skipped_vehicles[:_SHOWN]]
+    if preview.skipped > len(skipped):
+        skipped.append(f"  ... and {preview.skipped - len(skipped)} more skipped")
     sentence = (
-        f"The filter names {_count(found.matched, 'vehicle')}: {found.calibrations} would be calibrated in "
-        f"{_count(found.runs, 'run')} (at most {_processor_time(found.processor_seconds)}), "
-        f"{found.skipped} skipped."
+        f"The filter names {_count(preview.matched, 'vehicle')}: {preview.calibrations} would be calibrated in "
+        f"{_count(preview.runs, 'run')} (at most {_processor_time(preview.processor_seconds)}), "
+        f"{preview.skipped} skipped."
     )
     return "\n".join([sentence, *skipped])

@@ -1,38 +1,29 @@
-"""Prints a finished calibration: a table per camera, checks, and whether the result was published."""
+"""What people are shown of a finished calibration: a table per camera, its checks, whether it was published."""
 
 from __future__ import annotations
 
 from rich import box
+from rich.console import RenderableType
 from rich.table import Table
 
-from apexcal.commands.common import console
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.results import Errors
 from apexcal.documents.summaries import CameraSummary, RigSummary, Summary
 
 
-def show(calibration: CalibrationView) -> None:
-    """Print the notes on the pairs, then for each camera a table and its sentences, then the rig's."""
-    out = console()
+def tables(calibration: CalibrationView) -> list[RenderableType]:
+    """The notes on the pairs, then for each camera a table and its sentences, then the rig's."""
     summary = calibration.summary or Summary(cameras={})
-    for note in calibration.notes:
-        out.print(f"Note: {note}", markup=False, soft_wrap=True)
+    parts: list[RenderableType] = [f"Note: {note}" for note in calibration.notes]
     for name, camera in summary.cameras.items():
-        out.print(table_of(name, camera))
-        if camera.why:
-            out.print(f"* {camera.why}", markup=False, soft_wrap=True)
-        out.print(lens_of(camera), markup=False, soft_wrap=True)
-        out.print(verdict_line(camera), markup=False, soft_wrap=True)
-        for check in camera.checks:
-            if check.verdict != "pass":
-                out.print(f"  {line_of(check)}", markup=False, soft_wrap=True)
+        parts.append(table_of(name, camera))
+        parts += [f"* {camera.why}"] if camera.why else []
+        parts += [lens_of(camera), verdict_line(camera)]
+        parts += [f"  {line_of(check)}" for check in camera.checks if check.verdict != "pass"]
     rig = summary.rig or RigSummary()
-    for pair in rig.pairs:
-        for sentence in pair.sentences:
-            out.print(sentence, markup=False, soft_wrap=True)
-    for alarm in rig.alarms:
-        out.print(f"Warning: {alarm}", markup=False, soft_wrap=True)
+    parts += [sentence for pair in rig.pairs for sentence in pair.sentences]
+    return parts + [f"Warning: {alarm}" for alarm in rig.alarms]
 
 
 def table_of(name: str, camera: CameraSummary) -> Table:
@@ -46,12 +37,12 @@ def table_of(name: str, camera: CameraSummary) -> Table:
     )
     for heading in ("model", "GA", "polished", "baseline", "held out", "verdict"):
         table.add_column(heading, justify="left" if heading == "model" else "right", no_wrap=True)
-    for model, found in camera.models.items():
+    for model, figures in camera.models.items():
         table.add_row(
             model + (" *" if model == camera.recommended else ""),
-            *(_pair(found.stages.get(stage)) for stage in ("ga", "polished", "baseline")),
-            _pixels(found.heldout_mean_px),
-            found.verdict or "-",
+            *(_pair(figures.stages.get(stage)) for stage in ("ga", "polished", "baseline")),
+            _pixels(figures.heldout_mean_px),
+            figures.verdict or "-",
         )
     return table
 
@@ -73,14 +64,14 @@ def line_of(check: Check) -> str:
 
 def lens_of(camera: CameraSummary) -> str:
     """Where the recommended model's lens comes from, and how well a stated one fits."""
-    found = camera.models.get(camera.recommended or "")
-    return f"Lens of {camera.recommended}: {found.lens}. {found.stated_lens or ''}".strip() if found else ""
+    model = camera.models.get(camera.recommended or "")
+    return f"Lens of {camera.recommended}: {model.lens}. {model.stated_lens or ''}".strip() if model else ""
 
 
-def why_unpublished(camera: CameraSummary, *, wanted: bool) -> str:
+def why_unpublished(camera: CameraSummary, *, publish: bool) -> str:
     """Why no result of this camera became the vehicle's current calibration, and what to do about it."""
     by_hand = "A reviewer can publish a result with `apexcal publish`, or on the calibration's page."
-    if not wanted:
+    if not publish:
         return f"--publish was not given. {by_hand}"
     if not camera.published:
         return f"a check keeps it back. {by_hand}"

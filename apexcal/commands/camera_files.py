@@ -8,12 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from rich.markup import escape
-
 from apexcal.client import ApiError, Client, InputError
-from apexcal.commands.common import console, usage
-from apexcal.commands.connect import cameras_of, check_id, find_camera, find_rig, find_vehicle
+from apexcal.commands.named import check_id, find_camera, find_rig, find_vehicle
 from apexcal.commands.stated_files import read_lens
+from apexcal.commands.terminal import note, usage
 from apexcal.documents.correspondence_sets import SetView
 from apexcal.transport import Document
 
@@ -47,7 +45,7 @@ def pairs_of_files(
         except OSError as error:
             raise InputError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
     with_rig = find_rig(client, find_vehicle(client, "", vehicle), rig)
-    of = [find_camera(cameras_of(with_rig), camera or "".join(cameras[:1])) for camera, _ in named]
+    of = [find_camera([with_rig], camera or "".join(cameras[:1])) for camera, _ in named]
     bring = client.correspondence_sets.import_csv
     return [
         PairsOf(camera, partial(bring, with_rig.id, camera, text)) for camera, text in zip(of, texts, strict=True)
@@ -56,10 +54,10 @@ def pairs_of_files(
 
 def pairs_of_marks(client: Client, detection_id: str, cameras: Sequence[str]) -> list[PairsOf]:
     """Each camera, and what makes pairs of the marks in it."""
-    found = client.detections.get(check_id(detection_id, "detection"))
-    recording = client.recordings.get(found.recording_id)
+    detection = client.detections.get(check_id(detection_id, "detection"))
+    recording = client.recordings.get(detection.recording_id)
     with_rig = client.vehicles.rig(recording.rig_id)
-    of = [find_camera(cameras_of(with_rig), camera) for camera in cameras or [""]]
+    of = [find_camera([with_rig], camera) for camera in cameras or [""]]
     return [PairsOf(camera, partial(client.correspondence_sets.build, detection_id, camera)) for camera in of]
 
 
@@ -69,25 +67,24 @@ def saying_what_stays(sets: Sequence[SetView]) -> Iterator[None]:
     try:
         yield
     except ApiError:
-        for one in sets:
-            if one.source == "import":
-                pairs = "1 pair" if one.count == 1 else f"{one.count} pairs"
-                sentence = (
-                    f"Imported all the same: {pairs} of {one.camera}, as the correspondence set {one.id}. "
+        for each in sets:
+            if each.source == "import":
+                pairs = "1 pair" if each.count == 1 else f"{each.count} pairs"
+                note(
+                    f"Imported all the same: {pairs} of {each.camera}, as the correspondence set {each.id}. "
                     "It is this camera's newest until others are imported, or older ones again."
                 )
-                console(errors=True).print(escape(sentence), soft_wrap=True)
         raise
 
 
 def lenses(client: Client, files: Sequence[str], cameras: Sequence[str]) -> dict[str, Document]:
     """The intrinsics of each camera that a file is given for."""
-    found: dict[str, Document] = {}
+    stated: dict[str, Document] = {}
     for text in files:
         camera, path = camera_and_file(text)
         if not camera and len(cameras) > 1:
             usage("--intrinsics names no camera, and there are several", "Write it as --intrinsics CAMERA=FILE")
         if camera and camera not in cameras:
             usage(f"--intrinsics names {camera!r}", f"The cameras of this calibration are {', '.join(cameras)}")
-        found[camera or cameras[0]] = read_lens(client, str(path), camera or cameras[0])
-    return found
+        stated[camera or cameras[0]] = read_lens(client, str(path), camera or cameras[0])
+    return stated

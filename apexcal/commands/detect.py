@@ -1,7 +1,8 @@
-"""``apexcal detect``: vertices in a recording."""
+"""The board's vertices in a recording: ``suggest`` a region, ``detect``."""
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -11,12 +12,13 @@ from typing import Annotated, Any
 import typer
 
 from apexcal.client import FailedError
-from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, understood, usage
-from apexcal.commands.connect import connected, find_recording
+from apexcal.commands.named import find_recording
+from apexcal.commands.options import ForceOption, RecordingArgument
+from apexcal.commands.session import Reply, Session
+from apexcal.commands.terminal import check_target, usage, write_content
 from apexcal.documents.detections import DetectionView, RollFacts
 from apexcal.documents.detectors import DetectorName
-from apexcal.documents.studies import PreviewView
-from apexcal.embedded.folder import DEFAULT
+from apexcal.documents.studies import SuggestionFacts
 from apexcal.json_files import parse_document
 from apexcal.regions import parse_region, read_region
 
@@ -36,8 +38,27 @@ _EXAMPLES: dict[DetectorName, str] = {
 }
 
 
+def suggest(
+    session: Session,
+    recording: RecordingArgument,
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write the region into.")] = Path("region.json"),
+    force: ForceOption = False,
+) -> Reply:
+    """Suggest a region: where somebody walked, or where the board of still poses stands. The LiDAR must not move.
+
+    `apexcal detect RECORDING --region region.json --preview` shows what the region keeps. You may edit the file.
+    """
+    check_target(out, force)
+    request = session.client.detections.suggest(find_recording(session.client, recording).id)
+    view = session.wait(request, "Looking for what moves")
+    assert view.result is not None
+    write_content(out, json.dumps(view.result.region, indent=2) + "\n")
+    return Reply(view, f"{_suggestion(view.result.facts)}\nThe region is in {out}.")
+
+
 def detect(
-    recording: Annotated[str, typer.Argument(help="Recording, by id (`apexcal upload` prints it) or by name.")],
+    session: Session,
+    recording: RecordingArgument,
     keep: Annotated[list[str] | None, typer.Option(help=_KEEP, metavar="INEQUALITY")] = None,
     region: Annotated[Path | None, typer.Option(help="JSON file of a region, for trees with `or`.")] = None,
     detector: Annotated[
@@ -61,11 +82,7 @@ def detect(
         ),
     ] = None,
     preview: Annotated[bool, typer.Option("--preview", help="Only say what the region keeps.")] = False,
-    url: UrlOption = "",
-    token: TokenOption = "",
-    data: DataOption = DEFAULT,
-    as_json: JsonOption = False,
-) -> None:
+) -> Reply:
     """Find the board's top vertex in every sweep, inside a region of interest."""
     if not keep and region is None:
         usage(
@@ -79,29 +96,42 @@ def detect(
             "--offset-ms and --max-gap-ms are finite numbers",
             "Both are in milliseconds, for example --offset-ms 12.5",
         )
-    with understood():
-        options = _board(board, detector) | _options(option or [], detector)
-        tree = read_region(region) if region else parse_region(keep or [])
-    with connected(url, token, data) as client, bar("Detecting", not as_json) as progress:
-        of = find_recording(client, recording)
-        if of.state == "failed":
-            raise FailedError(f"the recording {of.name!r}", "failed", of.problem)
-        if preview:
-            counted = client.wait(client.detections.preview(of.id, tree), on_progress=progress)
-            shown, sentence = counted, _preview(counted)
-        else:
-            started = client.detections.create(
-                of.id,
-                tree,
-                detector=detector,
-                options=options,
-                offset_ns=round(offset_ms * 1e6),
-                max_gap_ns=round(max_gap_ms * 1e6),
-                mode="auto" if interpolate is None else "interpolate" if interpolate else "nearest",
-            )
-            detection = client.wait(started, on_progress=progress)
-            shown, sentence = detection, _outcome(detection)
-    say(shown, as_json, sentence)
+    options = _board(board, detector) | _options(option or [], detector)
+    tree = read_region(region) if region else parse_region(keep or [])
+    detections, of = session.client.detections, find_recording(session.client, recording)
+    if of.state == "failed":
+        raise FailedError(f"the recording {of.name!r}", "failed", of.problem)
+    if preview:
+        view = session.wait(detections.preview(of.id, tree), "Counting")
+        counts = view.result
+        assert counts is not None
+        points = f"{counts.points_kept} of {counts.points} points"
+        return Reply(view, f"The region keeps {points}, in {counts.frames_kept} of {counts.frames} sweeps.")
+    request = detections.create(
+        of.id,
+        tree,
+        detector=detector,
+        options=options,
+        offset_ns=round(offset_ms * 1e6),
+        max_gap_ns=round(max_gap_ms * 1e6),
+        mode="auto" if interpolate is None else "interpolate" if interpolate else "nearest",
+    )
+    detection = session.wait(request, "Detecting")
+    return Reply(detection, _outcome(detection))
+
+
+def _suggestion(facts: SuggestionFacts) -> str:
+    notes = "".join(f"\n  {note}" for note in facts.notes)
+    if facts.poses:
+        return (
+            f"{facts.poses} still {'pose' if facts.poses == 1 else 'poses'}: the board, or somebody with it, stands "
+            f"elsewhere in {facts.sweeps_moving} of {facts.sweeps_read} sweeps, within {facts.area_m2:.0f} square "
+            f"metres. The detector leaves out what stands still there.{notes}"
+        )
+    return (
+        f"Somebody walks in {facts.sweeps_moving} of {facts.sweeps_read} sweeps that were looked at, over "
+        f"{facts.area_m2:.0f} square metres.{notes}"
+    )
 
 
 def _board(text: str, detector: DetectorName) -> dict[str, Any]:
@@ -138,15 +168,6 @@ def _options(texts: list[str], detector: DetectorName) -> dict[str, Any]:
     return options
 
 
-def _preview(preview: PreviewView) -> str:
-    result = preview.result
-    assert result is not None
-    return (
-        f"The region keeps {result.points_kept} of {result.points} points, "
-        f"in {result.frames_kept} of {result.frames} sweeps."
-    )
-
-
 def _outcome(detection: DetectionView) -> str:
     counts = detection.counts
     rejected = sorted(counts.rejected.items(), key=lambda item: -item[1])
@@ -155,7 +176,7 @@ def _outcome(detection: DetectionView) -> str:
     return (
         f"The detection {detection.id} accepted {counts.accepted} of {counts.sweeps} sweeps"
         f"{f' ({quality})' if quality else ''}, {counts.paired} of them with a camera frame."
-        f"{_poses(detection)}{reasons}{_held(counts.roll)}{_size(detection)}{_advice(detection)}"
+        f"{_poses(detection)}{reasons}{_roll(counts.roll)}{_size(detection)}{_advice(detection)}"
     )
 
 
@@ -169,22 +190,22 @@ def _poses(detection: DetectionView) -> str:
     counts = detection.counts
     if not counts.poses:
         return ""
-    said = "As you said, these are" if counts.poses_stated else "These seem to be"
+    these_are = "As you said, these are" if counts.poses_stated else "These seem to be"
     return (
-        f"\n{said} {counts.poses} still poses. Each gives at most one vertex. What stands still is left out. No "
+        f"\n{these_are} {counts.poses} still poses. Each gives at most one vertex. What stands still is left out. No "
         f"track is used.{_WALKED if counts.poses_walked else ''}"
     )
 
 
 def _size(detection: DetectionView) -> str:
     """That the board does not look as large as it was said to be; empty where it does."""
-    seen = detection.counts.size
-    if seen is None:
+    shown = detection.counts.size
+    if shown is None:
         return ""
-    said = sorted(float(detection.options[f"board_{edge}_m"]) for edge in ("width", "height"))
+    stated = sorted(float(detection.options[f"board_{edge}_m"]) for edge in ("width", "height"))
     return (
-        f"\nThe board looks like {_edges(seen.seen_m)} m (+- {max(seen.sigma_m):.3f}); you said {_edges(said)} m. "
-        "The detection used the size that the board shows. To get the other corners, measure its edges and detect "
+        f"\nThe board looks like {_edges(shown.seen_m)} m (+- {max(shown.sigma_m):.3f}); you said {_edges(stated)} "
+        "m. The detection used the size that the board shows. To get the other corners, measure its edges and detect "
         "again."
     )
 
@@ -193,7 +214,7 @@ def _edges(lengths: Sequence[float]) -> str:
     return " x ".join(f"{length:.3f}" for length in lengths)
 
 
-def _held(roll: RollFacts | None) -> str:
+def _roll(roll: RollFacts | None) -> str:
     """How the board was rolled; empty where the detector does not tell."""
     if roll is None:
         return ""

@@ -1,32 +1,23 @@
-"""``apexcal export``: a calibration as JSON, or as files for other programs."""
+"""``apexcal export``: a calibration as JSON, or as files for other programs: one, the terminal, or a folder."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from apexcal.client import ApiError, Client
-from apexcal.commands.common import (
-    DataOption,
-    TokenOption,
-    UrlOption,
-    as_document,
-    check_target,
-    console,
-    usage,
-    write_target,
-)
-from apexcal.commands.connect import check_id, connected
-from apexcal.commands.exported_files import write_exported
-from apexcal.commands.publications import CameraOption, FleetOption, VehicleOption, find_vehicle_camera
-from apexcal.documents.fleets import VehicleOut
+from apexcal.archives import read_archive
+from apexcal.client import ApiError
+from apexcal.commands.named import check_id, find_vehicle_camera
+from apexcal.commands.options import AliasOption, CameraOption, FleetOption, ForceOption, TargetOption, VehicleOption
+from apexcal.commands.session import Session, as_document
+from apexcal.commands.terminal import check_target, complain, note, usage, write_content
 from apexcal.documents.publications import CURRENT
-from apexcal.documents.summaries import CurrentCalibration
-from apexcal.embedded.folder import DEFAULT
-from apexcal.resources.exports import Exported
+from apexcal.resources.exports import ExportedFile
 
 FormatOption = Annotated[
     str,
@@ -38,30 +29,26 @@ FormatOption = Annotated[
 
 
 def export(
+    session: Session,
     vehicle: VehicleOption = "",
     camera: CameraOption = "",
     fleet: FleetOption = "",
     result: Annotated[str, typer.Option(help="Id of one result, instead of the current calibration.")] = "",
     format: FormatOption = "json",
-    alias: Annotated[str, typer.Option(help="The alias to follow, such as canary.")] = CURRENT,
+    alias: AliasOption = CURRENT,
     urdf: Annotated[
         Path | None, typer.Option(help="The vehicle's own URDF, or Autoware's YAML file, to change one pose in.")
     ] = None,
     joint: Annotated[str, typer.Option(help="The joint of --urdf, or the camera's entry in Autoware's file.")] = "",
     camera_link: Annotated[str, typer.Option(help="The camera's optical link in --urdf, if not the frame.")] = "",
     lidar_link: Annotated[str, typer.Option(help="The LiDAR's link in --urdf, if not the frame.")] = "",
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File to write, or folder for several; otherwise the terminal."),
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file.")] = False,
-    url: UrlOption = "",
-    token: TokenOption = "",
-    data: DataOption = DEFAULT,
+    output: TargetOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Write a camera's current calibration (intrinsics and transform, frames named), or a result.
 
     With --urdf: that file with the origin of --joint as it was calibrated, and every other byte as it is.
+    Without --output it goes to the terminal; --output is a folder for a format of several files.
     """
     if result and (vehicle or camera):
         usage("a result belongs to one camera already", "Leave out --vehicle and --camera, or leave out --result")
@@ -71,45 +58,38 @@ def export(
         usage("--urdf and --joint belong together")
     if output and format == "json":
         check_target(output, force)
-    with connected(url, token, data) as client:
-        if urdf is not None or format != "json":
-            of = check_id(result, "result") if result else find_vehicle_camera(client, fleet, vehicle, camera)
-            links = {"camera_link": camera_link, "lidar_link": lidar_link}
-            made = _exported(client, of, format, alias) if urdf is None else _patched(client, of, urdf, joint, links)
-            write_exported(made, output, force)
-            return
-        if result:
-            document = client.calibrations.result(check_id(result, "result"))
+    client = session.client
+    result_id = check_id(result, "result") if result else ""
+    vehicle_id, name = "", ""
+    if not result_id:
+        on, name = find_vehicle_camera(client, fleet, vehicle, camera)
+        vehicle_id = str(on.id)
+    if urdf is not None:
+        # Read as bytes: the ends of lines stay as they are.
+        text = urdf.read_bytes().decode()
+        links = {word: link for word, link in (("camera_link", camera_link), ("lidar_link", lidar_link)) if link}
+        if result_id:
+            exported = client.exports.urdf_of_result(result_id, text, joint, **links)
         else:
-            document = _current(client, *find_vehicle_camera(client, fleet, vehicle, camera), alias)
-    text = json.dumps(as_document(document), indent=2, ensure_ascii=False)
-    if output is None:
-        print(text)
-        return
-    write_target(output, text + "\n")
-    console(errors=True).print(f"Wrote {output}.", soft_wrap=True)
+            exported = client.exports.urdf(vehicle_id, name, text, joint, **links)
+    elif format != "json" and result_id:
+        exported = client.exports.result(result_id, format)
+    elif format != "json":
+        exported = client.exports.current(vehicle_id, name, format, alias)
+    else:
+        calibrations = client.calibrations
+        with _naming_the_command():
+            document = calibrations.result(result_id) if result_id else calibrations.current(vehicle_id, name, alias)
+        content = json.dumps(as_document(document), indent=2, ensure_ascii=False) + "\n"
+        exported = ExportedFile("json", content.encode())
+    write_exported(exported, output, force)
 
 
-def _exported(client: Client, of: str | tuple[VehicleOut, str], format: str, alias: str) -> Exported:
-    if isinstance(of, str):
-        return client.exports.result(of, format)
-    return client.exports.current(of[0].id, of[1], format, alias)
-
-
-def _patched(
-    client: Client, of: str | tuple[VehicleOut, str], urdf: Path, joint: str, links: dict[str, str]
-) -> Exported:
-    # Read as bytes: the ends of lines stay as they are.
-    text, given = urdf.read_bytes().decode(), {name: link for name, link in links.items() if link}
-    if isinstance(of, str):
-        return client.exports.urdf_of_result(of, text, joint, **given)
-    return client.exports.urdf(of[0].id, of[1], text, joint, **given)
-
-
-def _current(client: Client, vehicle: VehicleOut, camera: str, alias: str) -> CurrentCalibration:
-    """The current calibration; where there is none, the refusal names the command that makes one."""
+@contextmanager
+def _naming_the_command() -> Iterator[None]:
+    """Where there is no calibration yet, the refusal names the command that makes one."""
     try:
-        return client.calibrations.current(vehicle.id, camera, alias)
+        yield
     except ApiError as error:
         if error.code == "no_calibration_yet":
             error.hint = (
@@ -117,3 +97,34 @@ def _current(client: Client, vehicle: VehicleOut, camera: str, alias: str) -> Cu
                 "is published with `apexcal publish` or on the calibration's page, or written with --result."
             )
         raise
+
+
+def write_exported(exported: ExportedFile, output: Path | None, force: bool) -> None:
+    """Write what the service made. Several files go below ``output``, or into one where that ends with ``.zip``."""
+    for sentence in exported.notes:
+        note(sentence)
+    if exported.name.endswith(".zip") and (output is None or output.suffix != ".zip"):
+        _write_below(exported.content, output, force)
+    elif output is None:
+        print(exported.content.decode(), end="")
+    else:
+        check_target(output, force)
+        write_content(output, exported.content)
+        note(f"Wrote {output}.")
+
+
+def _write_below(archive: bytes, folder: Path | None, force: bool) -> None:
+    if folder is None:
+        usage("this format is several files", "Name a folder for them with --output, or a file that ends with .zip")
+    try:
+        files = read_archive(archive)
+    except ValueError as error:
+        complain(f"what the service answered {error}")
+    if folder.exists() and not folder.is_dir():
+        usage(f"{folder} is a file", "Name a folder")
+    for name in files:
+        if (folder / name).exists() and not force:
+            usage(f"{folder / name} exists already", "Name another folder, or say --force")
+    for name, content in files.items():
+        write_content(folder / name, content)
+    note(f"Wrote {', '.join(files)} below {folder}.")

@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Annotated, Any
 from uuid import UUID
 
@@ -20,11 +19,11 @@ import typer
 from apexcal.archives import read_archive
 from apexcal.cli import FAILED, UNREACHABLE
 from apexcal.client import ApiError, Client
-from apexcal.commands.common import DataOption, TokenOption, UrlOption, complain, console, usage
-from apexcal.commands.connect import connected, find_vehicle, is_id
-from apexcal.commands.publications import FleetOption, VehicleOption
+from apexcal.commands.named import find_vehicle, is_id
+from apexcal.commands.options import AliasOption, CamerasOption, FleetOption, OutputOption, VehicleOption
+from apexcal.commands.session import Session
+from apexcal.commands.terminal import complain, note, usage
 from apexcal.documents.publications import CURRENT
-from apexcal.embedded.folder import DEFAULT
 from apexcal.errors import ForeignAnswerError
 from apexcal.kept_file import KeptFile, replace_folder
 
@@ -37,16 +36,17 @@ _REFUSED = {
 
 
 def pull(
-    output: Annotated[Path, typer.Option("--output", "-o", help="The file to keep.")],
+    session: Session,
+    output: OutputOption,
     vehicle: VehicleOption = "",
     fleet: FleetOption = "",
     sensor: Annotated[
         str, typer.Option(help="The vehicle, by the serial number of its LiDAR or of a camera, instead of --vehicle.")
     ] = "",
-    camera: Annotated[list[str] | None, typer.Option(help="Only this camera; may be given several times.")] = None,
+    camera: CamerasOption = None,
     format: Annotated[str, typer.Option("--format", help="json, or a format of `apexcal export`.")] = "json",
     as_of: Annotated[str, typer.Option(help="What it was given at this moment: 2026-03-01T12:00:00Z.")] = "",
-    alias: Annotated[str, typer.Option(help="The alias to follow, such as canary.")] = CURRENT,
+    alias: AliasOption = CURRENT,
     serial: Annotated[
         list[str] | None,
         typer.Option(help="NAME=SERIAL of a mounted sensor; NAME is a camera or lidar. May be repeated."),
@@ -55,9 +55,6 @@ def pull(
         bool, typer.Option("--unpack", help="Keep a folder of the files of --format: OUTPUT is a link to it.")
     ] = False,
     timeout: Annotated[float, typer.Option(help="Seconds to wait for each answer.", min=0.1, max=600.0)] = 10.0,
-    url: UrlOption = "",
-    token: TokenOption = "",
-    data: DataOption = DEFAULT,
 ) -> None:
     """Keep what a vehicle is given now (all its cameras) in a file. It is replaced whole, or not at all.
 
@@ -71,9 +68,9 @@ def pull(
     fits = output.is_symlink() if unpack else output.is_file()
     if (output.exists() and not fits) or not output.parent.is_dir():
         usage(f"{output} is no place for a {'link' if unpack else 'file'}", "Name a new one in a folder that exists")
-    kept = KeptFile(output.with_name(f".{output.name}.zip") if unpack else output)
+    pulled = KeptFile(output.with_name(f".{output.name}.zip") if unpack else output)
     try:
-        with connected(url, token, data, timeout_s=timeout) as client, _ended():
+        with session.saying_errors(), session.connect(timeout) as client, _ended():
             query: dict[str, Any] = {"camera": camera or None, "as_of": as_of or None, "serial": serial or None}
             query |= {} if alias == CURRENT else {"alias": alias}
             vehicle_id = None
@@ -81,15 +78,15 @@ def pull(
                 query |= {"vehicle": vehicle or None, "fleet": fleet or None, "sensor": sensor or None}
             else:
                 vehicle_id = UUID(vehicle) if vehicle else find_vehicle(client, fleet, vehicle).id
-            asked = json.dumps([client.base_url, str(vehicle_id), format, query])
-            changed = _keep(client, kept, asked, {"vehicle_id": vehicle_id, "format": format, **query}, unpack)
+            query_key = json.dumps([client.base_url, str(vehicle_id), format, query])
+            changed = _keep(client, pulled, query_key, {"vehicle_id": vehicle_id, "format": format, **query}, unpack)
             if unpack:
-                replace_folder(output, read_archive(kept.path.read_bytes()))
+                replace_folder(output, read_archive(pulled.path.read_bytes()))
     except typer.Exit as left:
         if left.exit_code in (FAILED, UNREACHABLE, FOREIGN, *_REFUSED.values()):
-            _say_what_is_kept(kept)
+            _say_what_is_kept(pulled)
         raise
-    console(errors=True).print(f"{output} {'was replaced' if changed else 'has not changed'}.", soft_wrap=True)
+    note(f"{output} {'was replaced' if changed else 'has not changed'}.")
 
 
 @contextmanager
@@ -109,9 +106,9 @@ def _ended() -> Iterator[None]:
         complain(f"cannot write {error.filename or 'the file'}: {(error.strerror or str(error)).lower()}")
 
 
-def _keep(client: Client, kept: KeptFile, asked: str, request: dict[str, Any], unpack: bool) -> bool:
+def _keep(client: Client, pulled: KeptFile, query_key: str, request: dict[str, Any], unpack: bool) -> bool:
     """Whether the kept file was replaced, because the service has another content than it."""
-    new = client.calibrations.vehicle_if_changed(etag=kept.etag(asked), **request)
+    new = client.calibrations.vehicle_if_changed(etag=pulled.etag(query_key), **request)
     if new is None:
         return False
     content, etag = new
@@ -122,11 +119,11 @@ def _keep(client: Client, kept: KeptFile, asked: str, request: dict[str, Any], u
             read_archive(content)
         except ValueError as error:
             raise ForeignAnswerError(client.base_url, f"answered what {error}") from None
-    kept.replace(content, etag, asked)
+    pulled.replace(content, etag, query_key)
     return True
 
 
-def _say_what_is_kept(kept: KeptFile) -> None:
-    if not kept.is_whole():
-        complain(f"there is no {kept.path} that was pulled before", code=NOTHING_KEPT)
-    console(errors=True).print(f"{kept.path} is as it was pulled last.", soft_wrap=True)
+def _say_what_is_kept(pulled: KeptFile) -> None:
+    if not pulled.is_whole():
+        complain(f"there is no {pulled.path} that was pulled before", code=NOTHING_KEPT)
+    note(f"{pulled.path} is as it was pulled last.")

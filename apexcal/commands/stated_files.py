@@ -15,17 +15,20 @@ _LARGEST_BYTES = 60_000
 
 def read_texts(paths: Sequence[Path]) -> dict[str, str]:
     """Files as texts, by name. Raises :class:`InputError` for what cannot be read."""
-    texts: dict[str, str] = {}
     for path in paths:
-        try:
-            if path.stat().st_size > _LARGEST_BYTES:
-                raise InputError(f"{path} is too large for a calibration file")
-            texts[path.name] = path.read_text(encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
-        except UnicodeDecodeError:
-            raise InputError(f"{path} is no text") from None
-    return texts
+        if path.is_file() and path.stat().st_size > _LARGEST_BYTES:
+            raise InputError(f"{path} is too large for a calibration file")
+    return {path.name: read_text(path) for path in paths}
+
+
+def read_text(path: Path) -> str:
+    """A file as text. Raises :class:`InputError` for what cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is no text") from None
 
 
 def read_lens(client: Client, file: str, camera: str) -> Document:
@@ -34,8 +37,7 @@ def read_lens(client: Client, file: str, camera: str) -> Document:
     Raises :class:`InputError`, :class:`ApiError` ``calibration_file_not_read``.
     """
     path, name = _named(file)
-    found = client.imports.read(read_texts([path]))
-    lens = _one(found, path, name or camera, named=bool(name)).lens
+    lens = _camera_of(client.imports.read(read_texts([path])), path, name or camera, is_named=bool(name)).lens
     if lens is None:
         raise InputError(f"{path} holds no lens")
     return lens.model_dump(include={"width", "height", "distortion_model", "K", "D"})
@@ -46,16 +48,16 @@ def _named(file: str) -> tuple[Path, str]:
     return (Path(path), name) if path and not Path(file).exists() else (Path(file), "")
 
 
-def _one(found: ReadFiles, path: Path, camera: str, *, named: bool) -> ReadCamera:
+def _camera_of(files: ReadFiles, path: Path, camera: str, *, is_named: bool) -> ReadCamera:
     """The camera of this name, else of this topic, else the only one."""
-    cameras = found.cameras
-    wanted = [one for one in cameras if camera == one.name or camera in (one.topic or "").split("/")]
-    if not wanted and len(cameras) == 1 and not named:
+    cameras = files.cameras
+    matching = [each for each in cameras if camera == each.name or camera in (each.topic or "").split("/")]
+    if not matching and len(cameras) == 1 and not is_named:
         return cameras[0]
-    if len(wanted) != 1:
-        listed = ", ".join(one.name for one in cameras)
+    if len(matching) != 1:
+        listed = ", ".join(each.name for each in cameras)
         raise InputError(
             f"{path} has the cameras {listed}, and none of them is clearly {camera}",
             f"Name one of them: {path}#{cameras[0].name}",
         )
-    return wanted[0]
+    return matching[0]

@@ -16,11 +16,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from apexcal.client import Client, ClientError
+from apexcal.client import ClientError
 from apexcal.demo import real, report, simulated
-from apexcal.demo.service import Service, serving
-from apexcal.demo.steps import Steps
-from apexcal.documents.fleets import FleetOut
+from apexcal.demo.service import DemoService, serving
+from apexcal.demo.steps import DemoSession, DemoSteps
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
 
@@ -59,33 +58,28 @@ def _drive(out: Console) -> Document:
     scratch = Path(tempfile.mkdtemp(prefix="simulated-", dir=_folder(REPORT.parent)))
     data = real.find_data(Path.cwd())
     try:
-        with Steps(out) as steps, ThreadPoolExecutor(2) as pool:
-            simulating = pool.submit(simulated.simulate, steps, scratch)
-            with _started(steps) as (service, client):
-                fleet = client.fleets.create(f"Demo {datetime.now(UTC):%Y-%m-%d %H:%M:%S}")
-                beside = pool.submit(_real, steps, service, fleet, data)
+        with DemoSteps(out) as steps, ThreadPoolExecutor(2) as pool:
+            simulating = pool.submit(simulated.simulate, steps, scratch / "walk")
+            with _started(steps) as service:
+                session = DemoSession(steps, "simulated", *service)
+                fleet = session.client.fleets.create(f"Demo {datetime.now(UTC):%Y-%m-%d %H:%M:%S}")
+                beside = data and pool.submit(real.run, DemoSession(steps, "real", *service), fleet, data, scratch)
                 simulating.result()
-                first = simulated.run(steps, client, fleet, scratch)
-                return {"simulated": first, "real": beside.result()}
+                first = simulated.run(session, fleet, scratch / "walk")
+                skipped = {"skipped": "a clone holds no real recording (../shared/data/vlp16-diamond-board)"}
+                return {"simulated": first, "real": beside.result() if beside else skipped}
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
 @contextmanager
-def _started(steps: Steps) -> Iterator[tuple[Service, Client]]:
+def _started(steps: DemoSteps) -> Iterator[DemoService]:
     with ExitStack() as until:
-        with steps.step("service", "start") as report:
-            report(0.0, f"embedded, on {DEFAULT}")
+        with steps.step("service", "start") as on_progress:
+            on_progress(0.0, f"embedded, on {DEFAULT}")
             service = until.enter_context(serving(DEFAULT.resolve()))
-            report(1.0, service.url)
-        yield service, until.enter_context(service.client())
-
-
-def _real(steps: Steps, service: Service, fleet: FleetOut, data: Path | None) -> Document:
-    if data is None:
-        return {"skipped": "a clone holds no real recording (../shared/data/vlp16-diamond-board)"}
-    with service.client() as client:
-        return real.run(steps, client, fleet, data)
+            on_progress(1.0, service.url)
+        yield service
 
 
 def _folder(path: Path) -> Path:

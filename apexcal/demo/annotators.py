@@ -9,7 +9,7 @@ from uuid import UUID
 import numpy as np
 
 from apexcal.client import Client
-from apexcal.demo.steps import Report
+from apexcal.commands.session import OnProgress
 from apexcal.demo.truth import Truth
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.marking import Progress, Tally, TaskView
@@ -24,7 +24,7 @@ _ELSEWHERE_M = 0.35
 
 
 def mark_everything(
-    owner: Client, fleet_id: UUID, detection: DetectionView, camera: str, truth: Truth, report: Report
+    owner: Client, fleet_id: UUID, detection: DetectionView, camera: str, truth: Truth, report: OnProgress
 ) -> tuple[Progress, Tally]:
     """Invite three annotators, let them work at the same time; return the marking's progress and tally at the end."""
     invitations = [owner.fleets.invite(fleet_id, name, "annotator") for name in NAMES]
@@ -70,7 +70,7 @@ def _look(task: TaskView, truth: Truth, random: np.random.Generator) -> tuple[fl
 class _Counter:
     """Answers so far, from several threads."""
 
-    def __init__(self, total: int, report: Report) -> None:
+    def __init__(self, total: int, report: OnProgress) -> None:
         self._total = max(total, 1)
         self._report = report
         self._done = 0

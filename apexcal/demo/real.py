@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from apexcal.client import Client
-from apexcal.demo import job
-from apexcal.demo.steps import Steps
+from apexcal.commands.calibrate import calibrate
+from apexcal.commands.detect import detect, suggest
+from apexcal.commands.recordings import upload
+from apexcal.demo import report
+from apexcal.demo.steps import DemoSession
+from apexcal.documents.detectors import DetectorName
 from apexcal.documents.fleets import FleetOut
 from apexcal.transport import Document
 
-HALF = "real"
+DETECTORS: tuple[DetectorName, ...] = ("strict", "tolerant", "refined")
 CAMERA = "front"
 # As its authors give it.
-BOARD: Document = {"board_width_m": 0.61, "board_height_m": 0.85}
+BOARD = "0.61x0.85"
 # An upright camera that looks along the LiDAR's x axis; where exactly, the calibration finds.
 RIG: Document = {
     "name": "Wide-angle camera",
@@ -41,29 +44,35 @@ def find_data(start: Path) -> Path | None:
     return folder if (folder / "recording.bag").is_file() and (folder / "correspondences.csv").is_file() else None
 
 
-def run(steps: Steps, client: Client, fleet: FleetOut, folder: Path) -> Document:
+def run(session: DemoSession, fleet: FleetOut, folder: Path, scratch: Path) -> Document:
     """Ingest, detect, and calibrate from the imported correspondences: the ``real`` part of the report."""
-    vehicle = client.vehicles.create(fleet.id, "Real vehicle")
-    rig = client.vehicles.create_rig(vehicle.id, RIG)
+    vehicles = session.client.vehicles
+    vehicle = vehicles.create(fleet.id, "Real vehicle")
+    vehicles.create_rig(vehicle.id, RIG)
+    bag, on, name = folder / "recording.bag", str(vehicle.id), "Diamond board, 20 poses"
     # Still poses whose stamps were made up: when in its turn the LiDAR saw a point means nothing here.
-    reading = {"point_times": "stamp_only"}
-    bag = folder / "recording.bag"
-    recording = job.upload(steps, HALF, client, bag, rig, "Diamond board, 20 poses", reading=reading)
-    region = job.suggest(steps, HALF, client, recording)
-    strict = job.detect(steps, HALF, client, recording, region, "strict")
-    tolerant = job.detect(steps, HALF, client, recording, region, "tolerant")
-    refined = job.detect(steps, HALF, client, recording, region, "refined", options=BOARD)
-    with steps.step(HALF, "import correspondences") as report:
-        text = (folder / "correspondences.csv").read_bytes()
-        pairs = client.correspondence_sets.import_csv(rig.id, CAMERA, text)
-        report(1.0, f"{pairs.count} pairs")
-    calibration, _ = job.calibrate(steps, HALF, client, pairs, folds=5, publish="recommended")
-    document: Document = dict(job.figures(calibration, CAMERA))
-    document |= {
-        "correspondences": pairs.count,
-        "detections": job.acceptance([strict, tolerant, refined]),
+    recording = session.run("upload and ingest", upload, bag, vehicle=on, name=name, still=True)
+    region = scratch / "region.json"
+    session.run("region of interest", suggest, str(recording.id), out=region)
+    detections = [
+        session.run(
+            f"detect ({detector})",
+            detect,
+            str(recording.id),
+            region=region,
+            detector=detector,
+            board=BOARD if detector == "refined" else "",
+        )
+        for detector in DETECTORS
+    ]
+    pairs = [str(folder / "correspondences.csv")]
+    calibration = session.run("calibrate", calibrate, pairs=pairs, vehicle=on, folds=5, publish=True)
+    figures = report.figures(calibration, CAMERA)
+    return {
+        **figures,
+        "correspondences": figures["pinhole"]["pairs"],
+        "detections": report.acceptance(detections),
         "notes": calibration.notes,
         "recording_id": str(recording.id),
         "calibration_id": str(calibration.id),
     }
-    return document

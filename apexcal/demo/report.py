@@ -3,19 +3,50 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.camera_models import MODELS
+from apexcal.documents.detections import DetectionView
+from apexcal.documents.summaries import CameraSummary
 from apexcal.transport import Document
 
 # Goals of the demo; docs/demo.md states them.
 _REAL_POLISHED_PX = {"pinhole": 19.5, "brown_conrady": 4.3}
 _ROTATION_DEG = 1.0
 _HELDOUT_FACTOR = 1.5
+
+
+def summary_of(calibration: CalibrationView, camera: str) -> CameraSummary:
+    """What a finished calibration found for a camera."""
+    assert calibration.summary is not None
+    return calibration.summary.cameras[camera]
+
+
+def figures(calibration: CalibrationView, camera: str) -> dict[str, Document]:
+    """For each model the figures that the demo reports; pixels and seconds."""
+    models = summary_of(calibration, camera).models
+    return {
+        model: {
+            **{f"{stage}_px": errors.mean_px for stage, errors in models[model].stages.items()},
+            **{f"{stage}_rms_px": errors.rms_px for stage, errors in models[model].stages.items()},
+            "heldout_px": models[model].heldout_mean_px,
+            "heldout_rms_px": models[model].heldout_rms_px,
+            **models[model].model_dump(include={"seconds", "iterations", "pairs"}),
+        }
+        for model in MODELS
+        if model in models
+    }
+
+
+def acceptance(detections: Sequence[DetectionView]) -> dict[str, Document]:
+    """For each detector how many sweeps it accepted."""
+    return {each.detector: {"accepted": each.counts.accepted, "sweeps": each.counts.sweeps} for each in detections}
 
 
 def write(report: Document, path: Path) -> None:
@@ -76,14 +107,14 @@ def shortfalls(report: Document) -> list[str]:
 
 
 def _row(half: str, model: str, document: Document) -> list[str]:
-    found = document[model]
+    figures = document[model]
     stages = [
-        f"{found[f'{stage}_px']:.2f}/{found[f'{stage}_rms_px']:.2f}" for stage in ("ga", "polished", "baseline")
+        f"{figures[f'{stage}_px']:.2f}/{figures[f'{stage}_rms_px']:.2f}" for stage in ("ga", "polished", "baseline")
     ]
     errors = ["", ""]
     if half == "simulated":
-        errors = [f"{found['rotation_error_deg']:.2f}", f"{found['translation_error_m'] * 1000:.0f}"]
-    return [model, *stages, f"{found['heldout_px']:.2f}", *errors, f"{found['seconds']:.1f}"]
+        errors = [f"{figures['rotation_error_deg']:.2f}", f"{figures['translation_error_m'] * 1000:.0f}"]
+    return [model, *stages, f"{figures['heldout_px']:.2f}", *errors, f"{figures['seconds']:.1f}"]
 
 
 def _truth(label: str, figures: Document) -> list[str]:

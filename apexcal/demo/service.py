@@ -8,10 +8,9 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-from apexcal.client import Client
 from apexcal.documents.served_folder import is_served, read_status
 from apexcal.embedded.children import tied_to
 from apexcal.errors import ClientError
@@ -19,26 +18,21 @@ from apexcal.errors import ClientError
 WORKERS = 2
 
 
-@dataclass(frozen=True)
-class Service:
+class DemoService(NamedTuple):
     """Address and the owner's token."""
 
     url: str
     token: str
 
-    def client(self) -> Client:
-        """A client of the owner."""
-        return Client(self.url, self.token)
-
 
 @contextmanager
-def serving(data: Path) -> Iterator[Service]:
+def serving(data: Path) -> Iterator[DemoService]:
     """The service on ``data``: the one that runs there already, else one with two worker processes."""
     if is_served(data):
         url = str(read_status(data).get("url") or "")
         if not url:
             raise ClientError(f"an apexcal on {data} is starting or stopping", "Try again in a moment.")
-        yield Service(url, _token(data))
+        yield DemoService(url, _token(data))
         return
     command = [sys.executable, "-m", "apexcal.cli", "serve", "--data", str(data), "--port", "0"]
     with subprocess.Popen(
@@ -50,12 +44,12 @@ def serving(data: Path) -> Iterator[Service]:
     ) as process:
         try:
             assert process.stdout is not None
-            said = process.stdout.readline()
-            if not said:
+            line = process.stdout.readline()
+            if not line:
                 raise ClientError(
                     "the service did not start", f"What it said stands above; its logs are in {data}/logs."
                 )
-            yield Service(json.loads(said)["url"], _token(data))
+            yield DemoService(json.loads(line)["url"], _token(data))
         finally:
             process.terminate()
             process.wait()

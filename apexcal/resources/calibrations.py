@@ -17,14 +17,11 @@ from apexcal.documents.reports import ReportView
 from apexcal.documents.results import ResultView
 from apexcal.documents.summaries import CurrentCalibration
 from apexcal.errors import ForeignAnswerError
-from apexcal.transport import Transport, at, read
+from apexcal.transport import Resource, at, read
 
 
-class CorrespondenceSets:
+class CorrespondenceSets(Resource):
     """``client.correspondence_sets``: immutable 3D-2D pairs of one camera."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
 
     def build(self, detection_id: UUID | str, camera: str, *, exclude_flagged: bool = False) -> SetView:
         """A set from the marks of a detection's vertices. The same content again answers the same set."""
@@ -57,11 +54,8 @@ class CorrespondenceSets:
         )
 
 
-class Calibrations:
+class Calibrations(Resource):
     """``client.calibrations``: requests, results, and what a vehicle is given."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
 
     def create(
         self,

@@ -10,17 +10,14 @@ from apexcal.documents.corners import CornerName
 from apexcal.documents.detections import DetectionView, VertexView
 from apexcal.documents.detectors import PairingMode
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
-from apexcal.transport import Transport, at
+from apexcal.transport import Resource, at
 
 
-class Detections:
+class DetectionRuns(Resource):
     """``client.detections``: previews and suggestions of a region, detection runs, clock offsets.
 
     What starts work returns at once; follow it with ``client.wait``.
     """
-
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
 
     def preview(self, recording_id: UUID | str, region: Mapping[str, Any]) -> PreviewView:
         """Ask how many frames and points a region keeps."""

@@ -12,12 +12,12 @@ import httpx
 
 from apexcal.documents.exports import FormatView
 from apexcal.documents.publications import CURRENT
-from apexcal.transport import Transport, at
+from apexcal.transport import Resource, at
 
 _FILE_NAME = re.compile(r'filename="([^"/\\]+)"')
 
 
-class Exported(NamedTuple):
+class ExportedFile(NamedTuple):
     """A file with the name that the service gives it. A format of several files comes as one ``.zip``.
 
     ``notes`` are sentences that its reader has to know: which lens a mount needs, what a format leaves out of a lens.
@@ -28,51 +28,48 @@ class Exported(NamedTuple):
     notes: Sequence[str] = ()
 
 
-class Exports:
+class Exports(Resource):
     """``client.exports``: a camera's current calibration, or any result, as files for other programs."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
 
     def formats(self) -> list[FormatView]:
         """The table of the formats: which way each one's transform leads, and what of a lens it carries."""
         return [FormatView.model_validate(one) for one in self._http.send("GET", "/export-formats").json()]
 
-    def current(self, vehicle_id: UUID | str, camera: str, format: str, alias: str = CURRENT) -> Exported:
+    def current(self, vehicle_id: UUID | str, camera: str, format: str, alias: str = CURRENT) -> ExportedFile:
         """A camera's current calibration, or what another alias leads to.
 
         If the format cannot carry it, raises ApiError ``format_cannot_carry``; ``formats`` names those that can.
         """
         return self._file(_current(vehicle_id, camera), format, alias=alias)
 
-    def result(self, result_id: UUID | str, format: str) -> Exported:
+    def result(self, result_id: UUID | str, format: str) -> ExportedFile:
         """Any result. Raises ApiError ``format_cannot_carry`` as :meth:`current` does."""
         return self._file(at("results", result_id), format)
 
-    def urdf(self, vehicle_id: UUID | str, camera: str, urdf: str, joint: str, **links: str) -> Exported:
+    def urdf(self, vehicle_id: UUID | str, camera: str, urdf: str, joint: str, **links: str) -> ExportedFile:
         """The vehicle's own URDF, its ``joint`` set to the camera's current calibration.
 
         ``links``: ``camera_link`` and ``lidar_link``, if the links are not named like the frames.
         """
         return self._patched(_current(vehicle_id, camera), urdf, joint, links)
 
-    def urdf_of_result(self, result_id: UUID | str, urdf: str, joint: str, **links: str) -> Exported:
+    def urdf_of_result(self, result_id: UUID | str, urdf: str, joint: str, **links: str) -> ExportedFile:
         """The same with any result."""
         return self._patched(at("results", result_id), urdf, joint, links)
 
-    def _file(self, path: str, format: str, **query: str) -> Exported:
+    def _file(self, path: str, format: str, **query: str) -> ExportedFile:
         answer = self._http.get_export(path, format, **query)
         assert answer is not None, "no ETag was sent"
         named = _FILE_NAME.search(answer.headers.get("content-disposition", ""))
         return _exported(named[1] if named else format, answer)
 
-    def _patched(self, path: str, urdf: str, joint: str, links: dict[str, str]) -> Exported:
+    def _patched(self, path: str, urdf: str, joint: str, links: dict[str, str]) -> ExportedFile:
         body = {"urdf": urdf, "joint": joint, **links}
         return _exported("vehicle.urdf", self._http.send("POST", path + "/urdf", json=body))
 
 
-def _exported(name: str, answer: httpx.Response) -> Exported:
-    return Exported(name, answer.content, json.loads(answer.headers.get("apexcal-notes", "[]")))
+def _exported(name: str, answer: httpx.Response) -> ExportedFile:
+    return ExportedFile(name, answer.content, json.loads(answer.headers.get("apexcal-notes", "[]")))
 
 
 def _current(vehicle_id: UUID | str, camera: str) -> str:

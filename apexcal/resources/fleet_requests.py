@@ -7,14 +7,11 @@ from typing import Any
 from uuid import UUID
 
 from apexcal.documents.fleet_requests import DryRunView, FleetRequestView, RequestVehicleView
-from apexcal.transport import Transport, at
+from apexcal.transport import Resource, at
 
 
-class FleetRequests:
+class FleetRequests(Resource):
     """``client.fleet_requests``: calibrations of all vehicles that a filter names, in one call."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
 
     def create(
         self,

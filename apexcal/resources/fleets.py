@@ -10,14 +10,11 @@ from apexcal.documents.fleets import FleetOut, RigOut, VehicleOut
 from apexcal.documents.people import ChangedMember, Invitation, MadeToken, Member, Token
 from apexcal.documents.roles import Role
 from apexcal.errors import ApiError
-from apexcal.transport import Transport, at, if_match
+from apexcal.transport import Resource, at, if_match
 
 
-class Fleets:
+class Fleets(Resource):
     """``client.fleets``: fleets, their members and their tokens."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
 
     def create(self, name: str) -> FleetOut:
         """Make a fleet (the owner only)."""
@@ -73,11 +70,8 @@ class Fleets:
         self._http.delete(at("tokens", token_id))
 
 
-class Vehicles:
+class Vehicles(Resource):
     """``client.vehicles``: vehicles, and how their sensors are mounted."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
 
     def create(self, fleet_id: UUID | str, name: str) -> VehicleOut:
         """Make a vehicle in a fleet."""

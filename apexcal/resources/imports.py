@@ -7,14 +7,11 @@ from typing import Any
 from uuid import UUID
 
 from apexcal.documents.imports import ImportFormat, ReadFiles, RigDraft, StatedComparison
-from apexcal.transport import Transport, at
+from apexcal.transport import Resource, at
 
 
-class Imports:
+class Imports(Resource):
     """``client.imports``: what files of other programs hold. The service stores nothing of it."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
 
     def read(
         self,

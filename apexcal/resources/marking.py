@@ -6,14 +6,11 @@ from collections.abc import Iterator
 from uuid import UUID, uuid4
 
 from apexcal.documents.marking import AnswerView, GivenMark, MarkView, Progress, Tally, TaskView, VerdictName
-from apexcal.transport import Transport, at, read
+from apexcal.transport import Resource, at, read
 
 
-class Marking:
+class Marking(Resource):
     """``client.marking``: what the marking page does, for programs. Pixels: (0, 0) is the top-left pixel's centre."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
 
     def next_task(
         self, detection_id: UUID | str, camera: str, *, skip: UUID | str | None = None, ahead: int = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from uuid import UUID
@@ -21,17 +21,16 @@ from apexcal.documents.recordings import (
 from apexcal.documents.sweeps import MEDIA_TYPE, PackingView, SweepView
 from apexcal.errors import ClientError
 from apexcal.presigned import EndedAddressError, PresignedStore
-from apexcal.transport import Transport, at
+from apexcal.transport import Resource, at
 from apexcal.upload_sources import open_source
-from apexcal.uploads import Progress, send_parts
+from apexcal.uploads import OnSent, send_parts
 
 
-class Recordings:
+class Recordings(Resource):
     """``client.recordings``."""
 
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
-        self._ranges_here = False
+    # Whether the service has said that it serves byte ranges itself.
+    _ranges_here = False
 
     def create(
         self,
@@ -69,45 +68,37 @@ class Recordings:
         rig_id: UUID | str,
         *,
         name: str | None = None,
-        marks_per_vertex: int = 1,
-        retain_days: int | None = None,
-        reading: Mapping[str, Any] | None = None,
-        on_progress: Progress | None = None,
+        resume: bool = False,
+        on_progress: OnSent | None = None,
+        **announced: Any,
     ) -> RecordingView:
-        """Upload a file, or a folder as a tar, as a new recording, and return it while it is being ingested.
+        """Upload a file, or a folder as a tar, and return its recording while it is being ingested.
 
-        An upload that breaks off leaves the recording ``uploading``: :meth:`resume` goes on with it.
+        An upload that breaks off leaves the recording ``uploading``. ``resume`` goes on with the newest one of this
+        vehicle, rig and file name, if there is one. ``announced``: what :meth:`create` takes besides.
         """
         source = open_source(path)
-        recording = self.create(
-            vehicle_id,
-            rig_id,
-            name or path.resolve().name,
-            source.name,
-            size=source.size or None,
-            marks_per_vertex=marks_per_vertex,
-            retain_days=retain_days,
-            reading=reading,
-        )
+        recording = self._unfinished(source.name, vehicle_id, rig_id) if resume else None
+        if recording is None:
+            size = source.size or None
+            name = name or path.resolve().name
+            recording = self.create(vehicle_id, rig_id, name, source.name, size=size, **announced)
         return self.resume(recording, path, on_progress=on_progress)
 
-    def resume(
-        self, recording: RecordingSummary, path: Path, *, on_progress: Progress | None = None
-    ) -> RecordingView:
+    def resume(self, recording: RecordingSummary, path: Path, *, on_progress: OnSent | None = None) -> RecordingView:
         """Send what is missing of a recording's upload, and complete it."""
         sent = send_parts(self._http, recording, open_source(path), on_progress)
         body = {"parts": sent.parts, "size": sent.size, "sha256": sent.sha256}
         return self._http.post(at("recordings", recording.id, "complete"), AcceptedRecording, body).recording
 
-    def unfinished(self, path: Path, vehicle_id: UUID | str, rig_id: UUID | str) -> RecordingSummary | None:
+    def _unfinished(self, file_name: str, vehicle_id: UUID | str, rig_id: UUID | str) -> RecordingSummary | None:
         """The newest recording of this vehicle whose upload of a file of this name broke off."""
-        name = open_source(path).name
-        found = [
+        broken_off = [
             recording
             for recording in self.list(vehicle_id=vehicle_id, state="uploading")
-            if recording.file_name == name and str(recording.rig_id) == str(rig_id)
+            if recording.file_name == file_name and str(recording.rig_id) == str(rig_id)
         ]
-        return max(found, key=lambda recording: recording.created_at, default=None)
+        return max(broken_off, key=lambda recording: recording.created_at, default=None)
 
     def list(
         self,
@@ -192,19 +183,10 @@ class Recordings:
         """Delete a copy with its file."""
         self._http.delete(at("calibrated-copies", copy_id))
 
-    def download_copy(self, made: CopyView, target: Path) -> None:
+    def download_copy(self, copy: CopyView, target: Path) -> None:
         """Write a copy's file to a new file, and compare its digest."""
-        if target.exists():
-            raise ClientError(f"{target} exists already", "Name a file that does not exist yet.")
-        beside, digest = target.with_name(target.name + ".part"), hashlib.sha256()
-        with self._http.stream(at("calibrated-copies", made.id, "file")) as response, beside.open("wb") as file:
-            for chunk in response.iter_bytes(1 << 20):
-                digest.update(chunk)
-                file.write(chunk)
-        if made.result is None or digest.hexdigest() != made.result.sha256:
-            beside.unlink()
-            raise ClientError("the copy is not what was made", "Try again.")
-        beside.replace(target)
+        with self._http.stream(at("calibrated-copies", copy.id, "file")) as response:
+            _write_new(target, response.iter_bytes(1 << 20), copy.result.sha256 if copy.result else "")
 
     def _range(self, path: str, media_type: str) -> bytes:
         """A byte range of a sensor's file, straight from the store where the service says so."""
@@ -218,14 +200,7 @@ class Recordings:
 
     def download(self, recording_id: UUID | str, target: Path) -> int:
         """Write the original to a new file and return its size in bytes."""
-        if target.exists():
-            raise ClientError(f"{target} exists already", "Name a file that does not exist yet.")
-        beside = target.with_name(target.name + ".part")
-        with beside.open("wb") as file:
-            for chunk in self._original(at("recordings", recording_id, "original")):
-                file.write(chunk)
-        beside.replace(target)
-        return target.stat().st_size
+        return _write_new(target, self._original(at("recordings", recording_id, "original")))
 
     def _original(self, path: str) -> Iterator[bytes]:
         parts = self._http.get(f"{path}/parts", Original).parts
@@ -247,3 +222,19 @@ class Recordings:
                         "Try again; if it happens again, the operator should look at the store.",
                     )
                 yield data
+
+
+def _write_new(target: Path, chunks: Iterable[bytes], sha256: str | None = None) -> int:
+    """Write a file that does not exist yet, and return its size in bytes. Its digest is compared with a given one."""
+    if target.exists():
+        raise ClientError(f"{target} exists already", "Name a file that does not exist yet.")
+    part, digest = target.with_name(target.name + ".part"), hashlib.sha256()
+    with part.open("wb") as file:
+        for chunk in chunks:
+            digest.update(chunk)
+            file.write(chunk)
+    if sha256 is not None and digest.hexdigest() != sha256:
+        part.unlink()
+        raise ClientError(f"what was sent of {target.name} is not what the service made", "Try again.")
+    part.replace(target)
+    return target.stat().st_size

@@ -7,14 +7,11 @@ from typing import Any
 from uuid import UUID
 
 from apexcal.documents.validations import Drift, ValidationKind, ValidationView
-from apexcal.transport import Transport, at
+from apexcal.transport import Resource, at
 
 
-class Validations:
+class Validations(Resource):
     """``client.validations``. What starts work returns at once; follow it with ``client.wait``."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._http = transport
 
     def ask(
         self,

@@ -119,7 +119,7 @@ def command(words: str) -> str:
 
 def program() -> str:
     """How this program was called."""
-    return os.environ.get("APEXCAL_ADMIN_NAME", "python -m service.admin")
+    return os.environ.get("APEXCAL_COMMAND", "python -m service.admin")
 
 
 def as_id(text: str, what: str, hint: str) -> UUID:

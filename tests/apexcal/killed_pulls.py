@@ -24,9 +24,9 @@ from typing import Any
 
 from apexcal import kept_file, transport
 from apexcal.cli import app
-from apexcal.commands import connect, pull
+from apexcal.commands import pull, session
 
-_WATCHED = {one.__file__ for one in (pull, kept_file, connect, transport)}
+_WATCHED = {one.__file__ for one in (pull, kept_file, session, transport)}
 # Loaded with the first request: here once for all pulls.
 for _later in ("httpcore", "anyio"):
     import_module(_later)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from apexcal.commands.admin import folder_first
+from apexcal.commands.programs import data_first
 from service.admin.__main__ import _made
 from service.admin.errors import AdminError
 from service.admin.people_commands import public_url
@@ -27,7 +27,7 @@ from tests.apexcal.test_cli import program
     ],
 )
 def test_the_folder_may_stand_anywhere(words: list[str], moved: list[str]):
-    assert folder_first(words) == moved
+    assert data_first(words) == moved
 
 
 def test_a_link_of_the_operator_leads_to_the_running_service(embedded: Embedded):

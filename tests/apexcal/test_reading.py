@@ -8,8 +8,7 @@ from apexcal.client import time_left
 from apexcal.commands.clock_offset import _outcome
 from apexcal.commands.detect import _board
 from apexcal.commands.detect import _outcome as _detected
-from apexcal.commands.reading import reading_of, which_is_which
-from apexcal.commands.reread import _added
+from apexcal.commands.recordings import candidates_of, merged_reading, reading_of
 from apexcal.documents.detections import DetectionCounts, DetectionView, Pairing, SizeSeen
 from apexcal.documents.detectors import sentences_of
 from apexcal.documents.studies import ClockOffset
@@ -30,18 +29,18 @@ def test_topics_become_the_reading():
 def test_a_topic_without_a_name_is_wrong_usage(words, text):
     shown = CliRunner().invoke(app, [*words, "--topic", text])
     assert (shown.exit_code, type(shown.exception)) == (USAGE, SystemExit)
-    assert f"--topic {text!r} names no topic" in shown.stderr and "--topic front=/camera/image" in shown.stderr
+    assert f"--topic {text!r} is not NAME=VALUE" in shown.stderr and "--topic front=/camera/image" in shown.stderr
 
 
-def test_what_is_said_later_is_added():
+def test_what_is_said_later_ismerged_reading():
     before = {"rate_hz": 10.0, "topics": {"lidar": "/a", "cameras": {"front": "/b"}}}
     known = {"rings": 16, "topics": {"cameras": {"rear": "/c"}}}
-    assert _added(before, known) == {
+    assert merged_reading(before, known) == {
         "rate_hz": 10.0,
         "rings": 16,
         "topics": {"lidar": "/a", "cameras": {"front": "/b", "rear": "/c"}},
     }
-    assert _added({}, {"rings": 16}) == {"rings": 16}
+    assert merged_reading({}, {"rings": 16}) == {"rings": 16}
 
 
 def test_candidates_are_listed_with_the_command_that_answers():
@@ -49,10 +48,10 @@ def test_candidates_are_listed_with_the_command_that_answers():
         {"name": "/points", "kind": "lidar", "count": 1200},
         {"name": "/cam/b", "kind": "camera", "count": None, "width": 1280, "height": 720},
     ]
-    said = which_is_which({"code": "ambiguous_cameras", "candidates": candidates})
+    said = candidates_of({"code": "ambiguous_cameras", "candidates": candidates})
     assert "/points  (1200 messages)" in said and "/cam/b  (1280 x 720 pixels)" in said
     assert said.endswith("apexcal reread RECORDING --topic NAME=/cam/b")
-    assert which_is_which({"code": "recording_truncated"}) == which_is_which(None) == ""
+    assert candidates_of({"code": "recording_truncated"}) == candidates_of(None) == ""
 
 
 def test_the_boards_size_is_two_edges():

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from apexcal.client import Client, InputError, TokenError
-from apexcal.transport import Transport, at
+from apexcal.transport import HttpTransport, at
 
 HOSTILE = "../../fleets?a=b#c"
 
@@ -67,7 +67,7 @@ def test_no_method_lets_an_id_lead_elsewhere():
 @pytest.mark.parametrize("token", ["é", "two words", "line\n", "\udce9"])
 def test_a_token_that_no_header_carries_is_said(token):
     with pytest.raises(TokenError, match="ASCII"):
-        Transport("http://127.0.0.1:9", token)
+        HttpTransport("http://127.0.0.1:9", token)
 
 
 def test_a_number_that_json_cannot_hold_is_said_where_it_stands():

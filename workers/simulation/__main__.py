@@ -22,8 +22,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         written = simulate(settings, options.out, _reporter(options.progress_json))
     except FileExistsError as error:
         return _refuse(f"{error}. Choose another folder with --out, or remove it.", options.json)
-    except (ValueError, OSError) as error:
+    except ValueError as error:
         return _refuse(f"{error}.", options.json)
+    except OSError as error:
+        return _refuse(f"cannot write {error.filename}: {(error.strerror or '').lower()}.", options.json)
     summary = _summary(settings, written, time.perf_counter() - began)
     print(json.dumps(summary) if options.json or options.progress_json else _sentence(written, summary["took_s"]))
     return 0

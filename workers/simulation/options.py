@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from pathlib import Path
 from typing import Any, Protocol, get_args
@@ -13,8 +14,22 @@ from workers.simulation.sensors import SENSORS
 from workers.simulation.settings import FORMATS, CameraInfos, Settings, Tree, parse_cameras
 from workers.simulation.walks import WALKS
 
+EXAMPLES = """\
+examples:
+  apexcal simulate --out walk
+      two minutes of a VLP-16 and a front camera, as a ROS 1 bag
+  apexcal simulate --out rig3 --cameras front,left,right --format mcap
+      three cameras, as a ROS 2 bag
+  apexcal simulate --out far --sensor os1-64 --walk field --board 1.0x1.0 --seconds 300
+      would a larger board do for the far half of the field?
+  apexcal simulate --out real --beam-mrad 3 --dropouts 0.05 --clock-offset-ms 30 --second-person beside
+      as untidy as a real recording"""
 _OFF = Disturbances()
 _STANDARD = Settings()
+
+
+class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
+    """Says the defaults, and leaves the lines of the examples as they are."""
 
 
 class _Group(Protocol):
@@ -24,14 +39,15 @@ class _Group(Protocol):
 
 
 def parser() -> argparse.ArgumentParser:
-    """The parser of ``python -m workers.simulation``."""
+    """The parser of ``python -m workers.simulation``, which is also the command ``apexcal simulate``."""
     made = argparse.ArgumentParser(
-        prog="python -m workers.simulation",
+        prog=os.environ.get("APEXCAL_COMMAND", "python -m workers.simulation"),
         description="Simulate a rig: a spinning LiDAR, cameras beside it, and a person who carries a board "
         "turned by 45 degrees through the field in front. Writes a recording as the sensors' drivers would, "
         "the ground truth (truth.json), the rig as its owner would describe it (rig.json), and where the person "
         "walks as a region of interest (region.json).",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=_HelpFormatter,
+        epilog=EXAMPLES,
     )
     made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
     _recording(made.add_argument_group("recording"))

@@ -19,7 +19,7 @@ from apexcal.resources.detections import Detections
 from apexcal.resources.fleets import Fleets, Vehicles
 from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
-from apexcal.transport import Document, Transport
+from apexcal.transport import Document, HttpTransport
 from tests.faults.campaign.ledger import Ledger
 from tests.faults.campaign.requests import CALIBRATIONS, REGION_OF_WALKS
 from tests.faults.jobs import LEVEL_RIG, Walk, pairs
@@ -31,7 +31,7 @@ class GaveUpError(Exception):
     """The campaign is over, and this request was never acknowledged."""
 
 
-class Insistent(Transport):
+class Insistent(HttpTransport):
     """A transport that outlasts any outage. A creation's key is in its headers, so every repetition carries it."""
 
     def __init__(self, url: str, token: str, ledger: Ledger, until: float) -> None:

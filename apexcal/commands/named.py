@@ -1,0 +1,143 @@
+"""Things of the service that a command names by name or id."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, NoReturn, TypeVar
+from uuid import UUID
+
+from apexcal.client import Client, ClientError
+from apexcal.commands.terminal import usage
+from apexcal.documents.fleets import FleetOut, RigOut, VehicleOut
+from apexcal.documents.recordings import RecordingSummary
+
+Named = TypeVar("Named", FleetOut, VehicleOut, RigOut, RecordingSummary)
+
+_SHOWN = 20
+_MADE_BY_RIG = "apexcal rig rig.json --fleet F --vehicle V"
+
+
+class _Resource(NamedTuple):
+    """How things of a kind are named: by which option, what tells those of one name apart, what makes the first."""
+
+    option: str
+    label: Callable[[Client, Any], str] = lambda client, thing: str(thing.id)
+    made_by: str = _MADE_BY_RIG
+
+
+_RESOURCES = {
+    "fleet": _Resource("with --fleet"),
+    "vehicle": _Resource(
+        "with --vehicle",
+        lambda client, vehicle: f"{vehicle.id} in the fleet {client.fleets.get(vehicle.fleet_id).name!r}",
+    ),
+    "rig": _Resource("with --rig"),
+    "recording": _Resource(
+        "instead of the name",
+        lambda client, recording: f"{recording.id}, {recording.state}, of {recording.created_at}",
+        "apexcal upload FILE",
+    ),
+}
+_WHERE_IDS_ARE = {
+    "detection": "`apexcal detect` prints it, and it stands in the address of its marking page",
+    "fleet request": "`apexcal calibrate-fleet` prints it, and it stands in the address of the request's page",
+    "recording": "`apexcal upload` prints it",
+    "result": "`apexcal calibrate --json` prints it",
+    "correspondence set": "`apexcal calibrate --json` prints it",
+}
+
+
+def pick(client: Client, things: Iterable[Named], what: str, name: str) -> Named:
+    """The thing with this id or name; without one, the only thing there is. Raises :class:`ClientError`.
+
+    Where the command should have named one of several it was called wrongly, and ends as such.
+    """
+    things = list(things)
+    matching = [thing for thing in things if not name or name in (str(thing.id), thing.name)]
+    if len(matching) != 1:
+        _refuse_to_pick(client, things, matching, what, name)
+    return matching[0]
+
+
+def _refuse_to_pick(client: Client, things: list[Named], matching: list[Named], what: str, name: str) -> NoReturn:
+    option, label, made_by = _RESOURCES[what]
+    names = ", ".join(f"{thing.name!r}" for thing in things[:_SHOWN])
+    if not things:
+        raise ClientError(f"there is no {what} yet", f"Make one first: `{made_by}`.")
+    if not matching:
+        more = ", ..." if len(things) > _SHOWN else ""
+        raise ClientError(f"there is no {what} with the name or id {name!r}", f"There is: {names}{more}")
+    if name:
+        ids = "".join(f"\n  {label(client, thing)}" for thing in matching[:_SHOWN])
+        raise ClientError(f"several {what}s are called {name!r}:{ids}", f"Give the id {option}.")
+    usage(f"there are several {what}s: {names}", f"Say which one {option}.")
+
+
+def find_fleet(client: Client, name: str) -> FleetOut:
+    """A fleet by id or name."""
+    return pick(client, client.fleets.list(), "fleet", name)
+
+
+def find_vehicle(client: Client, fleet: str, name: str) -> VehicleOut:
+    """A vehicle by id, or by name in a fleet or in all of the caller's fleets."""
+    if is_id(name):
+        return client.vehicles.get(name)
+    fleets = [find_fleet(client, fleet)] if fleet else client.fleets.list()
+    return pick(client, (vehicle for each in fleets for vehicle in client.vehicles.list(each.id)), "vehicle", name)
+
+
+def find_rig(client: Client, vehicle: VehicleOut, name: str) -> RigOut:
+    """A vehicle's rig by id or name."""
+    return pick(client, client.vehicles.rigs(vehicle.id), "rig", name)
+
+
+def find_recording(client: Client, name: str) -> RecordingSummary:
+    """A recording by id, or by name among all that the caller may see. Raises :class:`ClientError`."""
+    if not name.strip():
+        usage("the recording's name is empty", "Give its id or name; `apexcal upload` prints both")
+    return client.recordings.get(name) if is_id(name) else pick(client, client.recordings.list(), "recording", name)
+
+
+def find_camera(rigs: Iterable[RigOut], name: str) -> str:
+    """The camera of this name; without one, the only one of these rigs."""
+    cameras = list(dict.fromkeys(camera.name for rig in rigs for camera in rig.cameras))
+    if name in cameras:
+        return name
+    if name:
+        usage(f"the rig has no camera {name!r}", f"Its cameras are {', '.join(cameras)}")
+    if len(cameras) != 1:
+        usage("the rig has several cameras", f"Say which one with --camera: {', '.join(cameras)}")
+    return cameras[0]
+
+
+def find_vehicle_camera(client: Client, fleet: str, vehicle: str, camera: str) -> tuple[VehicleOut, str]:
+    """A vehicle, and the name of a camera of any of its rigs."""
+    on = find_vehicle(client, fleet, vehicle)
+    return on, find_camera(client.vehicles.rigs(on.id), camera)
+
+
+def check_id(text: str, what: str) -> str:
+    """The text, where it is an id. Where it is none the command was called wrongly, and says where ids are."""
+    if not is_id(text):
+        usage(f"{text!r} is no id of a {what}", _WHERE_IDS_ARE[what])
+    return text
+
+
+def assignments(texts: Sequence[str] | None, option: str, example: str) -> dict[str, str]:
+    """``NAME=VALUE`` options by name. Any other form ends the command as wrong usage."""
+    pairs: dict[str, str] = {}
+    for text in texts or ():
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not (name and value):
+            usage(f"{option} {text!r} is not NAME=VALUE", f"Write it as {option} {example}")
+        pairs[name] = value
+    return pairs
+
+
+def is_id(text: str) -> bool:
+    """Whether this is an id, and no name."""
+    try:
+        UUID(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,80 @@
+"""Options and arguments that several commands take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from apexcal.commands.terminal import usage
+from apexcal.documents.camera_models import MODELS, parse_model
+from apexcal.documents.errors import DocumentError
+from apexcal.documents.schedules import PresetName
+
+
+def check_model(name: str) -> str:
+    """The name of a camera model; any other ends the command as wrong usage."""
+    try:
+        return parse_model(name)
+    except DocumentError as error:
+        usage(error.message[0].lower() + error.message[1:].rstrip("."), error.hint)
+
+
+def _check_folds(folds: int | None) -> int | None:
+    if folds == 1:
+        usage(
+            "--folds 1 holds out everything and fits nothing",
+            "Give 2 or more blocks, for example --folds 5, or 0 to hold none out",
+        )
+    return folds
+
+
+def check_reason(reason: str, sentence: str = "the reason is empty") -> str:
+    """The reason without blanks around it; an empty one ends the command as wrong usage."""
+    if not reason.strip():
+        usage(sentence, "Say why with --reason; it is kept with the publication")
+    return reason.strip()
+
+
+FleetOption = Annotated[str, typer.Option(help="Fleet, by name or id; needed where there are several.")]
+VehicleOption = Annotated[str, typer.Option(help="Vehicle, by name or id; needed where there are several.")]
+RigOption = Annotated[str, typer.Option(help="Rig, by name or id; needed where there are several.")]
+CameraOption = Annotated[str, typer.Option(help="Camera; needed where there are several.")]
+CamerasOption = Annotated[list[str] | None, typer.Option(help="Only this camera; may be given several times.")]
+VehicleArgument = Annotated[str, typer.Argument(help="Vehicle, by id or by name.")]
+RecordingArgument = Annotated[str, typer.Argument(help="Recording, by id (`apexcal upload` prints it) or by name.")]
+ResultArgument = Annotated[str, typer.Argument(help="Id of a result; `apexcal calibrate --json` prints them.")]
+ResultOption = Annotated[str, typer.Option(help="Id of a result; otherwise the camera's current calibration.")]
+AliasOption = Annotated[str, typer.Option(help="The alias to follow, such as canary.")]
+ReasonOption = Annotated[str, typer.Option(help="Why; kept with the publication.")]
+OverrideOption = Annotated[
+    bool, typer.Option("--override", help="Publish although a check says stop; the reason is kept.")
+]
+LimitOption = Annotated[int, typer.Option(help="How many at most, newest first.", min=1)]
+OutputOption = Annotated[Path, typer.Option("--output", "-o", help="File to write.")]
+TargetOption = Annotated[
+    Path | None, typer.Option("--output", "-o", help="File or folder to write; the help above says the default.")
+]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace the file.")]
+KeepOption = Annotated[bool, typer.Option("--keep", help="Keep it on the service, too.")]
+FoldsOption = Annotated[
+    int | None, typer.Option(help="Held-out blocks, 0 for none. Otherwise 5.", min=0, callback=_check_folds)
+]
+PresetOption = Annotated[
+    PresetName | None,
+    typer.Option(
+        help="What other options leave open. paper: the paper's form, in which wrong marks count; toolbox: the "
+        "larger search of its toolbox. Otherwise default: wrong marks do no harm."
+    ),
+]
+PublishOption = Annotated[bool, typer.Option("--publish", help="Publish what is recommended and passes its checks.")]
+ModelsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--model",
+        metavar="MODEL",
+        callback=lambda names: names and [check_model(name) for name in names],
+        help=f"{', '.join(MODELS[:-1])} or {MODELS[-1]}; several times for several. Otherwise all three.",
+    ),
+]

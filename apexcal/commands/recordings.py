@@ -1,0 +1,204 @@
+"""Recordings: ``upload``, ``reread``, ``copy``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from apexcal.client import ClientError, FailedError
+from apexcal.commands.named import assignments, find_recording, find_rig, find_vehicle
+from apexcal.commands.options import (
+    CamerasOption,
+    FleetOption,
+    KeepOption,
+    RecordingArgument,
+    RigOption,
+    TargetOption,
+    VehicleOption,
+)
+from apexcal.commands.session import Reply, Session
+from apexcal.commands.terminal import check_target, usage
+from apexcal.documents.readings import LidarModel
+from apexcal.documents.recordings import RecordingSummary
+from apexcal.transport import Document
+
+TopicOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topic",
+        metavar="NAME=TOPIC",
+        help="Which topic, folder or file is which: lidar=/velodyne_points, or a camera's name in the rig, as "
+        "front=/camera/image. Several times.",
+    ),
+]
+StillOption = Annotated[
+    bool,
+    typer.Option("--still", help="Still poses, one sweep or several of each: no track, no times of single points."),
+]
+LidarModelOption = Annotated[
+    LidarModel | None, typer.Option(help="Sensor of a packet capture; otherwise found from its packets.")
+]
+RingsOption = Annotated[int, typer.Option(help="Number of the LiDAR's rings, if the file does not say it.", min=0)]
+
+
+def upload(
+    session: Session,
+    path: Annotated[Path, typer.Argument(help="File or folder of one of the formats above.", exists=True)],
+    vehicle: VehicleOption = "",
+    rig: RigOption = "",
+    fleet: FleetOption = "",
+    name: Annotated[str, typer.Option(help="Name of the recording; otherwise the file's.")] = "",
+    marks: Annotated[int, typer.Option(help="How many people mark each vertex.", min=1)] = 1,
+    retain_days: Annotated[int, typer.Option(help="Delete it after so many days; 0 for never.", min=0)] = 0,
+    topic: TopicOption = None,
+    still: StillOption = False,
+    lidar_model: LidarModelOption = None,
+    rings: RingsOption = 0,
+    new: Annotated[
+        bool, typer.Option("--new", help="Start a new upload instead of continuing an interrupted one.")
+    ] = False,
+    wait: Annotated[bool, typer.Option(help="Wait until it is ready.")] = True,
+) -> Reply:
+    """Upload a recording. Repeat the command to continue an interrupted upload.
+
+    Formats: ROS 1 bag; ROS 2 bag (its folder, or the bare .db3 or .mcap); MCAP of Foxglove; .pcap or .pcapng of a
+    Velodyne sensor; folder, .zip or .tar of clouds (PCD, PLY, KITTI .bin, .npy, .csv) and images, or KITTI's raw
+    layout; video (.mp4, .avi, .mkv) as the camera beside any of these. Sources that belong together go into one
+    folder. A folder is sent as a tar that is never written anywhere.
+    """
+    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
+    on = find_vehicle(session.client, fleet, vehicle)
+    with_rig = find_rig(session.client, on, rig)
+    with session.progress("Uploading") as progress:
+        recording = session.client.recordings.upload(
+            path,
+            on.id,
+            with_rig.id,
+            name=name or None,
+            marks_per_vertex=marks,
+            retain_days=retain_days or None,
+            reading=reading,
+            resume=not new,
+            on_progress=lambda sent, size: progress(sent / size, f"{sent / 1e6:.0f} of {size / 1e6:.0f} MB"),
+        )
+    return _when_read(session, recording) if wait else Reply(recording, _summary(recording))
+
+
+def reread(
+    session: Session,
+    recording: RecordingArgument,
+    rig: Annotated[str, typer.Option(help="Another rig of the same vehicle, by name or id.")] = "",
+    topic: TopicOption = None,
+    still: StillOption = False,
+    lidar_model: LidarModelOption = None,
+    rings: RingsOption = 0,
+) -> Reply:
+    """Read a failed recording again from its original. Options add to those given before."""
+    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
+    recordings = session.client.recordings
+    of = find_recording(session.client, recording)
+    if of.state != "failed":
+        raise ClientError(f"the recording {of.name!r} is {of.state}", "Only a failed one is read again.")
+    changes: dict[str, object] = {}
+    if rig:
+        changes["rig_id"] = str(find_rig(session.client, session.client.vehicles.get(of.vehicle_id), rig).id)
+    if reading:
+        changes["reading"] = merged_reading(of.reading.model_dump(mode="json", exclude_unset=True), reading)
+    if changes:
+        of = recordings.edit(of, **changes)
+    return _when_read(session, recordings.retry(of.id))
+
+
+def copy(
+    session: Session,
+    recording: RecordingArgument,
+    output: TargetOption = None,
+    camera: CamerasOption = None,
+    joint: Annotated[
+        list[str] | None, typer.Option(help="CAMERA=FRAME: the frame of /tf_static whose pose is replaced.")
+    ] = None,
+    for_viewers: Annotated[
+        bool,
+        typer.Option("--for-viewers", help="Write an MCAP file for Foxglove or Lichtblick, with undistorted frames."),
+    ] = False,
+    keep: KeepOption = False,
+) -> Reply:
+    """Copy a bag with CameraInfo and /tf_static as published. Every other message stays, byte for byte.
+
+    With --for-viewers it writes points, frames, undistorted frames and calibrations. Any kind of recording will do.
+    Without --output the service names the file.
+    """
+    joints = assignments(joint, "--joint", "front=camera_link")
+    if joints and for_viewers:
+        usage("--joint does not go with --for-viewers: such a file replaces no pose", "Leave --joint out")
+    if output:
+        check_target(output, False)
+    recordings, of = session.client.recordings, find_recording(session.client, recording)
+    request = recordings.copy_calibrated(of.id, cameras=camera or [], joints=joints, for_viewers=for_viewers)
+    view = session.wait(request, "Copying")
+    facts = view.result
+    assert facts is not None
+    target = output or Path(facts.file_name)
+    recordings.download_copy(view, target)
+    if not keep:
+        recordings.delete_copy(view.id)
+    poses = ", ".join(f"{pose.child} in {pose.parent}" for pose in view.poses)
+    more = f" Frames not undistorted, because damaged or of another size: {facts.left_out}." if facts.left_out else ""
+    counts = f"{facts.replaced} messages replaced, {facts.added} added, {facts.copied} as they were"
+    return Reply(view, f"Wrote {target}: {counts}. Placed: {poses}.{more}")
+
+
+def reading_of(
+    topics: list[str] | None, *, still: bool = False, lidar_model: LidarModel | None = None, rings: int = 0
+) -> dict[str, Any]:
+    """The ``reading`` of a recording. A topic that is no ``name=topic`` ends the command as wrong usage."""
+    reading: dict[str, Any] = {"point_times": "stamp_only"} if still else {}
+    reading |= {"lidar_model": lidar_model} if lidar_model else {}
+    reading |= {"rings": rings} if rings else {}
+    cameras = assignments(topics, "--topic", "front=/camera/image or --topic lidar=/points")
+    named: dict[str, Any] = {"lidar": cameras.pop("lidar")} if "lidar" in cameras else {}
+    named |= {"cameras": cameras} if cameras else {}
+    return reading | ({"topics": named} if named else {})
+
+
+def merged_reading(before: Document, now: Document) -> Document:
+    """What was said before with what is said now; of the topics, each by its name."""
+    topics, more = before.get("topics") or {}, now.get("topics") or {}
+    cameras = (topics.get("cameras") or {}) | (more.get("cameras") or {})
+    both = topics | more | ({"cameras": cameras} if cameras else {})
+    return before | now | ({"topics": both} if both else {})
+
+
+def candidates_of(problem: Document | None) -> str:
+    """The topics that a refused recording has, and how to say which is which; empty for any other refusal."""
+    candidates = (problem or {}).get("candidates") or []
+    if not candidates:
+        return ""
+    lines = "".join(f"\n  {each['kind']:<6}  {each['name']}{_size(each)}" for each in candidates)
+    return f"\nIt holds:{lines}\nSay which is which: apexcal reread RECORDING --topic NAME={candidates[-1]['name']}"
+
+
+def _size(candidate: Document) -> str:
+    count, width = candidate.get("count"), candidate.get("width")
+    parts = [f"{count} messages"] if count is not None else []
+    parts += [f"{width} x {candidate.get('height')} pixels"] if width else []
+    return f"  ({', '.join(parts)})" if parts else ""
+
+
+def _when_read(session: Session, recording: RecordingSummary) -> Reply:
+    """The recording when it is ready. Raises :class:`FailedError`; where topics must be named, it lists them."""
+    try:
+        with session.progress("Reading the recording") as progress:
+            view = session.client.wait(recording, on_progress=progress)
+    except FailedError as error:
+        error.hint += candidates_of(error.problem).replace("RECORDING", str(recording.id))
+        raise
+    return Reply(view, _summary(view))
+
+
+def _summary(recording: RecordingSummary) -> str:
+    """A recording's state in a sentence, and its warnings."""
+    warnings = "".join(f"\nNote: {warning}" for warning in recording.warnings)
+    return f"The recording {recording.name!r} is {recording.id}, {recording.state}.{warnings}"

@@ -1,0 +1,213 @@
+"""What can be made of a result: ``report``, ``overlay``, ``compare``, ``validate``, ``drift``, ``recalibrate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, cast, get_args
+
+import typer
+
+from apexcal.commands.calibrated import tables
+from apexcal.commands.named import check_id, find_recording, find_vehicle, find_vehicle_camera
+from apexcal.commands.options import (
+    CameraOption,
+    FleetOption,
+    ForceOption,
+    KeepOption,
+    OutputOption,
+    ResultArgument,
+    ResultOption,
+    VehicleArgument,
+    VehicleOption,
+)
+from apexcal.commands.session import Reply, Session
+from apexcal.commands.stated_files import read_texts
+from apexcal.commands.terminal import check_target, usage, write_content
+from apexcal.documents.comparisons import ResultComparison
+from apexcal.documents.imports import StatedComparison
+from apexcal.documents.validations import DriftDifference, DriftStep, RoadScore, ValidationKind
+
+CameraNameOption = Annotated[str, typer.Option("--camera", help="Camera, by its name in the rig.")]
+
+
+def report(
+    session: Session,
+    result: ResultArgument,
+    output: OutputOption = Path("report.html"),
+    force: ForceOption = False,
+) -> Reply:
+    """Make the report of a result: verdict, expected errors, residuals, error maps. It opens without a network."""
+    check_target(output, force)
+    calibrations = session.client.calibrations
+    view = session.wait(calibrations.make_report(check_id(result, "result")), "Making the report")
+    write_content(output, calibrations.report(result))
+    return Reply(view, f"The report is in {output}. Its verdict: {view.verdict}.")
+
+
+def overlay(
+    session: Session,
+    result: ResultArgument,
+    frame: Annotated[int, typer.Option("--frame", min=0, help="Number of the frame, from 0.")],
+    output: OutputOption = Path("overlay.png"),
+    recording: Annotated[
+        str, typer.Option(help="Recording, by id or by name; otherwise the one that the result's pairs are of.")
+    ] = "",
+    keep: KeepOption = False,
+    force: ForceOption = False,
+) -> Reply:
+    """Draw the sweep nearest to a frame into it, through the result's own lens, coloured by depth."""
+    check_target(output, force)
+    calibrations = session.client.calibrations
+    of = find_recording(session.client, recording).id if recording else None
+    request = calibrations.draw_overlay(check_id(result, "result"), frame, of)
+    view = session.wait(request, "Drawing the overlay")
+    write_content(output, calibrations.overlay(view.id))
+    if not keep:
+        calibrations.delete_overlay(view.id)
+    facts = view.result
+    assert facts is not None
+    sweep = f"{facts.points} points of sweep {facts.sweep_index}"
+    return Reply(
+        view,
+        f"Wrote {output}: {sweep}; {facts.hidden} more are hidden, and {facts.moved} were moved to the frame's time.",
+    )
+
+
+def compare(
+    session: Session,
+    files: Annotated[
+        list[Path] | None, typer.Argument(help="Calibration file of OpenCV, or all of KITTI's.", exists=True)
+    ] = None,
+    other: Annotated[str, typer.Option("--with", help="Id of another result, instead of files.")] = "",
+    of: Annotated[str, typer.Option(help="The camera's name in the files, if they hold several.")] = "",
+    result: ResultOption = "",
+    image_size: Annotated[
+        tuple[int, int] | None, typer.Option(help="Width and height, for files that say none.")
+    ] = None,
+    vehicle: VehicleOption = "",
+    camera: CameraOption = "",
+    fleet: FleetOption = "",
+) -> Reply:
+    """Say how far a camera's calibration is from another result, or from what a file of another program states."""
+    if bool(files) == bool(other):
+        usage("a result is compared either with files or with another result", "Give files, or --with RESULT")
+    if result and (vehicle or camera):
+        usage("a result belongs to one camera already", "Leave out --vehicle and --camera, or leave out --result")
+    client = session.client
+    if result:
+        result_id = check_id(result, "result")
+    else:
+        on, name = find_vehicle_camera(client, fleet, vehicle, camera)
+        result_id = str(client.calibrations.current(on.id, name).result_id)
+    if other:
+        both = client.calibrations.compare(result_id, check_id(other, "result"))
+        return Reply(both, "\n".join(_result_lines(both)))
+    texts = read_texts(files or [])
+    stated = client.imports.compare(result_id, files=texts, camera=of or None, image_size=image_size)
+    return Reply(stated, "\n".join(_stated_lines(stated)))
+
+
+def validate(
+    session: Session,
+    vehicle: VehicleArgument,
+    kind: Annotated[str, typer.Argument(help="pairs, lanes or edges.")],
+    data_of: Annotated[
+        str,
+        typer.Argument(metavar="DATA", help="Id of a correspondence set for pairs; otherwise a recording."),
+    ],
+    camera: CameraNameOption,
+    result: ResultOption = "",
+    fleet: FleetOption = "",
+) -> Reply:
+    """Score a calibration without fitting it: on other pairs, on lane markers, or on edges of a drive.
+
+    `pairs` compares the errors with what the calibration states. `lanes` asks whether the ground's bright points lie
+    on bright pixels. `edges` asks whether depth steps lie on image gradients, and finds a camera that was knocked.
+    """
+    if kind not in get_args(ValidationKind):
+        usage(f"{kind!r} is no kind of validation.", f"It is one of {', '.join(get_args(ValidationKind))}.")
+    request = session.client.validations.ask(
+        find_vehicle(session.client, fleet, vehicle).id,
+        cast("ValidationKind", kind),
+        camera,
+        set_id=check_id(data_of, "correspondence set") if kind == "pairs" else None,
+        recording_id=find_recording(session.client, data_of).id if kind != "pairs" else None,
+        result_id=check_id(result, "result") if result else None,
+    )
+    view = session.wait(request, "Validating")
+    score = view.result
+    assert score is not None
+    sentence = f"{score.verdict}: {score.sentence}"
+    if isinstance(score, RoadScore) and score.score is not None and score.score_at_one_degree is not None:
+        sentence += f"\nScore {score.score:.2f}; {score.score_at_one_degree:.2f} at 1 degree of yaw."
+    return Reply(view, sentence)
+
+
+def drift(
+    session: Session,
+    vehicle: VehicleArgument,
+    camera: CameraNameOption,
+    limit: Annotated[int, typer.Option(help="How many of the newest results at most.", min=2, max=100)] = 20,
+    fleet: FleetOption = "",
+) -> Reply:
+    """Compare a camera's recommended results over time: how far the mount moved, and whether more than chance."""
+    view = session.client.validations.drift(find_vehicle(session.client, fleet, vehicle).id, camera, limit=limit)
+    return Reply(view, "\n".join([view.sentence, *map(_drift_line, view.steps)]))
+
+
+def recalibrate(
+    session: Session,
+    result: ResultArgument,
+    leave_out: Annotated[str, typer.Option(help="Numbers of the pairs to leave out, from 0: 3,17,40.")],
+) -> Reply:
+    """Repeat a result's calibration without some of its pairs. Its report shows which to leave out."""
+    try:
+        numbers = [int(number) for number in leave_out.split(",")]
+    except ValueError:
+        usage(f"{leave_out!r} is no list of numbers", "Give them as 3,17,40")
+    if min(numbers) < 0:
+        usage("pairs are counted from 0", "Give numbers of 0 and above")
+    request = session.client.calibrations.create_without(check_id(result, "result"), numbers)
+    calibration = session.wait(request, "Calibrating")
+    return Reply(calibration, tables(calibration))
+
+
+def _result_lines(comparison: ResultComparison) -> list[str]:
+    lines = [comparison.sentence]
+    if comparison.field_px is not None:
+        sigmas = _sigmas(", ", comparison.field_sigmas)
+        lines.append(f"Points 5 and 20 m away lie {comparison.field_px:.2f} px apart in the image (RMS{sigmas}).")
+    return lines + [
+        f"  {each.name:11} {each.difference:+10.4g} {each.unit:3}{_sigmas('  ', each.sigmas)}"
+        for each in comparison.parameters
+    ]
+
+
+def _stated_lines(comparison: StatedComparison) -> list[str]:
+    lines: list[str] = []
+    if comparison.rotation_deg is not None and comparison.translation_mm is not None:
+        sigmas = _sigmas(", ", comparison.sigmas, " of the result")
+        mount = f"{comparison.rotation_deg:.3f} degrees and {comparison.translation_mm:.1f} mm"
+        lines.append(f"T_camera_lidar differs by {mount}{sigmas}.")
+    if lens := comparison.lens:
+        differences = f"f_x {lens.f_x:+.2f}, f_y {lens.f_y:+.2f}, c_x {lens.c_x:+.2f}, c_y {lens.c_y:+.2f} px"
+        lines.append(f"The result's lens minus the stated one: {differences}.")
+    return [*lines, *comparison.hints] or ["The files state neither a lens nor a mount of this camera."]
+
+
+def _sigmas(before: str, count: float | None, after: str = "") -> str:
+    return "" if count is None else f"{before}{count:.1f} standard deviations{after}"
+
+
+def _drift_line(step: DriftStep) -> str:
+    return (
+        f"  {step.at:%Y-%m-%d %H:%M}  {step.model:15}  {step.result_id}"
+        f"  before: {_apart(step.from_previous)}  first: {_apart(step.from_first)}"
+    )
+
+
+def _apart(difference: DriftDifference | None) -> str:
+    if difference is None:
+        return "-"
+    size = f"{difference.rotation_deg:.3f} deg {difference.translation_mm:.0f} mm {difference.sigmas:.1f} sigmas"
+    return f"{size} (differs)" if difference.differs else size
