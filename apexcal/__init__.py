@@ -1,1 +1,5 @@
-"""The HTTP client and, built on it, the `apexcal` command."""
+"""LiDAR-to-camera calibration: a client of the service, its command, and :func:`fit` without a service."""
+
+from apexcal.fitting import fit
+
+__all__ = ["fit"]

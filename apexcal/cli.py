@@ -33,6 +33,7 @@ COMMANDS = {
     "token": Command("people", "Make an API token for a program."),
     "rig": Command("rig", "Describe a vehicle's LiDAR and cameras to the service."),
     "draft-rig": Command("rig", "Write a rig's description from a URDF or a recording's /tf_static."),
+    "inspect": Command("inspection", "Say what a recording holds and lacks, before any upload."),
     "upload": Command("recordings", "Upload a recording and wait until it is ready."),
     "reread": Command("recordings", "Read again a recording that failed."),
     "suggest": Command("detect", "Suggest a region of interest from what moves."),

@@ -12,6 +12,7 @@ import pytest
 
 from apexcal.client import Client
 from apexcal.embedded.folder import read_status
+from tests.apexcal.cars import Car
 from tests.support.processes import die_with_parent
 
 SERVE = (sys.executable, "-m", "apexcal.cli", "serve", "--port", "0", "--workers", "2", "--json")
@@ -67,6 +68,13 @@ def embedded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Embedded]:
         yield served
     finally:
         stop(served)
+
+
+@pytest.fixture
+def car(served, tmp_path: Path) -> Car:
+    """On a service within this process, with a folder of its own."""
+    (tmp_path / "car").mkdir()
+    return Car(served, tmp_path / "car")
 
 
 @pytest.fixture

@@ -24,7 +24,6 @@ from urllib.request import Request, urlopen
 import pytest
 
 from apexcal import transport
-from tests.apexcal.test_pull import Car
 from tests.support.databases import one_database
 
 pytestmark = one_database
@@ -162,12 +161,6 @@ BAD: dict[str, tuple[Change, int]] = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def car(served, tmp_path) -> Car:
-    (tmp_path / "car").mkdir()
-    return Car(served, tmp_path / "car")
-
-
 def told(result) -> str:
     assert "Traceback" not in result.output and not isinstance(result.exception, (ValueError, KeyError))
     return " ".join(result.stderr.split())
@@ -181,7 +174,8 @@ def test_what_comes_unchanged_through_another_server_is_kept(car):
     assert all(headers["Accept-Encoding"] == "identity" for _, headers in way.asked)
 
 
-def test_a_bad_answer_leaves_the_kept_file(car):
+def test_a_bad_answer_leaves_the_kept_file(car, monkeypatch):
+    monkeypatch.setattr(transport.time, "sleep", lambda seconds: None)
     assert car.pull().exit_code == 0
     note = car.file.with_name(".calibration.json.pulled")
     good = car.file.read_bytes(), note.read_bytes()

@@ -16,6 +16,8 @@ from apexcal.rigs import read_rig
 from apexcal.transport import HttpTransport
 from apexcal.upload_sources import open_source
 from apexcal.uploads import send_parts
+from tests.faults.jobs import LEVEL_RIG
+from tests.faults.jobs import pairs as level_pairs
 
 KEEP = {"and": [{"quantity": "x", "op": ">", "value": 2}, {"quantity": "z", "op": ">", "value": -1.7}]}
 
@@ -167,85 +169,58 @@ def test_a_sign_in_link_works_once(owner, rig):
         Client.sign_in(link.split("#", maxsplit=1)[0])
 
 
-def test_from_a_bag_to_a_published_calibration(owner, rig, simulated):
-    """Upload, frames, preview, detection, a person's marks, a set, a calibration, and what the vehicle gets."""
-    said = []
+def test_frames_vertices_and_marks_that_outlive_a_pairing(owner, rig, simulated):
+    """What the program of `docs/api.md`, which goes on to a published calibration, does not look at."""
+    progress = []
     uploaded = owner.recordings.upload(simulated / "recording.bag", rig.vehicle_id, rig.id)
-    recording = owner.wait(uploaded, on_progress=lambda *progress: said.append(progress), timeout_s=60)
-    assert said[-1] == (1.0, "ready")
+    recording = owner.wait(uploaded, on_progress=lambda *each: progress.append(each), timeout_s=60)
+    assert progress[-1] == (1.0, "ready")
+    truth = json.loads((simulated / "truth.json").read_text())["frames"]
     frames = list(owner.recordings.frames(recording.id, "front"))
-    truth = json.loads((simulated / "truth.json").read_text())
-    assert [frame.stamp_ns for frame in frames] == truth["frames"]["stamp_ns"]
+    assert [frame.stamp_ns for frame in frames] == truth["stamp_ns"]
     assert owner.recordings.frame(recording.id, "front", 3).startswith(b"\xff\xd8\xff")
-    renamed = owner.recordings.edit(recording, name="Renamed")
-    assert renamed.name == "Renamed"
+    assert owner.recordings.edit(recording, name="Renamed").name == "Renamed"
     with pytest.raises(ApiError) as stale:
         owner.recordings.edit(recording, name="Again")
     assert stale.value.code == "version_conflict"
-    assert owner.wait(owner.detections.preview(recording.id, KEEP), timeout_s=60).result.frames == 60
-    loose = {"min_points": 3, "min_points_two_below": 0}
-    started = owner.detections.create(recording.id, KEEP, detector="tolerant", options=loose)
-    detection = owner.wait(started, timeout_s=60)
-    vertices = list(owner.detections.vertices(detection.id))
-    assert len(vertices) == detection.counts.accepted
-    suggested = owner.wait(owner.detections.suggest(recording.id), timeout_s=60).result
-    assert 0 < suggested.facts.sweeps_moving <= 60
-    started = owner.detections.create(recording.id, suggested.region, options=BOARD)
-    refined = owner.wait(started, timeout_s=60)
+    loose = {"detector": "tolerant", "options": {"min_points": 3, "min_points_two_below": 0}}
+    detection = owner.wait(owner.detections.create(recording.id, KEEP, **loose), timeout_s=60)
+    assert len(list(owner.detections.vertices(detection.id))) == detection.counts.accepted
+    refined = owner.wait(owner.detections.create(recording.id, KEEP, options=BOARD), timeout_s=60)
     assert refined.counts.accepted > detection.counts.accepted
-    (quality, counted), *_ = refined.counts.quality.items()
-    of_it = list(owner.detections.vertices(refined.id, quality=quality))
-    assert len(of_it) == counted > 0
-    assert all(0 < vertex.covariance[1][1] < 1e-5 for vertex in of_it)
-    pixels = dict(zip(truth["frames"]["stamp_ns"], truth["frames"]["apex_uv"], strict=True))
-    link = owner.fleets.invite(rig.fleet_id, "Bo", "annotator").link
-    with Client.sign_in(link) as bo:
+    (quality, count), *_ = refined.counts.quality.items()
+    vertices = list(owner.detections.vertices(refined.id, quality=quality))
+    assert len(vertices) == count > 0 and all(0 < vertex.covariance[1][1] < 1e-5 for vertex in vertices)
+    pixels = dict(zip(truth["stamp_ns"], truth["apex_uv"], strict=True))
+    with Client.sign_in(owner.fleets.invite(rig.fleet_id, "Bo", "annotator").link) as bo:
         while task := bo.marking.next_task(detection.id, "front"):
             u, v = pixels[task.frame.stamp_ns]
             bo.marking.answer(task.task_id, "confirmed", u=u, v=v)
-    progress = owner.marking.progress(detection.id, "front")
-    tally = owner.marking.tally(detection.id, "front")
-    assert tally.marks == progress.complete == progress.vertices
-    assert len(list(owner.marking.marks(detection.id, "front"))) == tally.marks
-    moved = owner.wait(
-        owner.detections.create(
-            recording.id, KEEP, detector="tolerant", options=loose, max_gap_ns=20_000_000, mode="interpolate"
-        ),
-        timeout_s=60,
-    )
-    built = owner.correspondence_sets.get(owner.correspondence_sets.build(moved.id, "front").id)
-    assert built.count == moved.counts.paired > 0, "marks survive another run with another pairing"
-    assert all(pair.gap_ns == 0 and 0 < pair.sigma_elevation_rad < 0.01 for pair in built.pairs)
-    rows = [
-        {"x": x, "y": y, "z": z, "u": u, "v": v, "stamp_ns": stamp}
-        for (x, y, z), (u, v), stamp, seen in zip(*(truth["frames"][k] for k in TRUTH), strict=True)
-        if seen
-    ]
-    pairs = owner.correspondence_sets.import_pairs(rig.id, "front", rows)
-    assert pairs.count == len(rows)
-    # Six seconds of walking hold no lens of their own.
-    lens = {name: value for name, value in truth["intrinsics"].items() if name not in ("model", "image_size")}
-    calibration = owner.wait(
-        owner.calibrations.create(
-            rig.vehicle_id, [pairs.id], ["brown_conrady"], folds=2, seed=7, publish="recommended", locked=lens
-        ),
-        timeout_s=120,
-    )
-    assert calibration.state == "done"
-    # Marks of six seconds span a part of the image, so a person looks and publishes.
-    front = calibration.summary.cameras["front"]
-    assert front.published is False
-    owner.calibrations.publish(front.models["brown_conrady"].result_id)
-    current, etag = owner.calibrations.current_if_changed(rig.vehicle_id, "front")
-    assert current.model == "brown_conrady"
-    assert owner.calibrations.current_if_changed(rig.vehicle_id, "front", etag) is None
+    tally, done = owner.marking.tally(detection.id, "front"), owner.marking.progress(detection.id, "front")
+    assert tally.marks == done.complete == done.vertices == len(list(owner.marking.marks(detection.id, "front")))
+    started = owner.detections.create(recording.id, KEEP, **loose, max_gap_ns=20_000_000, mode="interpolate")
+    moved = owner.wait(started, timeout_s=60)
+    pairs = owner.correspondence_sets.get(owner.correspondence_sets.build(moved.id, "front").id)
+    assert pairs.count == moved.counts.paired > 0, "marks survive another run with another pairing"
+    assert all(pair.gap_ns == 0 and 0 < pair.sigma_elevation_rad < 0.01 for pair in pairs.pairs)
     with pytest.raises(ApiError) as refused:
         owner.calibrations.create(rig.vehicle_id, [pairs.id], ["fisheye"])
     assert refused.value.code == "unknown_model"
 
 
+def test_what_is_current_is_sent_once(owner, rig):
+    level = owner.vehicles.create_rig(rig.vehicle_id, LEVEL_RIG)
+    of = owner.correspondence_sets.import_pairs(level.id, "front", level_pairs(60))
+    lens = {"models": ["pinhole"], "folds": 0}
+    calibration = owner.wait(owner.calibrations.create(rig.vehicle_id, [of.id], **lens), timeout_s=120)
+    result = calibration.summary.cameras["front"].models["pinhole"].result_id
+    owner.calibrations.publish(result, "To look at it.", override=True)
+    current, etag = owner.calibrations.current_if_changed(rig.vehicle_id, "front")
+    assert current.model == "pinhole"
+    assert owner.calibrations.current_if_changed(rig.vehicle_id, "front", etag) is None
+
+
 BOARD = {"board_width_m": 0.61, "board_height_m": 0.914}
-TRUTH = ("apex_xyz", "apex_uv", "stamp_ns", "apex_in_image")
 
 
 def test_waiting_ends_when_the_caller_says_so(owner, rig, large):

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import zipfile
 
-import pytest
 import yaml
 from typer.testing import CliRunner
 
 from apexcal.cli import app
-from tests.apexcal.test_pull import Car
+from tests.apexcal.cars import Car
 from tests.service.exports.test_routes import URDF
 from tests.support.databases import one_database
 
 pytestmark = one_database
-
-
-@pytest.fixture
-def car(served, tmp_path) -> Car:
-    return Car(served, tmp_path)
 
 
 def export(car: Car, *more: str):

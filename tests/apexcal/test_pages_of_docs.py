@@ -29,6 +29,7 @@ from apexcal.json_files import parse_document
 from service.admin.__main__ import app as admin
 from tests.apexcal.conftest import Embedded, start, stop
 from tests.apexcal.test_cli import apexcal
+from workers.simulation.options import parser as simulation_parser
 
 ROOT = Path(__file__).parents[2]
 PAGES = {
@@ -285,8 +286,10 @@ def test_rigs_as_the_page_shows_them_are_taken(reader: Reader) -> None:
 
 
 def _options_of(words: tuple[str, ...]) -> set[str]:
-    """The options of a command. Those of `apexcal admin` are defined by the service."""
+    """The options of a command. Those of `apexcal admin` and `apexcal simulate` are defined by other programs."""
     command: Any = typer.main.get_command(app)
+    if words[0] == "simulate":
+        return {name for action in simulation_parser()._actions for name in action.option_strings}
     if words[0] == "admin":
         command, words = typer.main.get_command(admin), words[1:]
     for word in words:

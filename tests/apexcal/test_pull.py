@@ -3,65 +3,17 @@
 from __future__ import annotations
 
 import json
-import socketserver
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler
-from urllib.request import Request, urlopen
+import os
 
-import pytest
 from sqlalchemy import update
-from typer.testing import CliRunner
 
-from apexcal.cli import app
 from service.platform.db.calibrations import Result
 from service.platform.db.fleets import Rig, RigCamera
-from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, seed_results
-from tests.service.detections.seeding import seed_rig
+from tests.service.calibrations.test_results import seed_results
 from tests.service.publications.given import another_rig
 from tests.support.databases import one_database
-from tests.support.people import Actor
 
 pytestmark = one_database
-
-
-class Car:
-    """A served vehicle with a published calibration, and a file to keep it in."""
-
-    def __init__(self, served, folder) -> None:
-        self.api, self.url = served
-        fleet = self.api.fleet()
-        self.rig = seed_rig(self.api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
-        self.reviewer: Actor = self.api.member(fleet, "reviewer")
-        self.viewer: Actor = self.api.member(fleet, "viewer")
-        self.file = folder / "calibration.json"
-        self.publish()
-
-    def publish(self) -> str:
-        _, (result, _) = seed_results(self.api, self.rig)
-        assert self.reviewer.post(f"/results/{result}/publication").status_code == 201
-        return str(result)
-
-    def pull(self, *more: str, url: str | None = None):
-        words = ["pull", "-o", str(self.file), "--token", self.viewer.token, "--url", url or self.url, *more]
-        return CliRunner().invoke(app, words)
-
-    @property
-    def history(self) -> str:
-        return f"/vehicles/{self.rig.vehicle_id}/cameras/front/publications"
-
-    def withdraw(self, publication) -> int:
-        body = {"reason": "It pulls to the left"}
-        return self.reviewer.post(f"/publications/{publication['id']}/withdrawal", body).status_code
-
-    def kept(self) -> str:
-        return json.loads(self.file.read_text())["cameras"]["front"]["result_id"]
-
-
-@pytest.fixture
-def car(served, tmp_path) -> Car:
-    return Car(served, tmp_path)
 
 
 def test_it_is_replaced_when_something_is_published_and_only_then(car):
@@ -193,36 +145,18 @@ def test_an_alias_whose_result_was_deleted_keeps_the_last_file_and_says_so(car):
     assert car.pull().exit_code == 0
 
 
-@contextmanager
-def cut_off(url: str) -> Iterator[str]:
-    """A way to the service on which a calibration's answer breaks off in its middle."""
+def test_a_full_disk_keeps_the_last_file_and_says_so(car, monkeypatch):
+    """The writes of a kept file are killed and cut short at every place in `test_kept_file`."""
+    assert car.pull().exit_code == 0
+    good = car.file.read_bytes()
+    car.publish()
 
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self):
-            headers = {name: self.headers[name] for name in ("Authorization", "Accept")}
-            with urlopen(Request(url + self.path, headers=headers)) as answer:
-                content = answer.read()
-                self.send_response(200)
-                for name in ("Content-Type", "ETag"):
-                    if answer.headers[name]:
-                        self.send_header(name, answer.headers[name])
-                self.send_header("Content-Length", str(len(content)))
-                self.end_headers()
-            self.wfile.write(content[: len(content) // 2] if "/calibration" in self.path else content)
+    def full(descriptor):
+        raise OSError(28, "No space left on device")
 
-        def log_message(self, *said):
-            pass
-
-    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_address[1]}"
-        server.shutdown()
-
-
-def test_half_an_answer_is_none(car):
-    with cut_off(car.url) as url:
-        assert car.pull("--timeout", "2", url=url).exit_code == 4 and not car.file.exists()
-        assert car.pull().exit_code == 0
-        good = car.file.read_bytes()
-        car.publish()
-        assert car.pull("--timeout", "2", url=url).exit_code == 3 and car.file.read_bytes() == good
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", full)
+        ended = car.pull()
+    assert ended.exit_code == 1 and "no space left" in ended.stderr and car.file.read_bytes() == good
+    assert not list(car.file.parent.glob(".*.part"))
+    assert car.pull().exit_code == 0 and car.file.read_bytes() != good

@@ -11,7 +11,7 @@ from apexcal.cli import app
 from apexcal.client import ApiError, Client
 from apexcal.commands.stated_files import read_lens
 from apexcal.errors import InputError
-from tests.apexcal.test_pull import Car
+from tests.apexcal.cars import Car
 from tests.service.imports.test_read_files import CAMCHAIN, CAMERA_CALIBRATION, K
 from tests.service.imports.test_routes import URDF
 from tests.support.databases import one_database
@@ -20,11 +20,6 @@ pytestmark = one_database
 
 CHAIN = CAMCHAIN.replace("omni", "pinhole").replace("[1.0, 500.0, 510.0", "[500.0, 510.0")
 CHAIN = CHAIN.replace("  T_cn_cnm1", "  distortion_model: none\n  resolution: [640, 480]\n  T_cn_cnm1")
-
-
-@pytest.fixture
-def car(served, tmp_path) -> Car:
-    return Car(served, tmp_path)
 
 
 @pytest.fixture

@@ -2,7 +2,8 @@
 
 Prints JSON lines: ``{"progress": {"done", "total", "share", "seconds_left"}}``, ``{"beat": true}`` where work goes on
 without messages, and at the end ``{"manifest": {...}, "used": {"cpu_s", "resident_bytes", "written_bytes"}}`` (of one
-file, requested by ``copy`` or ``view``: ``{"file": {...}, "used": {...}}``) or
+file, requested by ``copy`` or ``view``: ``{"file": {...}, "used": {...}}``; requested by ``inspect``, which writes
+nothing: ``{"inspection": {...}, "used": {...}}``) or
 ``{"error": {"code", "message", "hint", "fields"}}``. With ``--parent`` and ``--limits`` it is what ``ingest_limited``
 starts; without them it is a command for people.
 """
@@ -77,7 +78,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     request: dict[str, Any] = arguments.request
     try:
         one_file = "copy" in request or "view" in request
-        made = _written(arguments, request) if one_file else _normalised(arguments, request)
+        if request.get("inspect"):
+            made = _inspected(arguments.source, request)
+        else:
+            made = _written(arguments, request) if one_file else _normalised(arguments, request)
     except ReadError as error:
         return _error(error.code, error.message, error.hint, error.fields)
     except MemoryError:
@@ -96,18 +100,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _normalised(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:
+def _options(request: dict[str, Any]) -> ReadOptions:
     try:
-        options = ReadOptions(**request.get("options", {}))
+        return ReadOptions(**request.get("options", {}))
     except (TypeError, ValueError) as error:
         raise ReadError("request_invalid", f"The options of the ingestion are wrong: {error}.", _OPTIONS) from None
+
+
+def _inspected(source: Path, request: dict[str, Any]) -> dict[str, Any]:
+    from workers.readers.inspection import inspect_recording
+
+    inspection = inspect_recording(source, request.get("lidar"), request.get("cameras"), _options(request))
+    return {"inspection": inspection.model_dump(mode="json")}
+
+
+def _normalised(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:
     manifest = normalise(
         arguments.source,
         arguments.out,
         lidar=request.get("lidar"),
         cameras=request.get("cameras"),
         sizes={name: (width, height) for name, (width, height) in request.get("image_sizes", {}).items()},
-        options=options,
+        options=_options(request),
         on_progress=_tell,
     )
     return {"manifest": manifest.to_json()}

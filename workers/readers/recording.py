@@ -224,6 +224,14 @@ class Recording:
         """
         return None
 
+    def log_times(self, sensor: Sensor) -> NDArray[np.int64] | None:
+        """(N,) times of recording of all messages, ns, from the file's index; None where the file has none."""
+        return None
+
+    def log_and_stamp(self, sensor: Sensor, count: int) -> Iterator[tuple[int, int]]:
+        """(time of recording, stamp), ns, of some messages spread over the file, where it has both."""
+        yield from ()
+
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """All sensors in one pass over the file, in the order in which they were recorded."""
         raise NotImplementedError

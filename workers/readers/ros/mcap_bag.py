@@ -44,6 +44,7 @@ from workers.readers.ros.topic_messages import Decoder, Topic
 
 _Item = TypeVar("_Item")
 _TIMES: Final = 64
+_CHANNEL: Final = struct.Struct("<H")
 _SUMMARY_BYTES: Final = 64 * 1024**2
 _HINT: Final = "Copy or upload the file again; `mcap doctor` says what is wrong, `mcap recover` saves the rest."
 
@@ -252,6 +253,20 @@ class McapBag:
         """See :class:`Container`."""
         first = islice(self.messages([name]), _TIMES)
         return np.fromiter((log_ns for _, log_ns, _ in first), np.int64)
+
+    def log_times(self, name: str) -> NDArray[np.int64]:
+        """See :class:`Container`. Chunks without their index are read."""
+        numbers = {c.id for c in self.contents.channels.values() if c.topic == name}
+        times: list[NDArray[np.int64]] = []
+        for _, kind, size in self.walk():
+            if kind == Opcode.MESSAGE_INDEX and _CHANNEL.unpack(self.file.read(_CHANNEL.size))[0] in numbers:
+                # Channel, bytes of the list, then for each message its time and its place in the chunk.
+                entries = self.file.read(size - _CHANNEL.size)[4:]
+                times.append(np.frombuffer(entries, "<u8", len(entries) // 8).reshape(-1, 2)[:, 0].astype(np.int64))
+        indexed = np.concatenate([np.zeros(0, np.int64), *times])
+        if len(indexed) == sum(self.contents.counts.get(number, 0) for number in numbers):
+            return indexed
+        return np.fromiter((log_ns for _, log_ns, _ in self.messages([name])), np.int64)
 
     def close(self) -> None:
         """Close the file."""

@@ -133,6 +133,8 @@ class Rosbag1Bag:
         entries = (entry.time for c in self._connections[name] for entry in self.reader.indexes[c.id])
         return np.fromiter(entries, np.int64)
 
+    log_times = times
+
     def close(self) -> None:
         """Close the bag."""
         if self.reader.bio is not None:

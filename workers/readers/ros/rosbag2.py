@@ -137,6 +137,10 @@ class _BagFolder:
         """See :class:`Container`."""
         return next((file.times(name) for file in self._holding(name)), np.zeros(0, np.int64))
 
+    def log_times(self, name: str) -> NDArray[np.int64]:
+        """See :class:`Container`."""
+        return np.concatenate([np.zeros(0, np.int64), *(file.log_times(name) for file in self._holding(name))])
+
     def close(self) -> None:
         """Close all files and remove what was unpacked."""
         for file in self._files:

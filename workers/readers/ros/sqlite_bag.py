@@ -149,12 +149,17 @@ class SqliteBag:
 
     def times(self, name: str) -> NDArray[np.int64]:
         """See :class:`Container`."""
+        return self._times(name, f"LIMIT {_TIMES}")
+
+    def log_times(self, name: str) -> NDArray[np.int64]:
+        """See :class:`Container`."""
+        return self._times(name, "")
+
+    def _times(self, name: str, limit: str) -> NDArray[np.int64]:
         with self.damage():
             numbers = self.ids[name]
             marks = ",".join("?" * len(numbers))
-            query = (
-                f"SELECT timestamp FROM messages WHERE topic_id IN ({marks}) AND id <= ? ORDER BY id LIMIT {_TIMES}"
-            )
+            query = f"SELECT timestamp FROM messages WHERE topic_id IN ({marks}) AND id <= ? ORDER BY id {limit}"
             return np.fromiter((time for (time,) in self.file.rows(query, [*numbers, self.last])), np.int64)
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, evened, learn_packets
 from workers.readers.captures.velodyne import FIELDS, SweepCutter
@@ -136,6 +137,16 @@ class TopicRecording(Recording):
             return self._stream(sensor).facts(self._options)
         return self._model(sensor).facts
 
+    def log_times(self, sensor: Sensor) -> NDArray[np.int64]:
+        """Times of recording of all messages."""
+        return self._container.log_times(sensor.name)
+
+    def log_and_stamp(self, sensor: Sensor, count: int) -> Iterator[tuple[int, int]]:
+        """Of messages that have a stamp of their own."""
+        for log_ns, raw in self._container.samples(sensor.name, count):
+            if (message := self._decoders[sensor.name](raw)) is not None and message.stamp_ns:
+                yield log_ns, message.stamp_ns
+
     def _is_packets(self, sensor: Sensor) -> bool:
         return "model" in sensor.notes
 
@@ -259,7 +270,8 @@ def _described(topic: Topic) -> str:
 
 def _with_info(camera: Sensor, info: CameraInfo | None) -> Sensor:
     document = info and info_document(info)
-    return replace(camera, camera_info=document, image_kind=image_kind(camera.name, document))
+    notes = camera.notes if document or not info else {**camera.notes, "camera_info": "unusable"}
+    return replace(camera, camera_info=document, image_kind=image_kind(camera.name, document), notes=notes)
 
 
 def _sensor(topic: Topic, first: Message | None) -> Sensor:

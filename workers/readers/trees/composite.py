@@ -6,6 +6,9 @@ import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, StaticTransform, Sweep
 
 
@@ -43,6 +46,20 @@ class _Several(Recording):
     def warnings(self) -> list[str]:
         """What the parts say."""
         return [said for part in self._recordings for said in part.warnings]
+
+    def log_times(self, sensor: Sensor) -> NDArray[np.int64] | None:
+        """Those of all parts that hold the sensor; None if one of them has no index."""
+        times = [each for part, inner in self._sources(sensor) if (each := part.log_times(inner)) is not None]
+        return np.concatenate(times) if len(times) == len(self._sources(sensor)) else None
+
+    def log_and_stamp(self, sensor: Sensor, count: int) -> Iterator[tuple[int, int]]:
+        """Of the first part that holds the sensor."""
+        part, inner = self._sources(sensor)[0]
+        return part.log_and_stamp(inner, count)
+
+    def _sources(self, sensor: Sensor) -> list[tuple[Recording, Sensor]]:
+        """Each part that holds a sensor, and the sensor as the part names it."""
+        raise NotImplementedError
 
     def close(self) -> None:
         """Close all parts."""
@@ -84,6 +101,9 @@ class Composite(_Several):
         """The least of what the parts have read of their bytes."""
         shares = [share for part in self._recordings if (share := part.share_read) is not None]
         return min(shares, default=None)
+
+    def _sources(self, sensor: Sensor) -> list[tuple[Recording, Sensor]]:
+        return [self._places[sensor.name]]
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What its part learned of a LiDAR."""
@@ -136,13 +156,16 @@ class Joined(_Several):
         at = self._recordings[min(self._done, len(self._recordings) - 1)].share_read
         return None if at is None else min(1.0, (self._done + at) / len(self._recordings))
 
+    def _sources(self, sensor: Sensor) -> list[tuple[Recording, Sensor]]:
+        return [(part, _of(part, sensor)) for part in self._recordings]
+
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What the first part learned of a LiDAR.
 
         Raises:
             ReadError: ``parts_differ`` where another part has other rings.
         """
-        owned = [(part, _of(part, sensor)) for part in self._recordings]
+        owned = self._sources(sensor)
         facts = [part.lidar_facts(inner) for part, inner in owned if inner.count != 0]
         if len({found.ring_count for found in facts}) > 1:
             raise ReadError(

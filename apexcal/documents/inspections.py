@@ -1,0 +1,58 @@
+"""What a recording holds and lacks, told before anything is uploaded."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from apexcal.documents.base import Document
+from apexcal.documents.readings import ImageKind
+
+
+class RecordingFault(Document):
+    """What a recording lacks. ``look``: a camera can be calibrated all the same; ``stop``: it cannot.
+
+    ``sensor``: its name; empty if it is about the whole recording.
+    """
+
+    code: str
+    sensor: str
+    verdict: Literal["look", "stop"]
+    sentence: str
+    remedy: str
+
+
+class InspectedSensor(Document):
+    """A LiDAR or camera as its file names it: how often it was recorded, and when. A camera's images and lens.
+
+    ``first_ns``, ``last_ns``: times of recording, UTC nanoseconds. ``delay_s``: how long after their stamps messages
+    were recorded (median); null where the file has no two clocks. ``states_lens``: a plausible CameraInfo is there.
+    """
+
+    kind: Literal["lidar", "camera"]
+    name: str
+    topic: str
+    frame_id: str
+    count: int
+    first_ns: int
+    last_ns: int
+    rate_hz: float | None
+    longest_pause_s: float
+    delay_s: float | None
+    image_size: tuple[int, int] | None = None
+    image_kind: ImageKind | None = None
+    states_lens: bool = False
+
+
+class Inspection(Document):
+    """A recording's format, length, sensors (the LiDAR first) and faults, and the cameras that it can calibrate.
+
+    ``is_connected``: whether its ``/tf_static`` leads from the LiDAR to every camera; null if it states no frames.
+    """
+
+    format: str
+    seconds: float
+    sensors: list[InspectedSensor]
+    other_topics: list[str]
+    is_connected: bool | None
+    faults: list[RecordingFault]
+    calibratable: list[str]

@@ -1,0 +1,272 @@
+"""What a recording holds and lacks, from its index and a few messages. Sensors are chosen as for ingestion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from apexcal.documents.bounds import preset_bounds
+from apexcal.documents.inspections import InspectedSensor, Inspection, RecordingFault
+from apexcal.documents.pairs import REACH_NS
+from workers.readers.choose import CameraChoice, choose_sensors
+from workers.readers.detect import open_recording
+from workers.readers.normalised.stamps import overlap_warning, report_stamps, shared_time
+from workers.readers.recording import ReadError, ReadOptions, Recording, Sensor, StaticTransform
+
+# Of each sensor, to compare its stamps with the times of recording.
+_SAMPLES: Final = 9
+# Half a turn of the slowest LiDAR that is read (0.5 Hz). Drivers hand on a sweep after its turn, and a camera's queue
+# holds a few frames: such delays are no other clock.
+_CLOCKS_APART_S: Final = 1.0
+# A fit needs marks in six places that are 1.5 m apart (`workers/judge/pair_checks.py`). A slow walk is 1 m/s.
+_FEWEST_PLACES: Final = 6
+_SHORTEST_S: Final = _FEWEST_PLACES * 1.5
+# Still poses are recorded at less than this, each a message or a burst.
+_POSES_HZ: Final = 1.0
+# A walker's motion is known from pairs within half a second; a longer pause leaves vertices without it. A slow sensor
+# may miss a message.
+_PAUSE_STEPS: Final = 3.0
+
+
+def inspect_recording(
+    path: Path, lidar: str | None = None, cameras: CameraChoice = None, options: ReadOptions | None = None
+) -> Inspection:
+    """Inspect a file or folder. ``lidar``, ``cameras``: their topics, as :func:`choose_sensors` takes them.
+
+    Raises:
+        ReadError: it is no recording, is damaged, or its LiDAR or cameras are not clear.
+    """
+    recording = open_recording(path, options or ReadOptions())
+    try:
+        chosen = choose_sensors(recording, lidar, cameras)
+        times, delays = _times(recording, chosen)
+        sensors = [_inspected(name, sensor, times[name], delays.get(name)) for name, sensor in chosen.items()]
+        transforms = recording.static_transforms
+        faults = [
+            *(fault for name, sensor in chosen.items() if sensor.kind == "camera" for fault in _lens(name, sensor)),
+            *_time_faults(sensors, times),
+            *_length_faults(sensors, is_still=(options or ReadOptions()).point_times == "stamp_only"),
+            *_frame_faults(sensors, transforms),
+        ]
+    finally:
+        recording.close()
+    lidar_stops = any(fault.verdict == "stop" and fault.sensor in ("", "lidar") for fault in faults)
+    stopped = {fault.sensor for fault in faults if fault.verdict == "stop"}
+    names = [name for name in chosen if name != "lidar"]
+    return Inspection(
+        format=recording.format,
+        seconds=(max(each.last_ns for each in sensors) - min(each.first_ns for each in sensors)) / 1e9,
+        sensors=sensors,
+        other_topics=list(recording.other_topics),
+        is_connected=not any(fault.code == "frames_not_connected" for fault in faults) if transforms else None,
+        faults=faults,
+        calibratable=[] if lidar_stops else [name for name in names if name not in stopped],
+    )
+
+
+def _times(
+    recording: Recording, chosen: Mapping[str, Sensor]
+) -> tuple[dict[str, NDArray[np.int64]], dict[str, float]]:
+    """Ascending times of recording of each sensor, ns, and how long its messages were underway, seconds.
+
+    A file without an index is read through; its stamps are its only times.
+    """
+    times = {name: recording.log_times(sensor) for name, sensor in chosen.items()}
+    if any(each is None for each in times.values()):
+        stamps: dict[str, list[int]] = {name: [] for name in chosen}
+        names = {sensor.name: name for name, sensor in chosen.items()}
+        for sensor, item in recording.messages(list(chosen.values())):
+            stamps[names[sensor.name]].append(item.stamp_ns)
+        return {name: np.sort(np.array(each, np.int64)) for name, each in stamps.items()}, {}
+    delays: dict[str, float] = {}
+    for name, sensor in chosen.items():
+        pairs = np.array(list(recording.log_and_stamp(sensor, _SAMPLES)), np.int64).reshape(-1, 2)
+        if len(pairs):
+            delays[name] = float(np.median(pairs[:, 0] - pairs[:, 1])) / 1e9
+    return {name: np.sort(each) for name, each in times.items() if each is not None}, delays
+
+
+def _inspected(name: str, sensor: Sensor, times: NDArray[np.int64], delay_s: float | None) -> InspectedSensor:
+    if not len(times):
+        raise ReadError("sensor_without_messages", f"{sensor.name} holds no message.", "Was the sensor switched on?")
+    report = report_stamps(times, name)
+    size = _size(sensor)
+    return InspectedSensor(
+        kind=sensor.kind,
+        name=name,
+        topic=sensor.name,
+        frame_id=sensor.frame_id,
+        count=len(times),
+        first_ns=report.first_ns,
+        last_ns=report.last_ns,
+        rate_hz=report.rate_hz,
+        longest_pause_s=float(np.max(np.diff(times), initial=0)) / 1e9,
+        delay_s=delay_s,
+        image_size=size,
+        image_kind=sensor.image_kind,
+        states_lens=sensor.camera_info is not None,
+    )
+
+
+def _size(sensor: Sensor) -> tuple[int, int] | None:
+    """Width and height of a camera's first image, pixels."""
+    sizes = [sensor.notes.get(edge, "") for edge in ("width", "height")]
+    return (int(sizes[0]), int(sizes[1])) if all(size.isdigit() for size in sizes) else None
+
+
+def _lens(name: str, sensor: Sensor) -> list[RecordingFault]:
+    """What is wrong with a camera's stated lens. A result can be had without one."""
+    advice = "The lens is fitted instead: fill the image with marks, to its corners, or record the CameraInfo."
+    stated, size = sensor.camera_info, _size(sensor)
+    if stated is None and sensor.notes.get("camera_info") == "unusable":
+        sentence = f"The CameraInfo of {name} states no lens: its K is 0 or holds what is no number."
+        return [RecordingFault(code="lens_not_stated", sensor=name, verdict="look", sentence=sentence, remedy=advice)]
+    if stated is None:
+        sentence = f"No CameraInfo was recorded for {name}."
+        return [RecordingFault(code="no_camera_info", sensor=name, verdict="look", sentence=sentence, remedy=advice)]
+    if size and (stated["width"], stated["height"]) != size:
+        sentence = (
+            f"The images of {name} have {size[0]} x {size[1]} pixels; its CameraInfo is of {stated['width']} x "
+            f"{stated['height']}."
+        )
+        remedy = (
+            "Record the full images, or the CameraInfo of these. Its lens does not hold for images of another size."
+        )
+        return [
+            RecordingFault(code="image_size_differs", sensor=name, verdict="stop", sentence=sentence, remedy=remedy)
+        ]
+    K = stated["K"]
+    bounds = preset_bounds(
+        "image-size", "pinhole", "rotation_vector", size or (stated["width"], stated["height"]), (0.0, 0.0, 0.0)
+    )
+    values = {"f_x": K[0], "f_y": K[4], "c_x": K[2], "c_y": K[5]}
+    odd = [f"{word} = {value:g}" for word, value in values.items() if not bounds[word][0] <= value <= bounds[word][1]]
+    if odd:
+        sentence = f"The CameraInfo of {name} states {', '.join(odd)} px, which no lens of such images has."
+        return [
+            RecordingFault(code="lens_not_plausible", sensor=name, verdict="look", sentence=sentence, remedy=advice)
+        ]
+    return []
+
+
+def _time_faults(
+    sensors: Sequence[InspectedSensor], times: Mapping[str, NDArray[np.int64]]
+) -> Iterator[RecordingFault]:
+    lidar, *cameras = sensors
+    for camera in cameras:
+        spans = (lidar.first_ns, lidar.last_ns), (camera.first_ns, camera.last_ns)
+        seconds, _ = shared_time(*spans)
+        yield from _pauses(camera, lidar, times)
+        if sentences := overlap_warning(camera.name, *spans):
+            yield RecordingFault(
+                code="no_overlap" if seconds == 0.0 else "little_overlap",
+                sensor=camera.name,
+                verdict="stop" if seconds == 0.0 else "look",
+                sentence=sentences[0],
+                remedy="Record both at the same time, from before the walk to after it.",
+            )
+        elif lidar.delay_s is not None and camera.delay_s is not None:
+            apart_s = lidar.delay_s - camera.delay_s
+            if abs(apart_s) > _CLOCKS_APART_S:
+                yield RecordingFault(
+                    code="clocks_apart",
+                    sensor=camera.name,
+                    verdict="stop",
+                    sentence=(
+                        f"The clock of {camera.name} is {abs(apart_s):.1f} s "
+                        f"{'ahead of' if apart_s > 0 else 'behind'} the LiDAR's."
+                    ),
+                    remedy="Synchronise the clocks (PTP, or stamps of one host), and record again.",
+                )
+    for camera in cameras[:1]:
+        yield from _pauses(lidar, camera, times)
+
+
+def _length_faults(sensors: Sequence[InspectedSensor], *, is_still: bool) -> Iterator[RecordingFault]:
+    lidar, *cameras = sensors
+    if not cameras:
+        yield RecordingFault(
+            code="no_camera",
+            sensor="",
+            verdict="stop",
+            sentence="The recording holds no images.",
+            remedy="Record the cameras together with the LiDAR, or put their images into one folder with its clouds.",
+        )
+    for sensor in sensors:
+        if sensor.count < _FEWEST_PLACES:
+            yield RecordingFault(
+                code="too_few",
+                sensor=sensor.name,
+                verdict="stop",
+                sentence=f"{sensor.name} has {sensor.count} messages; a fit needs marks in {_FEWEST_PLACES} places.",
+                remedy="Walk with the board for two minutes, or record twenty still poses.",
+            )
+    seconds = [(each.last_ns - each.first_ns) / 1e9 for each in sensors]
+    longest_s = max((min(seconds[0], each) for each in seconds[1:]), default=0.0)
+    is_walk = not is_still and lidar.count >= _FEWEST_PLACES and (lidar.rate_hz or 0.0) > _POSES_HZ
+    if is_walk and 0.0 < longest_s < _SHORTEST_S:
+        yield RecordingFault(
+            code="too_short",
+            sensor="",
+            verdict="look",
+            sentence=f"LiDAR and cameras were recorded for {longest_s:.1f} s only.",
+            remedy="Walk with the board for two minutes, slowly, everywhere in view. Are these still poses? Say "
+            "--still.",
+        )
+
+
+def _pauses(
+    sensor: InspectedSensor, other: InspectedSensor, times: Mapping[str, NDArray[np.int64]]
+) -> Iterator[RecordingFault]:
+    """A pause of one sensor while the other one was recorded. A recorder that pauses both loses no pair."""
+    own, others = times[sensor.name], times[other.name]
+    step_ns = float(np.median(np.diff(own))) if len(own) > 1 else 0.0
+    least_ns = max(float(REACH_NS), _PAUSE_STEPS * step_ns)
+    pauses = [(after, end) for after, end in pairwise(own.tolist()) if end - after > least_ns]
+    lost = [(after, end) for after, end in pauses if np.count_nonzero((others > after) & (others < end)) > 2]
+    if lost:
+        after, end = max(lost, key=lambda pause: pause[1] - pause[0])
+        yield RecordingFault(
+            code="gap",
+            sensor=sensor.name,
+            verdict="look",
+            sentence=(
+                f"{sensor.name} pauses for {(end - after) / 1e9:.1f} s after {(after - sensor.first_ns) / 1e9:.1f} s"
+                f"{f', and {len(lost) - 1} times more' if len(lost) > 1 else ''}."
+            ),
+            remedy="Look at the network and the disk of the recorder; nothing can be paired in a pause.",
+        )
+
+
+def _frame_faults(
+    sensors: Sequence[InspectedSensor], transforms: Sequence[StaticTransform]
+) -> Iterator[RecordingFault]:
+    """Cameras whose frames ``/tf_static`` does not connect with the LiDAR's, if it states any."""
+    lidar, *cameras = sensors
+    parents = {each.child: each.parent for each in transforms}
+    for camera in cameras if parents else ():
+        if _root(parents, lidar.frame_id) != _root(parents, camera.frame_id):
+            yield RecordingFault(
+                code="frames_not_connected",
+                sensor=camera.name,
+                verdict="look",
+                sentence=(
+                    f"/tf_static does not lead from {lidar.frame_id or 'the LiDAR'} to "
+                    f"{camera.frame_id or camera.name}."
+                ),
+                remedy="Give the rig's mount by hand, or record the tree that joins both frames.",
+            )
+
+
+def _root(parents: Mapping[str, str], frame: str) -> str:
+    frame = frame.removeprefix("/")
+    visited: set[str] = set()
+    while frame in parents and frame not in visited:
+        visited.add(frame)
+        frame = parents[frame]
+    return frame
