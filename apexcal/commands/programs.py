@@ -8,6 +8,7 @@ import re
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -129,7 +130,7 @@ def data_first(words: Sequence[str]) -> list[str]:
 
 def _say(serving: Serving) -> None:
     out = console()
-    folder = serving.owner_token.parent
+    folder = serving.owner_token_file.parent
     out.print(f"\n[bold]apexcal[/] is at [bold]{serving.public_url}[/] with {serving.workers} worker processes.\n")
     out.print("Sign in as its owner with this link; it works once:")
     out.print(f"  {serving.owner_link}\n", soft_wrap=True, highlight=False)
@@ -140,11 +141,4 @@ def _say(serving: Serving) -> None:
 
 
 def _say_json(serving: Serving) -> None:
-    document = {
-        "url": serving.url,
-        "public_url": serving.public_url,
-        "owner_link": serving.owner_link,
-        "owner_token_file": str(serving.owner_token),
-        "workers": serving.workers,
-    }
-    print(json.dumps(document), flush=True)
+    print(json.dumps(asdict(serving), default=str), flush=True)

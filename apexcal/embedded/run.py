@@ -35,7 +35,7 @@ class Serving:
     url: str
     public_url: str
     owner_link: str
-    owner_token: Path
+    owner_token_file: Path
     workers: int
 
 
