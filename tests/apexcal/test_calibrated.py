@@ -58,6 +58,6 @@ def test_the_lens_of_the_recommended_model_is_told():
 
 def test_each_reason_for_not_publishing_is_its_own():
     withheld, replaced = (CAMERA.model_copy(update={"published": was}) for was in (False, True))
-    reasons = [why_unpublished(CAMERA, wanted=False), why_unpublished(withheld, wanted=True)]
-    assert len({*reasons, why_unpublished(replaced, wanted=True)}) == 3
+    reasons = [why_unpublished(CAMERA, publish=False), why_unpublished(withheld, publish=True)]
+    assert len({*reasons, why_unpublished(replaced, publish=True)}) == 3
     assert reasons[1].startswith("a check keeps it back. A reviewer")
