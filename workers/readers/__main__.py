@@ -17,7 +17,7 @@ import os
 import resource
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
@@ -77,11 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _take_limits(arguments)
     request: dict[str, Any] = arguments.request
     try:
-        one_file = "copy" in request or "view" in request
-        if request.get("inspect"):
-            made = _inspected(arguments.source, request)
-        else:
-            made = _written(arguments, request) if one_file else _normalised(arguments, request)
+        made = _room(request)(arguments, request)
     except ReadError as error:
         return _error(error.code, error.message, error.hint, error.fields)
     except MemoryError:
@@ -100,6 +96,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _room(request: dict[str, Any]) -> Callable[[argparse.Namespace, dict[str, Any]], dict[str, Any]]:
+    """What does the requested work."""
+    if request.get("inspect"):
+        return _inspected
+    return _written if "copy" in request or "view" in request else _normalised
+
+
 def _options(request: dict[str, Any]) -> ReadOptions:
     try:
         return ReadOptions(**request.get("options", {}))
@@ -107,10 +110,10 @@ def _options(request: dict[str, Any]) -> ReadOptions:
         raise ReadError("request_invalid", f"The options of the ingestion are wrong: {error}.", _OPTIONS) from None
 
 
-def _inspected(source: Path, request: dict[str, Any]) -> dict[str, Any]:
+def _inspected(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:
     from workers.readers.inspection import inspect_recording
 
-    inspection = inspect_recording(source, request.get("lidar"), request.get("cameras"), _options(request))
+    inspection = inspect_recording(arguments.source, request.get("lidar"), request.get("cameras"), _options(request))
     return {"inspection": inspection.model_dump(mode="json")}
 
 
