@@ -144,8 +144,9 @@ class TopicRecording(Recording):
     def log_and_stamp(self, sensor: Sensor, count: int) -> Iterator[tuple[int, int]]:
         """Of messages that have a stamp of their own."""
         for log_ns, raw in self._container.samples(sensor.name, count):
-            if (message := self._decoders[sensor.name](raw)) is not None and message.stamp_ns:
-                yield log_ns, message.stamp_ns
+            stamp_ns = self._decoders[sensor.name](raw).stamp_ns
+            if stamp_ns:
+                yield log_ns, stamp_ns
 
     def _is_packets(self, sensor: Sensor) -> bool:
         return "model" in sensor.notes
