@@ -278,6 +278,26 @@ def test_every_block_runs_or_has_a_reason() -> None:
     assert seen == set(PAGE_SETUPS)
 
 
+def test_links_and_numbers_of_decisions_lead_somewhere() -> None:
+    headings = {
+        page: {re.sub(r"[^\w -]", "", line.lower()).replace(" ", "-") for line in re.findall(r"^#+ (.*)", text, re.M)}
+        for page, text in PAGES.items()
+    }
+    for page, text in PAGES.items():
+        for target in re.findall(r"\]\(([^)#]*(?:#[^)]*)?)\)", text):
+            if "://" in target:
+                continue
+            path, _, heading = target.partition("#")
+            there = (ROOT / page).parent.joinpath(path).resolve() if path else ROOT / page
+            assert there.exists(), f"{page}: {target}"
+            assert not heading or heading in headings[str(there.relative_to(ROOT))], f"{page}: {target}"
+    decisions = {path.name[:4] for path in (ROOT / "docs/decisions").glob("*.md")}
+    code = [path for room in ("apexcal", "service", "workers", "benchmarks") for path in (ROOT / room).rglob("*.py")]
+    for path in code:
+        for number in re.findall(r"[Dd]ecisions?[ /](\d{4})\b", path.read_text()):
+            assert number in decisions, f"{path}: there is no decision {number}"
+
+
 def test_rigs_as_the_page_shows_them_are_taken(reader: Reader) -> None:
     rigs = [block for block in blocks_of(PAGES["docs/rigs.md"]) if block.language == "json"]
     assert rigs
