@@ -97,18 +97,18 @@ def point_of_pixel(
     far, spread = _pixel_equation(calibration, (origin + direction)[None], sigma_px)
     back = np.asarray(np.linalg.pinv(far[0]), np.float64)
     inside = _cone(calibration, pixel, sigma_px, points, k)
-    seen = PixelPoint(origin, direction, back @ spread[0] @ back.T, inside)
+    ray = PixelPoint(origin, direction, back @ spread[0] @ back.T, inside)
     plane = _plane(points[inside], noise)
     if isinstance(plane, str):
-        return seen._replace(reason=plane)
+        return ray._replace(reason=plane)
     normal = plane.axes[2]
     facing = float(normal @ direction)
     # Seen from its edge, the plane's tilt alone decides where the ray meets it.
     if abs(facing) <= 3.0 * np.sqrt(np.trace(plane.covariance[1:, 1:])):
-        return seen._replace(reason="the ray runs along the plane of the points")
+        return ray._replace(reason="the ray runs along the plane of the points")
     along = float(normal @ (plane.centre - origin)) / facing
     if along <= 0.0:
-        return seen._replace(reason="the plane of the points lies behind the camera")
+        return ray._replace(reason="the plane of the points lies behind the camera")
     point = origin + along * direction
     by_point, of_pixel = _pixel_equation(calibration, point[None], sigma_px)
     equations = np.vstack([by_point[0], normal])
@@ -118,7 +118,7 @@ def point_of_pixel(
     # Of second order: where the pixel errs, the plane's tilt lifts the point. Both errors are independent.
     shift = plane.axes[:2] @ solved @ errors @ solved.T @ plane.axes[:2].T
     errors[2, 2] += np.trace(plane.covariance[1:, 1:] @ shift)
-    return seen._replace(
+    return ray._replace(
         point=point, covariance=solved @ errors @ solved.T, normal=normal if facing < 0.0 else -normal
     )
 
