@@ -16,7 +16,7 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-judge bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers bench-annotators faults check lock clean
+.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-judge bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers bench-annotators bench-marks faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -92,6 +92,9 @@ bench-readers: $(STAMPS)/bench  ## our readers of MCAP, SQLite, protobuf and pca
 
 bench-annotators: setup  ## 1 to 100 people who mark one recording at once, with open pages, on both databases; SHORT=1 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.annotators
+
+bench-marks: setup  ## the machine's marks on rendered scenes drawn wide, on scenes without a board and on real recordings; SHORT=1 for a short form
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.marks
 
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))

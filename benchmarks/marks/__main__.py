@@ -1,0 +1,94 @@
+"""`make bench-marks`: see the docstring of the package. SHORT=1 draws fewer scenes.
+
+The scenes of seeds from 0 on judge. Nothing was chosen by them: development drew seeds from 9000 on.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from apexcal.documents.corners import CORNERS
+from benchmarks.marks.chance import offers_mount
+from benchmarks.marks.figures import quantiles, share
+from benchmarks.marks.real import tell_real
+from benchmarks.marks.rendered import CornerCounts, SceneOutcome, run_scene
+from benchmarks.marks.scenes import Draw
+
+SCENES: Final = 120
+_CHANCE: Final = 300
+_KINDS: Final[dict[str, Callable[[Draw], bool]]] = {
+    "walks": lambda drawn: not drawn.still,
+    "still poses": lambda drawn: drawn.still,
+    "plain boards": lambda drawn: drawn.pattern == "plain",
+    "patterned boards": lambda drawn: drawn.pattern != "plain",
+    "contrast below 40": lambda drawn: drawn.contrast < 40.0,
+    "blur above 1.5 px": lambda drawn: drawn.blur_px > 1.5,
+    "head above the tip": lambda drawn: drawn.head_above_m > 0.0,
+    "second walker": lambda drawn: drawn.second != "none",
+    "exposure steps": lambda drawn: drawn.gain_step > 1.0,
+    "fisheye": lambda drawn: drawn.model == "kannala_brandt",
+    "no lens": lambda drawn: not drawn.lens_stated,
+    "no size": lambda drawn: not drawn.size_stated,
+    "tip outside": lambda drawn: drawn.tip_outside,
+    "thermal": lambda drawn: drawn.thermal,
+}
+
+
+def main() -> None:
+    short = bool(os.environ.get("SHORT"))
+    start = time.monotonic()
+    scenes, chance = (16, 60) if short else (SCENES, _CHANCE)
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        outcomes = [one for one in pool.imap_unordered(run_scene, range(scenes)) if one is not None]
+        offered = sum(pool.imap_unordered(offers_mount, range(chance), chunksize=5))
+    print(f"{len(outcomes)} of {scenes} drawn scenes show the board in 8 frames or more\n")
+    _tell("all", outcomes)
+    for kind, holds in _KINDS.items():
+        _tell(kind, [one for one in outcomes if holds(one.drawn)])
+    for name in CORNERS[1:]:
+        _tell_corners(f"{name} corners", _merged(outcomes, name))
+    large = [one for one in outcomes if one.drawn.size[0] == 1920]
+    print(f"\nprocessor seconds a frame of 1920 pixels' width: {quantiles([one.seconds for one in large])}")
+    print(f"scenes without a board: a mount is offered in {share(offered, chance)}")
+    print(f"drawn, rendered and marked in {time.monotonic() - start:.0f} s\n")
+    tell_real()
+
+
+def _tell(kind: str, outcomes: Sequence[SceneOutcome]) -> None:
+    counts = _merged(outcomes, "top")
+    failures = Counter(one.failure for one in outcomes if one.failure)
+    _tell_corners(f"{kind}: {len(outcomes)} scenes", counts)
+    if failures:
+        print("   without a mount: " + ", ".join(f"{count} {reason}" for reason, count in failures.items()))
+
+
+def _merged(outcomes: Sequence[SceneOutcome], name: str) -> CornerCounts:
+    merged = CornerCounts()
+    for one in outcomes:
+        for corner, counts in one.corners.items():
+            if corner == name:
+                merged.add(counts)
+    return merged
+
+
+def _tell_corners(title: str, counts: CornerCounts) -> None:
+    errors, scores = np.array(counts.errors_px), np.array(counts.scores)
+    print(title)
+    print(f"   offered {share(len(errors), counts.visible)}, px {quantiles(counts.errors_px)}")
+    print(f"   within 1 px {share(int(np.sum(errors <= 1.0)), len(errors))}")
+    print(f"   beyond 5 px {share(int(np.sum(errors > 5.0)), len(errors))}")
+    print(f"   within 1 and 1.96 stated deviations {share(int(np.sum(scores <= 1.0)), len(scores))}", end=", ")
+    print(share(int(np.sum(scores <= 1.96)), len(scores)))
+    if counts.refused:
+        print("   refused: " + ", ".join(f"{count} {reason}" for reason, count in counts.refused.most_common()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""The whole way from frames and vertices to proposals, on a rendered recording."""
+
+import numpy as np
+import pytest
+
+from benchmarks.marks.scenes import Draw, Scene
+from workers.marks.propose import propose
+from workers.marks.sights import Click, MarkProposal
+
+DRAW = Draw(
+    seed=4242, size=(960, 600), model="brown_conrady", lens_stated=True, still=True, count=14, board_m=(0.6, 0.9),
+    size_stated=True, pattern="border", contrast=70.0, texture=5.0, blur_px=0.8, noise=1.5, motion_ms=0.0,
+    head_above_m=0.0, second="none", gain_step=1.2, tip_outside=False, thermal=False,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Scene(DRAW)
+
+
+@pytest.fixture(scope="module")
+def frames(scene):
+    return [scene[index] for index in range(len(scene))]
+
+
+def errors_px(scene, answers, name="top"):
+    return [
+        float(np.hypot(*(np.array(answer[name].pixel) - scene.truth[name][index])))
+        for index, answer in enumerate(answers)
+        if isinstance(answer.get(name), MarkProposal) and scene.visible(index, name)
+    ]
+
+
+def test_tips_are_marked(scene, frames):
+    found = propose(frames, scene.sights, DRAW.size, lens=scene.lens, corners=("top", "left"))
+    assert found.failure is None
+    for name in ("top", "left"):
+        errors = errors_px(scene, found.answers, name)
+        assert len(errors) >= 0.7 * len(scene)
+        assert np.median(errors) < 0.4
+        assert max(errors) < 5.0
+    assert all(
+        0.0 < answer["top"].sigma_px < 3.0 for answer in found.answers if isinstance(answer["top"], MarkProposal)
+    )
+
+
+def test_without_corners_the_roll_tells_the_edges(scene, frames):
+    bare = [type(one)(one.frame, {"top": one.corners["top"]}, one.covariance, one.roll) for one in scene.sights]
+    errors = errors_px(scene, propose(frames, bare, DRAW.size, lens=scene.lens).answers)
+    assert len(errors) >= 0.5 * len(scene)
+    assert np.median(errors) < 0.5
+
+
+def test_too_few_poses_are_said(scene, frames):
+    found = propose(frames, scene.sights[:7], DRAW.size, lens=scene.lens)
+    assert found.failure is not None
+    assert (found.failure.reason, len(found.answers)) == ("few_poses", 7)
+
+
+def test_vertices_of_another_recording_get_no_mount(scene, frames):
+    random = np.random.default_rng(8)
+    order = random.permutation(len(scene))
+    mixed = [
+        type(one)(one.frame, scene.sights[k].corners, one.covariance, one.roll)
+        for one, k in zip(scene.sights, order, strict=True)
+    ]
+    found = propose(frames, mixed, DRAW.size, lens=scene.lens)
+    assert found.camera is None
+    assert found.failure is not None
+
+
+def test_one_click_names_the_mount(scene, frames):
+    u, v = scene.truth["top"][3].tolist()
+    right = propose(frames, scene.sights, DRAW.size, lens=scene.lens, click=Click(3, (u + 2.0, v - 1.0)))
+    assert right.failure is None
+    wrong = propose(frames, scene.sights, DRAW.size, lens=scene.lens, click=Click(3, (u + 150.0, v - 90.0)))
+    assert wrong.failure is not None

@@ -1,0 +1,322 @@
+"""Machine marks of one camera: seeds, the mount that they agree on, edges, and the mount again from the edges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Final
+
+import numpy as np
+
+from apexcal.documents.corners import CORNERS, CornerName
+from workers.geometry.models import ModelName
+from workers.marks.edges import CornerFit, Curve, EdgeRefusal, measure_corner
+from workers.marks.mount_fit import fit_mount
+from workers.marks.mount_search import (
+    INLIER_PX,
+    LEAST_PAIRS,
+    LEAST_SHARE,
+    RIVAL_SHARE,
+    MountCandidate,
+    SeedPairs,
+    search_mounts,
+)
+from workers.marks.seeds import MOST_SEEDS, FrameSeeds, find_seeds, spread_over
+from workers.marks.sights import (
+    Click,
+    FailureReason,
+    Floats,
+    FrameSource,
+    Lens,
+    MachineMarks,
+    MarkProposal,
+    MarkRefusal,
+    MountedLens,
+    RecordingFailure,
+    Sight,
+)
+
+FLOOR_M: Final = 0.0008
+"""Standard deviation of a corner in the board's plane: cut edges, rims and blunt tips.
+
+On a tripod's chessboard six tips scattered by 0.5 px, 1 mm, about the pattern's extrapolation (pandar40-tripod, which
+therefore judges nothing). ISO 2768-1 m allows edges of this length 0.8 mm. Blind marks by hand do not exist yet.
+"""
+_FLOOR_PX: Final = 0.05  # interpolation and rounding of pixels
+_SIDE_VARIANCE: Final = 4.0  # of a side corner against the tip
+_SHAPE_M: Final = 0.005  # shape and bending of a board, and the beam: what stated covariances of vertices lack
+_OFF_MOUNT: Final = 4.0  # standard scores
+_STEP_M: Final = 1e-3
+_FEWEST_SIGHTS: Final = 5  # whose edges confirm a mount: three marks determine it
+_GAIN_STEP: Final = 0.3
+_ENOUGH_TIPS: Final = 0.5  # of the sights: with fewer, the other corners are measured for the mount too
+
+OnSight = Callable[[], None]
+Measured = dict[CornerName, CornerFit | EdgeRefusal]
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What one recording's camera gives, and what is asked of it."""
+
+    frames: FrameSource
+    sights: Sequence[Sight]
+    size: tuple[int, int]
+    lens: Lens | None
+    model: ModelName
+    corners: Sequence[CornerName]
+    on_sight: OnSight
+
+
+def propose(
+    frames: FrameSource,
+    sights: Sequence[Sight],
+    size: tuple[int, int],
+    *,
+    lens: Lens | None = None,
+    model: ModelName = "brown_conrady",
+    corners: Sequence[CornerName] = ("top",),
+    click: Click | None = None,
+    on_sight: OnSight = lambda: None,
+) -> MachineMarks:
+    """A mark, or a reason why not, for each of the asked corners of each sight.
+
+    Args:
+        size: width and height of the frames, px.
+        lens: as it is stated; None: unknown, of the given model.
+        corners: for which marks are wanted. Those that a sight does not know get none.
+        click: a person's pixel of one tip, after a failure: only mounts that see the tip there count.
+        on_sight: called before each sight is looked at; it may raise to stop the work.
+    """
+    task = _Task(frames, sights, size, lens, lens.model if lens else model, corners, on_sight)
+    if len(sights) < LEAST_PAIRS:
+        return _failed(task, "few_poses", f"{len(sights)} vertices have a frame; the machine needs {LEAST_PAIRS}.")
+    chosen = spread_over([sight.frame for sight in sights])
+    seeds = find_seeds(frames, chosen)
+    pairs = _pairs(task, {one.frame: one for one in seeds}, click)
+    candidates = search_mounts(pairs, lens, task.model, size)
+    if not candidates:
+        return _failed(task, *_why_none(seeds, lens))
+    return _from_candidates(task, set(chosen), pairs, candidates, click)
+
+
+def _from_candidates(
+    task: _Task, chosen: set[int], pairs: SeedPairs, candidates: Sequence[MountCandidate], click: Click | None
+) -> MachineMarks:
+    """Edges decide between mounts; two that the edges of many sights confirm are an ambiguity."""
+    some = [index for index, sight in enumerate(task.sights) if sight.frame in chosen]
+    tried: list[tuple[int, MountedLens, float]] = []
+    for candidate in candidates:
+        slots = np.flatnonzero(candidate.explained)
+        start = fit_mount(
+            candidate.camera, task.lens, pairs.points[slots], pairs.seeds[slots, candidate.nearest[slots]],
+            np.ones(len(slots)), task.size,
+        )  # fmt: skip
+        measured = _measure(task, some, start, ("top",), 16.0, 1.0)
+        if _marked(measured) < _ENOUGH_TIPS * len(some):
+            measured = _measure(task, some, start, CORNERS, 16.0, 1.0)
+        camera, softness = _refit(task, measured, start)
+        tried.append((_confirmed(task, measured, camera), camera, softness))
+    tried.sort(key=lambda one: -one[0])
+    best, camera, softness = tried[0]
+    if best < max(_FEWEST_SIGHTS, LEAST_SHARE * len(some)):
+        return _failed(task, "few_edges", f"The board's edges were found in {best} of {len(some)} frames only.")
+    rivals = [count for count, other, _ in tried[1:] if _apart_px(task, camera, other) > INLIER_PX]
+    if click is None and rivals and rivals[0] >= RIVAL_SHARE * best:
+        return _failed(
+            task,
+            "two_consensuses",
+            f"Two mounts explain the frames, one {best} of them and another {rivals[0]}: does a second person "
+            "walk along, or is the board's pattern repeated?",
+        )
+    measured = _measure(task, range(len(task.sights)), camera, task.corners, 8.0, softness)
+    camera, _ = _refit(task, measured, camera)
+    return MachineMarks(_answers(task, measured, camera), camera)
+
+
+def _pairs(task: _Task, seeds: dict[int, FrameSeeds], click: Click | None) -> SeedPairs:
+    points: list[Floats] = []
+    places: list[Floats] = []
+    owner: list[int] = []
+    tip: list[bool] = []
+    certain: list[bool] = []
+    for index, sight in enumerate(task.sights):
+        clicked = click is not None and click.sight == index
+        if clicked and click is not None:
+            pixels: dict[CornerName, Floats] = {"top": np.array([click.pixel])}
+        elif sight.frame in seeds:
+            pixels = seeds[sight.frame].pixels
+        else:
+            continue
+        for name, of_corner in pixels.items():
+            if name not in sight.corners:
+                continue
+            row = np.full((MOST_SEEDS, 2), np.nan)
+            row[: len(of_corner)] = of_corner
+            points.append(sight.corners[name])
+            places.append(row)
+            owner.append(index)
+            tip.append(name == "top")
+            certain.append(clicked)
+    return SeedPairs(
+        np.array(points, np.float64).reshape(-1, 3),
+        np.array(places, np.float64).reshape(-1, MOST_SEEDS, 2),
+        np.array(owner, np.int64),
+        np.array(tip, np.bool_),
+        np.array(certain, np.bool_),
+    )
+
+
+def _measure(
+    task: _Task,
+    indices: Sequence[int],
+    camera: MountedLens,
+    corners: Sequence[CornerName],
+    half_width: float,
+    softness: float,
+) -> dict[int, Measured]:
+    """The corners of these sights, frame by frame."""
+    found: dict[int, Measured] = {}
+    ordered = sorted(indices, key=lambda index: task.sights[index].frame)
+    for frame, of_frame in groupby(ordered, key=lambda index: task.sights[index].frame):
+        image = task.frames[frame]
+        for index in of_frame:
+            task.on_sight()
+            sight = task.sights[index]
+            ends = {name: sight.neighbours(name) for name in corners if name in sight.corners}
+            found[index] = {
+                name: measure_corner(
+                    image,
+                    (_edge(camera, sight.corners[name], both[0]), _edge(camera, sight.corners[name], both[1])),
+                    half_width,
+                    softness,
+                )
+                for name, both in ends.items()
+                if both is not None
+            }
+    return found
+
+
+def _edge(camera: MountedLens, start: Floats, end: Floats) -> Curve:
+    return lambda share: camera.pixels(start + share[:, None] * (end - start))
+
+
+def _marked(measured: dict[int, Measured]) -> int:
+    return sum(any(isinstance(one, CornerFit) for one in corners.values()) for corners in measured.values())
+
+
+def _confirmed(task: _Task, measured: dict[int, Measured], camera: MountedLens) -> int:
+    """In how many sights a corner was measured where the mount sees it."""
+    scores = _scores(task, measured, camera)
+    return len({index for (index, _), score in scores.items() if score < _OFF_MOUNT})
+
+
+def _apart_px(task: _Task, camera: MountedLens, other: MountedLens) -> float:
+    """Median distance of the tips' projections by two cameras."""
+    tips = np.array([sight.corners["top"] for sight in task.sights])
+    return float(np.nanmedian(np.hypot(*(camera.pixels(tips) - other.pixels(tips)).T)))
+
+
+def _refit(task: _Task, measured: dict[int, Measured], camera: MountedLens) -> tuple[MountedLens, float]:
+    """The camera after its marks, and the median softness of the edges."""
+    fits = [
+        (task.sights[index].corners[name], fit, 1.0 if name == "top" else 1.0 / _SIDE_VARIANCE)
+        for index, corners in measured.items()
+        for name, fit in corners.items()
+        if isinstance(fit, CornerFit)
+    ]
+    if not fits:
+        return camera, 1.0
+    points, marks = np.array([point for point, _, _ in fits]), np.array([fit.pixel for _, fit, _ in fits])
+    again = fit_mount(camera, task.lens, points, marks, np.array([weight for _, _, weight in fits]), task.size)
+    return again, float(np.median([fit.softness_px for _, fit, _ in fits]))
+
+
+def _answers(
+    task: _Task, measured: dict[int, Measured], camera: MountedLens
+) -> list[dict[CornerName, MarkProposal | MarkRefusal]]:
+    """Proposals of the asked corners. A mark far from its mount's projection, as such marks go, is none."""
+    scores = _scores(task, measured, camera)
+    scale = max(1.0, float(np.median(list(scores.values()))) / 1.1774) if scores else 1.0
+    answers: list[dict[CornerName, MarkProposal | MarkRefusal]] = []
+    for index, sight in enumerate(task.sights):
+        of_sight: dict[CornerName, MarkProposal | MarkRefusal] = {}
+        for name in task.corners:
+            fit = measured[index].get(name)
+            if isinstance(fit, CornerFit):
+                off = scores[index, name] > _OFF_MOUNT * scale
+                of_sight[name] = MarkRefusal("off_mount") if off else _proposal(sight, name, fit, camera)
+            elif fit is not None:
+                of_sight[name] = MarkRefusal(fit)
+        answers.append(of_sight)
+    return answers
+
+
+def _proposal(sight: Sight, name: CornerName, fit: CornerFit, camera: MountedLens) -> MarkProposal:
+    u, v = fit.pixel.tolist()
+    ends = sight.neighbours(name)
+    assert ends is not None
+    lengths = np.hypot(*(camera.pixels(ends) - fit.pixel).T)
+    return MarkProposal(
+        (u, v), _with_floor(fit.covariance, _by_point(sight.corners[name], camera)), float(lengths.min())
+    )
+
+
+def _by_point(point: Floats, camera: MountedLens) -> Floats:
+    """Derivative (2, 3) of a point's pixel, px per metre."""
+    around = camera.pixels(np.vstack([point, point + _STEP_M * np.eye(3)]))
+    return (around[1:] - around[0]).T / _STEP_M
+
+
+def _with_floor(covariance: Floats, J: Floats) -> Floats:
+    px_per_m = float(np.linalg.norm(J, 2))
+    return covariance + (_FLOOR_PX**2 + (FLOOR_M * px_per_m) ** 2) * np.eye(2)
+
+
+def _scores(task: _Task, measured: dict[int, Measured], camera: MountedLens) -> dict[tuple[int, CornerName], float]:
+    """Distances of the marks from the projections of their vertices, in standard deviations of both."""
+    return {
+        (index, name): _standard_score(task.sights[index], name, fit, camera)
+        for index, corners in measured.items()
+        for name, fit in corners.items()
+        if isinstance(fit, CornerFit)
+    }
+
+
+def _standard_score(sight: Sight, name: CornerName, fit: CornerFit, camera: MountedLens) -> float:
+    J = _by_point(sight.corners[name], camera)
+    lidar = (1.0 if name == "top" else _SIDE_VARIANCE) * (sight.covariance + _SHAPE_M**2 * np.eye(3))
+    rest = fit.pixel - camera.pixels(sight.corners[name][None])[0]
+    if not np.all(np.isfinite(J)):
+        return np.inf
+    spread = J @ lidar @ J.T + _with_floor(fit.covariance, J)
+    return float(np.sqrt(rest @ np.linalg.solve(spread, rest)))
+
+
+def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None) -> tuple[FailureReason, str]:
+    """The likeliest reason for no consensus, in a sentence."""
+    empty = sum(not one.pixels for one in seeds)
+    if empty > (1.0 - LEAST_SHARE) * len(seeds):
+        return (
+            "background_colour",
+            f"In {empty} of {len(seeds)} frames nothing differs from the background: the board may have its colour.",
+        )
+    gains = np.array([one.gain for one in seeds])
+    if gains.max() > (1.0 + _GAIN_STEP) * gains.min():
+        return (
+            "exposure",
+            f"The frames' brightness changes by a factor of {gains.max() / gains.min():.1f}, and no mount explains "
+            "what differs between them: lock the camera's exposure.",
+        )
+    crowded = sum(one.rivals > 0 for one in seeds)
+    others = f" In {crowded} frames more than one thing moves." if crowded > 0.3 * len(seeds) else ""
+    unknown = " State the camera's lens: without it a fisheye is hard to place." if lens is None else ""
+    return "no_consensus", f"No mount explains where things move in {len(seeds)} frames.{others}{unknown}"
+
+
+def _failed(task: _Task, reason: FailureReason, sentence: str) -> MachineMarks:
+    asked: list[dict[CornerName, MarkProposal | MarkRefusal]] = [
+        {name: MarkRefusal("no_mount") for name in task.corners if name in sight.corners} for sight in task.sights
+    ]
+    return MachineMarks(asked, None, RecordingFailure(reason, sentence + " Click the tip in one frame."))
