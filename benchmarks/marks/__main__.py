@@ -21,7 +21,7 @@ from benchmarks.marks.real import tell_real
 from benchmarks.marks.rendered import CornerCounts, SceneOutcome, run_scene
 from benchmarks.marks.scenes import Draw
 
-SCENES: Final = 120
+SCENES: Final = 100
 _CHANCE: Final = 300
 _KINDS: Final[dict[str, Callable[[Draw], bool]]] = {
     "walks": lambda drawn: not drawn.still,

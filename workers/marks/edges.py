@@ -34,7 +34,8 @@ _SOFT_SHARE: Final = 0.4
 _ROUNDS: Final = 5
 _HALVED_PX: Final = 4.0  # up to here the direction is known well
 _SLOPES: Final = 17
-_NEARNESS: Final = 0.3
+_NEARNESS: Final = 0.3  # of a vote, lost at the window's rim
+_OUTER_SHARE: Final = 0.7
 _CROP_PX: Final = 24
 _AVERAGE: Final = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # of five profiles
 _AVERAGED: Final = float(np.linalg.norm(_AVERAGE))
@@ -83,8 +84,8 @@ class _ProfileEdges(NamedTuple):
 
     Attributes:
         offsets: (P, C) px from the projection; not a number where a profile has fewer.
-        share: (P, C) squared strength against the profile's strongest edge. A profile agrees with a line by this
-            share. Counting every edge alike, lines through mere texture reach `AGREEING` by chance.
+        share: (P, C) root of the strength against the profile's strongest edge. A profile agrees with a line by
+            this share. Counting every edge alike, lines through mere texture reach `AGREEING` by chance.
         curvature: (P, C) of the filter's response at its peak, relative to it, 1 / px^2.
     """
 
@@ -103,10 +104,13 @@ def measure_corner(
         first_half_width: one of `HALF_WIDTHS_PX`: those above are skipped.
         softness: standard deviation of the frame's blur, px, as far as it is known.
     """
-    traced = [_traced(curve, image.shape[1], image.shape[0]) for curve in edges]
-    if any(isinstance(edge, str) for edge in traced):
-        return next(edge for edge in traced if isinstance(edge, str))
-    pair = [edge for edge in traced if isinstance(edge, _Traced)]
+    pair: list[_Traced] = []
+    for curve in edges:
+        edge = _traced(curve, image.shape[1], image.shape[0])
+        if not isinstance(edge, _Traced):
+            return edge
+        pair.append(edge)
+    inside = _inside(edges)
     crop = _Crop.around(image, np.concatenate([edge.pixels for edge in pair]))
     start = np.asarray(edges[0](np.zeros(1)), np.float64)[0]
     lines: list[_Line] = []
@@ -115,8 +119,8 @@ def measure_corner(
         if half_width > first_half_width:
             continue
         fitted = [
-            _fit(crop, edge.moved(*shift), half_width, tolerance, softness)
-            for edge, shift in zip(pair, total, strict=True)
+            _fit(crop, edge.moved(*shift), half_width, tolerance, softness, within)
+            for edge, shift, within in zip(pair, total, inside, strict=True)
         ]
         lines = [line for line in fitted if line is not None]
         if len(lines) < 2 or min(line.agreeing for line in lines) < AGREEING:
@@ -190,8 +194,10 @@ class _Crop:
         return np.asarray(values, np.float64)
 
 
-def _fit(crop: _Crop, edge: _Traced, half_width: float, tolerance: float, softness: float) -> _Line | None:
-    """The line through the strongest edges of the profiles that most of them agree on."""
+def _fit(
+    crop: _Crop, edge: _Traced, half_width: float, tolerance: float, softness: float, inside: float
+) -> _Line | None:
+    """The outermost line that most profiles agree on; the sign of `inside` is that of offsets into the board."""
     wide = max(half_width, 2.5 * softness)
     sigma = float(np.clip(softness, _SHARPEST_PX, _SOFTEST_PX))
     pad = np.ceil(3.0 * sigma / _STEP_PX) * _STEP_PX
@@ -204,14 +210,15 @@ def _fit(crop: _Crop, edge: _Traced, half_width: float, tolerance: float, softne
     averaged = cv2.sepFilter2D(profiles, -1, np.ones(1), _AVERAGE, borderType=cv2.BORDER_REPLICATE)
     found = _edges_of(np.asarray(averaged, np.float64), across, wide, sigma, _AVERAGED * crop.noise)
     tolerance = max(tolerance, _SOFT_SHARE * softness)
-    start = _voted(found.offsets, found.share, edge.along, wide, tolerance)
+    start = _voted(found, edge.along, wide, tolerance, inside)
     return _refined(found, edge.along, start, tolerance, usable, sigma)
 
 
 def _edges_of(profiles: Floats, across: Floats, wide: float, sigma: float, noise: float) -> _ProfileEdges:
     """The strongest edges of each profile (P, S) of grey levels at offsets (S,)."""
-    taps = np.arange(-np.ceil(3.0 * sigma / _STEP_PX), np.ceil(3.0 * sigma / _STEP_PX) + 1) * _STEP_PX
-    kernel = taps / sigma**2 * np.exp(-0.5 * (taps / sigma) ** 2)
+    reach = int(np.ceil(3.0 * sigma / _STEP_PX))
+    taps: Floats = _STEP_PX * np.arange(-reach, reach + 1, dtype=np.float64)
+    kernel: Floats = taps / sigma**2 * np.exp(-0.5 * (taps / sigma) ** 2)
     kernel /= np.sum(kernel * taps)  # a ramp of one level a pixel gives one
     filled = np.where(np.isfinite(profiles), profiles, 0.0).astype(np.float32)
     slope = cv2.filter2D(filled, cv2.CV_32F, kernel[None], borderType=cv2.BORDER_REPLICATE)
@@ -230,12 +237,17 @@ def _edges_of(profiles: Floats, across: Floats, wide: float, sigma: float, noise
     shift = np.where(bend < 0.0, 0.5 * (left - right) / np.where(bend < 0.0, bend, -1.0), 0.0)
     offsets = across[1:-1][order] + _STEP_PX * np.clip(shift, -0.5, 0.5)
     curvature = -bend / _STEP_PX**2 / np.maximum(middle, 1e-9)
-    share = (strength / np.maximum(strength[:, :1], 1e-9)) ** 2
+    share = np.sqrt(strength / np.maximum(strength[:, :1], 1e-9))
     return _ProfileEdges(np.where(strength > 0.0, offsets, np.nan), share, curvature)
 
 
-def _voted(offsets: Floats, share: Floats, along: Floats, wide: float, tolerance: float) -> tuple[float, float]:
-    """Offset and slope of the line that the most profiles have an edge on, a Hough transform over both."""
+def _voted(found: _ProfileEdges, along: Floats, wide: float, tolerance: float, inside: float) -> tuple[float, float]:
+    """Offset and slope of a line that many profiles have an edge on, a Hough transform over both.
+
+    A pattern has lines of its own, which may be the stronger ones: of lines with nearly as many profiles as the best
+    the outermost is taken.
+    """
+    offsets, share = found.offsets, found.share
     reach = float(along[-1] - along[0])
     middle = 0.5 * float(along[-1] + along[0])
     bin_px = 0.5 * tolerance
@@ -250,13 +262,16 @@ def _voted(offsets: Floats, share: Floats, along: Floats, wide: float, tolerance
     votes = np.bincount(bins.ravel(), weight.ravel(), _SLOPES * count).reshape(_SLOPES, count)
     votes[:, 1:-1] += 0.5 * (votes[:, :-2] + votes[:, 2:])
     at_middle = (np.arange(count) - count // 2) * bin_px
-    # A pattern has lines of its own: of lines that agree alike the one nearest to the projection is taken.
-    votes *= 1.0 - _NEARNESS * np.minimum(
-        (np.abs(at_middle) + 0.5 * np.abs(slopes)[:, None] * reach) / (2.0 * wide), 1.0
-    )
-    row, column = np.unravel_index(int(np.argmax(votes)), votes.shape)
+    votes *= 1.0 - _NEARNESS * np.minimum(np.abs(at_middle) / wide, 1.0)
+    best = votes.max(axis=0)
+    enough = np.flatnonzero(best >= _OUTER_SHARE * best.max())
+    outer = enough[0] if inside > 0.0 else enough[-1]
+    # The top of the outermost peak, not its flank.
+    reach_bins = int(np.ceil(2.0 * tolerance / bin_px))
+    low, high = max(outer - reach_bins, 0), outer + reach_bins + 1
+    row, column = np.unravel_index(int(np.argmax(votes[:, low:high])), votes[:, low:high].shape)
     slope = float(slopes[row])
-    return float(at_middle[column]) - slope * middle, slope
+    return float(at_middle[low + column]) - slope * middle, slope
 
 
 def _refined(
@@ -320,6 +335,13 @@ def _tangents(edges: tuple[Curve, Curve]) -> tuple[Floats, Floats]:
     ends = [np.asarray(curve(np.array([0.0, 0.02])), np.float64) for curve in edges]
     tangents = np.array([end[1] - end[0] for end in ends])
     return ends[0][0], tangents / np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-12)
+
+
+def _inside(edges: tuple[Curve, Curve]) -> tuple[float, float]:
+    """For each edge, the component of the other one along its normal: the sign is that of offsets into the board."""
+    tangents = _tangents(edges)[1]
+    across = np.column_stack([-tangents[:, 1], tangents[:, 0]])
+    return float(across[0] @ tangents[1]), float(across[1] @ tangents[0])
 
 
 def _system(edges: tuple[Curve, Curve], lines: Floats) -> tuple[Floats, Floats, Floats]:

@@ -1,15 +1,16 @@
+# pyright: reportMissingTypeStubs=false
 """The mount that most seeds agree on: RANSAC over seeds and vertices, and whether chance could do the same."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from apexcal.geometry.se3 import SE3
 from workers.geometry.models import INTRINSICS, ModelName
@@ -17,6 +18,8 @@ from workers.geometry.projection import unproject
 from workers.geometry.projections.table import PROJECTIONS
 from workers.marks.sights import Floats, Lens, MountedLens
 
+# scipy publishes no types.
+_binomial_beyond: Callable[[int, int, float], float] = special.bdtrc
 INLIER_PX: Final = 15.0
 LEAST_PAIRS: Final = 8
 LEAST_SHARE: Final = 0.4
@@ -133,8 +136,9 @@ def _picked(random: np.random.Generator, pairs: SeedPairs, count: int) -> tuple[
     if certain.size and certain[0] not in slots:
         slots[0] = certain[0]
     # The higher of a frame's seeds are the likelier tips. The least of exponential variates picks by weight.
-    weight = _LOWER ** np.arange(pairs.seeds.shape[1]) * np.isfinite(pairs.seeds[slots, :, 0])
-    waits = random.exponential(size=weight.shape) / np.maximum(weight, 1e-9)
+    rank = np.arange(pairs.seeds.shape[1], dtype=np.float64)
+    weight: Floats = _LOWER**rank * np.isfinite(pairs.seeds[slots, :, 0])
+    waits: Floats = random.exponential(size=(count, len(rank))) / np.maximum(weight, 1e-9)
     return slots, waits.argmin(axis=1)
 
 
@@ -265,5 +269,5 @@ def _beats_chance(
         least = _LEAST_CHANCE * (limit / INLIER_PX) ** 2
         by_chance = float(np.sum((distance < limit) & others)) / max(sights - 1, 1) / len(projected)
         agreeing = int(np.sum(own < limit))
-        tails.append(float(stats.binom.sf(agreeing - sample - 1, len(own) - sample, min(max(by_chance, least), 1.0))))
+        tails.append(_binomial_beyond(agreeing - sample - 1, len(own) - sample, min(max(by_chance, least), 1.0)))
     return drawn * len(_LIMITS_PX) * min(tails) < _FALSE_ALARMS

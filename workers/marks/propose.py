@@ -184,17 +184,12 @@ def _measure(
         for index in of_frame:
             task.on_sight()
             sight = task.sights[index]
-            ends = {name: sight.neighbours(name) for name in corners if name in sight.corners}
-            found[index] = {
-                name: measure_corner(
-                    image,
-                    (_edge(camera, sight.corners[name], both[0]), _edge(camera, sight.corners[name], both[1])),
-                    half_width,
-                    softness,
-                )
-                for name, both in ends.items()
-                if both is not None
-            }
+            found[index] = {}
+            for name in corners:
+                ends = sight.neighbours(name) if name in sight.corners else None
+                if ends is not None:
+                    edges = (_edge(camera, sight.corners[name], ends[0]), _edge(camera, sight.corners[name], ends[1]))
+                    found[index][name] = measure_corner(image, edges, half_width, softness)
     return found
 
 
@@ -291,7 +286,8 @@ def _standard_score(sight: Sight, name: CornerName, fit: CornerFit, camera: Moun
     if not np.all(np.isfinite(J)):
         return np.inf
     spread = J @ lidar @ J.T + _with_floor(fit.covariance, J)
-    return float(np.sqrt(rest @ np.linalg.solve(spread, rest)))
+    scaled: Floats = np.asarray(np.linalg.solve(spread, rest), np.float64)
+    return float(np.sqrt(rest @ scaled))
 
 
 def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None) -> tuple[FailureReason, str]:
@@ -302,11 +298,11 @@ def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None) -> tuple[FailureRe
             "background_colour",
             f"In {empty} of {len(seeds)} frames nothing differs from the background: the board may have its colour.",
         )
-    gains = np.array([one.gain for one in seeds])
-    if gains.max() > (1.0 + _GAIN_STEP) * gains.min():
+    gains = [one.gain for one in seeds]
+    if max(gains) > (1.0 + _GAIN_STEP) * min(gains):
         return (
             "exposure",
-            f"The frames' brightness changes by a factor of {gains.max() / gains.min():.1f}, and no mount explains "
+            f"The frames' brightness changes by a factor of {max(gains) / min(gains):.1f}, and no mount explains "
             "what differs between them: lock the camera's exposure.",
         )
     crowded = sum(one.rivals > 0 for one in seeds)

@@ -79,7 +79,9 @@ def find_seeds(frames: FrameSource, chosen: Sequence[int]) -> list[FrameSeeds]:
         matched.append(np.clip(levels, 0, np.iinfo(image.dtype).max).astype(image.dtype))
     background = _median(matched)
     soft = cv2.GaussianBlur(background, (0, 0), _SMOOTH_PX)
-    slack = _SHAKE_PX * np.hypot(cv2.Sobel(soft, -1, 1, 0, scale=0.125), cv2.Sobel(soft, -1, 0, 1, scale=0.125))
+    slack: Single = np.float32(_SHAKE_PX) * np.hypot(
+        cv2.Sobel(soft, -1, 1, 0, scale=0.125), cv2.Sobel(soft, -1, 0, 1, scale=0.125)
+    )
     found: list[FrameSeeds] = []
     for index, image, gain in zip(chosen, matched, gains, strict=True):
         pixels, rivals = _seeds_of(image.astype(np.float32) - background, slack, shrink)

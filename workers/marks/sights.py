@@ -15,7 +15,7 @@ from workers.geometry.models import ModelName
 from workers.geometry.projection import project
 
 Floats = NDArray[np.float64]
-Image = NDArray[np.uint8] | NDArray[np.uint16]
+Image = NDArray[np.uint8 | np.uint16]
 
 NEIGHBOURS: Final[Mapping[CornerName, tuple[CornerName, CornerName]]] = {
     "top": ("left", "right"),

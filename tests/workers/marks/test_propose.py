@@ -39,7 +39,8 @@ def test_tips_are_marked(scene, frames):
         errors = errors_px(scene, found.answers, name)
         assert len(errors) >= 0.7 * len(scene)
         assert np.median(errors) < 0.4
-        assert max(errors) < 5.0
+        # A leg may stand where a lower edge ends; nothing hides a tip here.
+        assert np.sum(np.array(errors) > 1.0) <= (0 if name == "top" else 1)
     assert all(
         0.0 < answer["top"].sigma_px < 3.0 for answer in found.answers if isinstance(answer["top"], MarkProposal)
     )
