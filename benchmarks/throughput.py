@@ -28,15 +28,15 @@ from typing import Final
 import numpy as np
 
 from apexcal.documents.detectors import DETECTORS
+from apexcal.documents.simulation import SimulationOptions
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import Manifest
 from workers.simulation.background import paint_background
 from workers.simulation.render import Renderer, encode_jpeg
-from workers.simulation.rig import START_NS, Rig
-from workers.simulation.settings import Settings
+from workers.simulation.rig import START_NS, SimulatedRig
 from workers.simulation.simulate import WALKER_REGION
-from workers.simulation.writers.files import StampTable
+from workers.simulation.writers.files import StampedFiles
 from workers.simulation.writers.packets import Pcap, Vlp16Packets, ethernet
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
@@ -56,7 +56,7 @@ def measure(seconds: float) -> dict[str, float]:
     """The figures of a recording of that many seconds, at least 10."""
     with tempfile.TemporaryDirectory() as folder:
         source, out = Path(folder) / "recording", Path(folder) / "normalised"
-        _write(source, Settings(seconds=seconds, seed=_seed(), sector_deg=180.0, format="pcap"))
+        _write(source, SimulationOptions(seconds=seconds, seed=_seed(), sector_deg=180.0, format="pcap"))
         figures = _ingestion(source, out, seconds)
         return figures | _detection(out / "lidar.mcap", seconds)
 
@@ -65,25 +65,23 @@ def _seed() -> int:
     return int(os.environ.get("SEED") or secrets.randbits(31))
 
 
-def _write(folder: Path, settings: Settings) -> None:
+def _write(folder: Path, options: SimulationOptions) -> None:
     """The recording; of its frames the first are painted, and then come again and again."""
-    rig = Rig(settings)
-    (folder / "images" / "front").mkdir(parents=True)
+    rig = SimulatedRig(options)
+    folder.mkdir(parents=True)
     packets, capture = Vlp16Packets(rig.lidar), Pcap(folder / "lidar.pcap")
     for sweep in rig.sweeps():
         for at_ns, payload in packets.of(sweep):
             capture.add(at_ns, ethernet(payload))
     capture.close()
     mounted = rig.cameras[0]
-    renderer = Renderer(mounted.camera, rig.scene, paint_background(mounted.camera, rig.scene, settings.seed))
+    renderer = Renderer(mounted.camera, rig.scene, paint_background(mounted.camera, rig.scene, options.seed))
     poses = rig.walk.poses((mounted.times_ns - START_NS).astype(np.float64) * 1e-9)
     painted = [encode_jpeg(renderer.frame(poses, index)) for index in range(_PAINTED)]
-    table = StampTable()
+    files = StampedFiles(folder)
     for number, stamp_ns in enumerate(mounted.stamps_ns.tolist()):
-        name = f"images/front/{number:06d}.jpg"
-        (folder / name).write_bytes(painted[number % _PAINTED])
-        table.add(name, stamp_ns)
-    (folder / StampTable.NAME).write_bytes(table.content())
+        files.add("images/front", "jpg", painted[number % _PAINTED], stamp_ns)
+    files.close()
 
 
 @contextmanager

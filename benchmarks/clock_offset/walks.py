@@ -10,8 +10,8 @@ import numpy as np
 from apexcal.documents.errors import InputError
 from apexcal.documents.fit_requests import FitRequest, fit_request
 from apexcal.geometry.se3 import to_document
-from workers.simulation.camera import Camera, make_camera, nominal_mount
-from workers.simulation.lidar import SENSORS, Lidar
+from workers.simulation.camera import SimulatedCamera, make_camera, nominal_mount
+from workers.simulation.lidar import SENSORS, SimulatedLidar
 from workers.simulation.scene import WALKER_REGION, Scene
 from workers.simulation.walker import BOARD_EDGES_M, Walk
 from workers.solver.clock_offset import estimate_offset
@@ -66,7 +66,7 @@ def run(scenario: Scenario, seed: int) -> list[Found]:
     """Simulate the walk, run each detector over it; for each case mark the frames and estimate."""
     scene = Scene()
     walk = Walk(seed, scenario.seconds, scene.ground_z, plan=scenario.walk)
-    lidar = Lidar(SENSORS["vlp16"], scene, walk, sector_deg=60.0, noise_m=0.008, seed=seed)
+    lidar = SimulatedLidar(SENSORS["vlp16"], scene, walk, sector_deg=60.0, noise_m=0.008, seed=seed)
     start = np.random.default_rng([seed, 11]).uniform(0.0, 0.1)
     sweeps = []
     for index in range(int((scenario.seconds - 0.2) * lidar.sensor.rate_hz)):
@@ -88,7 +88,9 @@ def run(scenario: Scenario, seed: int) -> list[Found]:
     ]
 
 
-def _estimate(case: Case, detector: str, found: list[Vertex], walk: Walk, camera: Camera, seed: int) -> Found:
+def _estimate(
+    case: Case, detector: str, found: list[Vertex], walk: Walk, camera: SimulatedCamera, seed: int
+) -> Found:
     vertices = [vertex for vertex in found if vertex.time_ns < START_NS + case.seconds * 1e9]
     random = np.random.default_rng([seed, 12])
     true_ms = float(random.uniform(-MOST_MS, MOST_MS))
@@ -111,5 +113,5 @@ def _estimate(case: Case, detector: str, found: list[Vertex], walk: Walk, camera
     return replace(blank, offset_ms=estimate.offset_ns * 1e-6, sigma_ms=estimate.sigma_ns * 1e-6)
 
 
-def _request(camera: Camera) -> FitRequest:
+def _request(camera: SimulatedCamera) -> FitRequest:
     return fit_request(camera.model, camera.image_size, to_document(nominal_mount()), mark_sigma_px=_MARK_PX)

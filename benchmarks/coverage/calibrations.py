@@ -73,7 +73,7 @@ class Bench:
     def calibrate(self, seen: Seen, errors: Errors, request: Request, draw: int) -> Calibration:
         """Marks of this draw, calibrated by all models as the request asks."""
         paired = self.pairs(seen)
-        random = np.random.default_rng([self._walked.rig.settings.seed, 41, draw])
+        random = np.random.default_rng([self._walked.rig.options.seed, 41, draw])
         return self.fit(paired, errors, columns(paired, errors, random), request)
 
     def fit(self, paired: Paired, errors: Errors, known: Json, request: Request) -> Calibration:
@@ -103,7 +103,7 @@ class Bench:
 
     def _states(self, paired: Paired, models: Collection[str]) -> dict[str, State]:
         of = (paired.camera.model, paired.is_still, paired.camera.image_size)
-        clean = columns(paired, Errors(), np.random.default_rng(self._walked.rig.settings.seed))
+        clean = columns(paired, Errors(), np.random.default_rng(self._walked.rig.options.seed))
         for fit in planned(paired, clean, {}).fits:
             model = fit.request.model
             if model in models and (*of, model) not in self._searched:

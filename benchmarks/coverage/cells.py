@@ -12,7 +12,7 @@ from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.camera_models import MODELS
 from benchmarks.coverage.calibrations import Seen
 from benchmarks.coverage.marks import Errors
-from workers.simulation.rig import Rig
+from workers.simulation.rig import SimulatedRig
 
 BLUNDERS: Final = (0.0, 0.02, 0.10)
 RULES: Final[dict[str, dict[str, Any]]] = {
@@ -46,7 +46,7 @@ class Cell:
         return self.name.startswith("clean")
 
 
-def cells(rig: Rig, draw: int) -> Iterator[Cell]:
+def cells(rig: SimulatedRig, draw: int) -> Iterator[Cell]:
     """The cells of one recording; the special ones take the lenses in turn."""
     for share in BLUNDERS:
         for rule, request in RULES.items():
@@ -54,7 +54,7 @@ def cells(rig: Rig, draw: int) -> Iterator[Cell]:
             yield from (Cell(name, Seen(lens), Errors(blunders=share), request) for lens in MODELS)
     lens = MODELS[draw % len(MODELS)]
     seen = Seen(lens)
-    random = np.random.default_rng([rig.settings.seed, 43])
+    random = np.random.default_rng([rig.options.seed, 43])
     offset = rig.camera.T_camera_lidar.t + random.normal(0.0, _PRIOR_M, 3)
     priors = {f"t_{axis}": {"mean": float(mean), "sigma": _PRIOR_M} for axis, mean in zip("xyz", offset, strict=True)}
     yield Cell("prior_t", seen, Errors(), {"priors": priors})

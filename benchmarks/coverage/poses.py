@@ -37,7 +37,7 @@ def still(paired: Paired, poses: int = POSES) -> Paired:
         corner=np.tile(corner, poses),
         pose=np.repeat(np.arange(poses), len(corner)),
     )
-    random = np.random.default_rng([paired.walked.rig.settings.seed, 47])
+    random = np.random.default_rng([paired.walked.rig.options.seed, 47])
     places = posed.places(posed.taken_ns)
     noise = posed.sigmas * random.normal(size=places.shape)
     return replace(posed, xyz=places + np.einsum("nij,nj->ni", axes(places), noise))

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.documents.simulation import SimulationOptions
 from apexcal.geometry.se3 import to_document
 from workers.geometry.models import ModelName
-from workers.simulation.camera import FRONT, Camera, make_camera, nominal_mount
-from workers.simulation.rig import START_NS, Rig
+from workers.simulation.camera import FRONT, SimulatedCamera, make_camera, nominal_mount
+from workers.simulation.rig import START_NS, SimulatedRig
 from workers.simulation.scene import WALKER_REGION
-from workers.simulation.settings import Settings
 from workers.simulation.walker import BOARD_EDGES_M, Poses
 from workers.solver.clock_offset import OffsetEstimate, estimate_offset
 from workers.vertices.detectors import detect_range
@@ -40,7 +40,7 @@ _BOARD: Final = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGE
 class Walked:
     """A walk and the vertices that were found in it."""
 
-    rig: Rig
+    rig: SimulatedRig
     vertices: list[Vertex]
 
     def poses(self, times_ns: Integers) -> Poses:
@@ -58,7 +58,7 @@ class Paired:
     """
 
     walked: Walked
-    camera: Camera
+    camera: SimulatedCamera
     nominal: dict[str, object]
     xyz: Floats
     sigmas: Floats
@@ -86,7 +86,7 @@ class Paired:
 
 def walk(seed: int) -> Walked:
     """Simulate a walk and look for vertices in it."""
-    rig = Rig(Settings(seconds=SECONDS, seed=seed, walk="rows", clock_offset_ms=_CLOCK_MS))
+    rig = SimulatedRig(SimulationOptions(seconds=SECONDS, seed=seed, walk="rows", clock_offset_ms=_CLOCK_MS))
     sweeps = list(rig.sweeps())
     region = Region.from_document(WALKER_REGION)
     found = detect_range(Listed(sweeps), region, "refined", _BOARD, indices=range(len(sweeps)))
@@ -98,15 +98,15 @@ def pair(walked: Walked, model: ModelName, wrong_ms: float = 0.0, finer: int = 1
 
     ``finer``: how many pixels for each of the simulated camera's, along each axis.
     """
-    camera = _finer(make_camera(model, walked.rig.settings.seed), finer)
+    camera = _finer(make_camera(model, walked.rig.options.seed), finer)
     about = pair_at(walked, camera, round(_CLOCK_MS * 1e6))
-    random = np.random.default_rng([walked.rig.settings.seed, 31])
+    random = np.random.default_rng([walked.rig.options.seed, 31])
     seen = camera.project(walked.poses(about.taken_ns).apex)
     offset = offset_of(about, seen + random.normal(0.0, 1.0, seen.shape))
     return pair_at(walked, camera, offset.offset_ns + round(1e6 * wrong_ms))
 
 
-def _finer(camera: Camera, times: int) -> Camera:
+def _finer(camera: SimulatedCamera, times: int) -> SimulatedCamera:
     lens = dict(camera.intrinsics)
     lens |= {name: lens[name] * times for name in ("f_x", "f_y")}
     # The centre of the top-left pixel is at (0, 0).
@@ -123,7 +123,7 @@ def offset_of(paired: Paired, marks: Floats) -> OffsetEstimate:
     return estimate_offset(Track.of(paired.walked.vertices), stamps, marks, fit_request(**request, mark_sigma_px=1.0))
 
 
-def pair_at(walked: Walked, camera: Camera, offset_ns: int) -> Paired:
+def pair_at(walked: Walked, camera: SimulatedCamera, offset_ns: int) -> Paired:
     """The pairs of a camera at an offset of its clock."""
     mounted = walked.rig.cameras[0]
     moved = pair_interpolated(walked.vertices, mounted.stamps_ns, offset_ns=offset_ns, max_gap_ns=_MAX_GAP_NS)

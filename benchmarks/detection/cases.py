@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from apexcal.documents.simulation import Disturbances
 from benchmarks.detection.walks import FOUR_RINGS, SIZE, Case
-from workers.simulation.disturbances import Disturbances
 from workers.simulation.flaws import Mount
 from workers.simulation.sensors import SENSORS
+from workers.simulation.walker import BoardHold
 
 _REFINED = {"refined": ("refined", SIZE)}
 PLAIN = Case(
@@ -32,13 +33,13 @@ _VARIANTS = (
     Case("range_noise_30mm", _REFINED, noise_m=0.030),
     Case("beam_3mrad", _REFINED, Disturbances(beam_mrad=3.0)),
     Case("four_rings", _REFINED, sensor=FOUR_RINGS),
-    Case("lost_and_speckle", _REFINED, Disturbances(dropout_share=0.02, speckle_share=0.002)),
+    Case("lost_and_speckle", _REFINED, Disturbances(dropouts=0.02, speckle=0.002)),
 )
 _HELD = (
-    *(Case(f"rolled_{deg:+.0f}", _REFINED, Disturbances(rolled_deg=deg)) for deg in (-15.0, -10.0, 10.0, 15.0)),
-    *(Case(f"tilted_{deg:.0f}", _REFINED, Disturbances(tilted_deg=deg)) for deg in (8.0, 18.0)),
-    *(Case(f"torso_{m * 100:.0f}cm", _REFINED, Disturbances(body_behind_m=m)) for m in (0.25, 0.45, 0.9)),
-    Case("rolled_tilted", _REFINED, Disturbances(rolled_deg=12.0, tilted_deg=10.0, body_behind_m=0.3)),
+    *(Case(f"rolled_{deg:+.0f}", _REFINED, hold=BoardHold(rolled_deg=deg)) for deg in (-15.0, -10.0, 10.0, 15.0)),
+    *(Case(f"tilted_{deg:.0f}", _REFINED, hold=BoardHold(tilted_deg=deg)) for deg in (8.0, 18.0)),
+    *(Case(f"torso_{m * 100:.0f}cm", _REFINED, hold=BoardHold(body_behind_m=m)) for m in (0.25, 0.45, 0.9)),
+    Case("rolled_tilted", _REFINED, hold=BoardHold(rolled_deg=12.0, tilted_deg=10.0, body_behind_m=0.3)),
 )
 _FAST = replace(SENSORS["vlp16"], rate_hz=20.0, step_deg=0.4)
 _SPINNING = (

@@ -1,4 +1,4 @@
-"""Walks and streets whose sensor, scene, person and board are drawn (`workers.simulation.drawn`)."""
+"""Walks and streets whose sensor, scene, person and board are drawn (`tests.support.scenes.drawn`)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from benchmarks.detection.figures import figures, mean_sigma
 from benchmarks.detection.real import DATA
 from benchmarks.detection.walks import Found, found, looked_at
+from tests.support.scenes.drawn import draw, draw_street
 from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions
-from workers.simulation.drawn import draw, draw_street
 from workers.simulation.scene import WALKER_REGION
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
@@ -40,13 +40,13 @@ def run_drawn(asked: tuple[int, float]) -> DrawnWalk:
     walked = looked_at(*drawn.simulated(seconds), seconds)
     size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1]}
     seen = found("drawn", "refined", walked, Region.from_document(drawn.region()), "refined", size)
-    held, mount = drawn.disturbances, drawn.mount
+    hold, mount, person = drawn.hold, drawn.mount, drawn.disturbances
     about = (
         f"{drawn.sensor.name} {drawn.sensor.rate_hz:g} Hz, {drawn.plan}, board {size['board_width_m']:.2f} x "
-        f"{size['board_height_m']:.2f} m rolled {held.rolled_deg:+.0f} tilted {held.tilted_deg:+.0f}, body "
-        f"{held.body_behind_m:.2f} m, mount {mount.roll_deg:+.0f} {mount.pitch_deg:+.0f}, seam {mount.seam_deg:.0f}, "
-        f"noise {1e3 * drawn.noise_m:.0f} mm, beam {held.beam_mrad:.1f} mrad, second {held.second_person}"
-        + (", head" if held.head_above_m > 0.0 else "")
+        f"{size['board_height_m']:.2f} m rolled {hold.rolled_deg:+.0f} tilted {hold.tilted_deg:+.0f}, body "
+        f"{hold.body_behind_m:.2f} m, mount {mount.roll_deg:+.0f} {mount.pitch_deg:+.0f}, seam {mount.seam_deg:.0f}, "
+        f"noise {1e3 * drawn.noise_m:.0f} mm, beam {person.beam_mrad:.1f} mrad, second {person.second_person}"
+        + (", head" if person.head_above_m > 0.0 else "")
     )
     return DrawnWalk(seed, about, seen)
 

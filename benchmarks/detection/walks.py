@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.simulation import Disturbances
+from tests.support.scenes.drawn import region_before
 from workers.readers.recording import Sweep
-from workers.simulation.disturbances import Disturbances
-from workers.simulation.drawn import region_before
 from workers.simulation.flaws import Mount
-from workers.simulation.lidar import BOARD, SENSORS, Lidar, LidarModel, Walks
+from workers.simulation.lidar import BOARD, SENSORS, LidarModel, SimulatedLidar, Walks
 from workers.simulation.scene import WALKER_REGION, Scene, scene_with
-from workers.simulation.walker import BOARD_EDGES_M, Walk
+from workers.simulation.walker import BOARD_EDGES_M, BoardHold, Walk
 from workers.simulation.walks import FIELD_X_M
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
@@ -42,6 +42,7 @@ class Case:
     noise_m: float = 0.008
     sensor: LidarModel = SENSORS["vlp16"]
     mount: Mount = field(default_factory=Mount)
+    hold: BoardHold = field(default_factory=BoardHold)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,8 +114,8 @@ def found(case: str, key: str, walked: Walked, region: Region, detector: str, op
 def simulate(case: Case, seed: int, seconds: float) -> Walked:
     """The walk of a case."""
     scene = scene_with(case.disturbances.poles, seed)
-    walk = Walk(seed, seconds, scene.ground_z, plan="field", disturbances=case.disturbances)
-    lidar = Lidar(
+    walk = Walk(seed, seconds, scene.ground_z, plan="field", disturbances=case.disturbances, hold=case.hold)
+    lidar = SimulatedLidar(
         case.sensor,
         scene,
         walk,
@@ -127,7 +128,7 @@ def simulate(case: Case, seed: int, seconds: float) -> Walked:
     return looked_at(walk, lidar, seconds)
 
 
-def looked_at(walk: Walks, lidar: Lidar, seconds: float) -> Walked:
+def looked_at(walk: Walks, lidar: SimulatedLidar, seconds: float) -> Walked:
     """The sweeps of a sensor that looks at a walk for so long."""
     sweeps: list[Sweep] = []
     apexes: list[NDArray[np.float64]] = []

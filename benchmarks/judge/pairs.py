@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.simulation import SimulationOptions
 from apexcal.geometry.se3 import to_document
 from benchmarks.coverage.walks import Paired, Walked
 from workers.geometry.models import ModelName
 from workers.geometry.spherical import axes
-from workers.simulation.camera import FRONT, Camera, make_camera, nominal_mount
-from workers.simulation.rig import Rig
-from workers.simulation.settings import Settings
+from workers.simulation.camera import FRONT, SimulatedCamera, make_camera, nominal_mount
+from workers.simulation.rig import SimulatedRig
 
 Floats = NDArray[np.float64]
 # A vertex across its ray: the board's edges are known to millimetres, and a beam has a width (SPEC: medians of 6.6
@@ -37,14 +37,14 @@ def draw_pairs(seed: int, lens: ModelName, decentring: float = 0.0, late_ms: flo
     clocks' estimated offset misses.
     """
     random = np.random.default_rng([seed, 61])
-    settings = Settings(
+    settings = SimulationOptions(
         seconds=float(random.uniform(120.0, 180.0)),
         seed=seed,
         walk="rows",
         pitch_down_deg=float(random.uniform(6.0, 16.0)),
         camera_model=lens,
     )
-    rig = Rig(settings)
+    rig = SimulatedRig(settings)
     camera = _camera(rig, lens, random, decentring)
     frames = rig.cameras[0].times_ns
     walked = Walked(rig, [])
@@ -70,9 +70,9 @@ def draw_pairs(seed: int, lens: ModelName, decentring: float = 0.0, late_ms: flo
     )
 
 
-def _camera(rig: Rig, lens: ModelName, random: np.random.Generator, decentring: float) -> Camera:
+def _camera(rig: SimulatedRig, lens: ModelName, random: np.random.Generator, decentring: float) -> SimulatedCamera:
     """A camera of the rig with 960 x 600 or 1920 x 1200 pixels, its focal length and centre as lenses vary."""
-    camera = make_camera(lens, rig.settings.seed, rig.cameras[0].own.T_camera_lidar)
+    camera = make_camera(lens, rig.options.seed, rig.cameras[0].own.T_camera_lidar)
     times, scale = int(random.integers(1, 3)), float(random.uniform(0.95, 1.15))
     k = dict(camera.intrinsics)
     k |= {name: k[name] * times * scale for name in ("f_x", "f_y")}
@@ -83,7 +83,7 @@ def _camera(rig: Rig, lens: ModelName, random: np.random.Generator, decentring: 
     return replace(camera, intrinsics=k, image_size=(width * times, height * times))
 
 
-def _inside(camera: Camera, pixels: Floats) -> NDArray[np.bool_]:
+def _inside(camera: SimulatedCamera, pixels: Floats) -> NDArray[np.bool_]:
     """People mark what they see well inside of the image."""
     return camera.sees(pixels) & camera.sees(pixels + 4.0) & camera.sees(pixels - 4.0)
 

@@ -14,7 +14,7 @@ from benchmarks.paper.pairs import CLICK_PX, Pairs, weights_of
 from benchmarks.paper.recordings import request_of
 from workers.geometry.models import ModelName
 from workers.geometry.projection import distances_px, image_diagonal_px, project
-from workers.simulation.camera import Camera
+from workers.simulation.camera import SimulatedCamera
 from workers.solver.polish import polish
 from workers.solver.problem import fit_problem
 from workers.solver.residuals import transform_of
@@ -62,7 +62,7 @@ def errors_on(fitted: Fitted, pairs: Pairs) -> Floats:
     return distances_px(pixels, violation, pairs.marks, image_diagonal_px(fitted.intrinsics["image_size"]))
 
 
-def errors_of_truth(fitted: Fitted, camera: Camera, points: Floats) -> Floats:
+def errors_of_truth(fitted: Fitted, camera: SimulatedCamera, points: Floats) -> Floats:
     """(M,) distances in px from the true projections of points (N, 3) that the true camera sees; no marks at all."""
     truly = camera.project(points)
     seen = camera.sees(truly)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.paper.recordings import Walked, times_of
-from workers.simulation.camera import Camera
+from workers.simulation.camera import SimulatedCamera
 from workers.vertices.pairing import pair, pair_interpolated
 
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ class Pairs:
     covariance: Floats
 
 
-def make_pairs(walked: Walked, camera: Camera, way: Way, switches: Switches, repeat: int) -> Pairs:
+def make_pairs(walked: Walked, camera: SimulatedCamera, way: Way, switches: Switches, repeat: int) -> Pairs:
     """As many pairs as the paper has, spread evenly over what the detector found and the camera saw."""
     vertices = walked.vertices[way.detector]
     times = times_of(vertices)
@@ -82,7 +82,9 @@ def make_pairs(walked: Walked, camera: Camera, way: Way, switches: Switches, rep
     )
 
 
-def _chosen(walked: Walked, camera: Camera, index: NDArray[np.int64], taken: NDArray[np.int64]) -> NDArray[np.int64]:
+def _chosen(
+    walked: Walked, camera: SimulatedCamera, index: NDArray[np.int64], taken: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """Vertices with a frame of their own that shows the apex, evenly over the recording."""
     paired = np.flatnonzero(index >= 0)
     _, first = np.unique(index[paired], return_index=True)

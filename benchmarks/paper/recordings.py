@@ -11,13 +11,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.simulation import SimulationOptions
 from apexcal.geometry.se3 import to_document
 from workers.geometry.models import ModelName
 from workers.readers.recording import Sweep
-from workers.simulation.camera import IMAGE_SIZE, Camera, make_camera, nominal_mount
-from workers.simulation.rig import START_NS, Rig
+from workers.simulation.camera import IMAGE_SIZE, SimulatedCamera, make_camera, nominal_mount
+from workers.simulation.rig import START_NS, SimulatedRig
 from workers.simulation.scene import WALKER_REGION
-from workers.simulation.settings import Settings
 from workers.simulation.walker import BOARD_EDGES_M
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
@@ -61,8 +61,8 @@ class Walked:
     sweeps: dict[str, int] = field(default_factory=dict[str, int])
 
     @cached_property
-    def rig(self) -> Rig:
-        return Rig(_settings(self.wanted))
+    def rig(self) -> SimulatedRig:
+        return SimulatedRig(_settings(self.wanted))
 
     @cached_property
     def tracks(self) -> dict[str, Track]:
@@ -103,7 +103,7 @@ class _Lazy:
     """The paper's sweeps, simulated when they are asked for; the latest are kept."""
 
     def __init__(self, wanted: Wanted) -> None:
-        self._rig = Rig(_settings(wanted))
+        self._rig = SimulatedRig(_settings(wanted))
         self._count = wanted.sweeps
         self._kept: OrderedDict[int, Sweep] = OrderedDict()
 
@@ -118,11 +118,11 @@ class _Lazy:
         return self._kept[index]
 
 
-def _settings(wanted: Wanted) -> Settings:
-    return Settings(seconds=wanted.most_sweeps / SWEEP_HZ, seed=wanted.seed, walk="cover")
+def _settings(wanted: Wanted) -> SimulationOptions:
+    return SimulationOptions(seconds=wanted.most_sweeps / SWEEP_HZ, seed=wanted.seed, walk="cover")
 
 
-def camera_of(model: ModelName, seed: int) -> Camera:
+def camera_of(model: ModelName, seed: int) -> SimulatedCamera:
     """The rig's camera: 15 degrees down, off its nominal mount by a degree and centimetres.
 
     Its lens is the simulator's, about 100 degrees wide; the paper does not state its own.

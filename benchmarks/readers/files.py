@@ -14,9 +14,9 @@ from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from mcap_protobuf.writer import Writer as ProtobufWriter
 
+from apexcal.documents.simulation import SimulationOptions
 from workers.readers.detect import open_recording
 from workers.readers.recording import Sweep
-from workers.simulation.settings import Settings
 from workers.simulation.simulate import simulate
 
 _DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -31,7 +31,7 @@ def whole(folder: Path, seconds: float) -> dict[str, Path]:
     """A walk of so many seconds in each container, by the container's name."""
     files: dict[str, Path] = {}
     for name in ("mcap", "db3", "pcap"):
-        simulate(Settings(seconds=seconds, seed=7, format=name), folder / name)
+        simulate(SimulationOptions(seconds=seconds, seed=7, format=name), folder / name)
         (files[name],) = (folder / name).rglob(f"*.{name}")
     files["foxglove"] = _foxglove(files["mcap"], folder / "foxglove.mcap")
     return files

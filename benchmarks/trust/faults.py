@@ -51,11 +51,11 @@ def cells(walked: Walked, draw: int) -> Iterator[Cell]:
     """Every fault on one walk; the lenses take turns."""
     bench, lens = Bench(walked), LENSES[draw % len(LENSES)]
     paired = pair(walked, lens)
-    random = np.random.default_rng([walked.rig.settings.seed, 53, draw])
+    random = np.random.default_rng([walked.rig.options.seed, 53, draw])
     request = {"models": [lens]}
     clean = judge(bench, paired, columns(paired, Errors(), random), request)
     yield Cell(None, None, clean)
-    others = columns(paired, Errors(), np.random.default_rng([walked.rig.settings.seed, 59, draw + _OF_OTHERS]))
+    others = columns(paired, Errors(), np.random.default_rng([walked.rig.options.seed, 59, draw + _OF_OTHERS]))
     yield from _after(clean, others, random)
 
     def named(fault: str, check: str, known: dict[str, Any], of: Paired = paired, model: ModelName = lens) -> Cell:

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from apexcal.geometry.se3 import to_document
+from tests.support.scenes.drive import draw_drive, record
+from tests.support.scenes.road import draw_road
 from workers.readers.recording import Sweep
 from workers.readers.trees.pcd import read_pcd
-from workers.simulation.camera import LENSES, Camera, make_camera, nominal_mount
-from workers.simulation.drive import draw_drive, record
-from workers.simulation.road import draw_road
+from workers.simulation.camera import LENSES, SimulatedCamera, make_camera, nominal_mount
 from workers.simulation.sensors import SENSORS
 from workers.validation.calibration import KnownCalibration
 from workers.validation.edge_check import EdgeCheck
@@ -98,16 +98,16 @@ def lane_figures() -> dict[str, Any]:
     }
 
 
-def _camera(seed: int) -> Camera:
+def _camera(seed: int) -> SimulatedCamera:
     """A camera 50 to 90 degrees wide on a mount that is off its drawing."""
     random = np.random.default_rng([seed, 31])
     mount = make_camera("pinhole", seed, nominal_mount(pitch_down_deg=random.uniform(0.0, 8.0))).T_camera_lidar
     f = SIZE[0] / 2 / np.tan(np.radians(random.uniform(25.0, 45.0)))
     lens = LENSES["pinhole"] | {"f_x": f, "f_y": f, "c_x": SIZE[0] / 2, "c_y": SIZE[1] / 2}
-    return Camera("pinhole", lens, SIZE, mount)
+    return SimulatedCamera("pinhole", lens, SIZE, mount)
 
 
-def _known(camera: Camera, turn_deg: ArrayLike = (0.0, 0.0, 0.0)) -> KnownCalibration:
+def _known(camera: SimulatedCamera, turn_deg: ArrayLike = (0.0, 0.0, 0.0)) -> KnownCalibration:
     transform = to_document(camera.T_camera_lidar)
     known = KnownCalibration.of({"intrinsics": camera.intrinsics_document(), "transform": transform})
     return known.moved(np.asarray(turn_deg, np.float64), np.zeros(3))

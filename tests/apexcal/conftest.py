@@ -87,6 +87,6 @@ def owner(embedded: Embedded) -> Iterator[Client]:
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a short simulated recording."""
     folder = tmp_path_factory.mktemp("simulated") / "walk"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "6", "--json"]
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "6"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return folder

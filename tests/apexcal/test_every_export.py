@@ -41,7 +41,7 @@ pytestmark = pytest.mark.timeout(900)
 def results(embedded, tmp_path_factory):
     """The client, the vehicle, and the result of each model."""
     folder = tmp_path_factory.mktemp("exports") / "walk"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "10", "--json"]
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "10"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     with Client(embedded.url, embedded.token) as owner:
         fleet = owner.fleets.create("Exports")

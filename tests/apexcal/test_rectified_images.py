@@ -31,7 +31,7 @@ SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in (6, 7, 8, 9)]
 
 def simulated(folder: Path, images: str, seed: int) -> Path:
     """A walk of 30 s."""
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--camera-info", images, "--json"]
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--camera-info", images]
     more = ["--seed", str(seed), "--seconds", "30", "--camera-hz", "5"]
     subprocess.run([*command, *more], check=True, stdout=subprocess.DEVNULL)
     return folder

@@ -5,12 +5,12 @@ import json
 import pytest
 
 from tests.apexcal.test_cli import program
-from workers.simulation.options import EXAMPLES, parser, settings_of
+from workers.simulation.options import EXAMPLES, options_of, parser
 
 
 @pytest.mark.parametrize("line", [line for line in EXAMPLES.splitlines() if "apexcal simulate" in line])
 def test_every_example_is_understood(line):
-    settings_of(parser().parse_args(line.split()[2:]))
+    options_of(parser().parse_args(line.split()[2:]))
 
 
 def test_what_is_said_reaches_the_recording(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.detection.drawn import DrawnWalk, drawn_figures
 from benchmarks.detection.walks import Found, found, looked_at
-from workers.simulation.drawn import draw
+from tests.support.scenes.drawn import draw
 from workers.simulation.lidar import BOARD
 from workers.vertices.region import Region
 

@@ -8,12 +8,12 @@ from apexcal.documents.validations import PairScore, RoadScore
 from apexcal.geometry.se3 import to_document
 from tests.service.detections.seeding import LEVEL, seed_rig
 from tests.support.databases import one_database
+from tests.support.scenes.drive import Drive, record
+from tests.support.scenes.road import draw_road
 from tests.support.work import work
 from tests.workers.readers.making_recordings import PERIOD_NS, START_NS, clouds, compressed, interleaved, write_bag
 from tests.workers.tasks.test_ingesting import uploaded
 from tests.workers.validation.roads import camera
-from workers.simulation.drive import Drive, record
-from workers.simulation.road import draw_road
 from workers.simulation.sensors import SENSORS
 
 F, CX, CY = 420.0, 325.0, 236.0

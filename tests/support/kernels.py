@@ -14,7 +14,7 @@ def compile_kernels() -> None:
     """Those of the workers, and those of a simulated walk."""
     warm_up()
     with tempfile.TemporaryDirectory() as folder:
-        assert simulate(["--out", str(Path(folder) / "walk"), "--seconds", "1", "--json"]) == 0
+        assert simulate(["--out", str(Path(folder) / "walk"), "--seconds", "1"]) == 0
 
 
 if __name__ == "__main__":

@@ -6,28 +6,39 @@ import json
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 
-from workers.simulation.options import parser, settings_of
-from workers.simulation.simulate import OnProgress, Settings, Simulated, simulate
+from workers.simulation.options import options_of, parser
+from workers.simulation.simulate import OnProgress, simulate
 
 _PROGRESS_EVERY_S = 0.2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Parse, simulate, say what was written. Returns the exit code: 0 done, 2 refused."""
-    options = parser().parse_args(arguments)
+    command = parser()
+    words = command.parse_args(arguments)
     began = time.perf_counter()
     try:
-        settings = settings_of(options)
-        written = simulate(settings, options.out, _reporter(options.progress_json))
+        options = options_of(words)
+        files = simulate(options, words.out, _reporter(words.progress_json))
     except FileExistsError as error:
-        return _refuse(f"{error}. Choose another folder with --out, or remove it.", options.json)
+        return _refuse(command.prog, f"{error}. Choose another folder with --out, or remove it.", words.json)
     except ValueError as error:
-        return _refuse(f"{error}.", options.json)
+        return _refuse(command.prog, str(error), words.json)
     except OSError as error:
-        return _refuse(f"cannot write {error.filename}: {(error.strerror or '').lower()}.", options.json)
-    summary = _summary(settings, written, time.perf_counter() - began)
-    print(json.dumps(summary) if options.json or options.progress_json else _sentence(written, summary["took_s"]))
+        sentence = f"cannot write {error.filename}: {(error.strerror or '').lower()}."
+        return _refuse(command.prog, sentence, words.json)
+    took_s = round(time.perf_counter() - began, 3)
+    if words.json or words.progress_json:
+        summary = {**asdict(files), "format": options.format, "seconds": options.seconds, "took_s": took_s}
+        print(json.dumps(summary, default=str))
+    else:
+        print(
+            f"{files.recording}: {files.sweeps} sweeps and {files.frames} frames, "
+            f"{files.recording_bytes / 1e6:.0f} MB, in {took_s} s.\n"
+            f"The truth is in {files.truth}, the rig's description in {files.rig}."
+        )
     return 0
 
 
@@ -52,31 +63,8 @@ def _reporter(as_json: bool) -> OnProgress | None:
     return report
 
 
-def _summary(settings: Settings, written: Simulated, took_s: float) -> dict[str, object]:
-    return {
-        "recording": str(written.recording),
-        "format": settings.format,
-        "truth": str(written.truth),
-        "rig": str(written.rig),
-        "region": str(written.region),
-        "seconds": settings.seconds,
-        "sweeps": written.sweeps,
-        "frames": written.frames,
-        "recording_bytes": written.recording_bytes,
-        "took_s": round(took_s, 3),
-    }
-
-
-def _sentence(written: Simulated, took_s: object) -> str:
-    return (
-        f"{written.recording}: {written.sweeps} sweeps and {written.frames} frames, "
-        f"{written.recording_bytes / 1e6:.0f} MB, in {took_s} s.\n"
-        f"The truth is in {written.truth}, the rig's description in {written.rig}."
-    )
-
-
-def _refuse(sentence: str, as_json: bool) -> int:
-    print(json.dumps({"error": {"message": sentence}}) if as_json else sentence, file=sys.stderr)
+def _refuse(command: str, sentence: str, as_json: bool) -> int:
+    print(json.dumps({"error": {"message": sentence}}) if as_json else f"{command}: error: {sentence}", file=sys.stderr)
     return 2
 
 

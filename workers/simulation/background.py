@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.simulation.camera import Camera
+from workers.simulation.camera import SimulatedCamera
 from workers.simulation.scene import Scene
 
 _OVERSAMPLE = 2
@@ -19,7 +19,7 @@ _GRID_PX = 8  # rays are exact on this grid and interpolated between
 Floats = NDArray[np.float32]
 
 
-def paint_background(camera: Camera, scene: Scene, seed: int) -> NDArray[np.uint8]:
+def paint_background(camera: SimulatedCamera, scene: Scene, seed: int) -> NDArray[np.uint8]:
     """(height, width, 3) uint8 BGR."""
     direction = _directions(camera)
     origin = camera.centre().astype(np.float32)
@@ -37,7 +37,7 @@ def paint_background(camera: Camera, scene: Scene, seed: int) -> NDArray[np.uint
     return np.clip(small, 0.0, 255.0).astype(np.uint8)
 
 
-def _directions(camera: Camera) -> Floats:
+def _directions(camera: SimulatedCamera) -> Floats:
     """(H, W, 3) directions in the LiDAR frame, for the oversampled pixels."""
     width, height = camera.image_size
     u = np.arange(-_GRID_PX, width + 2 * _GRID_PX, _GRID_PX, dtype=np.float64)

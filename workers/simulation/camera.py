@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from apexcal.documents.simulation import FRONT, NOMINAL_PITCH_DOWN_DEG
 from apexcal.geometry.rotations import rotation_from_euler, rotation_from_vector
 from apexcal.geometry.se3 import SE3
 from workers.geometry.models import INTRINSICS, ModelName
 from workers.geometry.projection import project
 
 LIDAR_FRAME = "velodyne"
-FRONT = "front"
 IMAGE_SIZE = (960, 600)
 
 # Wide lenses, about 100 degrees across, that a camera of this size could have; only that of pinhole keeps
@@ -32,8 +32,7 @@ LENSES: dict[ModelName, dict[str, float]] = {
     },
 }  # fmt: skip
 
-# As in the paper: near the LiDAR, pitched 15 degrees down. Camera centre in the LiDAR frame, metres.
-NOMINAL_PITCH_DOWN_DEG = 15.0
+# As in the paper: near the LiDAR. The camera's centre in the LiDAR frame, metres.
 NOMINAL_CENTRE_M = (0.10, 0.05, -0.25)
 _MOUNT_SIGMA_DEG = 1.2
 _MOUNT_SIGMA_M = 0.02
@@ -50,7 +49,7 @@ CAMERA_FRAME = camera_frame(FRONT)
 
 
 @dataclass(frozen=True, slots=True)
-class Camera:
+class SimulatedCamera:
     """A lens on a mount.
 
     Attributes:
@@ -127,11 +126,11 @@ def true_mount(seed: int, nominal: SE3 | None = None, number: int = 0) -> SE3:
     return SE3(drawn.to_frame, LIDAR_FRAME, R, -R @ centre)
 
 
-def make_camera(model: ModelName, seed: int, nominal: SE3 | None = None, number: int = 0) -> Camera:
+def make_camera(model: ModelName, seed: int, nominal: SE3 | None = None, number: int = 0) -> SimulatedCamera:
     """The camera of that model on its true mount; all but the first of a rig differ a little in their lenses."""
     lens = {name: LENSES[model][name] for name in INTRINSICS[model]}
     if number:
         random = np.random.default_rng([seed, 9, number])
         lens |= {name: lens[name] * (1.0 + random.normal(0.0, _FOCAL_SIGMA)) for name in ("f_x", "f_y")}
         lens |= {name: lens[name] + random.normal(0.0, _CENTRE_SIGMA_PX) for name in ("c_x", "c_y")}
-    return Camera(model, lens, IMAGE_SIZE, true_mount(seed, nominal, number))
+    return SimulatedCamera(model, lens, IMAGE_SIZE, true_mount(seed, nominal, number))

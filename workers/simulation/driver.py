@@ -10,7 +10,7 @@ from apexcal.documents.camera_models import CAMERA_MODELS
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, euler_from_rotation, rotation_from_vector
 from apexcal.geometry.se3 import SE3
 from workers.readers.copying.edits import CameraEdit
-from workers.simulation.camera import LIDAR_FRAME, Camera
+from workers.simulation.camera import LIDAR_FRAME, SimulatedCamera
 
 # The LiDAR stands on the roof, this far before the origin of base_link. Metres.
 _LIDAR_X_M = 1.2
@@ -20,7 +20,7 @@ _FOCAL_SHARE = 0.92
 _CENTRE_SIGMA_PX = 6.0
 
 
-def camera_info(name: str, camera: Camera, first: Camera, seed: int, number: int) -> CameraEdit:
+def camera_info(name: str, camera: SimulatedCamera, first: SimulatedCamera, seed: int, number: int) -> CameraEdit:
     """CameraInfo as a stereo driver publishes it for raw and rectified images alike.
 
     K and D are the lens of ``camera``. R turns 1.2 degrees about any axis. P has another focal length and centre, and
@@ -40,11 +40,11 @@ def camera_info(name: str, camera: Camera, first: Camera, seed: int, number: int
     return CameraEdit(name, "", frame, *size, stated, K, D, R=tuple(R.reshape(-1)), P=P)
 
 
-def rectified(camera: Camera, info: CameraEdit) -> Camera:
+def rectified(camera: SimulatedCamera, info: CameraEdit) -> SimulatedCamera:
     """The camera that would draw the rectified images: a pinhole with P[:, :3], turned by R."""
     lens = {"f_x": info.P[0], "f_y": info.P[5], "c_x": info.P[2], "c_y": info.P[6]}
     turn = SE3(f"{info.frame_id}_rectified", info.frame_id, np.reshape(info.R, (3, 3)), np.zeros(3))
-    return Camera("pinhole", lens, camera.image_size, turn @ camera.T_camera_lidar)
+    return SimulatedCamera("pinhole", lens, camera.image_size, turn @ camera.T_camera_lidar)
 
 
 def frame_tree(ground_z: float, mounts: Sequence[SE3]) -> list[SE3]:

@@ -12,7 +12,7 @@ from workers.simulation.walker import (
     LEG_APART_M,
     LEG_RADIUS_M,
     TORSO_RADIUS_M,
-    Person,
+    BodyPoses,
     Poses,
 )
 
@@ -37,7 +37,7 @@ _POLE_BGR = np.array([150.0, 150.0, 146.0])
 
 def figure(poses: Poses, index: int, ground_z: float, seen_from: Floats) -> list[Shape]:
     """Everyone and the board at the pose with that index, as a camera at ``seen_from`` (3,) sees them."""
-    walker = Person(poses.body, poses.left, poses.height)
+    walker = BodyPoses(poses.body, poses.left, poses.height)
     shapes = [*_person(walker, index, ground_z, _grips(poses, index)), *_board(poses, index), *_hands(poses, index)]
     if poses.second is None:
         return shapes
@@ -63,7 +63,7 @@ def pole(row: Floats, ground_z: float, seen_from: Floats) -> list[Shape]:
     return shapes
 
 
-def _person(person: Person, index: int, ground_z: float, hands: tuple[Floats, Floats]) -> list[Shape]:
+def _person(person: BodyPoses, index: int, ground_z: float, hands: tuple[Floats, Floats]) -> list[Shape]:
     body, left, height = person.body[index], person.left[index], float(person.height[index])
     base = np.array([body[0], body[1], ground_z])
     side = np.array([left[0], left[1], 0.0])
@@ -108,7 +108,7 @@ def _grips(poses: Poses, index: int) -> tuple[Floats, Floats]:
     )
 
 
-def _hanging(person: Person, index: int, ground_z: float) -> tuple[Floats, Floats]:
+def _hanging(person: BodyPoses, index: int, ground_z: float) -> tuple[Floats, Floats]:
     """Hands of somebody who carries nothing."""
     body, left = person.body[index], person.left[index]
     hip_z = ground_z + 0.45 * float(person.height[index])

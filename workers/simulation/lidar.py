@@ -12,17 +12,29 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.simulation import Disturbances
 from workers.readers.recording import Sweep
 from workers.simulation.beams import BOARD, BOX, GROUND, PERSON, POLE, SECOND_PERSON, SPECKLE, WALL, cast
-from workers.simulation.disturbances import Disturbances
 from workers.simulation.flaws import Flaws, Mount, lost, range_error
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS, LidarModel, with_rings
-from workers.simulation.walker import Person, Poses
+from workers.simulation.walker import BodyPoses, Poses
 
 __all__ = [
-    "BOARD", "BOX", "GROUND", "PERSON", "POLE", "SECOND_PERSON", "SENSORS", "SPECKLE", "SURFACES", "WALL", "Lidar",
-    "LidarModel", "Walks", "with_rings",
+    "BOARD",
+    "BOX",
+    "GROUND",
+    "PERSON",
+    "POLE",
+    "SECOND_PERSON",
+    "SENSORS",
+    "SPECKLE",
+    "SURFACES",
+    "WALL",
+    "LidarModel",
+    "SimulatedLidar",
+    "Walks",
+    "with_rings",
 ]  # fmt: skip
 
 # Name of each surface label.
@@ -42,7 +54,7 @@ class Walks(Protocol):
     def poses(self, time_s: NDArray[np.float64]) -> Poses: ...
 
 
-class Lidar:
+class SimulatedLidar:
     """Scans the scene with the walker in it, over a forward sector of +- ``sector_deg``.
 
     Attributes:
@@ -168,7 +180,7 @@ class Lidar:
         """Range (C, R), infinite where nothing is met, and surface (C, R) of the beams of C columns."""
         scene = self._scene
         top = scene.ground_z + scene.wall_height
-        walker = Person(poses.body, poses.left, poses.height, poses.torso_m)
+        walker = BodyPoses(poses.body, poses.left, poses.height, poses.torso_m)
         people = [walker, *([poses.second] if poses.second is not None else []), *poses.others]
         flaws = self._flaws
         return cast(
@@ -205,7 +217,7 @@ class Lidar:
 
     def _spoil(self, index: int, distance: NDArray[np.float64], surface: NDArray[np.int64]) -> None:
         """Specks in the air before what the beams would meet, then returns that are lost; in place."""
-        speckle, dropout = self._disturbances.speckle_share, self._disturbances.dropout_share
+        speckle, dropout = self._disturbances.speckle, self._disturbances.dropouts
         random = np.random.default_rng([self._seed, 7, index])
         if speckle > 0.0:
             near = _SPECKLE_M[0] + random.exponential(_SPECKLE_M[1], distance.shape)
@@ -236,7 +248,7 @@ class Lidar:
         return points @ self._mount.rotation()
 
 
-def _rows(person: Person) -> Floats:
+def _rows(person: BodyPoses) -> Floats:
     torso = np.full(len(person.height), person.torso_m)
     return np.column_stack([person.body, person.left, person.height, torso])
 

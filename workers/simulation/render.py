@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.simulation.camera import Camera
+from workers.simulation.camera import SimulatedCamera
 from workers.simulation.figure import Shape, figure, pole
 from workers.simulation.scene import Scene
 from workers.simulation.walker import Poses
@@ -33,7 +33,7 @@ def encode_jpeg(image: NDArray[np.uint8]) -> bytes:
 class Renderer:
     """Frames of one camera over a background that was painted once."""
 
-    def __init__(self, camera: Camera, scene: Scene, background: NDArray[np.uint8]) -> None:
+    def __init__(self, camera: SimulatedCamera, scene: Scene, background: NDArray[np.uint8]) -> None:
         self._camera = camera
         self._centre = camera.centre()
         self._scene = scene

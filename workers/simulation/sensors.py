@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from apexcal.documents.simulation import SensorName
+
 
 @dataclass(frozen=True, slots=True)
 class LidarModel:
@@ -111,7 +113,7 @@ def _hdl64() -> LidarModel:
 # Of a VLP-16: the "vertical correction" of its manual, 11.2 mm at -15 degrees.
 VLP16_LENS_M = 0.0419
 
-SENSORS = {
+SENSORS: dict[SensorName, LidarModel] = {
     "vlp16": _even("vlp16", 16, -15.0, 15.0),
     "puck-hi-res": _even("puck-hi-res", 16, -10.0, 10.0),
     "vlp32c": LidarModel(

@@ -11,17 +11,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.simulation import SimulationOptions
 from workers.simulation.background import paint_background
 from workers.simulation.driver import urdf
 from workers.simulation.render import Renderer
-from workers.simulation.rig import START_NS, MountedCamera, Rig
+from workers.simulation.rig import START_NS, MountedCamera, SimulatedRig
 from workers.simulation.scene import WALKER_REGION
-from workers.simulation.settings import Settings
 from workers.simulation.truth import rig_document, truth_document
 from workers.simulation.writers.choose import open_writer
 from workers.simulation.writers.recording import Picture, RecordingWriter
-
-__all__ = ["START_NS", "OnProgress", "Rig", "Settings", "Simulated", "simulate"]
 
 _SWEEP_DELAY_NS = 2_000_000  # from the last point to the recorder
 _FRAME_DELAY_NS = 11_000_000  # exposure, compression, transport
@@ -30,7 +28,7 @@ OnProgress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Simulated:
+class SimulationFiles:
     """What was written; ``frames`` counts those of all cameras."""
 
     recording: Path
@@ -42,12 +40,12 @@ class Simulated:
     recording_bytes: int
 
 
-def simulate(settings: Settings, out_dir: Path, on_progress: OnProgress | None = None) -> Simulated:
+def simulate(options: SimulationOptions, out_dir: Path, on_progress: OnProgress | None = None) -> SimulationFiles:
     """Write the recording, ``truth.json``, ``rig.json`` and ``region.json`` into ``out_dir``.
 
     Beside a recording with CameraInfo stands ``vehicle.urdf``.
 
-    Whoever needs no images takes :class:`Rig` and its ``sweeps()`` instead: painting is the slow part.
+    Whoever needs no images takes :class:`SimulatedRig` and its ``sweeps()`` instead: painting is the slow part.
 
     Args:
         on_progress: called with (stage, done, total); stages are ``background`` and ``recording``.
@@ -55,18 +53,17 @@ def simulate(settings: Settings, out_dir: Path, on_progress: OnProgress | None =
     Raises:
         FileExistsError: ``out_dir`` holds a recording already.
     """
-    report = on_progress or _silent
     out_dir.mkdir(parents=True, exist_ok=True)
-    rig = Rig(settings)
+    rig = SimulatedRig(options)
     with open_writer(rig, out_dir) as writer:
-        _record(rig, writer, report)
+        _record(rig, writer, on_progress or _silent)
     (out_dir / "truth.json").write_text(json.dumps(truth_document(rig)) + "\n", encoding="utf-8")
-    described = json.dumps(rig_document(rig, writer.names), indent=2) + "\n"
-    (out_dir / "rig.json").write_text(described, encoding="utf-8")
+    rig_text = json.dumps(rig_document(rig, writer.names), indent=2) + "\n"
+    (out_dir / "rig.json").write_text(rig_text, encoding="utf-8")
     (out_dir / "region.json").write_text(json.dumps(WALKER_REGION, indent=2) + "\n", encoding="utf-8")
-    if settings.camera_info != "none":
+    if options.camera_info != "none":
         (out_dir / "vehicle.urdf").write_text(urdf(rig.tree()), encoding="utf-8")
-    return Simulated(
+    return SimulationFiles(
         recording=writer.path,
         truth=out_dir / "truth.json",
         rig=out_dir / "rig.json",
@@ -77,37 +74,32 @@ def simulate(settings: Settings, out_dir: Path, on_progress: OnProgress | None =
     )
 
 
-class _Filmed:
-    """Frames of one camera."""
-
-    def __init__(self, rig: Rig, mounted: MountedCamera) -> None:
-        background = paint_background(mounted.camera, rig.scene, rig.settings.seed)
-        self._renderer = Renderer(mounted.camera, rig.scene, background)
-        self._poses = rig.walk.poses((mounted.times_ns - START_NS).astype(np.float64) * 1e-9)
-        self._stamps_ns = mounted.stamps_ns
-
-    def picture(self, index: int) -> Picture:
-        return Picture(int(self._stamps_ns[index]), self._renderer.frame(self._poses, index))
-
-
-def _record(rig: Rig, writer: RecordingWriter, report: OnProgress) -> None:
-    filmed: dict[str, _Filmed] = {}
+def _record(rig: SimulatedRig, writer: RecordingWriter, report: OnProgress) -> None:
+    films: dict[str, Callable[[int], Picture]] = {}
     for done, mounted in enumerate(rig.cameras):
         report("background", done, len(rig.cameras))
-        filmed[mounted.spec.name] = _Filmed(rig, mounted)
+        films[mounted.name] = _film(rig, mounted)
     report("background", len(rig.cameras), len(rig.cameras))
     turn_ns = round(rig.lidar.seconds_per_sector() * 1e9) + _SWEEP_DELAY_NS
     events = heapq.merge(
         _events("", rig.sweep_stamps_ns, turn_ns),
-        *(_events(mounted.spec.name, mounted.times_ns, _FRAME_DELAY_NS) for mounted in rig.cameras),
+        *(_events(mounted.name, mounted.times_ns, _FRAME_DELAY_NS) for mounted in rig.cameras),
     )
     total = len(rig.sweep_stamps_ns) + sum(len(mounted.times_ns) for mounted in rig.cameras)
     for done, (received_ns, camera, index) in enumerate(events, start=1):
         if camera:
-            writer.write_picture(camera, filmed[camera].picture(index), received_ns)
+            writer.write_picture(camera, films[camera](index), received_ns)
         else:
             writer.write_sweep(rig.sweep(index), received_ns)
         report("recording", done, total)
+
+
+def _film(rig: SimulatedRig, mounted: MountedCamera) -> Callable[[int], Picture]:
+    """Return what paints a camera's frame of an index."""
+    background = paint_background(mounted.camera, rig.scene, rig.options.seed)
+    renderer = Renderer(mounted.camera, rig.scene, background)
+    poses = rig.walk.poses((mounted.times_ns - START_NS).astype(np.float64) * 1e-9)
+    return lambda index: Picture(int(mounted.stamps_ns[index]), renderer.frame(poses, index))
 
 
 def _events(camera: str, times_ns: NDArray[np.int64], delay_ns: int) -> Iterator[tuple[int, str, int]]:

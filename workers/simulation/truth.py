@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.geometry.se3 import to_document
-from workers.simulation.camera import LIDAR_FRAME, camera_frame, nominal_mount
-from workers.simulation.rig import START_NS, MountedCamera, Rig
+from workers.simulation.camera import LIDAR_FRAME, camera_frame
+from workers.simulation.rig import START_NS, MountedCamera, SimulatedRig
 
 TRUTH_FORMAT = "apexcal-simulation-truth/2"
 
 
-def truth_document(rig: Rig) -> dict[str, Any]:
+def truth_document(rig: SimulatedRig) -> dict[str, Any]:
     """The ground truth as JSON; every list in ``frames`` and ``sweeps`` has one entry per frame or sweep.
 
     ``cameras``: by name ``transform`` (T_camera_lidar), ``intrinsics`` and ``frames``, which hold ``stamp_ns`` as the
@@ -29,21 +28,21 @@ def truth_document(rig: Rig) -> dict[str, Any]:
     ``sweeps``: ``stamp_ns``; ``apex_xyz`` at the stamp; ``scan_ns``, when the turning sensor looked at the
     apex; ``scan_apex_xyz``, where the apex was then: what a perfect detector would find.
     """
-    cameras = {mounted.spec.name: _camera(rig, mounted) for mounted in rig.cameras}
+    cameras = {mounted.name: _camera(rig, mounted) for mounted in rig.cameras}
     return {
         "format": TRUTH_FORMAT,
-        "settings": asdict(rig.settings),
+        "settings": rig.options.model_dump(),
         "clock": {
-            "offset_ns": round(rig.settings.clock_offset_ms * 1e6),
-            "jitter_ns": round(rig.settings.clock_jitter_ms * 1e6),
+            "offset_ns": round(rig.options.clock_offset_ms * 1e6),
+            "jitter_ns": round(rig.options.clock_jitter_ms * 1e6),
         },
-        **cameras[rig.cameras[0].spec.name],
+        **cameras[rig.cameras[0].name],
         "cameras": cameras,
         "sweeps": _sweeps(rig),
     }
 
 
-def _camera(rig: Rig, mounted: MountedCamera) -> dict[str, Any]:
+def _camera(rig: SimulatedRig, mounted: MountedCamera) -> dict[str, Any]:
     apex = rig.walk.poses(_seconds(mounted.times_ns)).apex
     pixels = mounted.camera.project(apex)
     return {
@@ -59,7 +58,7 @@ def _camera(rig: Rig, mounted: MountedCamera) -> dict[str, Any]:
     }
 
 
-def _sweeps(rig: Rig) -> dict[str, Any]:
+def _sweeps(rig: SimulatedRig) -> dict[str, Any]:
     start_s = _seconds(rig.sweep_stamps_ns)
     scan_s = scan_times_s(rig, start_s)
     return {
@@ -70,7 +69,7 @@ def _sweeps(rig: Rig) -> dict[str, Any]:
     }
 
 
-def scan_times_s(rig: Rig, start_s: NDArray[np.float64]) -> NDArray[np.float64]:
+def scan_times_s(rig: SimulatedRig, start_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """When the turning sensor looks at the apex in the sweeps that begin at ``start_s`` (S,), seconds."""
     scan_s = start_s
     for _ in range(3):  # the apex moves while the sensor turns towards it
@@ -79,7 +78,7 @@ def scan_times_s(rig: Rig, start_s: NDArray[np.float64]) -> NDArray[np.float64]:
     return scan_s
 
 
-def rig_document(rig: Rig, names: Mapping[str, str]) -> dict[str, Any]:
+def rig_document(rig: SimulatedRig, names: Mapping[str, str]) -> dict[str, Any]:
     """The rig as its owner knows it, in the service's form: the mounts as drawn, not as they are.
 
     ``names``: what the recording calls ``lidar`` and each camera.
@@ -89,13 +88,11 @@ def rig_document(rig: Rig, names: Mapping[str, str]) -> dict[str, Any]:
         "lidar": {"frame": LIDAR_FRAME, "topic": names["lidar"]},
         "cameras": [
             {
-                "name": mounted.spec.name,
-                "frame": camera_frame(mounted.spec.name),
-                "topic": names[mounted.spec.name],
+                "name": mounted.name,
+                "frame": camera_frame(mounted.name),
+                "topic": names[mounted.name],
                 "image_size": list(mounted.camera.image_size),
-                "nominal": to_document(
-                    nominal_mount(mounted.spec.name, mounted.spec.yaw_deg, rig.settings.pitch_down_deg)
-                ),
+                "nominal": to_document(mounted.nominal),
             }
             for mounted in rig.cameras
         ],

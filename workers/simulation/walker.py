@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from workers.simulation.disturbances import Disturbances, SecondPerson
+from apexcal.documents.simulation import BOARD_EDGES_M, Disturbances, SecondPerson, WalkName
 from workers.simulation.walks import WALKS, Sines, walked
 
-BOARD_EDGES_M = (0.6096, 0.9144)  # 2 x 3 feet
 TORSO_RADIUS_M = 0.15
 LEG_RADIUS_M = 0.075
 LEG_APART_M = 0.10
@@ -30,7 +29,7 @@ _REACH_PER_HEIGHT = 1.3
 
 
 @dataclass(frozen=True, slots=True)
-class Person:
+class BodyPoses:
     """A body at T moments, LiDAR frame, metres.
 
     Attributes:
@@ -71,10 +70,29 @@ class Poses:
     left: NDArray[np.float64]
     height: NDArray[np.float64]
     board_m: tuple[float, float] = BOARD_EDGES_M
-    second: Person | None = None
+    second: BodyPoses | None = None
     torso_m: float = TORSO_RADIUS_M
     hands: NDArray[np.float64] | None = None
-    others: tuple[Person, ...] = ()
+    others: tuple[BodyPoses, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BoardHold:
+    """How a person holds the board.
+
+    Attributes:
+        rolled_deg: how far the board is rolled on average, counter-clockwise as the LiDAR sees it.
+        tilted_deg: how far the board leans on average, the upper end away from the LiDAR, beyond the usual 2 degrees.
+        body_behind_m: from the board to the axis of the torso.
+        torso_m: radius of the torso with what is worn.
+        hand_m: radius of the hands and sleeves at the board's lower edges; 0: they are behind it.
+    """
+
+    rolled_deg: float = 0.0
+    tilted_deg: float = 0.0
+    body_behind_m: float = 0.22
+    torso_m: float = TORSO_RADIUS_M
+    hand_m: float = 0.0
 
 
 class Walk:
@@ -93,8 +111,9 @@ class Walk:
         seconds: float,
         ground_z: float,
         *,
-        plan: str = "rows",
+        plan: WalkName = "rows",
         disturbances: Disturbances | None = None,
+        hold: BoardHold | None = None,
         board_m: tuple[float, float] = BOARD_EDGES_M,
     ) -> None:
         random = np.random.default_rng([seed, 1])
@@ -102,6 +121,7 @@ class Walk:
         self._ground_z = ground_z
         self._board_m = board_m
         self._disturbances = disturbances or Disturbances()
+        self._hold = hold or BoardHold()
         time_s, xy = walked(chosen, random, seconds + 2.0)
         self._path = CubicSpline(time_s, xy)
         self._raise = _Wander(random, chosen.raises)
@@ -126,9 +146,9 @@ class Walk:
         away = np.column_stack([np.cos(yaw), np.sin(yaw), zero])
         left = np.column_stack([-np.sin(yaw), np.cos(yaw), zero])
         # The lower end is towards the LiDAR, away from the legs.
-        tilt = np.deg2rad(2.0 + self._disturbances.tilted_deg) + self._tilt(time_s)
+        tilt = np.deg2rad(2.0 + self._hold.tilted_deg) + self._tilt(time_s)
         up = np.column_stack([zero, zero, np.cos(tilt)]) + np.sin(tilt)[:, None] * away
-        roll = np.deg2rad(45.0 + self._disturbances.rolled_deg) + self._roll(time_s)
+        roll = np.deg2rad(45.0 + self._hold.rolled_deg) + self._roll(time_s)
         cosine, sine = np.cos(roll)[:, None], np.sin(roll)[:, None]
         tall = self._disturbances.walker_height_m
         ducked = np.minimum(tall, apex_height - _DUCK_M)
@@ -137,13 +157,13 @@ class Walk:
             apex=apex,
             edge_left=edges[0],
             edge_right=edges[1],
-            body=xy + self._disturbances.body_behind_m * away[:, :2],
+            body=xy + self._hold.body_behind_m * away[:, :2],
             left=left[:, :2],
             height=np.full_like(yaw, tall) if self._disturbances.head_above_m > 0.0 else ducked,
             board_m=self._board_m,
             second=self._second(time_s, xy, away[:, :2], left[:, :2], self._disturbances.second_person),
-            torso_m=self._disturbances.torso_m,
-            hands=self._hands(apex, *edges) if self._disturbances.hand_m > 0.0 else None,
+            torso_m=self._hold.torso_m,
+            hands=self._hands(apex, *edges) if self._hold.hand_m > 0.0 else None,
         )
 
     def _hands(
@@ -153,7 +173,7 @@ class Walk:
         long_left, long_right = self._board_m
         before = np.cross(edge_left, edge_right)
         before *= -np.sign(np.sum(before * apex, axis=1, keepdims=True))  # towards the LiDAR
-        radius = self._disturbances.hand_m
+        radius = self._hold.hand_m
         balls: list[NDArray[np.float64]] = []
         for (share, out), corner, along, length, outward in (
             (self._grips[0], apex + long_left * edge_left, edge_right, long_right, edge_left),
@@ -180,13 +200,13 @@ class Walk:
         away: NDArray[np.float64],
         left: NDArray[np.float64],
         where: SecondPerson,
-    ) -> Person | None:
+    ) -> BodyPoses | None:
         """Beside: an arm's length to one side, the side for the whole walk; behind: within the board's width."""
         if where == "none":
             return None
         apart = self._apart(time_s)[:, None]
         body = xy + 0.9 * away + 0.5 * apart * left if where == "behind" else xy + (0.95 + 0.25 * apart) * left
-        return Person(body, left, np.full(len(xy), 1.78))
+        return BodyPoses(body, left, np.full(len(xy), 1.78))
 
 
 class _Wander:

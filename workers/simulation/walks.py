@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from apexcal.documents.simulation import WalkName
+
 Floats = NDArray[np.float64]
 Sines = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -27,14 +29,12 @@ class WalkPlan:
     """A named walk.
 
     Attributes:
-        summary: what it is for, as the command's help says it.
         line: random generator and length (m) -> the way (K, 2) in steps of about 2 cm, and pace (K,) in metres per
             second at each of its points.
         raises, yaws, rolls, tilts, bobs: rates (Hz) and amplitudes (metres for raises and bobs, else degrees)
             of the sines that make the board's motion.
     """
 
-    summary: str
     line: Callable[[np.random.Generator, float], tuple[Floats, Floats]]
     raises: Sines = ((0.1, 0.23), (0.64, 0.04))
     yaws: Sines = ((0.11, 0.37, 0.9), (5.0, 3.0, 1.0))
@@ -147,18 +147,13 @@ def _spot(random: np.random.Generator, seconds: float) -> tuple[Floats, Floats]:
 
 _STUDY_ROLLS: Sines = ((0.17, 0.45, 1.1), (4.0, 2.5, 1.4))  # standard deviation 3.5 degrees
 
-WALKS: dict[str, WalkPlan] = {
-    "rows": WalkPlan("rows across the field, slow where near: what we advise", _rows),
-    "field": WalkPlan(
-        "from anywhere to anywhere in a field of 10 x 30 m, 0.7 to 1.6 m/s", _anywhere(0.7, 1.6), rolls=_STUDY_ROLLS
-    ),
-    "cover": WalkPlan("row by row over that field to its edges, 0.9 to 1.4 m/s", _all_over, rolls=_STUDY_ROLLS),
-    "yard": WalkPlan(
-        f"as field, in a yard that ends at {YARD_FAR_M:g} m", _anywhere(0.5, 1.4, YARD_FAR_M), rolls=_STUDY_ROLLS
-    ),
-    "slow": WalkPlan("as field, at 0.15 to 0.3 m/s", _anywhere(0.15, 0.3), rolls=_STUDY_ROLLS),
+WALKS: dict[WalkName, WalkPlan] = {
+    "rows": WalkPlan(_rows),
+    "field": WalkPlan(_anywhere(0.7, 1.6), rolls=_STUDY_ROLLS),
+    "cover": WalkPlan(_all_over, rolls=_STUDY_ROLLS),
+    "yard": WalkPlan(_anywhere(0.5, 1.4, YARD_FAR_M), rolls=_STUDY_ROLLS),
+    "slow": WalkPlan(_anywhere(0.15, 0.3), rolls=_STUDY_ROLLS),
     "still": WalkPlan(
-        "stands in one place, the hands tremble",
         _spot,
         raises=((0.1, 0.23), (0.004, 0.002)),
         yaws=((0.11, 0.37, 0.9), (0.3, 0.2, 0.1)),

@@ -46,7 +46,7 @@ from workers.tasks.context import Context
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short simulated recording and its rig."""
     folder = tmp_path_factory.mktemp("walk")
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "1", "--json"]
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "1"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return folder
 

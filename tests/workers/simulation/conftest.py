@@ -7,14 +7,15 @@ from typing import Any
 
 import pytest
 
-from workers.simulation.simulate import Rig, Settings, Simulated, simulate
+from apexcal.documents.simulation import SimulationOptions
+from workers.simulation.rig import SimulatedRig
+from workers.simulation.simulate import SimulationFiles, simulate
 
 
 @dataclass(frozen=True)
 class Short:
-    settings: Settings
-    written: Simulated
-    rig: Rig
+    files: SimulationFiles
+    rig: SimulatedRig
     truth: dict[str, Any]
     description: dict[str, Any]
     progress: list[tuple[str, int, int]]
@@ -22,10 +23,9 @@ class Short:
 
 @pytest.fixture(scope="session")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Short:
-    settings = Settings(seconds=5.0, seed=3)
+    options = SimulationOptions(seconds=5.0, seed=3)
     out: Path = tmp_path_factory.mktemp("simulation")
     progress: list[tuple[str, int, int]] = []
-    written = simulate(settings, out, lambda stage, done, total: progress.append((stage, done, total)))
-    truth = json.loads(written.truth.read_text())
-    description = json.loads(written.rig.read_text())
-    return Short(settings, written, Rig(settings), truth, description, progress)
+    files = simulate(options, out, lambda stage, done, total: progress.append((stage, done, total)))
+    truth, description = (json.loads(file.read_text()) for file in (files.truth, files.rig))
+    return Short(files, SimulatedRig(options), truth, description, progress)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workers.simulation.drawn import draw, draw_street
+from tests.support.scenes.drawn import draw, draw_street
 from workers.simulation.lidar import BOARD, PERSON, SECOND_PERSON
 from workers.vertices.region import Region
 
@@ -16,8 +16,8 @@ def test_a_seed_gives_the_same_sweep_and_another_seed_another_sensor():
     assert {drawn.plan for drawn in draws} == {"field", "yard", "cover"}
     assert {drawn.sensor.rate_hz for drawn in draws} == {5.0, 10.0, 20.0}
     for spread, values in (
-        (15.0, [drawn.disturbances.rolled_deg for drawn in draws]),
-        (15.0, [drawn.disturbances.tilted_deg for drawn in draws]),
+        (15.0, [drawn.hold.rolled_deg for drawn in draws]),
+        (15.0, [drawn.hold.tilted_deg for drawn in draws]),
         (200.0, [drawn.mount.seam_deg for drawn in draws]),
         (8.0, [drawn.mount.pitch_deg for drawn in draws]),
         (0.01, [drawn.noise_m for drawn in draws]),

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
+from apexcal.documents.simulation import SimulationOptions, parse_cameras
 from apexcal.geometry.se3 import from_document
-from workers.simulation.rig import Rig
-from workers.simulation.settings import Settings, parse_cameras
+from workers.simulation.rig import SimulatedRig
 from workers.simulation.truth import rig_document, truth_document
 
 
-def rig_of(**settings):
-    return Rig(Settings(seconds=20.0, seed=4, **settings))
+def rig_of(**options):
+    return SimulatedRig(SimulationOptions(seconds=20.0, seed=4, **options))
 
 
 def test_how_many_cameras_are_spread_over_the_view():
@@ -23,7 +23,7 @@ def test_how_many_cameras_are_spread_over_the_view():
 
 
 def test_each_camera_has_its_own_mount_lens_and_clock_ticks():
-    rig = rig_of(cameras=parse_cameras("front,left,right:-45:pinhole"))
+    rig = rig_of(cameras="front,left,right:-45:pinhole")
     names = {"lidar": "/points", "front": "/f", "left": "/l", "right": "/r"}
     truth, description = json.loads(json.dumps([truth_document(rig), rig_document(rig, names)]))
     assert list(truth["cameras"]) == ["front", "left", "right"]
@@ -47,10 +47,10 @@ def test_each_camera_has_its_own_mount_lens_and_clock_ticks():
 
 
 def test_the_truth_of_a_camera_is_its_projection_of_the_apex():
-    rig = rig_of(cameras=parse_cameras("front,left"))
+    rig = rig_of(cameras="front,left")
     truth = truth_document(rig)
     for mounted in rig.cameras:
-        frames = truth["cameras"][mounted.spec.name]["frames"]
+        frames = truth["cameras"][mounted.name]["frames"]
         pixels = mounted.camera.project(np.array(frames["apex_xyz"]))
         seen = np.array(frames["apex_in_image"])
         assert seen.sum() > 20
@@ -76,7 +76,7 @@ def test_stamps_that_jitter_never_go_back():
 
 
 def test_the_first_camera_does_not_change_when_others_are_added():
-    alone, among = rig_of(), rig_of(cameras=parse_cameras("front,left"))
+    alone, among = rig_of(), rig_of(cameras="front,left")
     assert among.camera.intrinsics == alone.camera.intrinsics
     np.testing.assert_array_equal(among.camera.T_camera_lidar.R, alone.camera.T_camera_lidar.R)
     np.testing.assert_array_equal(among.frame_stamps_ns, alone.frame_stamps_ns)

@@ -48,6 +48,37 @@ def test_the_region_that_goes_with_the_scene_holds_the_walkers_upper_body(poses)
     assert region.mask(chest).all()
 
 
+@pytest.mark.parametrize(
+    ("plan", "usual", "fastest"),
+    [
+        ("rows", 0.3, 2.5), ("field", 0.6, 1.7), ("cover", 0.8, 1.5), ("yard", 0.4, 1.5), ("slow", 0.1, 0.35),
+        ("still", 0.0, 0.01),
+    ],
+)  # fmt: skip
+def test_every_walk_stays_in_the_field_and_goes_at_its_pace(plan, usual, fastest):
+    apex = Walk(7, 90.0, -1.85, plan=plan).poses(np.arange(0.0, 90.0, 0.05)).apex
+    speed = np.linalg.norm(np.diff(apex[:, :2], axis=0), axis=1) / 0.05
+    assert speed.max() < fastest and np.median(speed) >= usual
+    assert 2.9 < apex[:, 0].min() <= apex[:, 0].max() < 32.5
+    assert np.abs(apex[:, 1]).max() < 5.5
+
+
+def test_the_walk_of_the_study_covers_the_field_and_rolls_by_3_5_degrees():
+    poses = [Walk(seed, 120.0, -1.85, plan="field").poses(np.arange(0.0, 120.0, 0.2)) for seed in range(12)]
+    x = np.concatenate([pose.apex[:, 0] for pose in poses])
+    assert x.min() < 5.5 and 15.0 < np.median(x) < 22.0 and x.max() > 30.0
+    left = np.concatenate([pose.edge_left for pose in poses])
+    roll = np.degrees(np.arctan2(-left[:, 2], np.hypot(left[:, 0], left[:, 1])))
+    assert roll.mean() == pytest.approx(45.0, abs=0.5)
+    assert roll.std() == pytest.approx(3.5, abs=0.4)
+
+
+def test_a_walk_that_covers_the_field_comes_to_its_corners():
+    apex = Walk(3, 230.0, -1.85, plan="cover").poses(np.arange(0.0, 230.0, 0.1)).apex
+    for x, y in ((4.0, 4.7), (4.0, -4.7), (28.0, 5.0), (28.0, -5.0), (15.0, 0.0)):
+        assert np.hypot(apex[:, 0] - x, apex[:, 1] - y).min() < 1.5
+
+
 def test_a_long_walk_goes_back_and_forth():
     apex = Walk(1, 600.0, Scene().ground_z).poses(np.arange(0.0, 600.0, 0.1)).apex
     step = np.linalg.norm(np.diff(apex, axis=0), axis=1)

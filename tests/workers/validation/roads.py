@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 
 from apexcal.geometry.se3 import to_document
-from workers.simulation.camera import LENSES, Camera, nominal_mount
-from workers.simulation.drive import Drive, record
-from workers.simulation.road import draw_road
+from tests.support.scenes.drive import Drive, record
+from tests.support.scenes.road import draw_road
+from workers.simulation.camera import LENSES, SimulatedCamera, nominal_mount
 from workers.simulation.sensors import SENSORS
 from workers.validation.calibration import KnownCalibration
 
@@ -18,7 +18,7 @@ def camera(width=WIDTH, height=HEIGHT):
     """60 degrees wide, nearly level."""
     f = width / 2 / np.tan(np.radians(30.0))
     lens = LENSES["pinhole"] | {"f_x": f, "f_y": f, "c_x": width / 2, "c_y": height / 2}
-    return Camera("pinhole", lens, (width, height), nominal_mount(pitch_down_deg=4.0))
+    return SimulatedCamera("pinhole", lens, (width, height), nominal_mount(pitch_down_deg=4.0))
 
 
 def calibration(turn_deg=(0.0, 0.0, 0.0)):

@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 
-from workers.simulation.disturbances import Disturbances
-from workers.simulation.lidar import BOARD, SENSORS, Lidar, with_rings
+from apexcal.documents.simulation import Disturbances
+from workers.simulation.lidar import BOARD, SENSORS, SimulatedLidar, with_rings
 from workers.simulation.scene import WALKER_REGION, scene_with
 from workers.simulation.walker import BOARD_EDGES_M, Walk
 from workers.vertices.region import Region
@@ -39,14 +39,15 @@ def walk(
     noise_m=0.008,
     plan="field",
     disturbances=None,
+    hold=None,
     mount=None,
     flaws=None,
 ):
     spoiled = disturbances or Disturbances()
     scene = scene_with(spoiled.poles, seed)
-    way = walker(seed, seconds, plan=plan, disturbances=spoiled)
+    way = walker(seed, seconds, plan=plan, disturbances=spoiled, hold=hold)
     model = with_rings(SENSORS[sensor], rings) if rings else SENSORS[sensor]
-    lidar = Lidar(
+    lidar = SimulatedLidar(
         model, scene, way, sector_deg=55, noise_m=noise_m, seed=seed, disturbances=spoiled, mount=mount, flaws=flaws
     )
     sweeps, apexes, moments, counts, corners = [], [], [], [], []
@@ -65,10 +66,10 @@ def walk(
     return Recorded(sweeps, np.array(apexes), np.array(moments), np.array(counts), np.array(corners))
 
 
-def walker(seed, seconds, *, plan="field", disturbances=None):
+def walker(seed, seconds, *, plan="field", disturbances=None, hold=None):
     """The person of the walk of this seed."""
     spoiled = disturbances or Disturbances()
-    return Walk(seed, seconds, scene_with(spoiled.poles, seed).ground_z, plan=plan, disturbances=spoiled)
+    return Walk(seed, seconds, scene_with(spoiled.poles, seed).ground_z, plan=plan, disturbances=spoiled, hold=hold)
 
 
 def corners_at(way, second):

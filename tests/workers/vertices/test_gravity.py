@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.support.scenes.drawn import region_before
 from tests.workers.vertices.refined_walks import SIZE, errors, walk
-from workers.simulation.drawn import region_before
 from workers.simulation.flaws import Mount
 from workers.simulation.scene import WALKER_REGION
 from workers.vertices.detectors import detect_range

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from apexcal.documents.detectors import DETECTORS, FLAGS
+from apexcal.documents.simulation import Disturbances
 from tests.workers.vertices.refined_walks import REGION, SIZE, errors, walk
 from tests.workers.vertices.sweeps import EVERYTHING, row, sweep
 from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions
-from workers.simulation.disturbances import Disturbances
 from workers.vertices.detectors import detect_range
 from workers.vertices.refined.board_model import hang
 from workers.vertices.refined.learning import learn

@@ -10,7 +10,7 @@ import pytest
 from apexcal.documents.detectors import resolve_options
 from benchmarks.detection.figures import mean_sigma
 from benchmarks.detection.walks import looked_at
-from workers.simulation.drawn import draw
+from tests.support.scenes.drawn import draw
 from workers.vertices.fixed_objects import without_fixed
 from workers.vertices.refined.learning import learn
 from workers.vertices.refined.size import doubtful

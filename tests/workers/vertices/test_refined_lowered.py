@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.detection.walks import looked_at
-from workers.simulation.disturbances import Disturbances
-from workers.simulation.lidar import SENSORS, Lidar
+from workers.simulation.lidar import SENSORS, SimulatedLidar
 from workers.simulation.scene import WALKER_REGION, scene_with
-from workers.simulation.walker import BOARD_EDGES_M, Walk
+from workers.simulation.walker import BOARD_EDGES_M, BoardHold, Walk
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
@@ -47,13 +46,12 @@ class Resting:
         )
 
 
-def simulated(seed, seconds, *, share=0.0, plan="field", board_m=BOARD_EDGES_M, disturbances=None):
+def simulated(seed, seconds, *, share=0.0, plan="field", board_m=BOARD_EDGES_M, hold=None):
     """What a VLP-16 saw, and in which sweeps the board was raised."""
-    spoiled = disturbances or Disturbances()
     scene = scene_with(0, seed)
-    walk = Walk(seed, seconds, scene.ground_z, plan=plan, board_m=board_m, disturbances=spoiled)
+    walk = Walk(seed, seconds, scene.ground_z, plan=plan, board_m=board_m, hold=hold)
     resting = Resting(walk, share, scene.ground_z)
-    lidar = Lidar(SENSORS["vlp16"], scene, resting, sector_deg=60.0, noise_m=0.008, seed=seed, disturbances=spoiled)
+    lidar = SimulatedLidar(SENSORS["vlp16"], scene, resting, sector_deg=60.0, noise_m=0.008, seed=seed)
     walked = looked_at(resting, lidar, seconds)
     return walked, ~resting.rests(0.1 * np.arange(len(walked.sweeps)) + 0.05)
 
@@ -92,7 +90,7 @@ def test_a_board_that_nobody_raises_gives_no_vertex(seed):
 # narrow board lies in its plane, the planes of both hid the boards.
 @pytest.mark.parametrize(("board_m", "behind_m"), [((0.35, 0.6), 0.45), ((0.45, 0.6), 0.22)])
 def test_a_narrow_board_whose_size_is_stated_is_found(board_m, behind_m):
-    walked, _ = simulated(1, 10.0, plan="yard", board_m=board_m, disturbances=Disturbances(body_behind_m=behind_m))
+    walked, _ = simulated(1, 10.0, plan="yard", board_m=board_m, hold=BoardHold(body_behind_m=behind_m))
     size = {"board_width_m": board_m[0], "board_height_m": board_m[1]}
     found = detect_range(Listed(walked.sweeps), REGION, "refined", size, indices=range(100))
     assert len(found.vertices) > 80

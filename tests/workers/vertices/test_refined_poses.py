@@ -8,7 +8,7 @@ import pytest
 from apexcal.documents.detectors import DETECTORS
 from benchmarks.detection.real import DATA, RECORDINGS, judge, read, regions, run
 from tests.workers.vertices.refined_walks import REGION, SIZE, START_NS, Recorded, errors, walk
-from workers.simulation.disturbances import Disturbances
+from workers.simulation.walker import BoardHold
 from workers.vertices.detectors import detect_range
 from workers.vertices.refined.learning import learn
 from workers.vertices.region import Region
@@ -52,7 +52,7 @@ def test_what_rings_disagree_by_is_learned_and_poses_are_noticed():
 
 @pytest.mark.parametrize("rolled_deg", [-15.0, 15.0, pytest.param(10.0, marks=pytest.mark.slow)])
 def test_a_board_that_is_held_rolled_is_found_where_it_is(rolled_deg):
-    recorded = walk(27, 15.0, disturbances=Disturbances(rolled_deg=rolled_deg))
+    recorded = walk(27, 15.0, hold=BoardHold(rolled_deg=rolled_deg))
     found = detect_range(recorded.source, REGION, "refined", SIZE, indices=recorded.all)
     wrong, scaled = errors(recorded, found.vertices)
     assert len(found.vertices) > 0.75 * np.count_nonzero(recorded.rings >= 2)

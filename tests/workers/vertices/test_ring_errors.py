@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.detection.walks import found, looked_at
-from workers.simulation.drawn import draw
+from tests.support.scenes.drawn import draw
 from workers.vertices.detectors import detect_range
 from workers.vertices.refined.ring_errors import spread_about
 from workers.vertices.region import Region

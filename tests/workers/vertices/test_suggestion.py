@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from apexcal.documents.errors import InputError
+from apexcal.documents.simulation import Disturbances
 from apexcal.documents.studies import SuggestionFacts
+from tests.support.scenes.drawn import draw_street
 from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions
-from workers.simulation.disturbances import Disturbances
-from workers.simulation.drawn import draw_street
 from workers.simulation.flaws import Mount
-from workers.simulation.lidar import BOARD, PERSON, SENSORS, Lidar
+from workers.simulation.lidar import BOARD, PERSON, SENSORS, SimulatedLidar
 from workers.simulation.scene import scene_with
 from workers.simulation.walker import Walk
 from workers.vertices.footprint import SIDES, area_around, area_m2, clusters
@@ -29,7 +29,7 @@ def recorded(seed, sweeps=150, plan="field", mount=None, **disturbances):
     spoiled = Disturbances(**disturbances)
     scene = scene_with(spoiled.poles, seed)
     way = Walk(seed, sweeps * 0.1, scene.ground_z, plan=plan, disturbances=spoiled)
-    lidar = Lidar(
+    lidar = SimulatedLidar(
         SENSORS["vlp16"],
         scene,
         way,
@@ -70,7 +70,7 @@ def test_the_suggestion_keeps_the_board_and_next_to_nothing_else(seed):
 
 
 def test_rain_and_lost_returns_do_not_widen_it():
-    recording = recorded(3, 150, speckle_share=0.01, dropout_share=0.05)
+    recording = recorded(3, 150, speckle=0.01, dropouts=0.05)
     clean = suggest(Listed([sweep for sweep, _ in recorded(3, 150)]))
     wet = suggest(Listed([sweep for sweep, _ in recording]))
     share, others = kept(recording, wet.document)

@@ -1,4 +1,4 @@
-"""What a VLP-16 sends over the network, captured as pcap or pcapng.
+"""What a VLP-16 sends over the network, captured as pcap.
 
 Layout of the data packets: VLP-16 User Manual (63-9243 Rev. D), chapter 9. Twelve blocks of two firings of 16
 lasers, ranges in steps of 2 mm, azimuth clockwise in hundredths of a degree, microseconds past the hour, and the
@@ -10,14 +10,13 @@ from __future__ import annotations
 import math
 import struct
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
-from workers.simulation.lidar import Lidar
-from workers.simulation.writers.recording import refuse_existing
+from workers.simulation.lidar import SimulatedLidar
 
 _FIRINGS = 2  # columns per block
 _BLOCKS = 12
@@ -38,7 +37,7 @@ class Vlp16Packets:
     nothing, so that no packet spans the gap.
     """
 
-    def __init__(self, lidar: Lidar) -> None:
+    def __init__(self, lidar: SimulatedLidar) -> None:
         if len(lidar.firing) != _LASERS:
             raise ValueError(f"a VLP-16 has {_LASERS} lasers, not {len(lidar.firing)}")
         self._lidar = lidar
@@ -84,53 +83,23 @@ class Vlp16Packets:
         return [(at, packet.tobytes()) for at, packet in zip(received, packets, strict=True)]
 
 
-class Capture(Protocol):
-    """A file of network packets that grows."""
-
-    def add(self, at_ns: int, frame: bytes) -> None:
-        """An Ethernet frame and when the host got it."""
-        ...
-
-    def close(self) -> None: ...
-
-
 class Pcap:
-    """The classic format with microseconds. Raises FileExistsError where the file is there already."""
+    """A capture of network packets that grows, in the classic format with microseconds.
+
+    Raises FileExistsError where the file is there already.
+    """
 
     def __init__(self, path: Path) -> None:
-        refuse_existing(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file: BinaryIO = path.open("wb")
+        self._file: BinaryIO = path.open("xb")
         self._file.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1))
 
     def add(self, at_ns: int, frame: bytes) -> None:
+        """An Ethernet frame and when the host got it."""
         seconds, rest = divmod(at_ns, 1_000_000_000)
         self._file.write(struct.pack("<IIII", seconds, rest // 1000, len(frame), len(frame)) + frame)
 
     def close(self) -> None:
-        self._file.close()
-
-
-class Pcapng:
-    """One section with one Ethernet interface and nanoseconds. Raises FileExistsError where the file is there."""
-
-    def __init__(self, path: Path) -> None:
-        refuse_existing(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file: BinaryIO = path.open("wb")
-        self._block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1))
-        resolution = struct.pack("<HHB3xHH", 9, 1, 9, 0, 0)  # if_tsresol: 10^-9 s
-        self._block(1, struct.pack("<HHI", 1, 0, 65535) + resolution)
-
-    def add(self, at_ns: int, frame: bytes) -> None:
-        high, low = divmod(at_ns, 1 << 32)
-        self._block(6, struct.pack("<IIIII", 0, high, low, len(frame), len(frame)) + frame + bytes(-len(frame) % 4))
-
-    def _block(self, kind: int, body: bytes) -> None:
-        length = struct.pack("<I", len(body) + 12)
-        self._file.write(struct.pack("<I", kind) + length + body + length)
-
-    def close(self) -> None:
+        """The file is complete."""
         self._file.close()
 
 

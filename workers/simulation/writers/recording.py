@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class CameraChannel:
     """A camera as a writer must know it before the first frame.
 
     Attributes:
@@ -48,31 +49,37 @@ class Channel:
     info: CameraEdit | None = None
 
 
-class RecordingWriter(Protocol):
-    """A recording that grows; complete when it is closed.
+class RecordingWriter(ABC):
+    """A recording that grows; complete when it is closed. Raises FileExistsError where something is at its path.
 
     Attributes:
         path: the file or folder that one uploads.
         names: what the recording calls ``lidar`` and each camera.
     """
 
-    path: Path
     names: dict[str, str]
 
+    def __init__(self, path: Path) -> None:
+        if path.exists():
+            raise FileExistsError(f"{path} is there already")
+        self.path = path
+
+    @abstractmethod
     def write_sweep(self, sweep: Sweep, received_ns: int) -> None:
         """``received_ns`` is when the recorder got it, as drivers send after the turn."""
-        ...
 
-    def write_picture(self, camera: str, picture: Picture, received_ns: int) -> None: ...
+    @abstractmethod
+    def write_picture(self, camera: str, picture: Picture, received_ns: int) -> None:
+        """A frame of the camera of that name."""
 
-    def __enter__(self) -> Self: ...
+    @abstractmethod
+    def close(self) -> None:
+        """Complete the recording."""
+
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-
-def refuse_existing(path: Path) -> None:
-    """Raises FileExistsError: nothing that is there is ever written over."""
-    if path.exists():
-        raise FileExistsError(f"{path} is there already")
+    ) -> None:
+        self.close()

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -22,7 +21,7 @@ from workers.readers.copying.messages import Messages, ros1_types
 from workers.readers.recording import Sweep
 from workers.readers.ros.ros_types import INFO, TRANSFORM
 from workers.simulation.render import encode_jpeg
-from workers.simulation.writers.recording import Channel, Picture, refuse_existing
+from workers.simulation.writers.recording import CameraChannel, Picture, RecordingWriter
 
 LIDAR_TOPIC = "/velodyne_points"
 # The layout of the Velodyne driver's PointXYZIRT: time is seconds after the sweep's stamp.
@@ -44,7 +43,7 @@ def points_of(sweep: Sweep) -> np.ndarray[tuple[int], np.dtype[np.void]]:
     return cloud
 
 
-class RosWriter:
+class RosWriter(RecordingWriter):
     """A bag with one LiDAR topic (PointCloud2) and a topic per camera (CompressedImage, JPEG).
 
     Args:
@@ -55,10 +54,9 @@ class RosWriter:
     """
 
     def __init__(
-        self, path: Path, kind: Literal["bag", "db3", "mcap"], lidar_frame: str, cameras: Sequence[Channel]
+        self, path: Path, kind: Literal["bag", "db3", "mcap"], lidar_frame: str, cameras: Sequence[CameraChannel]
     ) -> None:
-        refuse_existing(path)
-        self.path = path
+        super().__init__(path)
         self.names = {"lidar": LIDAR_TOPIC, **{c.name: f"/camera/{c.name}/{c.topic}/compressed" for c in cameras}}
         self._frame_ids = {"lidar": lidar_frame, **{camera.name: camera.frame_id for camera in cameras}}
         self._sequence: Counter[str] = Counter()
@@ -78,14 +76,6 @@ class RosWriter:
             if one.info is not None:
                 topic = f"/camera/{one.name}/camera_info"
                 self._infos[one.name] = self._bag.add_connection(topic, INFO, typestore=self._types), one.info
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bag.__exit__(kind, error, trace)
 
     def write_sweep(self, sweep: Sweep, received_ns: int) -> None:
         """One PointCloud2."""
@@ -125,6 +115,10 @@ class RosWriter:
             connection, info = self._infos[camera]
             made = self._messages.new_info(info, picture.stamp_ns, self._frame_ids[camera])
             self._bag.write(connection, received_ns, made)
+
+    def close(self) -> None:
+        """Close the bag."""
+        self._bag.close()
 
     def _header(self, sensor: str, stamp_ns: int) -> Any:
         number: dict[str, int] = {"seq": self._sequence[sensor]} if self._ros1 else {}

@@ -6,7 +6,7 @@ import pytest
 from workers.readers.clouds.ring_spread import check_rings
 from workers.readers.recording import ReadError
 from workers.simulation.flaws import Mount
-from workers.simulation.lidar import Lidar
+from workers.simulation.lidar import SimulatedLidar
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS
 from workers.simulation.walker import Walk
@@ -36,7 +36,7 @@ def test_a_livox_s_lines_are_no_rings():
 def test_rings_are_rings_also_of_a_cloud_that_was_tilted(sensor, mount):
     scene = Scene()
     walk = Walk(1, 5.0, scene.ground_z)
-    lidar = Lidar(SENSORS[sensor], scene, walk, sector_deg=60.0, noise_m=0.02, seed=1)
+    lidar = SimulatedLidar(SENSORS[sensor], scene, walk, sector_deg=60.0, noise_m=0.02, seed=1)
     clouds = [lidar.sweep(k, 0.1 * k, 0) for k in range(2)]
     check_rings(
         [((c.xyz @ mount.rotation().T + 0.5).astype(np.float32), c.ring.astype(np.int64)) for c in clouds], "L"
@@ -45,7 +45,9 @@ def test_rings_are_rings_also_of_a_cloud_that_was_tilted(sensor, mount):
 
 def test_some_damaged_points_make_no_livox():
     scene = Scene()
-    lidar = Lidar(SENSORS["vlp16"], scene, Walk(1, 5.0, scene.ground_z), sector_deg=60.0, noise_m=0.02, seed=1)
+    lidar = SimulatedLidar(
+        SENSORS["vlp16"], scene, Walk(1, 5.0, scene.ground_z), sector_deg=60.0, noise_m=0.02, seed=1
+    )
     sweep = lidar.sweep(0, 0.0, 0)
     ring = sweep.ring.astype(np.int64)
     ring[::5] = np.random.default_rng(1).integers(0, 16, len(ring[::5]))

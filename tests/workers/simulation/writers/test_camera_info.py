@@ -9,7 +9,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
-from workers.simulation.settings import Settings, parse_cameras
+from apexcal.documents.simulation import SimulationOptions
 from workers.simulation.simulate import simulate
 
 FORMS = [("bag", "raw", "nominal"), ("db3", "rectified", "true"), ("mcap", "rectified", "nominal")]
@@ -18,8 +18,8 @@ FORMS = [("bag", "raw", "nominal"), ("db3", "rectified", "true"), ("mcap", "rect
 @pytest.fixture(scope="module", params=FORMS, ids=lambda form: "-".join(form))
 def made(request, tmp_path_factory):
     form, images, tree = request.param
-    settings = Settings(
-        seconds=1.0, seed=4, cameras=parse_cameras("left:10,right:-10:kannala_brandt"), camera_hz=5.0, format=form,
+    settings = SimulationOptions(
+        seconds=1.0, seed=4, cameras="left:10,right:-10:kannala_brandt", camera_hz=5.0, format=form,
         camera_info=images, tree=tree, walk="slow",
     )  # fmt: skip
     written = simulate(settings, tmp_path_factory.mktemp("walk"))

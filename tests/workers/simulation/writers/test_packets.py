@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import velodyne_decoder
 
+from apexcal.documents.simulation import SimulationOptions
 from workers.readers.recording import Sweep
-from workers.simulation.rig import Rig
-from workers.simulation.settings import Settings
+from workers.simulation.rig import SimulatedRig
 from workers.simulation.writers.packets import Pcap, Vlp16Packets, ethernet
 
 
 @pytest.fixture(scope="module")
 def rig():
-    return Rig(Settings(seconds=1.0, seed=8, format="pcap", sector_deg=180.0))
+    return SimulatedRig(SimulationOptions(seconds=1.0, seed=8, format="pcap", sector_deg=180.0))
 
 
 def test_a_packet_is_laid_out_as_the_manual_says(rig):
@@ -80,6 +80,6 @@ def test_the_checksum_of_the_address_header_is_right():
 
 
 def test_only_sixteen_lasers_make_such_packets():
-    other = Rig(Settings(seconds=1.0, sensor="hdl32"))
+    other = SimulatedRig(SimulationOptions(seconds=1.0, sensor="hdl32"))
     with pytest.raises(ValueError, match="16 lasers"):
         Vlp16Packets(other.lidar)

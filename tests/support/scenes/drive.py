@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.support.scenes.road import LIDAR_HEIGHT_M, Road
+from tests.support.scenes.road_rays import cast_rays
 from workers.geometry.projection import unproject
 from workers.readers.recording import Sweep
-from workers.simulation.camera import Camera
-from workers.simulation.road import LIDAR_HEIGHT_M, Road
-from workers.simulation.road_rays import cast_rays
+from workers.simulation.camera import SimulatedCamera
 from workers.simulation.sensors import LidarModel
 
 Floats = NDArray[np.float64]
@@ -61,7 +61,7 @@ def draw_drive(seed: int) -> Drive:
 
 
 def record(
-    road: Road, drive: Drive, sensor: LidarModel, camera: Camera, seed: int, frames: int
+    road: Road, drive: Drive, sensor: LidarModel, camera: SimulatedCamera, seed: int, frames: int
 ) -> Iterator[tuple[Sweep, NDArray[np.uint8]]]:
     """Sweeps of the half turn ahead, each with the frame (h, w, 3) BGR of the moment when it looks ahead."""
     rays = _camera_rays(camera)
@@ -101,7 +101,7 @@ def _sweep(
     )
 
 
-def _camera_rays(camera: Camera) -> Floats:
+def _camera_rays(camera: SimulatedCamera) -> Floats:
     """(H, W, 3) unit directions of the oversampled pixels, LiDAR frame."""
     width, height = camera.image_size
     u = (np.arange(width * _OVERSAMPLE) + 0.5) / _OVERSAMPLE - 0.5
@@ -112,7 +112,7 @@ def _camera_rays(camera: Camera) -> Floats:
 
 
 def _frame(
-    road: Road, drive: Drive, camera: Camera, rays: Floats, at: Floats, random: np.random.Generator
+    road: Road, drive: Drive, camera: SimulatedCamera, rays: Floats, at: Floats, random: np.random.Generator
 ) -> NDArray[np.uint8]:
     directions = rays.reshape(-1, 3)
     origins = np.repeat((at + camera.centre())[None], len(directions), axis=0)

@@ -8,7 +8,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.simulation.road import Road
+from tests.support.scenes.road import Road
 
 Floats = NDArray[np.float64]
 

@@ -8,18 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.simulation.disturbances import SECOND_PERSON, Disturbances
+from apexcal.documents.simulation import Disturbances, SecondPerson, WalkName
+from tests.support.scenes.street import Street
 from workers.simulation.flaws import Flaws, Mount
-from workers.simulation.lidar import Lidar, Walks
+from workers.simulation.lidar import SimulatedLidar, Walks
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS, LidarModel
-from workers.simulation.street import Street
-from workers.simulation.walker import Walk
+from workers.simulation.walker import BoardHold, Walk
 from workers.simulation.walks import FIELD_HALF_WIDTH_M, FIELD_X_M, YARD_FAR_M
 
 _SENSORS = ("vlp16", "vlp32c", "alpha-prime", "os0-128", "os1-32", "os1-64", "os2-128", "xt32", "qt64", "pandar40p")
@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
+class DrawnScene:
     """One sensor in one scene.
 
     Attributes:
@@ -48,21 +48,28 @@ class Drawn:
     mount: Mount
     scene: Scene
     disturbances: Disturbances
+    hold: BoardHold
     board_m: tuple[float, float]
-    plan: str | None
+    plan: WalkName | None
     far_m: float
 
-    def simulated(self, seconds: float) -> tuple[Walks, Lidar]:
+    def simulated(self, seconds: float) -> tuple[Walks, SimulatedLidar]:
         """Who walks where, and the sensor that looks on."""
         ground = self.scene.ground_z
         walk: Walks = (
             Street(self.seed, ground)
             if self.plan is None
             else Walk(
-                self.seed, seconds, ground, plan=self.plan, disturbances=self.disturbances, board_m=self.board_m
+                self.seed,
+                seconds,
+                ground,
+                plan=self.plan,
+                disturbances=self.disturbances,
+                hold=self.hold,
+                board_m=self.board_m,
             )
         )
-        lidar = Lidar(
+        lidar = SimulatedLidar(
             self.sensor,
             self.scene,
             walk,
@@ -87,27 +94,31 @@ def region_before(mount: Mount, ground_z: float, far_m: float) -> Mapping[str, A
     return {"level": box, "up": mount.rotation()[2].tolist()}
 
 
-def draw(seed: int) -> Drawn:
+def draw(seed: int) -> DrawnScene:
     """The sensor, scene, person and board of that seed."""
     random = np.random.default_rng([seed, 20])
     plan = str(random.choice(_PLANS))
     far_m = YARD_FAR_M if plan == "yard" else FIELD_X_M[1]
     board_m = _board(random)
-    return Drawn(
+    sensor, noise_m = _sensor(random), float(np.exp(random.uniform(math.log(0.003), math.log(0.02))))
+    flaws, mount, scene = _flaws(random), _mount(random), _scene(random, far_m)
+    disturbances, hold = _disturbances(random, board_m)
+    return DrawnScene(
         seed=seed,
-        sensor=_sensor(random),
-        noise_m=float(np.exp(random.uniform(math.log(0.003), math.log(0.02)))),
-        flaws=_flaws(random),
-        mount=_mount(random),
-        scene=_scene(random, far_m),
-        disturbances=_disturbances(random, board_m),
+        sensor=sensor,
+        noise_m=noise_m,
+        flaws=flaws,
+        mount=mount,
+        scene=scene,
+        disturbances=disturbances,
+        hold=hold,
         board_m=board_m,
         plan=plan,
         far_m=far_m,
     )
 
 
-def draw_street(seed: int) -> Drawn:
+def draw_street(seed: int) -> DrawnScene:
     """A street without a board: poles, cars, doors, signs and people, and a sensor as :func:`draw` draws it."""
     random = np.random.default_rng([seed, 21])
     drawn = draw(seed)
@@ -152,24 +163,27 @@ def _board(random: np.random.Generator) -> tuple[float, float]:
     return sides if random.uniform() < 0.5 else (sides[1], sides[0])
 
 
-def _disturbances(random: np.random.Generator, board_m: tuple[float, float]) -> Disturbances:
+def _disturbances(random: np.random.Generator, board_m: tuple[float, float]) -> tuple[Disturbances, BoardHold]:
     """Somebody who holds the board between edges that fall alike and an upright diagonal, and rolls and leans it."""
     hang_deg = math.degrees(math.atan2(*board_m)) - 45.0
     rolled_deg = hang_deg * random.uniform(0.0, 1.0) + np.clip(random.normal(0.0, 6.0), -15.0, 15.0)
     torso_m = random.uniform(0.13, 0.22)
-    return Disturbances(
+    disturbances = Disturbances(
         beam_mrad=random.uniform(1.0, 5.0),
-        dropout_share=random.uniform(0.0, 0.05),
-        speckle_share=random.uniform(0.0, 0.002),
+        dropouts=random.uniform(0.0, 0.05),
+        speckle=random.uniform(0.0, 0.002),
         walker_height_m=random.uniform(1.55, 1.95),
         head_above_m=random.uniform(0.03, 0.2) if random.uniform() < 0.25 else 0.0,
-        second_person=SECOND_PERSON[int(random.choice(3, p=[0.6, 0.2, 0.2]))],
+        second_person=get_args(SecondPerson)[int(random.choice(3, p=[0.6, 0.2, 0.2]))],
+    )
+    hold = BoardHold(
         rolled_deg=float(np.clip(rolled_deg, -30.0, 30.0)),
         tilted_deg=float(np.clip(random.normal(0.0, 7.0), -20.0, 20.0)),
         body_behind_m=torso_m + random.uniform(0.02, 0.45),
         torso_m=torso_m,
         hand_m=random.uniform(0.035, 0.07) if random.uniform() < 0.7 else 0.0,
     )
+    return disturbances, hold
 
 
 def _scene(random: np.random.Generator, far_m: float) -> Scene:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.simulation.walker import Person, Poses
+from workers.simulation.walker import BodyPoses, Poses
 
 _NO_BOARD_M = (0.0, 0.0)
 
@@ -47,9 +47,9 @@ class Street:
             others=tuple(people[1:]),
         )
 
-    def _person(self, number: int, time_s: NDArray[np.float64]) -> Person:
+    def _person(self, number: int, time_s: NDArray[np.float64]) -> BodyPoses:
         heading = self._heading[number]
-        return Person(
+        return BodyPoses(
             body=self._start[number] + time_s[:, None] * self._speed[number],
             left=np.tile([np.cos(heading), np.sin(heading)], (len(time_s), 1)),
             height=np.full(len(time_s), self._height[number]),

@@ -1,0 +1,64 @@
+"""What a sensor without noise sees of a walk, with what each point lies on and where board and bodies are."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from workers.simulation.lidar import SENSORS, SimulatedLidar
+from workers.simulation.scene import Scene
+from workers.simulation.walker import Walk
+
+
+def scanned(
+    disturbances=None,
+    *,
+    flaws=None,
+    mount=None,
+    hold=None,
+    sensor="vlp16",
+    plan="yard",
+    scene=None,
+    board_m=None,
+    starts_s=(1.0, 4.0, 7.0, 10.0),
+):
+    scene = scene or Scene()
+    kinds = {"disturbances": disturbances, "hold": hold, **({"board_m": board_m} if board_m else {})}
+    walk = Walk(5, 60.0, scene.ground_z, plan=plan, **kinds)
+    lidar = SimulatedLidar(
+        SENSORS[sensor], scene, walk, sector_deg=60.0, noise_m=0.0, seed=5, disturbances=disturbances, flaws=flaws,
+        mount=mount,
+    )  # fmt: skip
+    sweeps, labels, poses = [], [], []
+    for index, start_s in enumerate(starts_s):
+        sweep, label = lidar.labelled_sweep(index, start_s, 0)
+        sweeps.append(sweep)
+        labels.append(label)
+        poses.append(walk.poses(start_s + sweep.offset_ns * 1e-9))
+
+    def joined(*names):
+        """Fields of the poses at each point's time, all sweeps as one."""
+        fields = (np.concatenate([getattr(one, name) for one in poses]) for name in names)
+        return next(fields) if len(names) == 1 else fields
+
+    return SimpleNamespace(
+        walk=walk,
+        lidar=lidar,
+        sweeps=sweeps,
+        xyz=np.concatenate([sweep.xyz for sweep in sweeps]).astype(float),
+        ring=np.concatenate([sweep.ring for sweep in sweeps]),
+        offset_ns=np.concatenate([sweep.offset_ns for sweep in sweeps]),
+        label=np.concatenate(labels),
+        joined=joined,
+    )
+
+
+def ranges(xyz):
+    return np.linalg.norm(xyz, axis=1)
+
+
+def elevations_deg(xyz):
+    return np.degrees(np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1])))
+
+
+def azimuths_deg(xyz):
+    return np.degrees(np.arctan2(xyz[:, 1], xyz[:, 0]))
