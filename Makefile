@@ -16,7 +16,7 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-judge bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers bench-annotators bench-marks faults check lock clean
+.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers bench-annotators bench-marks faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -66,10 +66,10 @@ bench-coverage: setup  ## whether what is published holds, on data with blunders
 bench-judge: setup  ## whether what is published by itself is right, and which check finds what; DRAWS=30 for a short form
 	$(BIN)/python -m benchmarks.judge
 
-bench-trust: setup  ## whether a report's verdict names what is wrong, and accuses no sound result; RUNS=1 for a short form
-	$(BIN)/python -m benchmarks.trust
+bench-drives: setup  ## how often a knocked camera is noticed on drives, and a sound one accused; DRIVES=1 FRAMES=6 for a short form
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drives
 
-bench-solver: $(STAMPS)/bench  ## one slot of the genetic algorithm beside the bare evaluation of as many individuals
+bench-solver: $(STAMPS)/bench  ## one slot of the genetic algorithm beside the bare evaluation of its individuals, and two peers; ROUNDS=1 for a short form
 	$(BIN)/python -m benchmarks.solver
 
 bench-worth: $(STAMPS)/bench  ## where the genetic algorithm helps and where not, as curves; RIGS=6 for a short form
@@ -84,7 +84,7 @@ bench-farm: setup  ## what the farm costs beside the bare solver: calibrations, 
 bench-retrieval: setup  ## how fast 10,000 vehicles get their calibrations, and whether any answer is old; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.retrieval
 
-bench-startup: setup frontend  ## seconds until the service answers, and what its processes import; BESIDE=path of another checkout, ROUNDS=1
+bench-startup: setup frontend  ## seconds until the service answers, and what its processes import; ROUNDS=1 for a short form
 	$(BIN)/python -m benchmarks.startup
 
 bench-readers: $(STAMPS)/bench  ## our readers of MCAP, SQLite, protobuf and pcap beside libraries: speed, damaged files, bombs; SECONDS=6 DAMAGED=5 for a short form

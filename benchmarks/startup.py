@@ -1,8 +1,8 @@
 """`python -m benchmarks.startup`: seconds until `apexcal serve` answers, and what imports cost.
 
-First start: an empty data folder and no compiled kernels. Second start: the same folder and kernels again. BESIDE
-names another checkout, set up by `make setup frontend`, that is measured in turn with this one. The figures are
-medians of ROUNDS; seconds depend on what else the machine does, processor seconds hardly. Linux only: it reads /proc.
+First start: an empty data folder and no compiled kernels. Second start: the same folder and kernels again. Figures
+are medians of ROUNDS; seconds depend on what else the machine does, processor seconds hardly. Linux only: it reads
+/proc.
 """
 
 import json
@@ -16,7 +16,6 @@ import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 MODULES = ("service.app", "workers.app", "workers.tasks.entry", "workers.sweeper", "apexcal.cli")
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -25,22 +24,21 @@ _PATIENCE_S = 120.0
 Figures = dict[str, float]
 
 
-def import_s(checkout: Path, module: str) -> float:
+def import_s(module: str) -> float:
     """Processor seconds of a process that imports the module and ends."""
-    with subprocess.Popen((_python(checkout), "-c", f"import {module}"), cwd=checkout) as process:
+    with subprocess.Popen((sys.executable, "-c", f"import {module}")) as process:
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode != 0:
-        raise RuntimeError(f"{module} of {checkout} cannot be imported")
+        raise RuntimeError(f"{module} cannot be imported")
     return used.ru_utime + used.ru_stime
 
 
-def start(checkout: Path, data: Path, kernels: Path) -> Figures:
+def start(data: Path, kernels: Path) -> Figures:
     """Start the service, wait until it answers and until its workers are warm, and stop it."""
     began = time.monotonic()
     process = subprocess.Popen(
-        (_python(checkout), "-m", "apexcal.cli", "serve", "--data", str(data), "--port", "0", "--json"),
-        cwd=checkout,
+        (sys.executable, "-m", "apexcal.cli", "serve", "--data", str(data), "--port", "0", "--json"),
         env={**os.environ, "NUMBA_CACHE_DIR": str(kernels)},
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -85,15 +83,10 @@ def _wait_until_warm(url: str, deadline: float) -> None:
     raise TimeoutError(f"no warm worker within {_PATIENCE_S:.0f} s")
 
 
-def _python(checkout: Path) -> str:
-    own = checkout / ".venv/bin/python"
-    return str(own) if own.exists() else sys.executable
-
-
-def _starts(checkout: Path) -> dict[str, Figures]:
+def _starts() -> dict[str, Figures]:
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        return {which: start(checkout, place / "data", place / "kernels") for which in ("first", "second")}
+        data, kernels = Path(folder) / "data", Path(folder) / "kernels"
+        return {which: start(data, kernels) for which in ("first_start", "second_start")}
 
 
 def _medians(rounds: list[Figures]) -> Figures:
@@ -103,28 +96,11 @@ def _medians(rounds: list[Figures]) -> Figures:
 def main() -> None:
     """Print one line of JSON."""
     rounds = int(os.environ.get("ROUNDS", "3"))
-    checkouts = {"this": Path.cwd()}
-    if beside := os.environ.get("BESIDE"):
-        checkouts["beside"] = Path(beside).resolve()
-    imports: dict[str, list[Figures]] = {name: [] for name in checkouts}
-    starts: dict[str, list[dict[str, Figures]]] = {name: [] for name in checkouts}
     # One round more: the first reads the files from the disk.
-    for number in range(rounds + 1):
-        for name, checkout in checkouts.items():
-            used = {module: import_s(checkout, module) for module in MODULES}
-            if number:
-                imports[name].append(used)
-    for _ in range(rounds):
-        for name, checkout in checkouts.items():
-            starts[name].append(_starts(checkout))
-    document: dict[str, Any] = {
-        name: {
-            "import_processor_s": _medians(imports[name]),
-            **{f"{which}_start": _medians([one[which] for one in starts[name]]) for which in ("first", "second")},
-        }
-        for name in checkouts
-    }
-    print(json.dumps({"rounds": rounds, **document}))
+    imports = [{module: import_s(module) for module in MODULES} for _ in range(rounds + 1)][1:]
+    starts = [_starts() for _ in range(rounds)]
+    figures = {which: _medians([one[which] for one in starts]) for which in starts[0]}
+    print(json.dumps({"rounds": rounds, "import_processor_s": _medians(imports), **figures}))
 
 
 if __name__ == "__main__":

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.corners import CornerName
+from apexcal.documents.simulation import Disturbances
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
 from apexcal.geometry.se3 import SE3
 from workers.geometry.models import INTRINSICS, ModelName
 from workers.geometry.spherical import to_xyz
 from workers.marks.sights import Image, Lens, MountedLens, Sight
-from workers.simulation.disturbances import Disturbances
-from workers.simulation.walker import Poses, Walk
+from workers.simulation.walker import BoardHold, Poses, Walk
 
 Floats = NDArray[np.float64]
 Pattern = Literal["plain", "border", "chess", "tag"]
@@ -111,9 +111,8 @@ class Scene:
             240.0,
             self._ground_z,
             plan="yard",
-            disturbances=Disturbances(
-                head_above_m=drawn.head_above_m,
-                second_person=drawn.second,
+            disturbances=Disturbances(head_above_m=drawn.head_above_m, second_person=drawn.second),
+            hold=BoardHold(
                 rolled_deg=float(random.uniform(-12.0, 12.0)),
                 tilted_deg=float(np.clip(random.normal(0.0, 6.0), -15.0, 15.0)),
             ),

@@ -1,14 +1,14 @@
 # pyright: reportMissingTypeStubs=false
-"""Evaluations until a search is within 1 % of the optimum, and the optimum by another library."""
+"""Evaluations until a slot is within 1 % of the optimum, and the optimum by another library."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from benchmarks.solver.peers.contest import GENERATIONS, Contest, Peer
+from benchmarks.solver.contest import GENERATIONS
 from workers.geometry.projection import project
 from workers.solver.polish import polish
 from workers.solver.problem import FitProblem
@@ -19,29 +19,6 @@ Floats = NDArray[np.float64]
 WITHIN: Final = 1.01
 # Added under the root of a distance, px^2: it has no derivative at zero.
 _ROUND: Final = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class Watched(Contest):
-    """A contest that notes how many individuals were evaluated whenever a lower loss (px) was found."""
-
-    trace: list[tuple[int, float]] = field(default_factory=list[tuple[int, float]])
-    counted: list[int] = field(default_factory=lambda: [0])
-
-    def losses(self, individuals: Any) -> Floats:
-        found = super().losses(individuals)
-        self._note(len(found), float(found.min(initial=np.inf)))
-        return found
-
-    def loss(self, individual: Floats) -> float:
-        found = super().loss(individual)
-        self._note(1, found)
-        return found
-
-    def _note(self, evaluated: int, lowest: float) -> None:
-        self.counted[0] += evaluated
-        if not self.trace or lowest < self.trace[-1][1]:
-            self.trace.append((self.counted[0], lowest))
 
 
 @dataclass(frozen=True)
@@ -65,13 +42,12 @@ def optimum(problem: FitProblem, near: Floats) -> Optimum:
 
     def apart(x: Floats) -> Floats:
         p = x * scale
-        seen = project(problem.model, p[6:], transform_of(problem, p).apply(problem.points))[0]
-        return seen - problem.pixels
+        return project(problem.model, p[6:], transform_of(problem, p).apply(problem.points))[0] - problem.pixels
 
     def roots(x: Floats) -> Floats:
         return (np.sum(apart(x) ** 2, axis=1) + _ROUND) ** 0.25
 
-    tight = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12, "x_scale": "jac", "max_nfev": 400}
+    tight: dict[str, Any] = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12, "x_scale": "jac", "max_nfev": 400}
     tight["bounds"] = (lower / scale, upper / scale)
     squares = optimize.least_squares(lambda x: apart(x).ravel(), near / scale, **tight)
     mean = optimize.least_squares(roots, squares.x, **tight)
@@ -79,22 +55,14 @@ def optimum(problem: FitProblem, near: Floats) -> Optimum:
     return Optimum(2.0 * float(mean.cost) / len(problem.points), polish(problem, near).rms_px / rms)
 
 
-def evaluations_to(target_px: float, contest: Contest, peer: Peer) -> int | None:
-    """Of a peer; None if its run ends above the target."""
-    watched = Watched(contest.problem, contest.seed)
-    finish = peer.run(watched)
-    return next((count for count, loss in finish.trace or watched.trace if loss <= target_px), None)
-
-
-def evaluations_of_ours_to(target_px: float, contest: Contest) -> int | None:
-    """Of a slot. Fewer generations are the beginning of more, so their least number is found by halving."""
-    problem = contest.problem
+def evaluations_of_slot_to(target_px: float, problem: FitProblem) -> int | None:
+    """Fewer generations are the beginning of more, so their least number is found by halving."""
     low, high = problem.lower.tolist(), problem.upper.tolist()
 
     def after(generations: int) -> tuple[float, int]:
-        schedule = replace(problem.schedule, generations=generations)
-        found = run_slot(replace(problem, schedule=schedule), low, high, 0, 0)
-        return found.loss, found.evaluations
+        shorter = replace(problem, schedule=replace(problem.schedule, generations=generations))
+        outcome = run_slot(shorter, low, high, 0, 0)
+        return outcome.loss, outcome.evaluations
 
     if after(GENERATIONS)[0] > target_px:
         return None

@@ -23,7 +23,7 @@ _SIZES_M: Final = ((0.9, 1.2), (0.6, 0.8))
 _SLACK_M: Final = 0.2
 _LEAST_SUPPORT: Final = 8.0  # as of a vertex: ten candidates in 200 sweeps give no false board
 _FEWEST_POINTS: Final = 12
-# Of a board by its shape alone. Chosen on simulated poses (`benchmarks.detection.still_scenes`, seeds 50 to 57):
+# Of a board by its shape alone. Chosen on simulated poses (`tests.support.scenes.still`, seeds 50 to 57):
 # boards had at most 0.04 and 0.15 degrees, one had 0.49. Walls, cars and people had more of one of the two.
 _CONTRADICTED: Final = 0.05
 _MOST_SIGMA: Final = math.radians(0.5)

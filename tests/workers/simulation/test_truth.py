@@ -4,11 +4,6 @@ import pytest
 
 from apexcal.geometry.se3 import from_document
 from workers.simulation.camera import LENSES, make_camera
-from workers.simulation.scene import WALKER_REGION
-from workers.vertices.detectors import detect_range
-from workers.vertices.pairing import pair
-from workers.vertices.region import Region
-from workers.vertices.sweep_source import Listed
 
 
 def cv2_pixels(model, intrinsics, T_camera_lidar, points):
@@ -23,16 +18,6 @@ def cv2_pixels(model, intrinsics, T_camera_lidar, points):
         bend = np.array([k[name] for name in names[model]])
         found, _ = cv2.projectPoints(points, rotation, T_camera_lidar.t, matrix, bend)
     return found.reshape(-1, 2)
-
-
-def test_the_true_pixels_are_those_of_opencv(short):
-    frames = short.truth["frames"]
-    T_camera_lidar = from_document(short.truth["transform"])
-    assert (T_camera_lidar.to_frame, T_camera_lidar.from_frame) == ("camera_front_optical", "velodyne")
-    points = np.array(frames["apex_xyz"])
-    expected = cv2_pixels("brown_conrady", short.truth["intrinsics"], T_camera_lidar, points)
-    np.testing.assert_allclose(np.array(frames["apex_uv"]), expected, atol=2e-3)
-    assert all(frames["apex_in_image"])
 
 
 @pytest.mark.parametrize("model", LENSES)
@@ -63,29 +48,3 @@ def test_the_scanned_apex_is_where_the_sensor_looked_at_that_moment(short):
     looked_at = np.radians(short.rig.options.sector_deg) - 2 * np.pi * 10.0 * after_s
     np.testing.assert_allclose(np.arctan2(apex[:, 1], apex[:, 0]), looked_at, atol=1e-5)
     assert np.linalg.norm(apex - np.array(sweeps["apex_xyz"]), axis=1).max() < 0.1
-
-
-def test_detected_vertices_are_the_true_apex_to_a_few_centimetres(short):
-    """SPEC: found this way the vertex is about 0.1 degrees low, and never above the apex but for noise."""
-    region = Region.from_document(WALKER_REGION)
-    stamps = short.truth["sweeps"]["stamp_ns"]
-    sweeps = [
-        short.rig.lidar.sweep(i, (stamp - 1_780_000_000_000_000_000) * 1e-9, stamp) for i, stamp in enumerate(stamps)
-    ]
-    found = detect_range(Listed(sweeps), region, "tolerant", indices=range(len(sweeps)))
-    assert 3 <= len(found.vertices) <= 25
-    xyz = np.array([vertex.xyz for vertex in found.vertices])
-    when_s = (np.array([vertex.time_ns for vertex in found.vertices]) - 1_780_000_000_000_000_000) * 1e-9
-    apex = short.rig.walk.poses(when_s).apex
-    assert np.linalg.norm(xyz - apex, axis=1).max() < 0.07
-    low_deg = np.degrees(np.arctan2(apex[:, 2] - xyz[:, 2], np.linalg.norm(apex, axis=1)))
-    assert low_deg.min() > -0.05
-    assert low_deg.max() < 0.7
-    frame, gap = pair(
-        [vertex.time_ns for vertex in found.vertices], short.truth["frames"]["stamp_ns"], max_gap_ns=40_000_000
-    )
-    assert (frame >= 0).all()
-    pixels = np.array(short.truth["frames"]["apex_uv"])[frame]
-    error_px = np.linalg.norm(short.rig.camera.project(xyz) - pixels, axis=1)
-    assert error_px.max() < 8.0
-    assert np.abs(gap).max() < 35_000_000

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from apexcal.documents.errors import InputError
-from benchmarks.detection.still_scenes import looking_at
+from tests.support.scenes.still import looking_at
 from workers.readers.recording import Sweep
 from workers.vertices.backdrop import Backdrop
 from workers.vertices.jumps import count_steps

@@ -8,7 +8,7 @@ import pytest
 
 from apexcal.documents.detectors import DETECTORS
 from apexcal.documents.errors import InputError
-from benchmarks.detection.still_scenes import SETTINGS, drive, still_poses
+from tests.support.scenes.still import SETTINGS, drive, still_poses
 from tests.workers.vertices.refined_walks import walk
 from workers.tasks.studying import must_move
 from workers.vertices import backdrop

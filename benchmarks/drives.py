@@ -1,15 +1,20 @@
-"""Lane markers and depth edges of drives: what a sound mount scores, and how often a knocked camera is noticed.
+"""`python -m benchmarks.drives`: what a sound mount scores on drives, and how often a knocked camera is noticed.
 
-python -m benchmarks.trust.road --drives 8
+Depth edges are looked at on simulated drives, lane markers on the real road where it is, else on a simulated one.
+DRIVES: how many (20); FRAMES: of each (30); SEED: of the first. One line of JSON.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
+import os
+import secrets
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,9 +33,8 @@ from workers.validation.calibration import KnownCalibration
 from workers.validation.edge_check import EdgeCheck
 from workers.validation.lane_check import LaneCheck
 
-DATA = Path(__file__).parents[2].parent / "shared" / "data"
+DATA = Path(__file__).parents[1].parent / "shared" / "data"
 KNOCK_DEG = 0.25
-FRAMES = 30
 # Sound mounts, and as many knocks in even directions, that are judged on one drive.
 MOUNTS = 10
 # What a good calibration with a known lens leaves of the mount's turn (SPEC: 0.02 degrees).
@@ -38,11 +42,6 @@ LEFT_DEG = 0.02
 SIZE = (640, 400)
 _SHOWN = ("verdict", "yaw_deg", "pitch_deg", "sigma_yaw_deg", "sigma_pitch_deg")
 SENSORS_USED = ("os1-64", "hdl64", "os1-128", "alpha-prime")
-
-
-def figures(drives: int = 20, frames: int = FRAMES) -> dict[str, Any]:
-    """The keys of `make bench-trust` that are of the road; lanes are of the real road where it is, else simulated."""
-    return lane_figures() | summary([on_drive(seed, frames) for seed in range(drives)])
 
 
 class OnDrive(NamedTuple):
@@ -54,7 +53,7 @@ class OnDrive(NamedTuple):
     ms_per_frame: float
 
 
-def on_drive(seed: int, frames: int = FRAMES) -> OnDrive:
+def on_drive(seed: int, frames: int) -> OnDrive:
     """Simulate a drive and judge mounts on it."""
     return _knocks(seed, frames)._replace(empty=_empty(seed, max(frames // 3, 1)))
 
@@ -172,11 +171,11 @@ def _real_sweep() -> Sweep:
 
 def main() -> None:
     """Print the figures, one line of JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--drives", type=int, default=20)
-    parser.add_argument("--frames", type=int, default=FRAMES)
-    arguments = parser.parse_args()
-    print(json.dumps(figures(arguments.drives, arguments.frames)))
+    drives, frames = int(os.environ.get("DRIVES", "20")), int(os.environ.get("FRAMES", "30"))
+    seed = int(os.environ.get("SEED") or secrets.randbelow(10**9))
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+        verdicts = list(pool.map(partial(on_drive, frames=frames), range(seed, seed + drives)))
+    print(json.dumps({"seed": seed, **lane_figures(), **summary(verdicts)}))
 
 
 if __name__ == "__main__":

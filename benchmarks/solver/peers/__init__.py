@@ -1,1 +1,0 @@
-"""Other optimisers on the same fit, one short file per family; nothing else imports their libraries."""

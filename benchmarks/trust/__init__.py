@@ -1,1 +1,0 @@
-"""Whether verdicts name what is wrong with a calibration, and leave sound ones alone."""
