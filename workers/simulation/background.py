@@ -52,9 +52,9 @@ def _directions(camera: SimulatedCamera) -> Floats:
     return np.asarray(direction, np.float32)
 
 
-def _rows_where(wanted: NDArray[np.bool_]) -> slice:
+def _rows_where(mask: NDArray[np.bool_]) -> slice:
     """The rows (of H x W) that hold any such pixel, as one band."""
-    rows = np.flatnonzero(wanted.any(axis=1))
+    rows = np.flatnonzero(mask.any(axis=1))
     return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
 
 
@@ -143,9 +143,9 @@ def _paint_poles(colour: Floats, distance: Floats, direction: Floats, origin: Fl
         dx, dy = pole[0] - origin[0], pole[1] - origin[1]
         across = np.abs(coarse[..., 0] * dy - coarse[..., 1] * dx) / flat
         along = coarse[..., 0] * dx + coarse[..., 1] * dy
-        seen = (across < pole[2] + _NEAR_RAD * np.hypot(dx, dy)) & (along > 0.0)
-        if seen.any():
-            columns = np.flatnonzero(seen.any(axis=0))
+        is_hit = (across < pole[2] + _NEAR_RAD * np.hypot(dx, dy)) & (along > 0.0)
+        if is_hit.any():
+            columns = np.flatnonzero(is_hit.any(axis=0))
             box = slice(max(int(columns[0]) - 1, 0) * _COARSE, (int(columns[-1]) + 2) * _COARSE)
             _paint_pole(colour[:, box], distance[:, box], direction[:, box], origin, scene.ground_z, pole)
 

@@ -34,7 +34,7 @@ def camera_info(name: str, camera: SimulatedCamera, first: SimulatedCamera, seed
     b = float((R @ camera.T_camera_lidar.R @ (camera.centre() - first.centre()))[0])
     K = (lens["f_x"], 0.0, lens["c_x"], 0.0, lens["f_y"], lens["c_y"], 0.0, 0.0, 1.0)
     P = (f, 0.0, c_x, -f * b, 0.0, f, c_y, 0.0, 0.0, 0.0, 1.0, 0.0)
-    D = tuple(lens[one] for one in model.distortion) or (0.0,) * 5
+    D = tuple(lens[name] for name in model.distortion) or (0.0,) * 5
     stated = "" if model.written_as is None else model.written_as.camera_info
     frame, size = camera.T_camera_lidar.to_frame, camera.image_size
     return CameraEdit(name, "", frame, *size, stated, K, D, R=tuple(R.reshape(-1)), P=P)
@@ -66,11 +66,11 @@ def frame_tree(ground_z: float, mounts: Sequence[SE3]) -> list[SE3]:
 def urdf(poses: Sequence[SE3]) -> str:
     """The tree as a URDF: a link for each frame, and a fixed joint ``<child>_joint`` for each pose."""
     frames = dict.fromkeys(frame for pose in poses for frame in (pose.to_frame, pose.from_frame))
-    lines = ['<?xml version="1.0"?>', '<robot name="simulated">', *(f'  <link name="{one}"/>' for one in frames)]
+    lines = ['<?xml version="1.0"?>', '<robot name="simulated">', *(f'  <link name="{frame}"/>' for frame in frames)]
     for pose in poses:
         # R = Rz(yaw) Ry(pitch) Rx(roll)
         values = (pose.t, euler_from_rotation(pose.R)[::-1])
-        xyz, rpy = (" ".join(map(repr, one.tolist())) for one in values)
+        xyz, rpy = (" ".join(map(repr, vector.tolist())) for vector in values)
         parent, child = f'<parent link="{pose.to_frame}"/>', f'<child link="{pose.from_frame}"/>'
         lines.append(f'  <joint name="{pose.from_frame}_joint" type="fixed">')
         lines.append(f'    {parent}{child}<origin xyz="{xyz}" rpy="{rpy}"/>\n  </joint>')

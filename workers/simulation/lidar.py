@@ -131,8 +131,10 @@ class SimulatedLidar:
         noisy = np.round((distance + noise + error) / _RANGE_STEP_M) * _RANGE_STEP_M
         column, ring = np.nonzero(distance <= self.sensor.max_range_m)
         after_s = column_s[column] + self.delay_s[ring]
-        said = turned + random.normal(0.0, 1e-3 * self._flaws.jitter_mrad, len(turned))
-        xyz = _directions(said[column] - self._omega * self.delay_s[ring] + self._aside[ring], self._elevations[ring])
+        encoder = turned + random.normal(0.0, 1e-3 * self._flaws.jitter_mrad, len(turned))
+        xyz = _directions(
+            encoder[column] - self._omega * self.delay_s[ring] + self._aside[ring], self._elevations[ring]
+        )
         xyz *= noisy[column, ring][:, None]
         xyz[:, 2] += self._lift_m[ring]
         sweep = Sweep(

@@ -131,17 +131,15 @@ def _anywhere(
 def _place(random: np.random.Generator, far_m: float) -> Floats:
     """Uniform over the field where the sensors look."""
     while True:
-        place = np.array(
-            [random.uniform(FIELD_X_M[0], far_m), random.uniform(-FIELD_HALF_WIDTH_M, FIELD_HALF_WIDTH_M)]
-        )
-        if abs(place[1]) < place[0] * np.tan(np.deg2rad(_VIEW_DEG)):
-            return place
+        xy = np.array([random.uniform(FIELD_X_M[0], far_m), random.uniform(-FIELD_HALF_WIDTH_M, FIELD_HALF_WIDTH_M)])
+        if abs(xy[1]) < xy[0] * np.tan(np.deg2rad(_VIEW_DEG)):
+            return xy
 
 
 def _spot(random: np.random.Generator, seconds: float) -> tuple[Floats, Floats]:
     """One place, 5 to 10 m ahead: a line of 2 mm that takes longer than the walk."""
-    place = np.array([random.uniform(5.0, 10.0), random.uniform(-2.0, 2.0)])
-    line = place + np.linspace(0.0, 0.002, 20)[:, None] * np.array([0.0, 1.0])
+    xy = np.array([random.uniform(5.0, 10.0), random.uniform(-2.0, 2.0)])
+    line = xy + np.linspace(0.0, 0.002, 20)[:, None] * np.array([0.0, 1.0])
     return line, np.full(len(line), 0.002 / (seconds + 5.0))
 
 

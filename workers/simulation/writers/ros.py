@@ -72,10 +72,10 @@ class RosWriter(RecordingWriter):
         self._serialize = serialize
         self._messages = Messages("ros1" if self._ros1 else "cdr")
         self._infos: dict[str, tuple[Any, CameraEdit]] = {}
-        for one in cameras:
-            if one.info is not None:
-                topic = f"/camera/{one.name}/camera_info"
-                self._infos[one.name] = self._bag.add_connection(topic, INFO, typestore=self._types), one.info
+        for camera in cameras:
+            if camera.info is not None:
+                topic = f"/camera/{camera.name}/camera_info"
+                self._infos[camera.name] = self._bag.add_connection(topic, INFO, typestore=self._types), camera.info
 
     def write_sweep(self, sweep: Sweep, received_ns: int) -> None:
         """One PointCloud2."""
@@ -96,8 +96,8 @@ class RosWriter(RecordingWriter):
 
     def write_tree(self, tree: Sequence[SE3], stamp_ns: int) -> None:
         """One latched message of T_parent_child on ``/tf_static``, as robot_state_publisher sends."""
-        turned = [(one, quaternion_from_rotation(one.R)) for one in tree]
-        poses = [PoseEdit(one.to_frame, one.from_frame, tuple(one.t), tuple(turn), True) for one, turn in turned]
+        turned = [(pose, quaternion_from_rotation(pose.R)) for pose in tree]
+        poses = [PoseEdit(pose.to_frame, pose.from_frame, tuple(pose.t), tuple(turn), True) for pose, turn in turned]
         types = ros1_types() if self._ros1 else self._types
         latched: dict[str, Any] = {"latching": 1} if self._ros1 else {"offered_qos_profiles": [_LATCHED]}
         connection = self._bag.add_connection("/tf_static", TRANSFORM, typestore=types, **latched)
@@ -113,8 +113,8 @@ class RosWriter(RecordingWriter):
         self._bag.write(self._connections[camera], received_ns, self._serialize(message, _IMAGE))
         if camera in self._infos:
             connection, info = self._infos[camera]
-            made = self._messages.new_info(info, picture.stamp_ns, self._frame_ids[camera])
-            self._bag.write(connection, received_ns, made)
+            message = self._messages.new_info(info, picture.stamp_ns, self._frame_ids[camera])
+            self._bag.write(connection, received_ns, message)
 
     def close(self) -> None:
         """Close the bag."""
