@@ -54,7 +54,7 @@ bench-detection: setup  ## accuracy of the detectors on simulated walks, and thr
 bench-timeoffset: setup  ## how well the offset between the clocks is found from a walk
 	$(BIN)/python -m benchmarks.clock_offset
 
-bench-paper: setup  ## the paper's two recordings, simulated: what vertices, clocks, clicks and the model each add
+bench-paper: setup  ## the paper's two recordings, simulated, beside the errors that it reports; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.paper
 
 bench-accuracy: setup  ## how often the solver ends on the optimum, and whether its error bars hold; RIGS=50 for a short form

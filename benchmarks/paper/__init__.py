@@ -1,1 +1,1 @@
-"""The paper's two recordings, simulated: what the vertices, the clocks, the clicks and the model each add."""
+"""The paper's two recordings, simulated, beside the errors that it reports."""

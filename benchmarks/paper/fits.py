@@ -68,8 +68,3 @@ def errors_of_truth(fitted: Fitted, camera: SimulatedCamera, points: Floats) -> 
     seen = camera.sees(truly)
     pixels, violation = fitted.project(points[seen])
     return distances_px(pixels, violation, truly[seen], image_diagonal_px(fitted.intrinsics["image_size"]))
-
-
-def rms(values: Floats) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(values * values)))

@@ -1,14 +1,14 @@
-"""Pairs of a recording as people would make them, with any source of error switched off."""
+"""Pairs of a recording as people would make them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Final, Literal
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.paper.recordings import Walked, times_of
+from benchmarks.paper.recordings import Walked
 from workers.simulation.camera import SimulatedCamera
 from workers.vertices.pairing import pair, pair_interpolated
 
@@ -17,24 +17,6 @@ Floats = NDArray[np.float64]
 CLICK_PX: Final = 1.0
 OFFSET_NS: Final = 30_000_000
 _MAX_GAP_NS: Final = 50_000_000
-
-
-@dataclass(frozen=True)
-class Switches:
-    """Which errors there are."""
-
-    vertices: bool = True
-    clocks: bool = True
-    clicks: bool = True
-
-
-@dataclass(frozen=True)
-class Way:
-    """How vertices become pairs: the detector, nearest frames or a track moved to the frames, a known offset."""
-
-    detector: str
-    mode: Literal["nearest", "interpolate"] = "nearest"
-    offset_ns: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,38 +30,34 @@ class Pairs:
     covariance: Floats
 
 
-def make_pairs(walked: Walked, camera: SimulatedCamera, way: Way, switches: Switches, repeat: int) -> Pairs:
-    """As many pairs as the paper has, spread evenly over what the detector found and the camera saw."""
-    vertices = walked.vertices[way.detector]
-    times = times_of(vertices)
-    offset = OFFSET_NS if switches.clocks else 0
-    known = way.offset_ns if switches.clocks else 0
+def make_pairs(
+    walked: Walked,
+    camera: SimulatedCamera,
+    detector: str,
+    offset_ns: int | None,
+    repeat: int,
+    click_px: float = CLICK_PX,
+) -> Pairs:
+    """As many pairs as the paper has, spread evenly over what the detector found and the camera saw.
+
+    offset_ns: of the clocks; vertices are then moved to the frames. None: it is not known, each takes the nearest.
+    """
+    vertices = walked.vertices[detector]
     taken = walked.frame_times_ns(repeat)
-    covariance = np.array([vertex.covariance or np.full((3, 3), np.nan) for vertex in vertices], np.float64)
+    stamps = taken + OFFSET_NS
     points = np.array([vertex.xyz for vertex in vertices])
-    measured = times
-    if not switches.clocks:
-        index = np.arange(len(times))
-        taken = times  # a frame at the very moment of each vertex
-    elif way.mode == "nearest":
-        index, _ = pair(times, taken + offset, offset_ns=known, max_gap_ns=_MAX_GAP_NS)
+    covariance = np.array([vertex.covariance or np.full((3, 3), np.nan) for vertex in vertices], np.float64)
+    if offset_ns is None:
+        index, _ = pair([vertex.time_ns for vertex in vertices], stamps, max_gap_ns=_MAX_GAP_NS)
     else:
-        moved = pair_interpolated(vertices, taken + offset, offset_ns=known, max_gap_ns=_MAX_GAP_NS)
+        moved = pair_interpolated(vertices, stamps, offset_ns=offset_ns, max_gap_ns=_MAX_GAP_NS)
         index, points, covariance = moved.index, moved.xyz, moved.covariance
-        measured = times + moved.moved_ns
     chosen = _chosen(walked, camera, index, taken)
     frames = index[chosen]
     marks = camera.project(walked.apex(taken[frames]))
-    if switches.clicks:
-        random = np.random.default_rng([walked.wanted.seed, 22, repeat])
-        marks = marks + random.normal(0.0, CLICK_PX, marks.shape)
-    truly = walked.apex(measured[chosen])
-    return Pairs(
-        points=points[chosen] if switches.vertices else truly,
-        marks=marks,
-        stamps_ns=taken[frames] + offset,
-        covariance=covariance[chosen] if switches.vertices else np.full((len(chosen), 3, 3), np.nan),
-    )
+    random = np.random.default_rng([walked.wanted.seed, 22, repeat])
+    marks = marks + random.normal(0.0, click_px, marks.shape)
+    return Pairs(points[chosen], marks, stamps[frames], covariance[chosen])
 
 
 def _chosen(
@@ -101,8 +79,3 @@ def weights_of(pairs: Pairs, focal_px: float) -> Floats:
     spread = 0.5 * (pairs.covariance[:, 0, 0] * np.cos(elevation) ** 2 + pairs.covariance[:, 1, 1])
     variance = focal_px**2 * spread
     return np.where(np.isfinite(variance), CLICK_PX**2 / (CLICK_PX**2 + variance), 1.0)
-
-
-def without(switches: Switches, name: str) -> Switches:
-    """The same with one source of errors off; unknown names change nothing."""
-    return replace(switches, **{name: False}) if name in vars(switches) else switches

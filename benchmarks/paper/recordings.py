@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final
@@ -141,8 +140,3 @@ def field_points(ground_z: float) -> Floats:
     x, y, z = np.meshgrid(np.arange(4.0, 32.1, 1.0), np.arange(-5.0, 5.1, 0.5), np.arange(1.2, 2.5, 0.3))
     points = np.column_stack([x.ravel(), y.ravel(), ground_z + z.ravel()])
     return points[np.abs(points[:, 1]) < points[:, 0] * np.tan(np.deg2rad(50.0))]
-
-
-def times_of(vertices: Sequence[Vertex]) -> NDArray[np.int64]:
-    """(N,) when the vertices were measured."""
-    return np.array([vertex.time_ns for vertex in vertices], np.int64)

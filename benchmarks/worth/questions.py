@@ -12,8 +12,6 @@ from benchmarks.accuracy.rigs import PAIRS, Rig, draw_rig, with_outliers
 from benchmarks.worth.methods import Case, compare
 from benchmarks.worth.mistakes import other_corner, slipped_run, swapped_neighbours
 from benchmarks.worth.walks import (
-    all_round,
-    camera_with_view,
     field,
     flat_field,
     one_line,
@@ -98,12 +96,6 @@ def _on_line(model: ModelName, value: float, rng: np.random.Generator) -> Case:
     return _checked(_must(walked(rig, one_line(value, rng), PAIRS, rng)), rng)
 
 
-def _view(model: ModelName, value: float, rng: np.random.Generator) -> Case:
-    camera = camera_with_view(model, value, rng)
-    rig = _must(walked(camera, all_round(value, rng), PAIRS, rng))
-    return Case(rig, _must(walked(camera, all_round(value, rng), CHECKS, rng, noise_px=0.0)))
-
-
 def _marked(
     marking: Marking, reach_deg: float = DEFAULT_ROTATION_RANGE_DEG
 ) -> Callable[[ModelName, float, np.random.Generator], Case]:
@@ -125,7 +117,7 @@ def _anywhere(rig: Rig, share: float, rng: np.random.Generator) -> Floats:
 
 _THICKNESS_M = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 _SHARES = (10.0, 20.0, 30.0, 40.0, 50.0)
-_OF_MARKS, _VIEW = "wrong marks (% of 222)", "horizontal field of view (degrees)"
+_OF_MARKS = "wrong marks (% of 222)"
 QUESTIONS: Mapping[str, Question] = {
     "mount": Question(
         "known", "How well the mount is known", "mount known to ± (degrees)",
@@ -149,13 +141,6 @@ QUESTIONS: Mapping[str, Question] = {
     ),
     "line": Question(
         "flat", "All vertices near one line", "thickness of the line (m)", _THICKNESS_M, _on_line, logarithmic=True
-    ),
-    "view_pinhole": Question("lens", "pinhole", _VIEW, (30.0, 60.0, 90.0, 120.0), _view, ("pinhole",)),
-    "view_brown_conrady": Question(
-        "lens", "brown_conrady", _VIEW, (30.0, 60.0, 90.0, 120.0), _view, ("brown_conrady",)
-    ),
-    "view_kannala_brandt": Question(
-        "lens", "kannala_brandt", _VIEW, (60.0, 90.0, 120.0, 150.0, 180.0, 200.0), _view, ("kannala_brandt",)
     ),
 }  # fmt: skip
 

@@ -6,16 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
-from benchmarks.accuracy.rigs import DISTORTION, IMAGE_SIZES, Rig
-from workers.geometry.models import ModelName
-from workers.geometry.projection import fold_angle, image_diagonal_px, project
+from benchmarks.accuracy.rigs import Rig
+from workers.geometry.projection import project
 
 Floats = NDArray[np.float64]
 CANDIDATES = 6000
 """Vertices walked for every walk; those count that fall into the image."""
 FIELD_M = ((2.0, -5.0, -1.5), (32.0, 5.0, 1.5))
 """The paper's field before the camera: forward, left, up."""
-_FOCAL_ROOM = (0.21, 2.9)  # of f_x over the image's width, inside the default bounds
 
 
 def camera_points(rig: Rig) -> Floats:
@@ -81,36 +79,6 @@ def one_line(thickness_m: float, rng: np.random.Generator) -> Floats:
     walk = middle + rng.uniform(-14.0, 14.0, (CANDIDATES, 1)) * along
     walk += thickness_m * rng.uniform(-0.5, 0.5, walk.shape)
     return walk[walk[:, 0] > 1.0]
-
-
-def all_round(view_deg: float, rng: np.random.Generator) -> Floats:
-    """Vertices (M, 3) at 2 to 20 m in every direction that a camera of that horizontal field of view sees."""
-    azimuth = np.radians(0.5 * view_deg) * rng.uniform(-1.0, 1.0, CANDIDATES)
-    away = rng.uniform(2.0, 20.0, CANDIDATES)
-    return np.stack([away * np.cos(azimuth), away * np.sin(azimuth), rng.uniform(-1.5, 1.5, CANDIDATES)], axis=1)
-
-
-def camera_with_view(model: ModelName, view_deg: float, rng: np.random.Generator) -> Rig:
-    """A rig without pairs: a lens of that horizontal field of view, a mount within 20 degrees a axis of the nominal.
-
-    Raises ValueError where no such lens can be drawn: a pinhole sees no half circle.
-    """
-    for _ in range(5000):
-        size = IMAGE_SIZES[rng.integers(len(IMAGE_SIZES))]
-        lens = np.array([1.0, 1.0, 0.0, 0.0, *(rng.uniform(low, high) for low, high in DISTORTION[model])])
-        half = np.radians(0.5 * view_deg)
-        # Half the image's width shows half the field of view; the fold lies past it.
-        edge, violation = project(model, lens, np.array([[np.sin(half), 0.0, np.cos(half)]]))
-        if violation[0] > 0.0 or fold_angle(model, lens) < 1.05 * half:
-            continue
-        f_x = 0.5 * size[0] / edge[0, 0]
-        if not _FOCAL_ROOM[0] * size[0] < f_x < _FOCAL_ROOM[1] * size[0]:
-            continue
-        lens[:2] = f_x, f_x * rng.uniform(0.98, 1.02)
-        lens[2:4] = 0.5 * np.array(size) + 0.01 * image_diagonal_px(size) * rng.normal(size=2)
-        mount = [*np.radians(rng.uniform(-20.0, 20.0, 3)), *rng.uniform(-0.6, 0.6, 3)]
-        return Rig(model, size, np.empty((0, 3)), np.empty((0, 2)), np.concatenate([mount, lens]))
-    raise ValueError(f"No {model} lens sees {view_deg} degrees.")
 
 
 def _mount(truth: Floats) -> tuple[Floats, Floats]:
