@@ -91,7 +91,7 @@ CEILINGS = {
     "workers/overlays": 11,
     "workers/readers": 220,
     "workers/reports": 26,
-    "workers/simulation": 0,
+    "workers/simulation": 1,
     "workers/solver": 116,
     "workers/tasks": 142,
     "workers/vertices": 145,

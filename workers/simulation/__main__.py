@@ -64,7 +64,9 @@ def _reporter(as_json: bool) -> OnProgress | None:
 
 
 def _refuse(command: str, sentence: str, as_json: bool) -> int:
-    print(json.dumps({"error": {"message": sentence}}) if as_json else f"{command}: error: {sentence}", file=sys.stderr)
+    print(
+        json.dumps({"error": {"message": sentence}}) if as_json else f"{command}: error: {sentence}", file=sys.stderr
+    )
     return 2
 
 

@@ -37,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
     command.add_argument("--json", action="store_true", help="print the summary as one JSON object")
-    command.add_argument("--progress-json", action="store_true", help="print progress as JSON lines, then the summary")
+    command.add_argument("--progress-json", action="store_true", help="print progress too, as JSON lines")
     groups = {name: command.add_argument_group(name) for name in _GROUPS}
     for name in sorted(SimulationOptions.model_fields, key=Disturbances.model_fields.__contains__):
         field = SimulationOptions.model_fields[name]
