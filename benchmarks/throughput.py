@@ -31,7 +31,7 @@ from apexcal.documents.detectors import DETECTORS
 from apexcal.documents.simulation import SimulationOptions
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.lidar_file import LidarFile
-from workers.readers.normalised.manifest import Manifest
+from workers.readers.normalised.manifest import RecordingManifest
 from workers.simulation.background import paint_background
 from workers.simulation.render import Renderer, encode_jpeg
 from workers.simulation.rig import START_NS, SimulatedRig
@@ -105,7 +105,7 @@ def _ingestion(source: Path, out: Path, seconds: float) -> dict[str, float]:
     wall: list[float] = []
     cpu: list[float] = []
     bare: list[float] = []
-    manifest: Manifest | None = None
+    manifest: RecordingManifest | None = None
     with _one_core():
         for _ in range(_ROUNDS):
             shutil.rmtree(out, ignore_errors=True)

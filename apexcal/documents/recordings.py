@@ -205,7 +205,7 @@ class SensorFacts(Document):
     missing: int = 0
     jumps: list[Gap] = []
     backwards: int = 0
-    twins: int = 0
+    duplicates: int = 0
     stamp_convention: StampConvention | None = None
     time_source: str | None = None
     ring_count: int | None = None

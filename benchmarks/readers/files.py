@@ -1,4 +1,4 @@
-"""The files that are read: a simulated walk in each container, real ones, damaged ones and bombs."""
+"""The files that are read: a simulated walk in each container, damaged ones and bombs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from workers.readers.detect import open_recording
 from workers.readers.recording import Sweep
 from workers.simulation.simulate import simulate
 
-_DATA = Path(__file__).parents[3] / "shared" / "data"
 _NOISE_BYTES = 16
 _HUGE = 1 << 62
 _BOMB_BYTES = 2 * 1024**3
@@ -35,14 +34,6 @@ def whole(folder: Path, seconds: float) -> dict[str, Path]:
         (files[name],) = (folder / name).rglob(f"*.{name}")
     files["foxglove"] = _foxglove(files["mcap"], folder / "foxglove.mcap")
     return files
-
-
-def real() -> Iterator[tuple[str, Path]]:
-    """(container, file) of the recordings at ../shared/data."""
-    for file in sorted(_DATA.rglob("*.db3")):
-        yield "db3", file
-    for file in sorted(_DATA.rglob("*.pcap")):
-        yield "pcap", file
 
 
 def _foxglove(source: Path, path: Path) -> Path:
@@ -75,32 +66,16 @@ def damaged(path: Path, folder: Path, count: int) -> Iterator[tuple[str, Path]]:
 
 def bombs(files: dict[str, Path], folder: Path) -> Iterator[tuple[str, str, Path]]:
     """(container, what is wrong, file) of small files that claim to be huge, or are."""
-    chunk = struct.pack("<QQQI", 0, 1, _BOMB_BYTES, 0) + struct.pack("<I", 4) + b"zstd"
-    packed = zstandard.ZstdCompressor(level=1).compress(bytes(_BOMB_BYTES))
-    chunk += struct.pack("<Q", len(packed)) + packed
     header = struct.pack("<BQ", 1, 8) + bytes(8)
-    yield (
-        "mcap",
-        "2 GiB in a chunk of zeros",
-        _write(folder / "chunk.mcap", _MAGIC + header + struct.pack("<BQ", 6, len(chunk)) + chunk),
-    )
-    lie = chunk[:16] + struct.pack("<Q", 1000) + chunk[24:]
-    yield (
-        "mcap",
-        "2 GiB in a chunk that claims 1 kB",
-        _write(folder / "lie.mcap", _MAGIC + header + struct.pack("<BQ", 6, len(lie)) + lie),
-    )
-    yield (
-        "mcap",
-        "a record that claims 4 EiB",
-        _write(folder / "record.mcap", _MAGIC + header + struct.pack("<BQ", 5, _HUGE) + bytes(100)),
-    )
+    packed = zstandard.ZstdCompressor(level=1).compress(bytes(_BOMB_BYTES))
+    for what, claim in (("2 GiB in a chunk of zeros", _BOMB_BYTES), ("2 GiB in a chunk that claims 1 kB", 1000)):
+        chunk = struct.pack("<QQQII", 0, 1, claim, 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+        yield "mcap", what, _write(folder / "chunk.mcap", _MAGIC + header + struct.pack("<BQ", 6, len(chunk)) + chunk)
+    record = _MAGIC + header + struct.pack("<BQ", 5, _HUGE) + bytes(100)
+    yield "mcap", "a record that claims 4 EiB", _write(folder / "record.mcap", record)
     pcap = files["pcap"].read_bytes()[: 1 << 20]
-    yield (
-        "pcap",
-        "a packet that claims 4 GiB",
-        _write(folder / "packet.pcap", pcap[:32] + struct.pack("<II", 0xFFFFFFFF, 0xFFFFFFFF) + pcap[40:]),
-    )
+    packet = pcap[:32] + struct.pack("<II", 0xFFFFFFFF, 0xFFFFFFFF) + pcap[40:]
+    yield "pcap", "a packet that claims 4 GiB", _write(folder / "packet.pcap", packet)
     sys.path.insert(0, str(_TESTS))  # the tests have bombs of SQLite
     from making_bombs import BOMBS
 

@@ -22,17 +22,25 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
 
-from workers.readers.confine import confine
+from workers.readers.confine import add_child_options, confine
 from workers.readers.isolation.isolate import isolate
 from workers.readers.normalised.normalise import normalise
 from workers.readers.output import OutputLimitError, ReserveError, bytes_written, limit_output
-from workers.readers.progress import Pace, Progress
+from workers.readers.progress import IngestProgress, Pace
 from workers.readers.pulse import tell_beats
 from workers.readers.recording import ReadError, ReadOptions
 
 _OPTIONS: Final = (
     f"Options are {', '.join(field.name for field in fields(ReadOptions))}; leave out what is not known."
 )
+
+# What a limit raises; the starter has the words.
+_LIMITS: Final[dict[type[BaseException], str]] = {
+    MemoryError: "ingest_memory_limit",
+    OutputLimitError: "ingest_output_limit",
+    ReserveError: "ingest_disk_full",
+}
+_DISK: Final = {errno.EFBIG: "ingest_file_limit", errno.ENOSPC: "ingest_disk_full"}
 
 
 def _say(line: dict[str, Any]) -> None:
@@ -51,20 +59,14 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("out", type=Path)
     parser.add_argument("--request", type=json.loads, default={}, help="JSON: lidar, cameras, image_sizes, options")
     parser.add_argument("--also", type=Path, action="append", default=[], help="another file that the request names")
-    parser.add_argument("--parent", type=int, help="pid of the starter; the child dies with it")
-    parser.add_argument("--limits", type=json.loads, default={}, help="JSON: limits of memory, time and output")
+    add_child_options(parser)
     return parser.parse_args(argv)
 
 
 def _take_limits(arguments: argparse.Namespace) -> None:
     """Whatever holds for this process, before it opens anything."""
     limits: dict[str, int] = arguments.limits
-    confine(
-        parent=arguments.parent,
-        memory_bytes=limits.get("memory_bytes"),
-        cpu_s=limits.get("cpu_s"),
-        file_bytes=limits.get("file_bytes"),
-    )
+    confine(arguments.parent, limits)
     limit_output(limits.get("output_bytes"), limits.get("video_output_bytes"), limits.get("reserve_bytes", 0))
     if arguments.parent is not None:
         tell_beats(lambda: _say({"beat": True}))
@@ -80,18 +82,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         made = _room(request)(arguments, request)
     except ReadError as error:
         return _error(error.code, error.message, error.hint, error.fields)
-    except MemoryError:
-        return _error("ingest_memory_limit", "", "")
-    except OutputLimitError:
-        return _error("ingest_output_limit", "", "")
-    except ReserveError:
-        return _error("ingest_disk_full", "", "")
-    except OSError as error:
-        if error.errno == errno.EFBIG:
-            return _error("ingest_file_limit", "", "")
-        if error.errno == errno.ENOSPC:
-            return _error("ingest_disk_full", "", "")
-        raise
+    except (MemoryError, OutputLimitError, ReserveError, OSError) as error:
+        code = _LIMITS.get(type(error)) or _DISK.get(getattr(error, "errno", None) or 0)
+        if code is None:
+            raise
+        return _error(code, "", "")
     _say(made | {"used": _used()})
     return 0
 
@@ -135,7 +130,7 @@ def _written(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str
 
     def tell(share: float) -> None:
         if pace.due:
-            _tell(Progress(0, None, share, None))
+            _tell(IngestProgress(0, None, share, None))
 
     # Loaded before the recording is opened, and only by who needs it.
     if "copy" in request:
@@ -147,7 +142,7 @@ def _written(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str
     return {"file": write_viewer_file(arguments.source, arguments.out, request["view"], tell)}
 
 
-def _tell(progress: Progress) -> None:
+def _tell(progress: IngestProgress) -> None:
     _say({"progress": asdict(progress)})
 
 

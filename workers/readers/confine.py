@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 import ctypes
+import json
 import os
 import resource
 import signal
 import sys
+from collections.abc import Mapping
 from typing import Final
 
 _PR_SET_PDEATHSIG: Final = 1
@@ -14,7 +17,13 @@ _PR_SET_PDEATHSIG: Final = 1
 _OPEN_FILES: Final = 1024
 
 
-def confine(*, parent: int | None, memory_bytes: int | None, cpu_s: int | None, file_bytes: int | None) -> None:
+def add_child_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that a starter gives to every child."""
+    parser.add_argument("--parent", type=int, help="pid of the starter; the child dies with it")
+    parser.add_argument("--limits", type=json.loads, default={}, help="JSON: limits of memory, time and output")
+
+
+def confine(parent: int | None, limits: Mapping[str, int]) -> None:
     """Die with the parent, and hold to limits of memory, CPU time and file size.
 
     The process limits itself, before it opens anything, instead of in a ``preexec_fn``: that would run Python
@@ -23,9 +32,9 @@ def confine(*, parent: int | None, memory_bytes: int | None, cpu_s: int | None, 
     Args:
         parent: pid of the starter; None: live on alone. Linux sends the signal when the **thread** that started this
             process ends, so that thread must wait for it.
-        memory_bytes: address space (RLIMIT_AS); allocations beyond it fail with MemoryError.
-        cpu_s: processor seconds (RLIMIT_CPU); beyond it SIGXCPU ends the process.
-        file_bytes: size of any file that is written (RLIMIT_FSIZE); beyond it writes fail with EFBIG.
+        limits: ``memory_bytes``: address space (RLIMIT_AS); allocations beyond it fail with MemoryError.
+            ``cpu_s``: processor seconds (RLIMIT_CPU); beyond it SIGXCPU ends the process.
+            ``file_bytes``: size of any file that is written (RLIMIT_FSIZE); beyond it writes fail with EFBIG.
     """
     if parent is not None:
         if sys.platform == "linux":
@@ -34,10 +43,12 @@ def confine(*, parent: int | None, memory_bytes: int | None, cpu_s: int | None, 
             os._exit(1)
         open_files = min(_OPEN_FILES, resource.getrlimit(resource.RLIMIT_NOFILE)[1])
         resource.setrlimit(resource.RLIMIT_NOFILE, (open_files, open_files))
-    limits = ((resource.RLIMIT_AS, memory_bytes), (resource.RLIMIT_FSIZE, file_bytes))
-    for kind, limit in limits:
-        if limit is not None:
-            resource.setrlimit(kind, (limit, limit))
-    if cpu_s is not None:
-        resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))
+    # SIGXCPU comes at the first limit of time; SIGKILL would at the second.
+    for kind, name, more in (
+        (resource.RLIMIT_AS, "memory_bytes", 0),
+        (resource.RLIMIT_FSIZE, "file_bytes", 0),
+        (resource.RLIMIT_CPU, "cpu_s", 1),
+    ):
+        if name in limits:
+            resource.setrlimit(kind, (limits[name], limits[name] + more))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Generator
+from contextlib import contextmanager
 
 from workers.readers.bounded import ExpandsError
 from workers.readers.recording import ReadError
-from workers.readers.ros.topic_messages import Decoder, Message
 
 # What decoding code raises when records contradict each other; libraries' own classes are named by their users.
 _CONTRADICTIONS = (
@@ -50,16 +49,6 @@ def damage(name: str, what: str, hint: str, *kinds: type[Exception]) -> Generato
         if error.errno is not None:
             raise
         raise _damaged(name, what, hint, f"a compressed part does not decompress ({error})") from error
-
-
-def damage_proof(decode: Decoder, guard: Callable[[], AbstractContextManager[None]]) -> Decoder:
-    """A decoder whose exceptions go through a guard."""
-
-    def guarded(raw: bytes) -> Message:
-        with guard():
-            return decode(raw)
-
-    return guarded
 
 
 def _damaged(name: str, what: str, hint: str, why: str) -> ReadError:

@@ -18,7 +18,7 @@ FORMATS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Format:
+class FileFormat:
     """A format of one file, told by its first bytes; its reader is imported only when it is met.
 
     Attributes:
@@ -64,18 +64,18 @@ def _is_video(head: bytes) -> bool:
 
 
 # A format of one file is one module with one class, and one line here.
-FILES: Final[tuple[Format, ...]] = (
-    Format("a ROS 1 bag", "workers.readers.ros.rosbag1", "Rosbag1Recording", _starts(b"#ROSBAG V2.0\n")),
-    Format("a ROS 2 bag", "workers.readers.ros.rosbag2", "Rosbag2Recording", _starts(b"SQLite format 3\0")),
-    Format("an MCAP file", "workers.readers.ros.rosbag2", "Rosbag2Recording", _starts(b"\x89MCAP0\r\n")),
-    Format(
+FILES: Final[tuple[FileFormat, ...]] = (
+    FileFormat("a ROS 1 bag", "workers.readers.ros.rosbag1", "Rosbag1Recording", _starts(b"#ROSBAG V2.0\n")),
+    FileFormat("a ROS 2 bag", "workers.readers.ros.rosbag2", "Rosbag2Recording", _starts(b"SQLite format 3\0")),
+    FileFormat("an MCAP file", "workers.readers.ros.rosbag2", "Rosbag2Recording", _starts(b"\x89MCAP0\r\n")),
+    FileFormat(
         *("a packet capture", "workers.readers.captures.pcap", "PcapRecording"),
         _starts(b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\n\r\r\n"),
     ),
-    Format("a video", "workers.readers.images.video", "VideoRecording", _is_video),
+    FileFormat("a video", "workers.readers.images.video", "VideoRecording", _is_video),
 )
 # Folders and archives hold files of these formats, or clouds and images.
-TREE: Final = Format("a folder or an archive", "workers.readers.trees.folder", "FolderRecording", _is_archive)
+TREE: Final = FileFormat("a folder or an archive", "workers.readers.trees.folder", "FolderRecording", _is_archive)
 
 _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
     (b"#ROSBAG V1", "a ROS bag of version 1.x", "Convert it with `rosbag fix` or `rosbag migrate` to version 2.0."),
@@ -89,7 +89,7 @@ _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
 )
 
 
-def format_of(head: bytes) -> Format | None:
+def format_of(head: bytes) -> FileFormat | None:
     """The format of a file that begins with these bytes; None for archives and for what is not known."""
     return next((known for known in FILES if known.matches(head)), None)
 

@@ -13,39 +13,83 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final, TypedDict, Unpack, cast
 
 from workers.readers.isolation.isolate import Isolation
 from workers.readers.limits import Limits
-from workers.readers.normalised.manifest import Manifest
-from workers.readers.progress import OnProgress, Progress
+from workers.readers.normalised.manifest import RecordingManifest
+from workers.readers.progress import IngestProgress, OnProgress
 from workers.readers.recording import ReadError
 from workers.readers.supervise import TalksTooMuchError, supervise
 
+_SPLIT: Final = "Split the recording, or ask whoever runs the service to raise the limit."
+_ENDLESS: Final = (
+    "The file may be damaged, or made to keep its reader busy. If it is a real recording, split it, or raise the "
+    "limit."
+)
+# Code: what happened, and what to do.
+_REFUSALS: Final = {
+    "ingest_memory_limit": (
+        "Reading {name} took more than the {memory} of memory allowed for it.",
+        "A message in it may be damaged and claim a huge size. If it really is this large, ask whoever runs the "
+        "service to raise the limit.",
+    ),
+    "ingest_cpu_limit": (
+        "Reading {name} took more than the {limits.cpu_s} s of processor time allowed for it.",
+        _SPLIT,
+    ),
+    "ingest_time_limit": (
+        "Reading {name} took more than the {limits.wall_s:.0f} s allowed for a recording of its size.",
+        _ENDLESS,
+    ),
+    "ingest_silent": ("Reading {name} got nowhere for {limits.silence_s:.0f} s.", _ENDLESS),
+    "ingest_file_limit": ("A sensor of {name}, or a file packed in it, takes more than {file}.", _SPLIT),
+    "ingest_output_limit": (
+        "Reading {name} ({size}) would store more than a recording of its size can hold.",
+        "Its content is packed far tighter than recorders pack, or is named again and again. If it is a real "
+        "recording, upload it without compression, or ask whoever runs the service to raise the limit.",
+    ),
+    "ingest_disk_full": ("The disk was full while {name} was read.", "Make room, then try again."),
+    "ingest_killed": (
+        "The process that read {name} was killed, perhaps because the machine ran out of memory.",
+        "Try again; if it happens again, split the recording or use a larger machine.",
+    ),
+    "ingest_crashed": (
+        "The process that read {name} ended without a result ({how}).",
+        "The file may be damaged in a way that is not known yet. The original is kept; please report it.",
+    ),
+}
+_SIGNALS: Final[dict[int, str]] = {
+    signal.SIGXFSZ: "ingest_file_limit",
+    signal.SIGXCPU: "ingest_cpu_limit",
+    signal.SIGKILL: "ingest_killed",
+}
 _LOOK_AT_DISK_S: Final = 1.0
 _ROOT: Final = Path(__file__).parents[2]
 # The child decodes strangers' bytes: it gets no password that the worker's environment may hold.
-_ENVIRONMENT: Final = (
-    "PATH",
-    "LANG",
-    "LC_ALL",
-    "LD_LIBRARY_PATH",
-    "VIRTUAL_ENV",
-    "PYTHONPATH",
-    "PYTHONHOME",
-)
+_ENVIRONMENT: Final = ("PATH", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "VIRTUAL_ENV", "PYTHONPATH", "PYTHONHOME")
+
+
+class Terms(TypedDict, total=False):
+    """How a child is watched.
+
+    Attributes:
+        limits: what it may take.
+        name: what its owner calls the recording, for messages; None: the name of the file.
+        on_progress: called a few times a second while messages are read.
+        must_stop: called a few times a second in any case. What one of them raises kills the child and comes out of
+            the call.
+    """
+
+    limits: Limits | None
+    name: str | None
+    on_progress: OnProgress | None
+    must_stop: Callable[[], None] | None
 
 
 def ingest_limited(
-    source: str | Path,
-    out_dir: str | Path,
-    request: Mapping[str, Any],
-    *,
-    limits: Limits | None = None,
-    name: str | None = None,
-    on_progress: OnProgress | None = None,
-    must_stop: Callable[[], None] | None = None,
-) -> Manifest:
+    source: str | Path, out_dir: str | Path, request: Mapping[str, Any], **terms: Unpack[Terms]
+) -> RecordingManifest:
     """Normalise a recording in a child process; see :func:`workers.readers.normalised.normalise.normalise`.
 
     The child dies with this process, and with the thread that calls this function. After any error ``out_dir`` is
@@ -56,11 +100,7 @@ def ingest_limited(
         out_dir: a folder that is not there yet, or is empty.
         request: ``lidar`` (topic), ``cameras`` (names, or names with topics), ``image_sizes`` (names with width and
             height) and ``options`` (the fields of :class:`ReadOptions`), each of them optional.
-        limits: what it may take.
-        name: what its owner calls the recording, for messages; None: the name of ``source``.
-        on_progress: called a few times a second while messages are read.
-        must_stop: called a few times a second in any case. What one of them raises kills the child and comes out of
-            here.
+        terms: see :class:`Terms`.
 
     Raises:
         ReadError: the recording cannot be used, or ``request_invalid``, ``ingest_memory_limit``,
@@ -68,19 +108,11 @@ def ingest_limited(
             ``ingest_output_limit``, ``ingest_disk_full``, ``ingest_crashed``, ``ingest_killed``.
         ValueError: ``out_dir`` holds something.
     """
-    made = _limited([Path(source)], Path(out_dir), request, limits, name, on_progress, must_stop)
-    return Manifest.from_json(made["manifest"])
+    return RecordingManifest.from_json(_limited([Path(source)], Path(out_dir), request, **terms)["manifest"])
 
 
 def write_limited(
-    sources: Sequence[Path],
-    out_dir: Path,
-    request: Mapping[str, Any],
-    *,
-    limits: Limits | None = None,
-    name: str | None = None,
-    on_progress: OnProgress | None = None,
-    must_stop: Callable[[], None] | None = None,
+    sources: Sequence[Path], out_dir: Path, request: Mapping[str, Any], **terms: Unpack[Terms]
 ) -> dict[str, Any]:
     """Write one file in a child process, from files that it alone may read.
 
@@ -88,7 +120,7 @@ def write_limited(
         sources: the first is what is read; the others are named in the request.
         request: ``copy`` (see :func:`workers.readers.copying.copy_recording.copy_recording`) or ``view`` (see
             :func:`workers.readers.viewing.viewer_file.write_viewer_file`), which say what is returned.
-        limits, name, on_progress, must_stop: as of :func:`ingest_limited`.
+        terms: see :class:`Terms`.
 
     Returns:
         ``file`` is a bare name in ``out_dir``.
@@ -97,38 +129,28 @@ def write_limited(
         ReadError: the file cannot be written, or as :func:`ingest_limited` does.
         ValueError: ``out_dir`` holds something, or the child named no file in it.
     """
-    made: dict[str, Any] = _limited(sources, out_dir, request, limits, name, on_progress, must_stop)["file"]
-    if Path(str(made["file"])).name != made["file"] or not (out_dir / made["file"]).is_file():
-        raise ValueError(f"{made['file']!r} is no file that was written")
-    return made
+    answer: dict[str, Any] = _limited(sources, out_dir, request, **terms)["file"]
+    if Path(str(answer["file"])).name != answer["file"] or not (out_dir / answer["file"]).is_file():
+        raise ValueError(f"{answer['file']!r} is no file that was written")
+    return answer
 
 
 def _limited(
-    sources: Sequence[Path],
-    out: Path,
-    request: Mapping[str, Any],
-    limits: Limits | None,
-    name: str | None,
-    on_progress: OnProgress | None,
-    must_stop: Callable[[], None] | None,
+    sources: Sequence[Path], out: Path, request: Mapping[str, Any], **terms: Unpack[Terms]
 ) -> dict[str, Any]:
-    """The last word of the child that does what is requested."""
-    source = sources[0]
+    """Return the last word of the child that does what is requested."""
     out.mkdir(parents=True, exist_ok=True)
     if any(out.iterdir()):
         raise ValueError(f"{out} is not empty")
     try:
         # What the child unpacks lies beside its results, and goes although the child may be killed.
         with tempfile.TemporaryDirectory(prefix="unpacking-", dir=out.parent) as scratch:
-            ingestion = _Ingestion(sources, out, Path(scratch), limits or Limits(), name or source.name)
-            return ingestion.run(request, on_progress, must_stop)
-    except ReadError as error:
+            return _Ingestion(sources, out, Path(scratch), terms).run(request)
+    except BaseException as error:
         shutil.rmtree(out, ignore_errors=True)
-        if name is not None:
-            error.message = _renamed(error.message, source.name, name)
-        raise
-    except BaseException:
-        shutil.rmtree(out, ignore_errors=True)
+        name = terms.get("name")
+        if isinstance(error, ReadError) and name is not None:
+            error.message = _renamed(error.message, sources[0].name, name)
         raise
 
 
@@ -148,37 +170,47 @@ def isolation_here() -> Isolation:
 
 
 def child_environment() -> dict[str, str]:
-    """What the children that decode strangers' bytes are given of this environment."""
-    return {key: os.environ[key] for key in _ENVIRONMENT if key in os.environ}
+    """Return what the children that decode strangers' bytes get of this environment."""
+    # One thread: every further one of OpenBLAS reserves address space.
+    one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1")
+    return {key: os.environ[key] for key in _ENVIRONMENT if key in os.environ} | one_thread
+
+
+def child_command(module: str, source: Path, out: Path, limits: Mapping[str, Any], *more: str) -> list[str]:
+    """Return the command that starts a child; ``workers.readers.confine`` reads its last two options."""
+    paths = (os.fspath(path.absolute()) for path in (source, out))
+    return [sys.executable, "-m", module, *paths, *more, "--parent", str(os.getpid()), "--limits", json.dumps(limits)]
 
 
 class _Ingestion:
     """One child, and what its starter watches."""
 
-    def __init__(self, sources: Sequence[Path], out: Path, scratch: Path, limits: Limits, name: str) -> None:
+    def __init__(self, sources: Sequence[Path], out: Path, scratch: Path, terms: Terms) -> None:
         self._sources, self._out, self._scratch = sources, out, scratch
-        self._limits, self._name = limits, name
+        self._limits = terms.get("limits") or Limits()
+        self._name = terms.get("name") or sources[0].name
+        self._on_progress, self._must_stop = terms.get("on_progress"), terms.get("must_stop")
         self._size = sum(map(_bytes_of, sources))
         self._last: dict[str, Any] = {}
-        self._on_progress: OnProgress | None = None
-        self._must_stop: Callable[[], None] | None = None
         self._began = self._heard = time.monotonic()
         self._disk_due = 0.0
 
-    def run(
-        self, request: Mapping[str, Any], on_progress: OnProgress | None, must_stop: Callable[[], None] | None
-    ) -> dict[str, Any]:
-        """Start the child and follow it to its end; its last word."""
-        self._on_progress, self._must_stop = on_progress, must_stop
-        # One thread: every further one of OpenBLAS reserves address space.
-        one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1")
-        environment = child_environment() | one | {"TMPDIR": str(self._scratch.resolve())}
+    def run(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Start the child and follow it to its end; return its last word."""
+        environment = child_environment() | {"TMPDIR": str(self._scratch.resolve())}
+        limits = {name: getattr(self._limits, name) for name in ("memory_bytes", "cpu_s", "file_bytes")}
+        limits |= {
+            "output_bytes": self._limits.output_bytes(self._size, video=False),
+            "video_output_bytes": self._limits.output_bytes(self._size, video=True),
+            "reserve_bytes": self._limits.reserve_bytes,
+        }
+        more = (word for path in self._sources[1:] for word in ("--also", os.fspath(path.absolute())))
+        words = (*more, "--request", json.dumps(dict(request)))
+        command = child_command("workers.readers", self._sources[0], self._out, limits, *words)
         try:
-            ended = supervise(
-                self._command(request), folder=_ROOT, environment=environment, take=self._take, look=self._look
-            )
+            ended = supervise(command, folder=_ROOT, environment=environment, take=self._take, look=self._look)
         except TalksTooMuchError as error:
-            raise self._crashed("it printed without end") from error
+            raise self._refused("ingest_crashed", "it printed without end") from error
         if "error" not in self._last:
             self._look_at_disk()  # a fast disk takes gigabytes between two looks
         if ended.code == 0 and ("manifest" in self._last or "file" in self._last):
@@ -187,22 +219,6 @@ class _Ingestion:
         if ended.complaint:
             raised.add_note(f"The reading process said:\n{ended.complaint}")
         raise raised
-
-    def _command(self, request: Mapping[str, Any]) -> list[str]:
-        limits = {
-            "memory_bytes": self._limits.memory_bytes,
-            "cpu_s": self._limits.cpu_s,
-            "file_bytes": self._limits.file_bytes,
-            "output_bytes": self._limits.output_bytes(self._size, video=False),
-            "video_output_bytes": self._limits.output_bytes(self._size, video=True),
-            "reserve_bytes": self._limits.reserve_bytes,
-        }
-        return [
-            *(sys.executable, "-m", "workers.readers"),
-            *(os.fspath(self._sources[0].absolute()), os.fspath(self._out.absolute())),
-            *(word for one in self._sources[1:] for word in ("--also", os.fspath(one.absolute()))),
-            *("--request", json.dumps(dict(request)), "--parent", str(os.getpid()), "--limits", json.dumps(limits)),
-        ]
 
     def _take(self, line: bytes) -> None:
         """A line of the child: progress, a sign of life, or its last word."""
@@ -216,7 +232,7 @@ class _Ingestion:
         spoken = cast("dict[str, Any]", said)
         if "progress" in spoken:
             if self._on_progress is not None:
-                self._on_progress(Progress(**spoken["progress"]))
+                self._on_progress(IngestProgress(**spoken["progress"]))
         elif "beat" not in spoken:
             self._last = spoken
 
@@ -225,13 +241,10 @@ class _Ingestion:
         if self._must_stop is not None:
             self._must_stop()
         now = time.monotonic()
-        limits = self._limits
-        if now - self._began > limits.wall_s:
-            raise self._refused(
-                "ingest_time_limit", f"took more than the {limits.wall_s:.0f} s allowed for a recording of its size"
-            )
-        if now - self._heard > limits.silence_s:
-            raise self._refused("ingest_silent", f"got nowhere for {limits.silence_s:.0f} s")
+        if now - self._began > self._limits.wall_s:
+            raise self._refused("ingest_time_limit")
+        if now - self._heard > self._limits.silence_s:
+            raise self._refused("ingest_silent")
         if now >= self._disk_due:
             self._look_at_disk()
             # Ten thousand files in a folder took 0.07 s to look at.
@@ -240,73 +253,24 @@ class _Ingestion:
     def _look_at_disk(self) -> None:
         """The child counts what it writes; this check also holds where an upload has taken the child over."""
         if _stored(self._out) + _stored(self._scratch) > self._limits.output_bytes(self._size, video=True):
-            raise self._grown()
+            raise self._refused("ingest_output_limit")
         if shutil.disk_usage(self._out).free < self._limits.reserve_bytes:
-            raise self._disk_full()
+            raise self._refused("ingest_disk_full")
 
-    def _explain(self, code: int, error: Mapping[str, Any] | None, stderr: str) -> ReadError:
-        kind = error["code"] if error else ""
-        limits, name = self._limits, self._name
+    def _explain(self, code: int, error: Mapping[str, Any] | None, complaint: str) -> ReadError:
         if error and error["message"]:
-            return ReadError(kind, error["message"], error["hint"], error["fields"])
-        if kind == "ingest_memory_limit" or "MemoryError" in stderr or "std::bad_alloc" in stderr:
-            return ReadError(
-                "ingest_memory_limit",
-                f"Reading {name} took more than the {_size(limits.memory_bytes)} of memory allowed for it.",
-                "A message in it may be damaged and claim a huge size. If it really is this large, ask whoever "
-                "runs the service to raise the limit.",
-            )
-        if kind == "ingest_file_limit" or code == -signal.SIGXFSZ:
-            return ReadError(
-                "ingest_file_limit",
-                f"A sensor of {name}, or a file packed in it, takes more than {_size(limits.file_bytes)}.",
-                "Split the recording, or ask whoever runs the service to raise the limit.",
-            )
-        if kind == "ingest_output_limit":
-            return self._grown()
-        if kind == "ingest_disk_full":
-            return self._disk_full()
-        if code == -signal.SIGXCPU:
-            return ReadError(
-                "ingest_cpu_limit",
-                f"Reading {name} took more than the {limits.cpu_s} s of processor time allowed for it.",
-                "Split the recording, or ask whoever runs the service to raise the limit.",
-            )
-        if code == -signal.SIGKILL:
-            return ReadError(
-                "ingest_killed",
-                f"The process that read {name} was killed, perhaps because the machine ran out of memory.",
-                "Try again; if it happens again, split the recording or use a larger machine.",
-            )
-        return self._crashed(f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}")
+            return ReadError(error["code"], error["message"], error["hint"], error["fields"])
+        if "MemoryError" in complaint or "std::bad_alloc" in complaint:
+            return self._refused("ingest_memory_limit")
+        how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        return self._refused(error["code"] if error else _SIGNALS.get(-code, "ingest_crashed"), how)
 
-    def _refused(self, code: str, why: str) -> ReadError:
-        return ReadError(
-            code,
-            f"Reading {self._name} {why}.",
-            "The file may be damaged, or made to keep its reader busy. If it is a real recording, split it, or raise "
-            "the limit.",
-        )
-
-    def _grown(self) -> ReadError:
-        return ReadError(
-            "ingest_output_limit",
-            f"Reading {self._name} ({_size(self._size)}) would store more than a recording of its size can hold.",
-            "Its content is packed far tighter than recorders pack, or is named again and again. If it is a real "
-            "recording, upload it without compression, or ask whoever runs the service to raise the limit.",
-        )
-
-    def _disk_full(self) -> ReadError:
-        return ReadError(
-            "ingest_disk_full", f"The disk was full while {self._name} was read.", "Make room, then try again."
-        )
-
-    def _crashed(self, how: str) -> ReadError:
-        return ReadError(
-            "ingest_crashed",
-            f"The process that read {self._name} ended without a result ({how}).",
-            "The file may be damaged in a way that is not known yet. The original is kept; please report it.",
-        )
+    def _refused(self, code: str, how: str = "") -> ReadError:
+        code = code if code in _REFUSALS else "ingest_crashed"
+        message, hint = _REFUSALS[code]
+        sizes = {"memory": self._limits.memory_bytes, "file": self._limits.file_bytes, "size": self._size}
+        words = {name: _size(count) for name, count in sizes.items()}
+        return ReadError(code, message.format(name=self._name, how=how, limits=self._limits, **words), hint)
 
 
 def _bytes_of(source: Path) -> int:

@@ -13,7 +13,7 @@ _SETTLED_SHARE: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class IngestProgress:
     """A moment of an ingestion.
 
     Attributes:
@@ -29,11 +29,11 @@ class Progress:
     seconds_left: float | None
 
 
-OnProgress = Callable[[Progress], None]
+OnProgress = Callable[[IngestProgress], None]
 
 
 class Pace:
-    """Turns counts into :class:`Progress` while time passes."""
+    """Turns counts into :class:`IngestProgress` while time passes."""
 
     def __init__(self, total: int | None) -> None:
         self._total = total
@@ -49,7 +49,7 @@ class Pace:
         self._next = now + _EVERY_S
         return True
 
-    def at(self, done: int, share_read: float | None) -> Progress:
+    def at(self, done: int, share_read: float | None) -> IngestProgress:
         """The progress after ``done`` messages.
 
         Args:
@@ -60,4 +60,4 @@ class Pace:
         spent = time.monotonic() - self._started
         settled = share is not None and share > _SETTLED_SHARE and spent > _SETTLED_S
         left = spent * (1.0 - share) / share if share is not None and settled else None
-        return Progress(done, self._total, share, left)
+        return IngestProgress(done, self._total, share, left)

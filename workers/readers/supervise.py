@@ -25,7 +25,7 @@ class TalksTooMuchError(Exception):
     """The child said more than this process is ready to keep."""
 
 
-class Ended(NamedTuple):
+class ChildEnd(NamedTuple):
     """How a child ended.
 
     Attributes:
@@ -44,7 +44,7 @@ def supervise(
     environment: Mapping[str, str],
     take: Callable[[bytes], None],
     look: Callable[[], None],
-) -> Ended:
+) -> ChildEnd:
     """Start a child in a session of its own and stay with it until it ends.
 
     Args:
@@ -70,7 +70,7 @@ def supervise(
             complaint = _listen(child.pid, spoken, complained, _Lines(take), look)
         finally:
             _kill(child)
-    return Ended(child.returncode, complaint.decode(errors="replace"))
+    return ChildEnd(child.returncode, complaint.decode(errors="replace"))
 
 
 def _listen(pid: int, spoken: IO[bytes], complained: IO[bytes], lines: _Lines, look: Callable[[], None]) -> bytes:

@@ -18,7 +18,7 @@ const LABELS: Record<string, string> = {
   missing: "messages missing in them",
   jumps: "jumps of the clock",
   backwards: "stamps that go back",
-  twins: "stamps that are repeated",
+  duplicates: "stamps that are repeated",
   time_source: "times of the points",
   stamp_convention: "a stamp is the sweep's",
   ring_count: "rings",

@@ -1,13 +1,12 @@
 """Small whole recordings of every format, to be damaged: some kilobytes each, a LiDAR and a camera."""
 
-import io
-import tarfile
 import zipfile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import zstandard
+from formats import csv, named, npy, pcd, ply, table, tar_of, zip_of
 from making_packets import captured, packets, write_pcap, write_pcapng
 from making_recordings import (
     IMAGE,
@@ -26,14 +25,10 @@ from making_ros2 import SCAN, as_cdr, foxglove, scan, write_mcap, write_ros2
 from making_ros2 import rig as ros2_rig
 from making_videos import write_video
 from mcap.writer import CompressionType
-from pypcd4 import Encoding, PointCloud
+from pypcd4 import Encoding
 from rosbags.rosbag1 import Writer as BagWriter
 
-_PCD_FIELDS = {"x": np.float32, "y": np.float32, "z": np.float32, "intensity": np.float32, "ring": np.uint16}
-
-
-def few(columns=20):
-    return scene(rings=16, columns=columns)
+FEW = scene(rings=16, columns=20)
 
 
 def _bag(folder, compression=None):
@@ -68,59 +63,38 @@ def pcapng(folder):
     yield write_pcapng(folder / "a", captured(packets("vlp16", 1.4))).read_bytes()
 
 
-def pcd(encoding):
-    columns = [few()[name].astype(form) for name, form in _PCD_FIELDS.items()]
-    buffer = io.BytesIO()
-    PointCloud.from_points(columns, list(_PCD_FIELDS), list(_PCD_FIELDS.values())).save(buffer, encoding)
-    return buffer.getvalue()
+def _images(count=2):
+    return {f"images/{START_NS + i * PERIOD_NS}.png": png(8, 6, i) for i in range(count)}
+
+
+def _clouds(suffix, contents):
+    return {f"clouds/{START_NS + i * PERIOD_NS}.{suffix}": data for i, data in enumerate(contents)} | _images()
 
 
 def members():
-    """A folder of clouds and images, by path."""
-    files = {"timestamps.csv": b"file,stamp_ns\n"}
-    for number, encoding in enumerate((Encoding.ASCII, Encoding.BINARY, Encoding.BINARY_COMPRESSED)):
-        files[f"clouds/{number}.pcd"] = pcd(encoding)
+    """A folder of clouds and images with a table of times, by path."""
+    files = {}
+    for number, encoding in enumerate(list(Encoding)[:3]):
+        files[f"clouds/{number}.pcd"] = pcd(encoding, FEW)
         files[f"images/{number}.png"] = png(8, 6, number)
     files["images/3.jpg"] = jpeg_claiming(8, 6)
-    rows = [f"{name},{START_NS + i * PERIOD_NS}" for i, name in enumerate(n for n in files if "/" in n)]
-    files["timestamps.csv"] += "\n".join(rows).encode()
-    return files
-
-
-_PLY_FORMS = {"<": "binary_little_endian", ">": "binary_big_endian", "": "ascii"}
-
-
-def ply(order):
-    """A cloud as PLY, its numbers in this order of bytes or as text."""
-    rows = np.column_stack([few()[name] for name in _COLUMNS]).astype(np.float32)
-    lines = ["ply", f"format {_PLY_FORMS[order]} 1.0", f"element vertex {len(rows)}"]
-    lines += [*(f"property float {name}" for name in _COLUMNS), "end_header", ""]
-    text = "".join(" ".join(f"{value:.4g}" for value in row) + "\n" for row in rows).encode()
-    return "\n".join(lines).encode() + (rows.astype(f"{order}f4").tobytes() if order else text)
+    rows = [f"{name},{START_NS + i * PERIOD_NS}" for i, name in enumerate(files)]
+    return {"timestamps.csv": "\n".join(["file,stamp_ns", *rows]).encode()} | files
 
 
 def ply_members():
     """Clouds as PLY in every form; times in the names."""
-    files = {f"clouds/{START_NS + i * PERIOD_NS}.ply": ply(order) for i, order in enumerate(_PLY_FORMS)}
-    return files | _images()
+    return _clouds("ply", (ply(form, FEW) for form in ("binary_little_endian", "binary_big_endian", "ascii")))
 
 
-def tar_of(files, mode="w"):
-    buffer = io.BytesIO()
-    with tarfile.open(fileobj=buffer, mode=mode) as archive:
-        for name, data in files.items():
-            entry = tarfile.TarInfo(name)
-            entry.size = len(data)
-            archive.addfile(entry, io.BytesIO(data))
-    return buffer.getvalue()
+def array_members():
+    """Clouds as arrays, plain and with named columns."""
+    return _clouds("npy", (npy(table(FEW).astype(np.float32)), npy(named(FEW))))
 
 
-def zip_of(files, method=zipfile.ZIP_DEFLATED):
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", method) as archive:
-        for name, data in files.items():
-            archive.writestr(zipfile.ZipInfo(name), data, method)
-    return buffer.getvalue()
+def table_members():
+    """Clouds as text."""
+    return _clouds("csv", [csv(FEW)] * 2)
 
 
 def tar(folder):
@@ -138,45 +112,13 @@ def archives(folder):
 def kitti_members():
     """KITTI's raw layout."""
     moments = [f"2011-09-26 13:02:25.{964389445 + i * 103000:09d}" for i in range(3)]
-    points = few(columns=60)
-    cloud = np.column_stack([points[name] for name in ("x", "y", "z", "intensity")]).astype("<f4").tobytes()
+    cloud = table(scene(columns=60), ("x", "y", "z", "intensity")).astype("<f4").tobytes()
     files = {f"drive/velodyne_points/data/{i:010d}.bin": cloud for i in range(3)}
     files |= {f"drive/image_02/data/{i:010d}.png": png(8, 6, i) for i in range(3)}
     files |= {
         f"drive/{sensor}/timestamps.txt": "\n".join(moments).encode() for sensor in ("velodyne_points", "image_02")
     }
     return files
-
-
-_COLUMNS = ("x", "y", "z", "intensity", "ring")
-
-
-def _plain():
-    return np.column_stack([few()[name] for name in _COLUMNS]).astype(np.float32)
-
-
-def _images():
-    return {f"images/{START_NS + i * PERIOD_NS}.png": png(8, 6, i) for i in range(2)}
-
-
-def array_members():
-    """Clouds as arrays, plain and with named columns; times in the names."""
-    plain, names = _plain(), _COLUMNS
-    named = np.zeros(len(plain), [(name, np.float32) for name in names])
-    for number, name in enumerate(names):
-        named[name] = plain[:, number]
-    files = {}
-    for number, array in enumerate((plain, named)):
-        buffer = io.BytesIO()
-        np.save(buffer, array)
-        files[f"clouds/{START_NS + number * PERIOD_NS}.npy"] = buffer.getvalue()
-    return files | _images()
-
-
-def table_members():
-    """Clouds as text."""
-    rows = [",".join(_COLUMNS), *(",".join(f"{value:.4g}" for value in row) for row in _plain()[:200])]
-    return {f"clouds/{START_NS + i * PERIOD_NS}.csv": "\n".join(rows).encode() for i in range(2)} | _images()
 
 
 def mcap(folder):

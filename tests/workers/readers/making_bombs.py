@@ -5,7 +5,7 @@ import struct
 import zipfile
 
 import numpy as np
-from fuzz_seeds import pcd
+from formats import pcd
 from making_long import frame
 from making_recordings import (
     COMPRESSED,

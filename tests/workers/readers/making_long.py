@@ -5,7 +5,7 @@ import tarfile
 from io import BytesIO
 
 import numpy as np
-from fuzz_seeds import pcd
+from formats import pcd
 from making_packets import datagram, packet_ns, packets
 from making_recordings import CLOUD, COMPRESSED, PERIOD_NS, START_NS, TYPES, cloud, compressed, jpeg_claiming, scene
 from pypcd4 import Encoding

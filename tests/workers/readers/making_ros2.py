@@ -1,10 +1,14 @@
 """ROS 2 bags and MCAP files made for tests, with rosbags and mcap as drivers and recorders write them."""
 
-import base64
 import json
-import struct
 
 import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from google.protobuf.json_format import MessageToDict
 from making_recordings import (
     CLOUD,
     COMPRESSED,
@@ -18,6 +22,8 @@ from making_recordings import (
     raw_image,
     scene,
 )
+from making_recordings import TYPES as ROS1_TYPES
+from making_recordings import header as ros1_header
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -26,14 +32,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
 INFO = "sensor_msgs/msg/CameraInfo"
 SCAN = "velodyne_msgs/msg/VelodyneScan"
-TYPES.register(
-    get_types_from_msg(
-        "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n"
-        + "=" * 80
-        + "\nMSG: velodyne_msgs/VelodynePacket\nbuiltin_interfaces/Time stamp\nuint8[1206] data\n",
-        SCAN,
-    )
+_SCAN_TEXT = (
+    "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n"
+    + "=" * 80
+    + "\nMSG: velodyne_msgs/VelodynePacket\nbuiltin_interfaces/Time stamp\nuint8[1206] data\n"
 )
+for store in (TYPES, ROS1_TYPES):
+    store.register(get_types_from_msg(_SCAN_TEXT, SCAN))
 K = [1176.9, 0.0, 962.3, 0.0, 1177.7, 612.7, 0.0, 0.0, 1.0]
 # foxglove.PackedElementField.NumericType of NumPy's formats
 FOXGLOVE_TYPES = {"u1": 1, "i1": 2, "u2": 3, "i2": 4, "u4": 5, "i4": 6, "f4": 7, "f8": 8}
@@ -67,10 +72,12 @@ def info(stamp_ns, model="plumb_bob", d=(0.1, -0.2, 0.001, 0.002, 0.05), k=K, fr
     )
 
 
-def scan(stamp_ns, packets):
-    packet = TYPES.types["velodyne_msgs/msg/VelodynePacket"]
-    messages = [packet(_time(moment), np.frombuffer(data, np.uint8)) for moment, data in packets]
-    return TYPES.types[SCAN](header(stamp_ns, "velodyne"), messages)
+def scan(stamp_ns, packets, types=TYPES):
+    """Packets as a driver sends them, in the ROS whose types these are."""
+    time, packet = types.types["builtin_interfaces/msg/Time"], types.types["velodyne_msgs/msg/VelodynePacket"]
+    messages = [packet(time(*divmod(at, 10**9)), np.frombuffer(data, np.uint8)) for at, data in packets]
+    head = header(stamp_ns, "velodyne") if types is TYPES else ros1_header(stamp_ns, "velodyne")
+    return types.types[SCAN](head, messages)
 
 
 def rig(count=5, raw=False):
@@ -127,91 +134,34 @@ def as_cdr(messages):
         yield topic, kind, "cdr", log_ns, bytes(TYPES.serialize_cdr(message, kind))
 
 
-def _varint(value):
-    out = bytearray()
-    while value > 0x7F:
-        out.append(value & 0x7F | 0x80)
-        value >>= 7
-    return bytes([*out, value])
-
-
-def field(number, value):
-    """A protobuf field: bytes, text, a double's list (packed), or a (kind, int) pair: ``v`` varint, ``f`` fixed32."""
-    if isinstance(value, tuple):
-        kind, integer = value
-        if kind == "v":
-            return _varint(number << 3) + _varint(integer)
-        return _varint(number << 3 | 5) + struct.pack("<I", integer)
-    if isinstance(value, list):
-        value = struct.pack(f"<{len(value)}d", *value)
-    data = value.encode() if isinstance(value, str) else bytes(value)
-    return _varint(number << 3 | 2) + _varint(len(data)) + data
-
-
-def _timestamp(stamp_ns):
-    sec, nano = divmod(stamp_ns, 1_000_000_000)
-    return field(1, ("v", sec)) + field(2, ("v", nano))
-
-
-def foxglove(count=3, encoding="protobuf"):
+def foxglove(count=3, encoding="protobuf", frame_ns=0):
     """(topic, schema, encoding, time, bytes) of a LiDAR, two cameras and their intrinsics, as Foxglove's types."""
     dtype = layout(FIELDS, gap=1, padding=3)
     points = np.zeros(16 * 90, dtype)
     for name, values in scene().items():
         points[name] = values
-    elements = [(name, dtype.fields[name][1], FOXGLOVE_TYPES[form]) for name, form in FIELDS.items()]
-    pixels = bytes(range(144))
+    fields = [
+        PackedElementField(name=n, offset=dtype.fields[n][1], type=FOXGLOVE_TYPES[f]) for n, f in FIELDS.items()
+    ]
+    lens = {"width": 1920, "height": 1208, "distortion_model": "kannala_brandt", "D": [0.1, 0.2, 0.3, 0.4], "K": K}
+    pixels = {"width": 8, "height": 6, "encoding": "rgb8", "step": 24, "data": bytes(range(144))}
     for i in range(count):
-        stamp = START_NS + i * PERIOD_NS
-        image = png(8, 6, i)
-        if encoding == "protobuf":
-            time = field(1, _timestamp(stamp))
-            packed = b"".join(
-                field(5, field(1, name) + field(2, ("f", at)) + field(3, ("v", kind))) for name, at, kind in elements
-            )
-            size = field(2, ("f", 8)) + field(3, ("f", 6))
-            bodies = {
-                "PointCloud": time
-                + field(2, "velodyne")
-                + field(3, b"")
-                + field(4, ("f", dtype.itemsize))
-                + packed
-                + field(6, points.tobytes())
-                + field(100, "an id of a newer schema"),
-                "CompressedImage": time + field(4, "camera") + field(2, image) + field(3, "png"),
-                "RawImage": time
-                + field(7, "left")
-                + size
-                + field(4, "rgb8")
-                + field(5, ("f", 24))
-                + field(6, pixels),
-                "CameraCalibration": time
-                + field(9, "camera")
-                + field(2, ("f", 1920))
-                + field(3, ("f", 1208))
-                + field(4, "kannala_brandt")
-                + field(5, [0.1, 0.2, 0.3, 0.4])
-                + field(6, K),
-            }
-        else:
-            sec, nano = divmod(stamp, 1_000_000_000)
-            time = {"timestamp": {"sec": sec, "nsec": nano}}
-            fields = [{"name": name, "offset": at, "type": kind} for name, at, kind in elements]
-            texts = {
-                "PointCloud": {"frame_id": "velodyne", "point_stride": dtype.itemsize, "fields": fields}
-                | {"data": base64.b64encode(points.tobytes()).decode(), "pose": {}},
-                "CompressedImage": {"frame_id": "camera", "format": "png", "data": base64.b64encode(image).decode()},
-                "RawImage": {"frame_id": "left", "width": 8, "height": 6, "step": 24, "encoding": "rgb8"}
-                | {"data": base64.b64encode(pixels).decode()},
-                "CameraCalibration": {"frame_id": "camera", "width": 1920, "height": 1208, "K": K}
-                | {"distortion_model": "kannala_brandt", "D": [0.1, 0.2, 0.3, 0.4]},
-            }
-            bodies = {name: json.dumps(time | document).encode() for name, document in texts.items()}
-        topics = {
-            "PointCloud": "/lidar",
-            "CompressedImage": "/front/image",
-            "RawImage": "/left/image",
-            "CameraCalibration": "/front/calibration",
+        messages = {
+            "/lidar": PointCloud(
+                frame_id="velodyne", point_stride=dtype.itemsize, fields=fields, data=points.tobytes()
+            ),
+            "/front/image": CompressedImage(frame_id="camera", format="png", data=png(8, 6, i)),
+            "/left/image": RawImage(frame_id="left", **pixels),
+            "/front/calibration": CameraCalibration(frame_id="camera", **lens),
         }
-        for name, body in bodies.items():
-            yield topics[name], f"foxglove.{name}", encoding, stamp, body
+        for topic, message in messages.items():
+            stamp = START_NS + i * PERIOD_NS + (0 if topic == "/lidar" else frame_ns)
+            message.timestamp.FromNanoseconds(stamp)
+            if encoding == "protobuf":
+                # A field of a newer schema, number 100, is passed over.
+                body = message.SerializeToString() + b"\xa2\x06\x02id"
+            else:
+                document = MessageToDict(message, preserving_proto_field_name=True, use_integers_for_enums=True)
+                sec, nsec = divmod(stamp, 1_000_000_000)
+                body = json.dumps(document | {"timestamp": {"sec": sec, "nsec": nsec}}).encode()
+            yield topic, message.DESCRIPTOR.full_name, encoding, stamp, body

@@ -21,8 +21,9 @@ def lidar(name="/velodyne_points", fields="x y z intensity ring", count=5):
     return Sensor("lidar", name, "velodyne", count, {"fields": fields})
 
 
-def camera(name, count=5):
-    return Sensor("camera", name, "camera", count)
+def camera(name, count=5, size=None, frame_id="camera"):
+    notes = {} if size is None else {"width": str(size[0]), "height": str(size[1])}
+    return Sensor("camera", name, frame_id, count, notes)
 
 
 def chosen(sensors, lidar_name=None, cameras=None):
@@ -114,11 +115,6 @@ def test_camera_names_become_file_names(name):
     assert refused([lidar(), camera("/cam")], None, [name]).code == "camera_name_invalid"
 
 
-def seen(name, size=None, frame_id="", count=100):
-    notes = {} if size is None else {"width": str(size[0]), "height": str(size[1])}
-    return Sensor("camera", name, frame_id, count, notes)
-
-
 def guessed(topics, sizes):
     listed = Listed([lidar(), *topics])
     return {name: s.name for name, s in choose_sensors(listed, None, list(sizes), sizes).items() if name != "lidar"}
@@ -126,12 +122,12 @@ def guessed(topics, sizes):
 
 def test_the_car_with_eleven_cameras():
     places = ["front", "front_left", "front_right", "left", "right", "rear", "rear_left", "rear_right"]
-    topics = [seen(f"/camera_{place}/image_raw/compressed") for place in places]
-    topics += [seen(f"/camera_{place}/depth/image") for place in places]
+    topics = [camera(f"/camera_{place}/image_raw/compressed") for place in places]
+    topics += [camera(f"/camera_{place}/depth/image") for place in places]
     narrow = [
-        seen("/tele/image_color"),
-        seen("/svs/FisheyeTop/image"),
-        seen("/x/image", frame_id="camera_trunk_optical"),
+        camera("/tele/image_color"),
+        camera("/svs/FisheyeTop/image"),
+        camera("/x/image", frame_id="camera_trunk_optical"),
     ]
     sizes = dict.fromkeys([*places, "tele", "fisheye_top", "trunk"])
     found = guessed([*topics, *narrow], sizes)
@@ -141,10 +137,10 @@ def test_the_car_with_eleven_cameras():
 
 
 def test_images_of_another_size_are_another_camera():
-    topics = [seen("/a", (1920, 1208)), seen("/b", (640, 480)), seen("/c", (320, 240))]
+    topics = [camera("/a", size=(1920, 1208)), camera("/b", size=(640, 480)), camera("/c", size=(320, 240))]
     assert guessed(topics, {"wide": (640, 480), "tele": (1920, 1208)}) == {"wide": "/b", "tele": "/a"}
     assert guessed(topics, {"wide": (640, 480)}) == {"wide": "/b"}
-    assert guessed([seen("/a", (640, 480))], {"front": (1280, 720)}) == {
+    assert guessed([camera("/a", size=(640, 480))], {"front": (1280, 720)}) == {
         "front": "/a"
     }  # the size gets reported later
     with pytest.raises(ReadError, match="not clear"):
@@ -157,19 +153,21 @@ def test_what_is_computed_from_a_sensor_is_not_the_sensor():
     packets = Sensor("lidar", "/velodyne_packets", "velodyne", 5, {"fields": "x y z intensity ring time"})
     assert chosen([lidar(), packets], cameras=[])["lidar"] == "/velodyne_packets"  # one sensor twice, once timed
     topics = [camera("/c/image_rect_color"), camera("/c/image_raw"), camera("/c/image_color"), camera("/still", 1)]
-    assert chosen([lidar(), *(seen(t.name) for t in topics[:3]), topics[3]], cameras=["x"])["x"] == "/c/image_raw"
+    assert (
+        chosen([lidar(), *(camera(t.name, 100) for t in topics[:3]), topics[3]], cameras=["x"])["x"] == "/c/image_raw"
+    )
     assert chosen([lidar(), camera("/depth")], cameras=["x"])["x"] == "/depth"
 
 
 def test_a_program_is_told_what_there_is_to_choose_from():
-    error = refused([lidar(), seen("/one", (8, 6), "left"), seen("/two")], cameras=["front", "up"])
+    error = refused([lidar(), camera("/one", size=(8, 6), frame_id="left"), camera("/two")], cameras=["front", "up"])
     assert error.fields["cameras"] == ["front", "up"]
     one, two = error.fields["candidates"]
-    assert one == {"name": "/one", "kind": "camera", "count": 100, "frame_id": "left", "width": 8, "height": 6}
+    assert one == {"name": "/one", "kind": "camera", "count": 5, "frame_id": "left", "width": 8, "height": 6}
     assert two["name"] == "/two" and "width" not in two
     (cloud,) = refused([lidar()], "/nothing").fields["candidates"]
     assert cloud["fields"] == "x y z intensity ring"
-    many = [seen(f"/{i}") for i in range(3000)]
+    many = [camera(f"/{i}") for i in range(3000)]
     error = refused([lidar(), *many], cameras=["front"])
     assert len(error.fields["candidates"]) == 100 and len(error.message) < 5000
 

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from formats import tar_of, zip_of
 from fuzz_mutations import mutate
 from fuzz_runner import MEMORY_BYTES, RESERVE_BYTES, RESIDENT_BYTES, limits_for
-from fuzz_seeds import REPACKED, make_whole, members, tar_of, zip_of
+from fuzz_seeds import REPACKED, make_whole, members
 from making_recordings import png
 
 from workers.readers.normalised.lidar_file import LidarFile
-from workers.readers.normalised.manifest import Manifest
+from workers.readers.normalised.manifest import RecordingManifest
 
 ROOT = Path(__file__).parents[3]
 RUNNER = Path(__file__).with_name("fuzz_runner.py")
@@ -100,7 +101,7 @@ def complaint(result, runner):
 
 def broken_output(last, out):
     """What a manifest says must be there, whole, and usable without another look."""
-    manifest = Manifest.from_json(last["manifest"])
+    manifest = RecordingManifest.from_json(last["manifest"])
     with LidarFile(out / manifest.sensors[0].file) as lidar:
         if len(lidar) != manifest.sensors[0].count:
             return "the table and the file differ"

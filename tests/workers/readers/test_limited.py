@@ -118,18 +118,17 @@ def test_memory(tmp_path):
     assert "let ingestions take more memory" in error.hint
 
 
-def test_memory_too_small_for_the_libraries(small, tmp_path):
-    assert failure(small, tmp_path / "out", memory_bytes=64 * 1024**2).code == "ingest_memory_limit"
-
-
-def test_processor_time(slow, tmp_path):
-    error = failure(slow, tmp_path / "out", cpu_s=1)
-    assert error.code == "ingest_cpu_limit" and "1 s" in error.message
-
-
-def test_file_size(slow, tmp_path):
-    error = failure(slow, tmp_path / "out", file_bytes=3 * 1024**2)
-    assert error.code == "ingest_file_limit" and "3 MB" in error.message
+@pytest.mark.parametrize(
+    ("limits", "code", "reason"),
+    [
+        ({"memory_bytes": 64 * 1024**2}, "ingest_memory_limit", "64 MB"),
+        ({"cpu_s": 1}, "ingest_cpu_limit", "1 s"),
+        ({"file_bytes": 3 * 1024**2}, "ingest_file_limit", "3 MB"),
+    ],
+)
+def test_what_a_recording_may_take(slow, tmp_path, limits, code, reason):
+    error = failure(slow, tmp_path / "out", **limits)
+    assert error.code == code and reason in error.message
 
 
 def test_what_progress_raises_stops_the_child(slow, tmp_path):
@@ -177,16 +176,13 @@ def test_the_child_dies_with_its_parent(slow, tmp_path):
     assert gone_within(child, 2)
 
 
-def test_the_child_sees_no_secrets(small, tmp_path, monkeypatch):
+def test_the_child_sees_no_secrets_and_what_libraries_print_does_no_harm(small, tmp_path, monkeypatch):
     monkeypatch.setenv("APEXCAL_DATABASE_URL", "postgresql://user:secret@host")
-    # A tracing stand-in for the interpreter: writes its environment where the child would have worked.
-    spy = tmp_path / "python"
-    spy.write_text(f'#!/bin/sh\nenv > {tmp_path}/env\nexec {sys.executable} "$@"\n')
-    spy.chmod(0o755)
-    monkeypatch.setattr(limited.sys, "executable", str(spy))
-    ingest_limited(small, tmp_path / "out", {})
-    told = (tmp_path / "env").read_text()
-    assert "OPENBLAS_NUM_THREADS=1" in told and "user:secret" not in told
+    noise = "echo 'libpng warning'; echo 7; echo '[]'"
+    stand_in(tmp_path, monkeypatch, f'env > {tmp_path}/env; {noise}; exec {sys.executable} "$@"')
+    assert ingest_limited(small, tmp_path / "out", {}).sensors[0].count == 5
+    environment = (tmp_path / "env").read_text()
+    assert "OPENBLAS_NUM_THREADS=1" in environment and "user:secret" not in environment
 
 
 @pytest.mark.faults
@@ -225,14 +221,6 @@ def test_the_command_prints_json_lines(small, tmp_path):
     assert failed.returncode == 1
     error = json.loads(failed.stdout.splitlines()[-1])["error"]
     assert error["code"] == "topic_not_found" and error["fields"]["candidates"][0]["name"] == "/points"
-
-
-def test_what_libraries_print_does_no_harm(small, tmp_path, monkeypatch):
-    noisy = tmp_path / "python"
-    noisy.write_text(f"#!/bin/sh\necho 'libpng warning'; echo 7; echo '[]'\nexec {sys.executable} \"$@\"\n")
-    noisy.chmod(0o755)
-    monkeypatch.setattr(limited.sys, "executable", str(noisy))
-    assert ingest_limited(small, tmp_path / "out", {}).sensors[0].count == 5
 
 
 def stand_in(tmp_path, monkeypatch, script):

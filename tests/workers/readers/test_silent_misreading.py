@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from formats import tar_of, zip_of
 from fuzz_mutations import (
     cut_out,
     fill,
@@ -23,16 +24,7 @@ from fuzz_mutations import (
     splice,
     truncate,
 )
-from fuzz_seeds import (
-    array_members,
-    kitti_members,
-    make_whole,
-    members,
-    ply_members,
-    table_members,
-    tar_of,
-    zip_of,
-)
+from fuzz_seeds import array_members, kitti_members, make_whole, members, ply_members, table_members
 
 from workers.readers.choose import choose_sensors
 from workers.readers.detect import open_recording

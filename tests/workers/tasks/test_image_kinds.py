@@ -20,9 +20,9 @@ ROWS = {"matrix": [R[:3], R[3:6], R[6:]]}
 
 def camera(kind, topic="/front/image", *, d=(0.1,), **info):
     stated = {"D": list(d), "R": None, "P": P} | info if info or d else None
-    return SensorManifest(
-        "camera", "front", topic, "camera", "a", "b", 5, 0, 1, 10.0, [], 0, camera_info=stated, image_kind=kind
-    )
+    stamps = {"count": 5, "first_ns": 0, "last_ns": 1, "rate_hz": 10.0, "gaps": [], "gap_count": 0}
+    names = {"kind": "camera", "name": "front", "topic": topic, "frame_id": "camera", "file": "a", "frames": "b"}
+    return SensorManifest(**names, **stamps, camera_info=stated, image_kind=kind)
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ _LAST_NS: Final = 2**32 * 1_000_000_000  # as far as a pcap's stamps reach
 CapturedFrame = tuple[int, int, bytes]
 
 
-class Capture:
+class CaptureFile:
     """A capture file, read from its beginning.
 
     Attributes:

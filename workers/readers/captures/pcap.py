@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from workers.readers.captures.capture import Capture
+from workers.readers.captures.capture import CaptureFile
 from workers.readers.captures.datagrams import KNOWN_LINKS, Datagrams, endpoint
 from workers.readers.captures.other_makers import instead, maker_of_datagram
 from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, learn_packets
@@ -47,7 +47,7 @@ class PcapRecording(Recording):
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._path = path
         self._options = options
-        self._capture = Capture(path)
+        self._capture = CaptureFile(path)
         self._cutters: dict[str, SweepCutter] = {}
         self._strangers: Counter[str] = Counter()
         self._fragments = 0
@@ -92,14 +92,16 @@ class PcapRecording(Recording):
     def _nothing(self, seen: _Overview) -> ReadError:
         if not seen.frames:
             return ReadError(
-                "recording_empty", f"{self._path.name} is a capture without packets.", "Capture again, or look at it."
+                "recording_empty",
+                f"{self._path.name} is a capture without packets.",
+                "CaptureFile again, or look at it.",
             )
         unknown = sorted(seen.links - KNOWN_LINKS)
         if unknown:
             return ReadError(
                 "capture_link_unsupported",
                 f"{self._path.name} was captured on a link of type {unknown[0]}, which is not read.",
-                "Capture on the Ethernet interface to which the sensor is connected.",
+                "CaptureFile on the Ethernet interface to which the sensor is connected.",
             )
         listed = ", ".join(
             f"{count} of {size} bytes from {endpoint(sender, port)}"
@@ -130,11 +132,7 @@ class PcapRecording(Recording):
                 name,
                 "",
                 None,
-                {
-                    "fields": FIELDS,
-                    "model": stream.decoding.model.title,
-                    "rate_hz": f"{1e9 / stream.sweep_ns:.3g}",
-                },
+                {"fields": FIELDS, "model": stream.decoding.model.title, "rate_hz": f"{1e9 / stream.sweep_ns:.3g}"},
             )
             for name, stream in self._streams.items()
         ]

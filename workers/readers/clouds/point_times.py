@@ -50,11 +50,7 @@ class PointTimes:
     clipped: int = 0
 
     def offsets(
-        self,
-        stamp_ns: int,
-        time: NDArray[np.generic] | None,
-        xyz: NDArray[np.float32],
-        ring: NDArray[np.int32],
+        self, stamp_ns: int, time: NDArray[np.generic] | None, xyz: NDArray[np.float32], ring: NDArray[np.int32]
     ) -> NDArray[np.int64]:
         """(N,) int64 nanoseconds from the stamp to the moment of each point."""
         if self.source == "derived_from_azimuth":

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, Protocol
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,36 +16,27 @@ _FORMATS: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4"
 MAX_POINTS: Final = 20_000_000
 
 
-class PointField(Protocol):
+@dataclass(frozen=True, slots=True)
+class PointField:
     """``sensor_msgs/PointField``."""
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def offset(self) -> int: ...
-    @property
-    def datatype(self) -> int: ...
-    @property
-    def count(self) -> int: ...
+    name: str
+    offset: int
+    datatype: int
+    count: int = 1
 
 
-class PointCloud2(Protocol):
-    """``sensor_msgs/PointCloud2`` as any library hands it out."""
+@dataclass(frozen=True, slots=True)
+class PointCloud2:
+    """``sensor_msgs/PointCloud2`` without its header."""
 
-    @property
-    def height(self) -> int: ...
-    @property
-    def width(self) -> int: ...
-    @property
-    def fields(self) -> Sequence[PointField]: ...
-    @property
-    def is_bigendian(self) -> bool: ...
-    @property
-    def point_step(self) -> int: ...
-    @property
-    def row_step(self) -> int: ...
-    @property
-    def data(self) -> NDArray[np.uint8]: ...
+    height: int
+    width: int
+    fields: Sequence[PointField]
+    is_bigendian: bool
+    point_step: int
+    row_step: int
+    data: NDArray[np.uint8]
 
 
 def _malformed(where: str, why: str) -> ReadError:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from workers.readers.clouds.elevations import elevations
 
-_LINE_COUNTS: Final = (4, 8, 16, 20, 32, 40, 64, 80, 96, 120, 128, 192, 256)
+# Line counts of the sensors on the market.
+LINE_COUNTS: Final = (1, 4, 8, 16, 20, 32, 40, 64, 80, 96, 120, 128, 192, 256)
 _BACK: Final = 0.05  # turns
 _FEW: Final = 0.02  # of the usual run's points: no ring, but a start or an end that lies on the seam's other side
 
@@ -60,7 +61,7 @@ def learn_runs(clouds: Sequence[NDArray[np.float32]], expected: int | None) -> R
     seam = _seam(filled, directions[0])
     medians = [_medians(cloud, _runs(cloud, directions[0], seam)) for cloud in filled]
     usual = float(np.median([len(found) for found in medians]))
-    lines = expected or next((n for n in _LINE_COUNTS if n >= usual - 0.5), 0)
+    lines = expected or next((n for n in LINE_COUNTS if n >= usual - 0.5), 0)
     whole = [found for found in medians if len(found) == lines]
     if lines < 4 or len(whole) < max(1, len(filled) // 5) or abs(usual - lines) > 0.1 * lines:
         return None

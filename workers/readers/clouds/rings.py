@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.clouds.elevations import elevations, find_focus, find_levels, nearest_level, sample
-from workers.readers.clouds.ring_runs import RunOrder, learn_runs
+from workers.readers.clouds.ring_runs import LINE_COUNTS, RunOrder, learn_runs
 from workers.readers.recording import ReadError
 
-# Line counts of the sensors on the market: a file whose highest lasers see only sky still counts from the right end.
-_LINE_COUNTS: Final = (1, 4, 8, 16, 20, 32, 40, 64, 80, 96, 120, 128, 192, 256)
+# A file whose highest lasers see only sky still counts from the right end by LINE_COUNTS.
 _ENOUGH_POINTS: Final = 20
 _CLEAR_STEP_DEG: Final = 0.1
 # Damaged points carry ring ids at random. A sensor's own uppermost rings may see little, but lie among the others.
-_MOST_RINGS: Final = _LINE_COUNTS[-1]
+_MOST_RINGS: Final = LINE_COUNTS[-1]
 _HARDLY_ANY: Final = 3
 _HARDLY_ANY_PART: Final = 0.01
 # Elevations in degrees as the makers' manuals give them; a sensor whose top rings see only sky is told by the others.
@@ -129,7 +128,7 @@ def _without_damage(ids: NDArray[np.int64], counts: NDArray[np.intp]) -> tuple[i
     few = np.where(ids < _MOST_RINGS, _HARDLY_ANY, max(_HARDLY_ANY, _HARDLY_ANY_PART * most))
     solid = (counts >= few) if most >= _ENOUGH_POINTS else np.ones(len(ids), np.bool_)
     highest = int(ids[solid].max(initial=0))
-    lines = next((n for n in _LINE_COUNTS if n > highest), highest + 1)
+    lines = next((n for n in LINE_COUNTS if n > highest), highest + 1)
     return lines, solid | (ids < lines)
 
 

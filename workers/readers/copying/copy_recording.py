@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from workers.readers.copying.edits import Counts, Edits
+from workers.readers.copying.edits import EditCounts, Edits
 from workers.readers.copying.rosbag1_copy import copy_rosbag1
 from workers.readers.copying.rosbag2_copy import copy_file, copy_folder
 from workers.readers.detect import HEAD_BYTES
@@ -34,7 +34,7 @@ def copy_recording(
     return {"file": made.name, **said, "written": bytes_written()}
 
 
-def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> tuple[Path, Counts]:
+def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> tuple[Path, EditCounts]:
     if path.is_dir():
         return copy_folder(path, out, edits, on_done)
     with path.open("rb") as file:
@@ -48,7 +48,7 @@ def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None
     try:
         contents = look_into(tree)
         sources = list(contents.sources)
-        if len(sources) != 1 or contents.groups:
+        if len(sources) != 1 or contents.series:
             raise _refused(path, "holds not one bag but several files of sensors")
         inner = tree.on_disk(sources[0])
         if not inner.is_dir() and not _is_bag(inner):

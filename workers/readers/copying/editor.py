@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from workers.readers.copying.edits import CameraEdit, Counts, Edits
+from workers.readers.copying.edits import CameraEdit, EditCounts, Edits
 from workers.readers.copying.messages import Messages, head_of_message, ros1_types
 from workers.readers.copying.qos import LATCHED_QOS, SENSOR_QOS
 from workers.readers.recording import ReadError
@@ -15,7 +15,7 @@ from workers.readers.ros.camera_info import match_infos, without_transport
 from workers.readers.ros.containers import Container
 from workers.readers.ros.ros_types import INFO, TRANSFORM, TRANSFORMS, fixed_types, full_name
 from workers.readers.ros.static_transforms import is_static_transforms
-from workers.readers.ros.topic_messages import CameraInfo, Topic
+from workers.readers.ros.topic_messages import BagTopic, CameraInfo
 
 _TF: Final = "tf"
 _TF_STATIC: Final = "/tf_static"
@@ -70,7 +70,7 @@ class Editor:
     """
 
     def __init__(self, container: Container, edits: Edits) -> None:
-        self.counts = Counts()
+        self.counts = EditCounts()
         self.added_by_topic: dict[str, int] = {}
         self._edits = edits
         topics = {topic.name: topic for topic in container.topics}
@@ -92,28 +92,18 @@ class Editor:
         self.has_begun = False
 
     @property
-    def touched(self) -> frozenset[str]:
-        """Topics whose messages may be replaced."""
-        return frozenset({*self._infos, *self._static})
-
-    @property
     def watched(self) -> frozenset[str]:
-        """Topics whose messages must be shown to :meth:`edited` or :meth:`following`."""
-        return self.touched | self._moving | frozenset(self._new_infos)
+        """Topics whose messages must be shown to :meth:`take`."""
+        return frozenset({*self._infos, *self._static, *self._moving, *self._new_infos})
 
     @property
     def new_topics(self) -> list[NewTopic]:
         """Topics to make."""
         infos = [NewTopic(name, INFO, self._encodings[topic]) for topic, (_, name) in self._new_infos.items()]
         poses = self._new_pose_topic
-        return (
-            infos
-            if poses is None or poses in self._static
-            else [
-                *infos,
-                NewTopic(poses, TRANSFORM, self._first_encoding, latched=True),
-            ]
-        )
+        if poses is not None and poses not in self._static:
+            infos.append(NewTopic(poses, TRANSFORM, self._first_encoding, latched=True))
+        return infos
 
     @property
     def _first_encoding(self) -> str:
@@ -126,8 +116,28 @@ class Editor:
             return None
         return _TF_STATIC if _TF_STATIC in self._static or not self._static else min(self._static)
 
-    def first(self, log_ns: int) -> list[Added]:
-        """What is added before the first message; ``has_begun`` says that it was asked for."""
+    def take(self, topic: str, log_ns: int, raw: bytes) -> tuple[bytes, list[Added]]:
+        """Return a message as it is to be written, the same object if nothing of it changes, and what follows it.
+
+        Messages of topics that are not in ``watched`` need not be given; whoever copies them counts them.
+
+        Raises:
+            ReadError: ``frame_moves``, a frame whose pose is put in is placed by a moving transform.
+        """
+        made = raw
+        if topic in self._infos:
+            made = self._messages[self._encodings[topic]].with_lens(raw, self._infos[topic])
+        elif topic in self._static:
+            made, children = self._messages[self._encodings[topic]].with_poses(raw, self._edits.poses)
+            self._found |= children
+        elif topic in self._moving:
+            self._check_moving(topic, raw)
+        self.counts.copied += made is raw
+        self.counts.replaced += made is not raw
+        return made, self._info_beside(topic, log_ns, raw)
+
+    def begin(self, log_ns: int) -> list[Added]:
+        """Return what is added before the first message; ``has_begun`` says that it was called."""
         self.has_begun = True
         topic = self._new_pose_topic
         if topic is None:
@@ -137,28 +147,8 @@ class Editor:
         encoding = self._encodings.get(topic, self._first_encoding)
         return [Added(topic, log_ns, self._messages[encoding].new_poses(new, log_ns))]
 
-    def edited(self, topic: str, raw: bytes) -> bytes:
-        """A message as it is to be written; the same bytes if nothing of it is replaced.
-
-        Raises:
-            ReadError: ``frame_moves``, a frame whose pose is put in is placed by a moving transform.
-        """
-        made = raw
-        if topic in self._infos:
-            made = self._messages[self._encodings[topic]].with_lens(raw, self._infos[topic])
-        elif topic in self._static:
-            made, found = self._messages[self._encodings[topic]].with_poses(raw, self._edits.poses)
-            self._found |= found
-        elif topic in self._moving:
-            self._check_moving(topic, raw)
-        if made is raw:
-            self.counts.copied += 1
-        else:
-            self.counts.replaced += 1
-        return made
-
-    def following(self, topic: str, log_ns: int, raw: bytes | memoryview) -> list[Added]:
-        """What is added after this message: the intrinsics beside an image that has none."""
+    def _info_beside(self, topic: str, log_ns: int, raw: bytes) -> list[Added]:
+        """Return the intrinsics beside an image that has none."""
         if topic not in self._new_infos:
             return []
         camera, name = self._new_infos[topic]
@@ -206,7 +196,7 @@ class Editor:
                 )
 
 
-def _is_moving(topic: Topic) -> bool:
+def _is_moving(topic: BagTopic) -> bool:
     is_tf = topic.name.rpartition("/")[2] == _TF and full_name(topic.type) in TRANSFORMS
     return is_tf and topic.encoding in ("ros1", "cdr")
 
@@ -226,7 +216,7 @@ def _infos_of(container: Container, cameras: dict[str, CameraEdit]) -> dict[str,
     return {name: cameras[topic] for topic, info in matched.items() for name, one in first.items() if one is info}
 
 
-def _info_topic(camera: CameraEdit, cameras: Sequence[CameraEdit], topics: dict[str, Topic]) -> str:
+def _info_topic(camera: CameraEdit, cameras: Sequence[CameraEdit], topics: dict[str, BagTopic]) -> str:
     """Where image_transport looks for an image's intrinsics, if that is free and no other camera's."""
     base = {one.topic: without_transport(one.topic) for one in cameras}
     folder = posixpath.dirname(base[camera.topic])

@@ -68,7 +68,7 @@ def _floats(values: Sequence[Any]) -> tuple[float, ...]:
 
 
 @dataclass(slots=True)
-class Counts:
+class EditCounts:
     """What was done: messages of each kind that were replaced, added, or copied as they are."""
 
     copied: int = 0

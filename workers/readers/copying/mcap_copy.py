@@ -121,14 +121,14 @@ class _Copy:
         topic = self._topics.get(channel, "")
         if self._says_first:
             self._says_first = False
-            self._pending += self._editor.first(log_ns)
+            self._pending += self._editor.begin(log_ns)
         head, raw = part[: MESSAGE.size], part[MESSAGE.size :]
         if topic not in self._editor.watched:
             self._editor.counts.copied += 1
             return head, raw, False
         data = bytes(raw)
-        made = self._editor.edited(topic, data)
-        self._pending += self._editor.following(topic, log_ns, data)
+        made, added = self._editor.take(topic, log_ns, data)
+        self._pending += added
         return head, made, made is not data
 
     def _flush(self) -> None:

@@ -10,10 +10,10 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag1
 from rosbags.rosbag1 import Writer
 
 from workers.readers.copying.editor import Added, Editor, NewTopic
-from workers.readers.copying.edits import Counts, Edits
+from workers.readers.copying.edits import EditCounts, Edits
 from workers.readers.copying.messages import ros1_types
 from workers.readers.output import create
-from workers.readers.ros.rosbag1 import Rosbag1Bag, bag_damage
+from workers.readers.ros.rosbag1 import Rosbag1Bag
 
 _LATCHED: Final = 1
 
@@ -29,12 +29,12 @@ class _Place:
         return create(self._path)
 
 
-def copy_rosbag1(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> Counts:
+def copy_rosbag1(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> EditCounts:
     """Raises :class:`ReadError` as :class:`Rosbag1Bag` and :class:`Editor` do."""
     bag = Rosbag1Bag(path)
     try:
         editor = Editor(bag, edits)
-        with bag_damage(path):
+        with bag.damage():
             _copy(bag, out, editor, on_done)
         editor.check_complete()
     finally:
@@ -59,9 +59,10 @@ def _copy(bag: Rosbag1Bag, out: Path, editor: Editor, on_done: Callable[[float],
 
         for number, (connection, log_ns, raw) in enumerate(bag.reader.messages()):
             if number == 0:
-                add(editor.first(log_ns))
-            writer.write(known[connection.id], log_ns, editor.edited(connection.topic, raw))
-            add(editor.following(connection.topic, log_ns, raw))
+                add(editor.begin(log_ns))
+            made, added = editor.take(connection.topic, log_ns, raw)
+            writer.write(known[connection.id], log_ns, made)
+            add(added)
             on_done(number / total)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from workers.readers.copying.editor import Editor
-from workers.readers.copying.edits import Counts, Edits
+from workers.readers.copying.edits import EditCounts, Edits
 from workers.readers.copying.mcap_copy import copy_mcap
 from workers.readers.copying.sqlite_copy import copy_sqlite
 from workers.readers.damage import damage
@@ -23,7 +23,7 @@ _INFORMATION: Final = "rosbag2_bagfile_information"
 OnDone = Callable[[float], None]
 
 
-def copy_file(path: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Path, Counts]:
+def copy_file(path: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Path, EditCounts]:
     """Copy one file of a bag. Returns where it is, with its format's suffix, and what was done."""
     scratch = Scratch(path.name)
     try:
@@ -34,7 +34,7 @@ def copy_file(path: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Pat
     return made, editor.counts
 
 
-def copy_folder(folder: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Path, Counts]:
+def copy_folder(folder: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Path, EditCounts]:
     """Copy a bag's folder into a tar. New poses go into its first file with a message."""
     scratch = Scratch(folder.name)
     work = out.parent / f"{out.name}-files"
@@ -83,9 +83,9 @@ def _check_all(editors: list[Editor]) -> None:
     editors[0].check_complete()
 
 
-def _summed(editors: list[Editor]) -> Counts:
+def _summed(editors: list[Editor]) -> EditCounts:
     counts = [editor.counts for editor in editors]
-    return Counts(
+    return EditCounts(
         sum(one.copied for one in counts), sum(one.replaced for one in counts), sum(one.added for one in counts)
     )
 

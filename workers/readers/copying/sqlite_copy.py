@@ -80,24 +80,22 @@ class _Copy:
             self._next_id = max(self._next_id, int(row))
             if number == 0:
                 self._is_packed = data[:4] == _ZSTD
-                added += self._editor.first(int(log_ns)) if is_first else []
-            name = self._names.get(topic_id, "")
-            self._insert(row, topic_id, log_ns, self._edited(name, data))
+                added += self._editor.begin(int(log_ns)) if is_first else []
+            name, changed = self._names.get(topic_id, ""), data
             if name in self._editor.watched:
-                added += self._editor.following(name, int(log_ns), unpacked_message(data))
+                plain = unpacked_message(data)
+                made, beside = self._editor.take(name, int(log_ns), plain)
+                added += beside
+                if made is not plain:
+                    changed = self._packed(made) if data[:4] == _ZSTD else made
+            else:
+                self._editor.counts.copied += 1
+            self._insert(row, topic_id, log_ns, changed)
             on_done(number / total)
         for one in added:
             self._next_id += 1
             self._insert(self._next_id, self._ids[one.topic], one.log_ns, self._packed(one.data))
         self._db.execute(_INDEX)
-
-    def _edited(self, name: str, data: bytes) -> bytes:
-        if name not in self._editor.watched:
-            self._editor.counts.copied += 1
-            return data
-        plain = unpacked_message(data)
-        made = self._editor.edited(name, plain)
-        return data if made is plain else self._packed(made) if data[:4] == _ZSTD else made
 
     def _packed(self, data: bytes) -> bytes:
         """Of a bag whose recorder packed each message by itself, the new ones too."""

@@ -14,7 +14,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from workers.readers.confine import confine
+from workers.readers.confine import add_child_options, confine
 from workers.readers.images.headers import read_image_header
 from workers.readers.isolation.isolate import isolate
 
@@ -67,16 +67,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--frames", type=json.loads, required=True, help="JSON: [[offset, length], ...]")
     parser.add_argument("--colour", action="store_true")
     parser.add_argument("--widest", type=int, required=True)
-    parser.add_argument("--parent", type=int, help="pid of the starter; the child dies with it")
-    parser.add_argument("--limits", type=json.loads, default={}, help="JSON: memory_bytes, cpu_s, file_bytes")
+    add_child_options(parser)
     arguments = parser.parse_args(argv)
-    limits: dict[str, int] = arguments.limits
-    confine(
-        parent=arguments.parent,
-        memory_bytes=limits.get("memory_bytes"),
-        cpu_s=limits.get("cpu_s"),
-        file_bytes=limits.get("file_bytes"),
-    )
+    confine(arguments.parent, arguments.limits)
     cv2.setNumThreads(1)
     if arguments.parent is not None:
         isolate([arguments.source], [arguments.out])

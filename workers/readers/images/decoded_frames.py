@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.limited import child_environment
+from workers.readers.limited import child_command, child_environment
 from workers.readers.limits import Limits
 from workers.readers.recording import ReadError
 from workers.readers.supervise import supervise
@@ -64,12 +62,8 @@ def _decode(
     must_stop: Callable[[], None],
 ) -> None:
     limits = {name: getattr(_LIMITS, name) for name in ("memory_bytes", "cpu_s", "file_bytes")}
-    command = [
-        *(sys.executable, "-m", "workers.readers.images.decode", os.fspath(source.absolute())),
-        *(os.fspath(scratch.absolute()), "--frames", json.dumps(list(places)), "--widest", str(widest)),
-        *("--parent", str(os.getpid()), "--limits", json.dumps(limits)),
-        *(["--colour"] if colour else []),
-    ]
+    words = ("--frames", json.dumps(list(places)), "--widest", str(widest), *(["--colour"] if colour else []))
+    command = child_command("workers.readers.images.decode", source, scratch, limits, *words)
     began = time.monotonic()
 
     def look() -> None:
@@ -77,11 +71,7 @@ def _decode(
         if time.monotonic() - began > _LIMITS.wall_s:
             raise _failed("it took too long")
 
-    def take(line: bytes) -> Any:
-        del line
-
-    one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1")
-    ended = supervise(command, folder=_ROOT, environment=child_environment() | one, take=take, look=look)
+    ended = supervise(command, folder=_ROOT, environment=child_environment(), take=lambda line: None, look=look)
     if ended.code != 0:
         error = _failed(f"its process ended with code {ended.code}")
         error.add_note(ended.complaint)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from workers.readers.images.headers import check_size
 from workers.readers.recording import Frame, ReadError
+from workers.readers.ros.topic_messages import RawImage
 
 LOSSLESS: Final = "Raw frames were encoded as PNG, without loss."
 STRETCHED: Final = (
@@ -90,32 +91,21 @@ def _encodings() -> dict[str, _Encoding]:
 _ENCODINGS: Final = _encodings()
 
 
-def raw_to_png(
-    pixels: NDArray[np.uint8],
-    *,
-    width: int,
-    height: int,
-    step: int,
-    encoding: str,
-    stamp_ns: int,
-    where: str,
-    big_endian: bool = False,
-) -> Frame:
-    """A raw image (``sensor_msgs/Image``) as a PNG frame.
+def raw_to_png(raw: RawImage, stamp_ns: int, where: str) -> Frame:
+    """A raw image as a PNG frame.
 
     PNG and not JPEG, because it is lossless: a vertex is marked to a fraction of a pixel, and JPEG's ringing along
     the board's edge would be ours, not the camera's.
 
     Args:
-        pixels: (step * height,) uint8, or longer; half as many again for planes of YUV.
-        step: bytes from one row to the next.
-        encoding: the ROS name of the pixel format.
+        raw: its data may be longer than its rows; of planes of YUV they have half as many rows again.
+        stamp_ns: of the frame.
         where: names the image in error messages.
-        big_endian: of values of 16 bits.
 
     Raises:
         ReadError: ``image_encoding_unsupported``, ``image_damaged``, ``image_too_large``.
     """
+    pixels, width, height, step, encoding = raw.data, raw.width, raw.height, raw.step, raw.encoding
     how = _ENCODINGS.get(encoding) or _ENCODINGS.get(encoding.lower())
     if how is None:
         raise ReadError(
@@ -135,10 +125,10 @@ def raw_to_png(
         )
     stored: Any = np.ascontiguousarray(pixels[: step * rows].reshape(rows, step)[:, :row_bytes])
     if how.depth == 2:
-        stored = stored.view(">u2" if big_endian else "<u2").astype(np.uint16)
-    image: Pixels = stored.reshape(rows, width, how.channels)
+        stored = stored.view(">u2" if raw.big_endian else "<u2").astype(np.uint16)
+    image: Any = stored.reshape(rows, width, how.channels)
     try:
-        return png_frame(_converted(image, how.conversion), stamp_ns, where, how.said)
+        return png_frame(_bgr(image, how.conversion), stamp_ns, where, how.said)
     except cv2.error as error:
         raise ReadError(
             "image_damaged",
@@ -147,7 +137,7 @@ def raw_to_png(
         ) from error
 
 
-def _converted(image: Pixels, conversion: int | None) -> Any:
+def _bgr(image: Pixels, conversion: int | None) -> Any:
     return image if conversion is None else cv2.cvtColor(image, conversion)
 
 

@@ -13,30 +13,25 @@ import av
 import av.error
 import cv2
 from av.container import InputContainer
-from av.packet import Packet
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from workers.readers.images.headers import MAX_PIXELS, check_size
-from workers.readers.images.video_times import FrameTable, VideoClock
+from workers.readers.images.video_times import FrameTimes, VideoClock
 from workers.readers.output import video_is_decoded
 from workers.readers.pulse import beat
 from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
 
 # On frames of 1920 x 1208 pixels 8 ms and 0.9 MB, 1.6 grey levels RMS off what the video holds; as PNG they take
 # 75 ms and 4 MB. What the video's own compression cost is not undone by either.
-JPEG_QUALITY: Final = 95
-_TRANSCODED: Final = f"Frames of a video were decoded and encoded anew as JPEG of quality {JPEG_QUALITY}."
+_JPEG_QUALITY: Final = 95
+_TRANSCODED: Final = f"Frames of a video were decoded and encoded anew as JPEG of quality {_JPEG_QUALITY}."
 # What cameras and their recorders write; FFmpeg has hundreds more, and each is code that an upload could reach.
 CODECS: Final = (
     *("h264", "hevc", "av1", "libdav1d", "vp8", "vp9", "libvpx", "libvpx-vp9"),
     *("mpeg4", "msmpeg4v3", "mpeg2video", "mjpeg", "prores", "dnxhd", "ffv1", "huffyuv", "ffvhuff", "rawvideo"),
 )
-_OPTIONS: Final = {
-    "protocol_whitelist": "file",
-    "codec_whitelist": ",".join(CODECS),
-    "max_pixels": str(MAX_PIXELS),
-}
+_OPTIONS: Final = {"protocol_whitelist": "file", "codec_whitelist": ",".join(CODECS), "max_pixels": str(MAX_PIXELS)}
 _FORMATS: Final = ((b"RIFF", 0, "avi"), (b"\x1aE\xdf\xa3", 0, "matroska"), (b"ftyp", 4, "mov"))
 
 
@@ -74,7 +69,7 @@ class VideoRecording(Recording):
         with self._opened() as container:
             stream = self._stream(container)
             check_size(stream.width, stream.height, self._name)
-            self._table = None if times is None else FrameTable.read(times, f"{self._name}'s table of times")
+            self._table = None if times is None else FrameTimes.read(times, f"{self._name}'s table of times")
             count: int | None = stream.frames or None
             if self._table is not None:
                 self._table.check_count(count, self._name)
@@ -136,7 +131,7 @@ class VideoRecording(Recording):
                 if stamp_ns is None:
                     left_out += 1
                     continue
-                yield self._encoded(frame, stamp_ns)
+                yield jpeg_frame(frame, stamp_ns, f"{self._name}, frame {number}")
         self._close_account(number + 1, left_out)
 
     def _decoded(self, container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
@@ -148,8 +143,7 @@ class VideoRecording(Recording):
             for packet in container.demux(stream):
                 beat()
                 self._share = min(1.0, max(self._share, (packet.pos or 0) / size))
-                for frame in _pictures(packet):
-                    check_size(frame.width, frame.height, f"{self._name}, frame {number}")
+                for frame in packet.decode():
                     corrupt += bool(frame.is_corrupt)
                     number += 1
                     yield frame
@@ -173,21 +167,6 @@ class VideoRecording(Recording):
     def _warn(self, sentence: str) -> None:
         if sentence not in self._warnings:
             self._warnings.append(sentence)
-
-    def _encoded(self, frame: VideoFrame, stamp_ns: int) -> Frame:
-        pixels: Any = frame.to_ndarray(format="bgr24")
-        done, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-        if not done:
-            raise self._damaged(f"a frame of {frame.width} x {frame.height} cannot be encoded as JPEG")
-        return Frame(
-            stamp_ns,
-            data.tobytes(),
-            "image/jpeg",
-            frame.width,
-            frame.height,
-            transcoded=True,
-            transcoding=_TRANSCODED,
-        )
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """The frames, if the camera was chosen."""
@@ -247,8 +226,19 @@ class VideoRecording(Recording):
         )
 
 
-def _pictures(packet: Packet[VideoStream]) -> Sequence[VideoFrame]:
-    return packet.decode()
+def jpeg_frame(picture: VideoFrame, stamp_ns: int, where: str) -> Frame:
+    """A decoded picture as JPEG.
+
+    Raises:
+        ReadError: ``image_too_large``, ``video_damaged``.
+    """
+    check_size(picture.width, picture.height, where)
+    pixels: Any = picture.to_ndarray(format="bgr24")
+    done, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    if not done:
+        raise ReadError("video_damaged", f"{where} holds a frame that is no JPEG.", "Record it again.")
+    size = (picture.width, picture.height)
+    return Frame(stamp_ns, data.tobytes(), "image/jpeg", *size, transcoded=True, transcoding=_TRANSCODED)
 
 
 def _reason(error: Exception) -> str:
@@ -257,16 +247,10 @@ def _reason(error: Exception) -> str:
 
 def _rotation(container: InputContainer, stream: VideoStream) -> int:
     """Degrees by which players turn the frames."""
-    for frame in _first_frames(container, stream):
-        return int(frame.rotation) % 360
-    return 0
-
-
-def _first_frames(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
     try:
-        yield from container.decode(stream)
+        return next((int(frame.rotation) % 360 for frame in container.decode(stream)), 0)
     except av.error.FFmpegError:
-        return  # said when the frames are read
+        return 0  # said when the frames are read
 
 
 def _created(container: InputContainer, stream: VideoStream) -> int | None:

@@ -17,7 +17,7 @@ _MAX_FRAMES: Final = 10_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class FrameTable:
+class FrameTimes:
     """A CSV of frame times.
 
     Attributes:
@@ -29,7 +29,7 @@ class FrameTable:
     complete: bool
 
     @classmethod
-    def read(cls, content: bytes, where: str) -> FrameTable:
+    def read(cls, content: bytes, where: str) -> FrameTimes:
         """From a CSV with the columns ``stamp_ns`` and, optionally, ``frame``.
 
         Raises:
@@ -95,7 +95,7 @@ class VideoClock:
         warnings: sentences about what was assumed.
     """
 
-    table: FrameTable | None
+    table: FrameTimes | None
     time_base: Fraction
     start_ns: int | None
     rate: Fraction
@@ -104,7 +104,7 @@ class VideoClock:
 
     @classmethod
     def of(
-        cls, stream: _Stream, table: FrameTable | None, given_ns: int | None, created_ns: int | None, name: str
+        cls, stream: _Stream, table: FrameTimes | None, given_ns: int | None, created_ns: int | None, name: str
     ) -> VideoClock:
         """The best that there is: a table, a given start, stamps since 1970, the creation time, or none of them.
 

@@ -42,7 +42,7 @@ class ChunkPlace:
 
 
 @dataclass(slots=True)
-class Contents:
+class McapContents:
     """What a file says of itself, in its summary or read from beginning to end.
 
     Attributes:

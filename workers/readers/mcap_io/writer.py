@@ -42,7 +42,7 @@ CHUNK_BYTES: Final = 1 << 20
 
 
 @dataclass(slots=True)
-class Summary:
+class McapSummary:
     """What a file says of itself at its end: schemas, channels, indexes and counts. Times are nanoseconds."""
 
     schemas: dict[int, Schema] = field(default_factory=dict[int, Schema])
@@ -60,7 +60,7 @@ class Summary:
         self.first_ns, self.last_ns = min(self.first_ns, log_ns), max(self.last_ns, log_ns)
 
     def packed(self, start: int) -> bytes:
-        """Summary, footer and magic, as they stand in the file from byte ``start`` on."""
+        """McapSummary, footer and magic, as they stand in the file from byte ``start`` on."""
         statistics = Statistics(
             attachment_count=len(self.attachments),
             channel_count=len(self.channels),
@@ -110,7 +110,7 @@ class McapWriter:
 
     def __init__(self, path: Path, profile: str | None, compression: str = "", level: int = 3) -> None:
         self.path = path
-        self.summary = Summary()
+        self.summary = McapSummary()
         self.ends = array("q")
         self._file: BinaryIO = create(path)
         self._compression = compression

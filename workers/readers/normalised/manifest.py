@@ -17,7 +17,7 @@ MAX_GAPS_LISTED: Final = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class StampGap:
     """A pause in a sensor's stamps.
 
     Attributes:
@@ -30,7 +30,7 @@ class Gap:
 
 
 @dataclass(frozen=True, slots=True)
-class ImageSize:
+class FrameSize:
     """Frames of one size: ``count`` of ``width`` x ``height`` pixels."""
 
     width: int
@@ -38,8 +38,35 @@ class ImageSize:
     count: int
 
 
-@dataclass(frozen=True, slots=True)
-class SensorManifest:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StampFacts:
+    """What a sensor's stamps tell.
+
+    Attributes:
+        count: number of frames or sweeps.
+        first_ns, last_ns: smallest and largest stamp, UTC nanoseconds.
+        rate_hz: from the median step between stamps; None for fewer than two.
+        gaps: pauses of more than 1.75 steps, the first :data:`MAX_GAPS_LISTED`; ``gap_count`` counts all.
+        missing: messages that these gaps would have held.
+        jumps: steps of the clock: pauses of over an hour, and steps back (negative) of a second or for several
+            messages, in recorded order.
+        backwards, duplicates: messages with an earlier stamp than the one before, and with the same.
+    """
+
+    count: int
+    first_ns: int
+    last_ns: int
+    rate_hz: float | None
+    gaps: Sequence[StampGap]
+    gap_count: int
+    missing: int = 0
+    jumps: Sequence[StampGap] = field(default_factory=list[StampGap])
+    backwards: int = 0
+    duplicates: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorManifest(StampFacts):
     """One sensor of a normalised recording.
 
     Attributes:
@@ -49,14 +76,6 @@ class SensorManifest:
         frame_id: coordinate frame that the original states, or empty.
         file: name of the MCAP file.
         frames: name of the sidecar with the table of frames or sweeps (:func:`read_table`).
-        count: number of frames or sweeps.
-        first_ns, last_ns: smallest and largest stamp, UTC nanoseconds.
-        rate_hz: from the median step between stamps; None for fewer than two.
-        gaps: pauses of more than 1.75 steps, the first :data:`MAX_GAPS_LISTED`; ``gap_count`` counts all.
-        missing: messages that these gaps would have held.
-        jumps: steps of the clock: pauses of over an hour, and steps back (negative) of a second or for several
-            messages, in recorded order.
-        backwards, twins: messages with an earlier stamp than the one before, and with the same.
         stamp_convention, time_source, ring_count: of a LiDAR; None for a camera.
         points: of a LiDAR: points of a usual sweep (the median).
         partial: of a LiDAR: which of its ``first`` and ``last`` sweep hold clearly fewer.
@@ -77,16 +96,6 @@ class SensorManifest:
     frame_id: str
     file: str
     frames: str
-    count: int
-    first_ns: int
-    last_ns: int
-    rate_hz: float | None
-    gaps: Sequence[Gap]
-    gap_count: int
-    missing: int = 0
-    jumps: Sequence[Gap] = field(default_factory=list[Gap])
-    backwards: int = 0
-    twins: int = 0
     stamp_convention: StampConvention | None = None
     time_source: TimeSource | None = None
     ring_count: int | None = None
@@ -96,7 +105,7 @@ class SensorManifest:
     transcoded: bool | None = None
     width: int | None = None
     height: int | None = None
-    sizes: Sequence[ImageSize] = field(default_factory=list[ImageSize])
+    sizes: Sequence[FrameSize] = field(default_factory=list[FrameSize])
     overlap_s: float | None = None
     overlap_share: float | None = None
     camera_info: Mapping[str, Any] | None = None
@@ -105,7 +114,7 @@ class SensorManifest:
 
 
 @dataclass(frozen=True, slots=True)
-class Manifest:
+class RecordingManifest:
     """A normalised recording: the format it came in, its sensors (the LiDAR first), and warnings for its owner.
 
     ``static_transforms`` are the poses of frames that it states to be fixed.
@@ -161,9 +170,9 @@ def _fixed(data: dict[str, Any]) -> StaticTransform:
 def _sensor(data: dict[str, Any]) -> SensorManifest:
     return replace(
         SensorManifest(**data),
-        gaps=[Gap(**gap) for gap in data["gaps"]],
-        jumps=[Gap(**jump) for jump in data["jumps"]],
-        sizes=[ImageSize(**size) for size in data["sizes"]],
+        gaps=[StampGap(**gap) for gap in data["gaps"]],
+        jumps=[StampGap(**jump) for jump in data["jumps"]],
+        sizes=[FrameSize(**size) for size in data["sizes"]],
     )
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +14,11 @@ from workers.readers.camera_guess import Sizes
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
 from workers.readers.normalised.manifest import (
+    FrameSize,
     FrameTable,
-    ImageSize,
-    Manifest,
+    RecordingManifest,
     SensorManifest,
+    StampFacts,
     SweepTable,
     write_table,
 )
@@ -82,10 +84,7 @@ class _Camera:
         self.sensor = sensor
         self.writer = CameraWriter(out_dir / f"camera-{name}.mcap", sensor.name, sensor.frame_id)
         self.stamps = array("q")
-        self.widths = array("i")
-        self.heights = array("i")
-        self.types = bytearray()
-        self.known_types: list[str] = []
+        self.rows: list[tuple[str, int, int]] = []  # media type, width and height; mostly one object
         self.transcoded = 0
         self.transcodings: list[str] = []
 
@@ -93,11 +92,8 @@ class _Camera:
         assert isinstance(item, Frame)
         self.writer.add(item)
         self.stamps.append(item.stamp_ns)
-        self.widths.append(item.width)
-        self.heights.append(item.height)
-        if item.media_type not in self.known_types:
-            self.known_types.append(item.media_type)
-        self.types.append(self.known_types.index(item.media_type))
+        row = (item.media_type, item.width, item.height)
+        self.rows.append(self.rows[-1] if self.rows and self.rows[-1] == row else row)
         self.transcoded += item.transcoded
         if item.transcoding and item.transcoding not in self.transcodings:
             self.transcodings.append(item.transcoding)
@@ -111,15 +107,12 @@ class _Camera:
             stamp_ns=stamps[report.order].tolist(),
             offset=[offsets[i] for i in order],
             length=[self.writer.lengths[i] for i in order],
-            media_type=[self.known_types[self.types[i]] for i in order],
-            width=[self.widths[i] for i in order],
-            height=[self.heights[i] for i in order],
+            media_type=[self.rows[i][0] for i in order],
+            width=[self.rows[i][1] for i in order],
+            height=[self.rows[i][2] for i in order],
         )
         write_table(out_dir / f"camera-{self.name}.frames.json", table)
-        sizes = [
-            ImageSize(*size, count)
-            for size, count in Counter(zip(self.widths, self.heights, strict=True)).most_common(100)
-        ]
+        sizes = [FrameSize(*size, n) for size, n in Counter(row[1:] for row in self.rows).most_common(100)]
         manifest = replace(
             _described(self.name, self.sensor, self.writer.path.name, f"camera-{self.name}.frames.json", report),
             transcoded=self.transcoded > 0,
@@ -135,27 +128,12 @@ class _Camera:
 
 def _described(name: str, sensor: Sensor, file: str, frames: str, report: StampReport) -> SensorManifest:
     """The part of the manifest that a LiDAR and a camera have in common."""
-    return SensorManifest(
-        kind=sensor.kind,
-        name=name,
-        topic=sensor.name,
-        frame_id=sensor.frame_id,
-        file=file,
-        frames=frames,
-        count=len(report.order),
-        first_ns=report.first_ns,
-        last_ns=report.last_ns,
-        rate_hz=report.rate_hz,
-        gaps=report.gaps,
-        gap_count=report.gap_count,
-        missing=report.missing,
-        jumps=report.jumps,
-        backwards=report.backwards,
-        twins=report.twins,
-    )
+    stamps: dict[str, Any] = {fact.name: getattr(report.facts, fact.name) for fact in fields(StampFacts)}
+    of_sensor: dict[str, Any] = {"kind": sensor.kind, "topic": sensor.name, "frame_id": sensor.frame_id}
+    return SensorManifest(**stamps, **of_sensor, name=name, file=file, frames=frames)
 
 
-def _size_warnings(name: str, sizes: list[ImageSize], sensor: Sensor) -> list[str]:
+def _size_warnings(name: str, sizes: list[FrameSize], sensor: Sensor) -> list[str]:
     said: list[str] = []
     if len(sizes) > 1:
         listed = ", ".join(f"{size.width} x {size.height}" for size in sizes[:5])
@@ -189,7 +167,7 @@ def normalise(
     sizes: Sizes | None = None,
     options: ReadOptions | None = None,
     on_progress: OnProgress | None = None,
-) -> Manifest:
+) -> RecordingManifest:
     """Write ``lidar.mcap``, a ``camera-<name>.mcap`` per camera, and their tables into a folder.
 
     Args:
@@ -219,12 +197,8 @@ def normalise(
 
 
 def _normalise(
-    recording: Recording,
-    out: Path,
-    chosen: dict[str, Sensor],
-    on_progress: OnProgress,
-    written: list[Path],
-) -> Manifest:
+    recording: Recording, out: Path, chosen: dict[str, Sensor], on_progress: OnProgress, written: list[Path]
+) -> RecordingManifest:
     facts = recording.lidar_facts(chosen["lidar"])
     sinks: dict[str, _Lidar | _Camera] = {}
     pace = Pace(_total(chosen))
@@ -253,7 +227,7 @@ def _normalise(
         seconds, share = shared_time(span, (camera.first_ns, camera.last_ns))
         sensors[number] = replace(camera, overlap_s=seconds, overlap_share=share)
         warnings += overlap_warning(camera.name, span, (camera.first_ns, camera.last_ns))
-    return Manifest(recording.format, sensors, [legible(warning) for warning in warnings], fixed)
+    return RecordingManifest(recording.format, sensors, [legible(warning) for warning in warnings], fixed)
 
 
 def _total(chosen: dict[str, Sensor]) -> int | None:

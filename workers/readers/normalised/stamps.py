@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.normalised.manifest import MAX_GAPS_LISTED, Gap
+from workers.readers.normalised.manifest import MAX_GAPS_LISTED, StampFacts, StampGap
 
 _GAP_STEPS: Final = 1.75
 _JUMP_NS: Final = 3_600_000_000_000
@@ -18,20 +17,11 @@ _JUMP_BACK_NS: Final = 1_000_000_000
 _SET_BACK_FOR: Final = 3
 
 
-@dataclass(frozen=True, slots=True)
-class StampReport:
-    """See :class:`workers.readers.normalised.manifest.SensorManifest` for the fields."""
+class StampReport(NamedTuple):
+    """(N,) order that sorts the stamps (stable), what they tell, and sentences for the owner."""
 
     order: NDArray[np.int64]
-    first_ns: int
-    last_ns: int
-    rate_hz: float | None
-    gaps: Sequence[Gap]
-    gap_count: int
-    missing: int
-    jumps: Sequence[Gap]
-    backwards: int
-    twins: int
+    facts: StampFacts
     warnings: Sequence[str]
 
 
@@ -41,26 +31,26 @@ def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
     Args:
         stamps_ns: (N,) int64 as recorded, N at least 1.
         name: names the sensor in warnings.
-
-    Returns:
-        ``order`` sorts the stamps (stable).
     """
     order = np.argsort(stamps_ns, kind="stable")
     ordered = stamps_ns[order]
     moments, alike = np.unique(ordered, return_counts=True)
     steps = np.diff(moments)
     back = np.flatnonzero(np.diff(stamps_ns) < 0)
-    twins = len(ordered) - len(moments)
+    duplicates = len(ordered) - len(moments)
     median = float(np.median(steps)) if len(steps) else 0.0
     # A message with another's stamp is there: it fills the gap that its own stamp leaves, before or after the other.
     spare = np.maximum(alike[:-1], alike[1:]) - 1
     absent = np.rint(steps / median) - 1 - spare if median > 0 else np.zeros(len(steps))
     places = np.flatnonzero((steps > _GAP_STEPS * median) & (absent > 0)) if median > 0 else np.zeros(0, np.int64)
-    gaps = [Gap(int(moments[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
+    gaps = [StampGap(int(moments[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
     usual = places[steps[places] <= _JUMP_NS]
     missing = int(np.sum(absent[usual]))
     jumps = _jumps(stamps_ns)
-    warnings = [*_order_warnings(stamps_ns, back, twins, name), *(_jump_warning(jump, name) for jump in jumps[:1])]
+    warnings = [
+        *_order_warnings(stamps_ns, back, duplicates, name),
+        *(_jump_warning(jump, name) for jump in jumps[:1]),
+    ]
     if len(usual):
         worst = int(usual[np.argmax(steps[usual])])
         warnings.append(
@@ -68,8 +58,8 @@ def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
             f"after {moments[worst] / 1e9:.3f} s (usual step {median / 1e9:.3f} s); "
             f"about {missing} messages are missing."
         )
-    return StampReport(
-        order=order,
+    facts = StampFacts(
+        count=len(ordered),
         first_ns=int(ordered[0]),
         last_ns=int(ordered[-1]),
         rate_hz=1e9 / median if median > 0 else None,
@@ -78,12 +68,12 @@ def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
         missing=missing,
         jumps=jumps,
         backwards=len(back),
-        twins=twins,
-        warnings=warnings,
+        duplicates=duplicates,
     )
+    return StampReport(order, facts, warnings)
 
 
-def _jumps(stamps_ns: NDArray[np.int64]) -> list[Gap]:
+def _jumps(stamps_ns: NDArray[np.int64]) -> list[StampGap]:
     """Steps in recorded order that no pause explains: over an hour, or back by a second or for several messages."""
     steps = np.diff(stamps_ns)
     stays = np.zeros(len(steps), np.bool_)
@@ -92,22 +82,22 @@ def _jumps(stamps_ns: NDArray[np.int64]) -> list[Gap]:
         stays[: len(after)] = np.max(after, axis=1) < stamps_ns[: len(after)]
     back = (steps < -_JUMP_BACK_NS) | ((steps < 0) & stays)
     places = np.flatnonzero((steps > _JUMP_NS) | back)
-    return [Gap(int(stamps_ns[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
+    return [StampGap(int(stamps_ns[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
 
 
-def _order_warnings(stamps_ns: NDArray[np.int64], back: NDArray[np.int64], twins: int, name: str) -> list[str]:
+def _order_warnings(stamps_ns: NDArray[np.int64], back: NDArray[np.int64], duplicates: int, name: str) -> list[str]:
     said: list[str] = []
     if len(back):
         said.append(
             f"{name}: stamps run backwards {len(back)} times, first after {stamps_ns[back[0]] / 1e9:.3f} s; "
             "messages were ordered by stamp."
         )
-    if twins:
-        said.append(f"{name}: {twins} messages have the same stamp as the one before.")
+    if duplicates:
+        said.append(f"{name}: {duplicates} messages have the same stamp as the one before.")
     return said
 
 
-def _jump_warning(jump: Gap, name: str) -> str:
+def _jump_warning(jump: StampGap, name: str) -> str:
     seconds = jump.duration_ns / 1e9
     if seconds < 0:
         return (

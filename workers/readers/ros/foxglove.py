@@ -18,7 +18,7 @@ from google.protobuf.unknown_fields import UnknownFieldSet
 
 from workers.readers.mcap_io.records import RecordError
 from workers.readers.ros.foxglove_messages import FOXGLOVE_MESSAGES
-from workers.readers.ros.topic_messages import Decoder, Topic
+from workers.readers.ros.topic_messages import BagTopic, Decoder
 
 # All of a message but its `data`: a cloud of 30 fields takes less than 1 kB. An empty field of two bytes becomes an
 # object of 200.
@@ -28,7 +28,7 @@ _CLASSES: Final[dict[str, Any]] = {
 }
 
 
-def foxglove_decoder(topic: Topic) -> Decoder | None:
+def foxglove_decoder(topic: BagTopic) -> Decoder | None:
     """How messages of this topic are read, None where they are none of these types, or in another encoding."""
     package, _, name = topic.type.rpartition(".")
     parse = {"protobuf": _from_protobuf, "json": _from_json}.get(topic.encoding)

@@ -2,44 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from workers.readers.clouds.pointcloud2 import PointCloud2, PointField
 from workers.readers.ros.camera_info import camera_info
 from workers.readers.ros.topic_messages import CloudMessage, EncodedImage, Message, RawImage, VideoMessage
 
 # foxglove.PackedElementField.NumericType to sensor_msgs/PointField's datatype: signed and unsigned are swapped.
 _CLOUD_TYPES: Final = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
-
-
-@dataclass(frozen=True, slots=True)
-class CloudField:
-    """``sensor_msgs/PointField``."""
-
-    name: str
-    offset: int
-    datatype: int
-    count: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class FoxgloveCloud:
-    """A ``foxglove.PointCloud`` in the shape of ``sensor_msgs/PointCloud2``.
-
-    Its pose, which places the cloud in another frame, is not applied: points stay in the sensor's own.
-    """
-
-    width: int
-    fields: Sequence[CloudField]
-    point_step: int
-    row_step: int
-    data: NDArray[np.uint8]
-    height: int = 1
-    is_bigendian: bool = False
 
 
 def _head(message: Any) -> tuple[int, str]:
@@ -49,12 +22,13 @@ def _head(message: Any) -> tuple[int, str]:
 
 
 def _cloud(message: Any) -> Message:
-    fields = [CloudField(str(f.name), int(f.offset), _CLOUD_TYPES.get(int(f.type), 0)) for f in message.fields]
+    """Its pose, which places the cloud in another frame, is not applied: points stay in the sensor's own."""
+    fields = [PointField(str(f.name), int(f.offset), _CLOUD_TYPES.get(int(f.type), 0)) for f in message.fields]
     data, stride = np.frombuffer(message.data, np.uint8), int(message.point_stride)
     if len(data) and stride <= 0:
         raise ValueError("a cloud has points, and no stride")
     width = len(data) // max(1, stride)
-    return CloudMessage(*_head(message), FoxgloveCloud(width, fields, stride, width * stride, data))
+    return CloudMessage(*_head(message), PointCloud2(1, width, fields, False, stride, width * stride, data))
 
 
 def _compressed(message: Any) -> Message:

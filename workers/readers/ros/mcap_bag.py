@@ -11,10 +11,9 @@ import zlib
 from array import array
 from collections.abc import Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 from itertools import islice
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 import zstandard
@@ -24,14 +23,14 @@ from mcap.records import Schema
 from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 
-from workers.readers.damage import damage, damage_proof
+from workers.readers.damage import damage
 from workers.readers.mcap_io.records import (
     FOOTER_BYTES,
     HEAD,
     MAGIC,
     MAX_CHUNK_BYTES,
     ChunkPlace,
-    Contents,
+    McapContents,
     RecordError,
     message_of,
     records,
@@ -39,10 +38,9 @@ from workers.readers.mcap_io.records import (
 )
 from workers.readers.pulse import beat
 from workers.readers.recording import ReadError
-from workers.readers.ros.ros_types import ros_decoder
-from workers.readers.ros.topic_messages import Decoder, Topic
+from workers.readers.ros.containers import Container, spread
+from workers.readers.ros.topic_messages import BagTopic
 
-_Item = TypeVar("_Item")
 _TIMES: Final = 64
 _CHANNEL: Final = struct.Struct("<H")
 _SUMMARY_BYTES: Final = 64 * 1024**2
@@ -51,7 +49,7 @@ _HINT: Final = "Copy or upload the file again; `mcap doctor` says what is wrong,
 _NO_SCHEMA: Final = Schema(id=0, data=b"", encoding="", name="")
 
 
-class McapBag:
+class McapBag(Container):
     """One .mcap file.
 
     Raises:
@@ -61,11 +59,11 @@ class McapBag:
     format = "mcap"
 
     def __init__(self, path: Path) -> None:
+        super().__init__()
         self._path = path
-        self._size = path.stat().st_size
+        self.size = path.stat().st_size
         self._position = 0
         self._ended = False
-        self.warnings: list[str] = []
         # Places of messages outside chunks, by channel; found only where the file is looked through.
         self._loose: dict[int, array[int]] = {}
         self.file = path.open("rb")
@@ -75,7 +73,7 @@ class McapBag:
             if not self.contents.channels:
                 raise ReadError(
                     "recording_empty",
-                    f"{path.name} is an MCAP file of {self._size} bytes without any channel.",
+                    f"{path.name} is an MCAP file of {self.size} bytes without any channel.",
                     "Copy or upload the file again; look at what recorded it.",
                 )
         except BaseException:
@@ -89,21 +87,21 @@ class McapBag:
         with damage(self._path.name, "an MCAP file", _HINT, *kinds):
             yield
 
-    def _summary(self) -> Contents | None:
+    def _summary(self) -> McapContents | None:
         """What the summary says; None where it is missing, damaged, or does not say where messages are."""
-        if self._size < len(MAGIC) + FOOTER_BYTES:
+        if self.size < len(MAGIC) + FOOTER_BYTES:
             return None
-        self.file.seek(self._size - FOOTER_BYTES)
+        self.file.seek(self.size - FOOTER_BYTES)
         tail = self.file.read(FOOTER_BYTES)
         if tail[-len(MAGIC) :] != MAGIC or tail[0] != Opcode.FOOTER:
             return None
         start, _, checksum = struct.unpack_from("<QQI", tail, HEAD.size)
-        length = self._size - FOOTER_BYTES - start
+        length = self.size - FOOTER_BYTES - start
         if not start or not 0 < length < _SUMMARY_BYTES:
             return None
         self.file.seek(start)
         text = self.file.read(length)
-        contents = Contents()
+        contents = McapContents()
         try:
             if checksum and zlib.crc32(text + tail[: -len(MAGIC) - 4]) != checksum:
                 raise RecordError("it does not have its checksum")
@@ -114,7 +112,7 @@ class McapBag:
                 if not fits or self._record_at(chunk.start) != (Opcode.CHUNK, chunk.length - HEAD.size):
                     raise RecordError(f"it names a chunk at byte {chunk.start}, where there is none")
         except (RecordError, McapError, struct.error, ValueError):
-            self.warnings.append(f"The index of {self._path.name} is damaged; the file was read through instead.")
+            self._warnings.append(f"The index of {self._path.name} is damaged; the file was read through instead.")
             return None
         return contents if contents.channels and contents.chunks else None
 
@@ -125,8 +123,8 @@ class McapBag:
         head = self.file.read(HEAD.size)
         return HEAD.unpack(head) if len(head) == HEAD.size else None
 
-    def _look_through(self) -> Contents:
-        contents = Contents()
+    def _look_through(self) -> McapContents:
+        contents = McapContents()
         for place, kind, size in self.walk():
             if kind == Opcode.CHUNK:
                 present: set[int] = set()
@@ -141,9 +139,9 @@ class McapBag:
             elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                 contents.take(kind, self.body(size))
         if not self._ended:
-            self.warnings.append(
+            self._warnings.append(
                 f"{self._path.name} ends without its index, as when recording is interrupted; the messages up to "
-                f"byte {self._position} of {self._size} were read."
+                f"byte {self._position} of {self.size} were read."
             )
         contents.counts = {number: contents.counts.get(number, 0) for number in contents.channels}
         return contents
@@ -156,7 +154,7 @@ class McapBag:
             beat()
             kind, size = head
             self._ended = kind in (Opcode.DATA_END, Opcode.FOOTER)
-            if self._ended or size > self._size - place - HEAD.size:
+            if self._ended or size > self.size - place - HEAD.size:
                 return
             yield place, kind, size
             place += HEAD.size + size
@@ -172,9 +170,9 @@ class McapBag:
         return memoryview(self.file.read(size))
 
     @property
-    def topics(self) -> Sequence[Topic]:
+    def topics(self) -> Sequence[BagTopic]:
         """Topics in the order of the file."""
-        found: dict[str, Topic] = {}
+        found: dict[str, BagTopic] = {}
         for channel in self.contents.channels.values():
             count = self.contents.counts.get(channel.id)
             known = found.get(channel.topic)
@@ -182,7 +180,7 @@ class McapBag:
                 count += known.count
             schema = self.contents.schemas.get(channel.schema_id, _NO_SCHEMA)
             definition = "" if schema.encoding == "protobuf" else schema.data.decode(errors="replace")
-            found[channel.topic] = Topic(
+            found[channel.topic] = BagTopic(
                 channel.topic, schema.name, channel.message_encoding, definition, schema.encoding, count
             )
         return list(found.values())
@@ -190,13 +188,7 @@ class McapBag:
     @property
     def share_read(self) -> float:
         """Share of the file that has been read."""
-        return min(1.0, self._position / max(1, self._size))
-
-    def decoder(self, topic: Topic) -> Decoder | None:
-        """See :class:`Container`."""
-        own = topic.type.startswith("foxglove.")  # their classes take 20 ms to load
-        decode = import_module("workers.readers.ros.foxglove").foxglove_decoder(topic) if own else ros_decoder(topic)
-        return None if decode is None else damage_proof(decode, self.damage)
+        return min(1.0, self._position / max(1, self.size))
 
     def _numbers(self, names: Collection[str]) -> dict[int, str]:
         return {c.id: c.topic for c in self.contents.channels.values() if c.topic in names}
@@ -227,7 +219,7 @@ class McapBag:
             yield from self._chunk_samples(chunks, numbers, 0 if loose else count)
 
     def _loose_samples(self, places: Sequence[int], count: int) -> Iterator[tuple[int, bytes]]:
-        for place in _spread(places, count):
+        for place in spread(places, count):
             _, log_ns, data = message_of(self._body_at(place, Opcode.MESSAGE))
             yield log_ns, data
 
@@ -235,7 +227,7 @@ class McapBag:
         self, chunks: Sequence[ChunkPlace], numbers: Collection[int], count: int
     ) -> Iterator[tuple[int, bytes]]:
         """Of chunks spread over the file a few messages each, so many that they are enough altogether."""
-        chosen = _spread(chunks, count)
+        chosen = spread(chunks, count)
         for number, chunk in enumerate(chosen):
             parts = records(unpacked_chunk(self._body_at(chunk.start, Opcode.CHUNK)))
             found = (message_of(part) for kind, part in parts if kind == Opcode.MESSAGE)
@@ -271,10 +263,3 @@ class McapBag:
     def close(self) -> None:
         """Close the file."""
         self.file.close()
-
-
-def _spread(items: Sequence[_Item], count: int) -> list[_Item]:
-    """At most ``count`` of the items, evenly spread, the first and the last among them."""
-    if len(items) <= count:
-        return list(items)
-    return [items[round(i)] for i in np.linspace(0, len(items) - 1, count).tolist()] if count else []

@@ -6,17 +6,15 @@ from typing import Any, Final
 
 import av
 import av.error
-import cv2
 from av.codec.context import Flags
 
-from workers.readers.images.headers import MAX_PIXELS, check_size
-from workers.readers.images.video import JPEG_QUALITY
+from workers.readers.images.headers import MAX_PIXELS
+from workers.readers.images.video import jpeg_frame
 from workers.readers.output import video_is_decoded
 from workers.readers.recording import Frame, ReadError
 
 # Formats of foxglove.CompressedVideo to the decoders of FFmpeg.
 _CODECS: Final = {"h264": "h264", "h265": "hevc", "vp9": "vp9", "av1": "av1"}
-_TRANSCODED: Final = f"Frames of a video were decoded and encoded anew as JPEG of quality {JPEG_QUALITY}."
 
 
 class MessageVideo:
@@ -57,17 +55,9 @@ class MessageVideo:
             pictures: list[Any] = self._context.decode(packet)
         except av.error.FFmpegError:  # counted below; frames before the first key frame cannot be decoded
             return []
-        return [self._encoded(picture) for picture in pictures if picture.pts is not None]
-
-    def _encoded(self, picture: Any) -> Frame:
-        check_size(picture.width, picture.height, self._where)
-        pixels = picture.to_ndarray(format="bgr24")
-        done, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-        if not done:
-            raise ReadError("video_damaged", f"{self._where} holds a frame that is no JPEG.", "Record it again.")
-        self._given += 1
-        size = (int(picture.width), int(picture.height))
-        return Frame(int(picture.pts), data.tobytes(), "image/jpeg", *size, transcoded=True, transcoding=_TRANSCODED)
+        shown = [picture for picture in pictures if picture.pts is not None]
+        self._given += len(shown)
+        return [jpeg_frame(picture, int(picture.pts), self._where) for picture in shown]
 
     def warnings(self) -> list[str]:
         """A sentence where frames are missing."""

@@ -14,10 +14,12 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from workers.readers.captures.velodyne_models import is_data_packet
+from workers.readers.clouds.pointcloud2 import PointCloud2, PointField
 from workers.readers.recording import ReadError
 from workers.readers.ros.camera_info import camera_info
 from workers.readers.ros.foxglove_messages import FOXGLOVE_MESSAGES
 from workers.readers.ros.topic_messages import (
+    BagTopic,
     CameraInfo,
     CloudMessage,
     Decoder,
@@ -25,7 +27,6 @@ from workers.readers.ros.topic_messages import (
     Message,
     PacketMessage,
     RawImage,
-    Topic,
 )
 
 CLOUD: Final = "sensor_msgs/msg/PointCloud2"
@@ -92,7 +93,7 @@ def full_name(name: str) -> str:
     return f"{package}/msg/{kind}" if kind and "/" not in kind else name
 
 
-def ros_decoder(topic: Topic) -> Decoder | None:
+def ros_decoder(topic: BagTopic) -> Decoder | None:
     """How messages of this topic are read, None where they are of no LiDAR and no camera.
 
     Raises:
@@ -116,7 +117,7 @@ def fixed_types(encoding: str) -> Typestore:
     return _store(encoding)
 
 
-def message_reader(topic: Topic) -> Callable[[bytes], Any]:
+def message_reader(topic: BagTopic) -> Callable[[bytes], Any]:
     """How messages of one of the fixed types are read, as rosbags has them."""
     kind = TRANSFORM if full_name(topic.type) in TRANSFORMS else full_name(topic.type)
     types = fixed_types(topic.encoding)
@@ -168,7 +169,9 @@ def _head(message: Any) -> tuple[int, str]:
 
 
 def _read_cloud(message: Any) -> Message:
-    return CloudMessage(*_head(message), message)
+    fields = [PointField(f.name, f.offset, f.datatype, f.count) for f in message.fields]
+    layout = (message.is_bigendian, message.point_step, message.row_step, message.data)
+    return CloudMessage(*_head(message), PointCloud2(message.height, message.width, fields, *layout))
 
 
 def _read_image(message: Any) -> Message:

@@ -15,11 +15,11 @@ from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.rosbag1.reader import Chunk, Header
 from rosbags.serde import SerdeError
 
-from workers.readers.damage import damage, damage_proof
+from workers.readers.damage import damage
 from workers.readers.pulse import beat
 from workers.readers.recording import ReadError, ReadOptions
-from workers.readers.ros.ros_types import ros_decoder
-from workers.readers.ros.topic_messages import Decoder, Topic
+from workers.readers.ros.containers import Container, spread
+from workers.readers.ros.topic_messages import BagTopic
 from workers.readers.ros.topics import TopicRecording
 
 _MAGIC: Final = b"#ROSBAG V2.0\n"
@@ -35,12 +35,7 @@ class Rosbag1Recording(TopicRecording):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        bag = Rosbag1Bag(path)
-        try:
-            super().__init__(bag, options)
-        except BaseException:
-            bag.close()
-            raise
+        super().__init__(Rosbag1Bag(path), options)
 
 
 class _Reader(Reader):
@@ -58,20 +53,20 @@ class _Reader(Reader):
         return super().read_chunk()
 
 
-class Rosbag1Bag:
+class Rosbag1Bag(Container):
     """A ROS 1 bag as a container of topics. ``reader`` is rosbags' own."""
 
     format = "rosbag1"
-    share_read = None
 
     def __init__(self, path: Path) -> None:
+        super().__init__()
         _check_ends(path)
         self._path = path
+        self.size = path.stat().st_size
         self.reader = _Reader(path)
         self._connections: dict[str, list[Connection]] = {}
-        self.warnings: list[str] = []
         try:
-            with bag_damage(path):
+            with self.damage():
                 self.reader.open()
                 for connection in self.reader.connections:
                     self._connections.setdefault(connection.topic, []).append(connection)
@@ -91,10 +86,10 @@ class Rosbag1Bag:
                 raise ReaderError("its index names the same message more than once")
 
     @property
-    def topics(self) -> Sequence[Topic]:
+    def topics(self) -> Sequence[BagTopic]:
         """Topics in the bag's order."""
         return [
-            Topic(
+            BagTopic(
                 name,
                 connections[0].msgtype,
                 "ros1",
@@ -105,25 +100,30 @@ class Rosbag1Bag:
             for name, connections in self._connections.items()
         ]
 
-    def decoder(self, topic: Topic) -> Decoder | None:
-        """See :class:`Container`."""
-        decode = ros_decoder(topic)
-        return None if decode is None else damage_proof(decode, lambda: bag_damage(self._path))
+    @contextmanager
+    def damage(self) -> Generator[None]:
+        """Turn what rosbags raises on damaged bytes into a ReadError."""
+        with damage(self._path.name, _WHAT, _HINT, ReaderError, SerdeError):
+            try:
+                yield
+            except ReaderError as error:
+                why = str(error).rstrip(".")
+                if "requested" in why or "Could not read" in why or "could not be read from file" in why:
+                    raise _truncated(self._path, why) from error
+                raise
 
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """See :class:`Container`."""
         connections = [c for name in names for c in self._connections[name]]
-        with bag_damage(self._path):
+        with self.damage():
             for connection, log_ns, raw in self.reader.messages(connections):
                 yield connection.topic, log_ns, raw
 
     def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
         """See :class:`Container`."""
         connections = self._connections[name]
-        times = np.sort(self.times(name))
-        chosen = np.unique(np.linspace(0, len(times) - 1, min(count, len(times))).astype(int))
-        with bag_damage(self._path):
-            for time in times[chosen].tolist():
+        with self.damage():
+            for time in spread(sorted(self.times(name).tolist()), count):
                 for _, log_ns, raw in self.reader.messages(connections, start=time, stop=time + 1):
                     yield log_ns, raw
                     break
@@ -180,16 +180,3 @@ def _truncated(path: Path, why: str) -> ReadError:
 
 def _damaged(path: Path, why: str) -> ReadError:
     return ReadError("recording_damaged", f"{path.name} is {_WHAT} but cannot be read: {why}.", _HINT)
-
-
-@contextmanager
-def bag_damage(path: Path) -> Generator[None]:
-    """Whatever rosbags raises on broken bytes, as a ReadError with a sentence."""
-    with damage(path.name, _WHAT, _HINT, ReaderError, SerdeError):
-        try:
-            yield
-        except ReaderError as error:
-            why = str(error).rstrip(".")
-            if "requested" in why or "Could not read" in why or "could not be read from file" in why:
-                raise _truncated(path, why) from error
-            raise

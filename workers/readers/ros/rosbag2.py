@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
+from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path, PurePath
 from typing import Any, Final, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
 from workers.readers.recording import ReadError, ReadOptions
-from workers.readers.ros.containers import Container
-from workers.readers.ros.topic_messages import Decoder, Topic
+from workers.readers.ros.containers import Container, SplitContainer
 from workers.readers.ros.topics import TopicRecording
 from workers.readers.trees.scratch import Scratch, packing_of
 
@@ -34,12 +29,7 @@ class Rosbag2Recording(TopicRecording):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        container = _BagFolder(path) if path.is_dir() else _open_file(path, Scratch(path.name))
-        try:
-            super().__init__(container, options)
-        except BaseException:
-            container.close()
-            raise
+        super().__init__(_open_folder(path) if path.is_dir() else _open_file(path, Scratch(path.name)), options)
 
 
 def unpacked_file(path: Path, scratch: Scratch) -> Path:
@@ -67,85 +57,20 @@ def _open_file(path: Path, scratch: Scratch) -> Container:
     )
 
 
-class _BagFolder:
-    """The files of a bag, one after the other."""
-
-    def __init__(self, path: Path) -> None:
-        self._sizes: list[int] = []
-        self._done = 0
-        self._scratch = Scratch(path.name)
-        self._files: list[Container] = []
-        self.warnings: list[str] = []
-        try:
-            for file in bag_files(path, self.warnings):
-                self._files.append(_open_file(file, self._scratch))
-                self._sizes.append(file.stat().st_size)
-        except BaseException:
-            self.close()
-            raise
-        self.format = self._files[0].format
-
-    @property
-    def topics(self) -> Sequence[Topic]:
-        """The topics of all files, with their counts added."""
-        found: dict[str, Topic] = {}
-        for file in self._files:
-            for topic in file.topics:
-                known = found.get(topic.name)
-                if known is None:
-                    found[topic.name] = topic
-                elif known.count is not None:
-                    count = None if topic.count is None else known.count + topic.count
-                    found[topic.name] = replace(known, count=count)
-        return list(found.values())
-
-    @property
-    def share_read(self) -> float | None:
-        """By the files' sizes."""
-        if self._done >= len(self._files):
-            return 1.0
-        now = self._files[self._done].share_read
-        if now is None:
-            return None
-        return (sum(self._sizes[: self._done]) + now * self._sizes[self._done]) / max(1, sum(self._sizes))
-
-    def decoder(self, topic: Topic) -> Decoder | None:
-        """See :class:`Container`."""
-        return self._files[0].decoder(topic)
-
-    def _holding(self, name: str) -> list[Container]:
-        return [file for file in self._files if any(topic.name == name for topic in file.topics)]
-
-    def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
-        """See :class:`Container`."""
-        for number, file in enumerate(self._files):
-            self._done = number
-            here = {topic.name for topic in file.topics} & set(names)
-            if here:
-                yield from file.messages(here)
-        self._done = len(self._files)
-
-    def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
-        """See :class:`Container`."""
-        files = self._holding(name)
-        if count < len(files):
-            files = [files[int(i)] for i in np.linspace(0, len(files) - 1, count)]
-        for number, file in enumerate(files):
-            yield from file.samples(name, (number + 1) * count // len(files) - number * count // len(files))
-
-    def times(self, name: str) -> NDArray[np.int64]:
-        """See :class:`Container`."""
-        return next((file.times(name) for file in self._holding(name)), np.zeros(0, np.int64))
-
-    def log_times(self, name: str) -> NDArray[np.int64]:
-        """See :class:`Container`."""
-        return np.concatenate([np.zeros(0, np.int64), *(file.log_times(name) for file in self._holding(name))])
-
-    def close(self) -> None:
-        """Close all files and remove what was unpacked."""
-        for file in self._files:
-            file.close()
-        self._scratch.close()
+def _open_folder(path: Path) -> Container:
+    """Open the files of a bag, one after the other."""
+    warnings: list[str] = []
+    files: list[Container] = []
+    with ExitStack() as stack:
+        scratch = Scratch(path.name)
+        stack.callback(scratch.close)
+        for file in bag_files(path, warnings):
+            files.append(_open_file(file, scratch))
+            stack.callback(files[-1].close)
+        stack.pop_all()
+    after = ExitStack()
+    after.callback(scratch.close)
+    return SplitContainer(files, warnings, after)
 
 
 def bag_files(path: Path, warnings: list[str]) -> list[Path]:

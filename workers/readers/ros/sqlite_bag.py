@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import zstandard
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 
 from workers.readers.bounded import decompress_zstd
-from workers.readers.damage import damage, damage_proof
+from workers.readers.damage import damage
 from workers.readers.recording import ReadError
-from workers.readers.ros.ros_types import ros_decoder
+from workers.readers.ros.containers import Container, spread
 from workers.readers.ros.sqlite_file import MAX_VALUE_BYTES, SqliteFile
-from workers.readers.ros.topic_messages import Decoder, Topic
+from workers.readers.ros.topic_messages import BagTopic
 
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
 _TIMES: Final = 2000
@@ -27,7 +27,7 @@ _MAX_ID: Final = 2**63 - 1
 _HINT: Final = "Copy or upload the bag again; `sqlite3 FILE .recover` may save what is left of a damaged one."
 
 
-class SqliteBag:
+class SqliteBag(Container):
     """One .db3 file.
 
     Raises:
@@ -35,11 +35,11 @@ class SqliteBag:
     """
 
     format = "rosbag2_sqlite3"
-    share_read = None
 
     def __init__(self, path: Path) -> None:
+        super().__init__()
         self._path = path
-        self.warnings: list[str] = []
+        self.size = path.stat().st_size
         with self.damage():
             self.file = SqliteFile(path)
         try:
@@ -56,7 +56,7 @@ class SqliteBag:
         with damage(self._path.name, "a ROS 2 bag in SQLite", _HINT, *kinds):
             yield
 
-    def _read_topics(self) -> tuple[dict[str, list[int]], list[Topic]]:
+    def _read_topics(self) -> tuple[dict[str, list[int]], list[BagTopic]]:
         if not {"topics", "messages"} <= self.file.tables:
             raise ReadError(
                 "not_a_recording",
@@ -76,14 +76,14 @@ class SqliteBag:
         if sum(counts.values()) >= most:
             raise sqlite3.DatabaseError("it has more messages than room for them")
         ids: dict[str, list[int]] = {}
-        topics: list[Topic] = []
+        topics: list[BagTopic] = []
         rows = self.file.rows("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
         for number, name, kind, encoding in rows:
             ids.setdefault(str(name), []).append(int(number))
             if len(ids[name]) == 1:
                 text, form = definitions.get(str(kind), ("", ""))
                 usual = str(encoding) or "cdr"  # old recorders left it empty; there is no other format in ROS 2
-                topics.append(Topic(str(name), str(kind), usual, text, form, counts.get(number, 0)))
+                topics.append(BagTopic(str(name), str(kind), usual, text, form, counts.get(number, 0)))
         return ids, topics
 
     def _last_whole(self) -> int:
@@ -107,44 +107,38 @@ class SqliteBag:
         while ids and doubtful <= self.file.page_bytes:
             doubtful += sizes.pop()
             ids.pop()
-        self.warnings.append(
+        self._warnings.append(
             f"{self._path.name} is cut short, as when recording is interrupted; {len(ids)} messages were read."
         )
         return ids[-1] if ids else 0
 
     @property
-    def topics(self) -> Sequence[Topic]:
+    def topics(self) -> Sequence[BagTopic]:
         """Topics in the order of their ids."""
         return self._topics
 
-    def decoder(self, topic: Topic) -> Decoder | None:
-        """See :class:`Container`."""
-        decode = ros_decoder(topic)
-        return None if decode is None else damage_proof(decode, self.damage)
+    def _rows(self, columns: str, names: Collection[str], end: str = "") -> Iterator[tuple[Any, ...]]:
+        """Yield rows of these topics' messages in recorded order, which is the order of their ids."""
+        numbers = [number for name in names for number in self.ids[name]]
+        marks = ",".join("?" * len(numbers))
+        query = f"SELECT {columns} FROM messages WHERE topic_id IN ({marks}) AND id <= ? ORDER BY id {end}"
+        with self.damage():
+            yield from self.file.rows(query, [*numbers, self.last])
 
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
-        """See :class:`Container`; recorded order is the order of row ids."""
+        """See :class:`Container`."""
         by_id = {number: name for name in names for number in self.ids[name]}
-        marks = ",".join("?" * len(by_id))
         with self.damage():
-            query = (
-                f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) AND id <= ? ORDER BY id"
-            )
-            for topic_id, log_ns, data in self.file.rows(query, [*by_id, self.last]):
+            for topic_id, log_ns, data in self._rows("topic_id, timestamp, data", names):
                 yield by_id[topic_id], int(log_ns), unpacked_message(data)
 
     def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
         """See :class:`Container`."""
+        ids = array("q", (number for (number,) in self._rows("id", [name])))
         with self.damage():
-            numbers = self.ids[name]
-            marks = ",".join("?" * len(numbers))
-            query = f"SELECT id FROM messages WHERE topic_id IN ({marks}) AND id <= ? ORDER BY id"
-            rows = self.file.rows(query, [*numbers, self.last])
-            every = np.fromiter((row for (row,) in rows), np.int64)
-            chosen = np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))
-            for row in every[chosen].tolist():
+            for number in spread(ids, count):
                 one = "SELECT timestamp, data FROM messages WHERE id = ? LIMIT 1"
-                ((log_ns, data),) = self.file.rows(one, [row])
+                ((log_ns, data),) = self.file.rows(one, [number])
                 yield int(log_ns), unpacked_message(data)
 
     def times(self, name: str) -> NDArray[np.int64]:
@@ -157,10 +151,7 @@ class SqliteBag:
 
     def _times(self, name: str, limit: str) -> NDArray[np.int64]:
         with self.damage():
-            numbers = self.ids[name]
-            marks = ",".join("?" * len(numbers))
-            query = f"SELECT timestamp FROM messages WHERE topic_id IN ({marks}) AND id <= ? ORDER BY id {limit}"
-            return np.fromiter((time for (time,) in self.file.rows(query, [*numbers, self.last])), np.int64)
+            return np.fromiter((time for (time,) in self._rows("timestamp", [name], limit)), np.int64)
 
     def close(self) -> None:
         """Close the file."""

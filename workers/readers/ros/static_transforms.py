@@ -11,7 +11,7 @@ from workers.readers.damage import damage
 from workers.readers.recording import ReadError, StaticTransform, legible
 from workers.readers.ros.containers import Container
 from workers.readers.ros.ros_types import TRANSFORMS, full_name, message_reader
-from workers.readers.ros.topic_messages import Topic
+from workers.readers.ros.topic_messages import BagTopic
 
 _NAME: Final = "tf_static"
 # Every node publishes its own once; a recorder that splits its files repeats them.
@@ -22,7 +22,7 @@ _LONGEST_NAME: Final = 200
 _FARTHEST: Final = 1000.0
 
 
-def is_static_transforms(topic: Topic) -> bool:
+def is_static_transforms(topic: BagTopic) -> bool:
     """Whether a topic holds transforms that never change, in a type that is read."""
     return (
         topic.name.rpartition("/")[2] == _NAME
@@ -47,7 +47,7 @@ def static_transforms(container: Container, warnings: list[str]) -> list[StaticT
     return list(found.values())
 
 
-def _stated(container: Container, topic: Topic) -> list[StaticTransform]:
+def _stated(container: Container, topic: BagTopic) -> list[StaticTransform]:
     read = message_reader(topic)
     found: list[StaticTransform] = []
     with damage(topic.name, "a topic of fixed transforms", "Look at who publishes it.", SerdeError):

@@ -12,7 +12,7 @@ from workers.readers.clouds.pointcloud2 import PointCloud2
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class BagTopic:
     """A topic of a bag or an MCAP file.
 
     Attributes:
@@ -33,7 +33,7 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True)
-class Stamped:
+class StampedMessage:
     """Stamp (nanoseconds, 0 where the message has none) and frame of a message."""
 
     stamp_ns: int
@@ -41,22 +41,30 @@ class Stamped:
 
 
 @dataclass(frozen=True, slots=True)
-class CloudMessage(Stamped):
+class CloudMessage(StampedMessage):
     """A point cloud."""
 
     cloud: PointCloud2
 
 
 @dataclass(frozen=True, slots=True)
-class EncodedImage(Stamped):
+class EncodedImage(StampedMessage):
     """An image file."""
 
     data: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class RawImage(Stamped):
-    """Pixels as a camera's driver lays them out."""
+class RawImage(StampedMessage):
+    """Pixels as a camera's driver lays them out.
+
+    Attributes:
+        width, height: pixels.
+        step: bytes from one row to the next.
+        encoding: the ROS name of the pixel format.
+        big_endian: of values of 16 bits.
+        data: (step * height,) uint8, or longer.
+    """
 
     width: int
     height: int
@@ -67,14 +75,14 @@ class RawImage(Stamped):
 
 
 @dataclass(frozen=True, slots=True)
-class PacketMessage(Stamped):
+class PacketMessage(StampedMessage):
     """Packets of a Velodyne sensor, each with the host's stamp."""
 
     packets: Sequence[tuple[int, bytes]]
 
 
 @dataclass(frozen=True, slots=True)
-class VideoMessage(Stamped):
+class VideoMessage(StampedMessage):
     """One encoded frame of a video; ``codec`` as Foxglove names it."""
 
     codec: str
@@ -82,7 +90,7 @@ class VideoMessage(Stamped):
 
 
 @dataclass(frozen=True, slots=True)
-class CameraInfo(Stamped):
+class CameraInfo(StampedMessage):
     """Intrinsics that somebody stated.
 
     Attributes:

@@ -29,9 +29,10 @@ from workers.readers.recording import (
     Sweep,
 )
 from workers.readers.ros.camera_info import image_kind, info_document, match_infos
-from workers.readers.ros.containers import Container
+from workers.readers.ros.containers import Container, SplitContainer
 from workers.readers.ros.static_transforms import static_transforms
 from workers.readers.ros.topic_messages import (
+    BagTopic,
     CameraInfo,
     CloudMessage,
     Decoder,
@@ -39,7 +40,6 @@ from workers.readers.ros.topic_messages import (
     Message,
     PacketMessage,
     RawImage,
-    Topic,
     VideoMessage,
 )
 
@@ -54,6 +54,10 @@ class TopicRecording(Recording):
     """The topics of a container that are LiDARs and cameras.
 
     JPEG, PNG and WebP images are handed on byte for byte; raw images become PNG.
+
+    Args:
+        container: open; closed with this.
+        options: what the owner knows.
 
     Raises:
         ReadError: what the container raises.
@@ -70,8 +74,12 @@ class TopicRecording(Recording):
         self._stampless: set[str] = set()
         self._decoders: dict[str, Decoder] = {}
         self._other_topics: list[str] = []
-        self._said: list[str] = []
-        self._sensors = self._find_sensors()
+        self._sentences: list[str] = []
+        try:
+            self._sensors = self._find_sensors()
+        except BaseException:
+            container.close()
+            raise
 
     def _find_sensors(self) -> list[Sensor]:
         sensors: list[Sensor] = []
@@ -93,7 +101,7 @@ class TopicRecording(Recording):
         matched = match_infos({s.name: s.frame_id for s in sensors if s.kind == "camera"}, infos)
         return [_with_info(s, matched.get(s.name)) if s.kind == "camera" else s for s in sensors]
 
-    def _first(self, topic: Topic, decoder: Decoder) -> Message | None:
+    def _first(self, topic: BagTopic, decoder: Decoder) -> Message | None:
         for _, raw in self._container.samples(topic.name, 1):
             return decoder(raw)
         return None
@@ -111,7 +119,7 @@ class TopicRecording(Recording):
     @property
     def static_transforms(self) -> Sequence[StaticTransform]:
         """What its ``/tf_static`` says."""
-        return static_transforms(self._container, self._said)
+        return static_transforms(self._container, self._sentences)
 
     @property
     def share_read(self) -> float | None:
@@ -121,15 +129,16 @@ class TopicRecording(Recording):
     @property
     def warnings(self) -> list[str]:
         """Sentences about what was met while reading."""
-        said = [*self._container.warnings, *self._said]
-        said += [sentence for model in self._models.values() for sentence in model.warnings()]
-        said += [sentence for cutter in self._cutters.values() for sentence in cutter.warnings()]
-        said += [sentence for video in self._videos.values() for sentence in video.warnings()]
-        said += [
-            f"{topic}: messages have no stamp of their own; the time of recording was taken."
-            for topic in sorted(self._stampless)
+        sources = (*self._models.values(), *self._cutters.values(), *self._videos.values())
+        return [
+            *self._container.warnings,
+            *self._sentences,
+            *(line for source in sources for line in source.warnings()),
+            *(
+                f"{topic}: messages have no stamp of their own; the time of recording was taken."
+                for topic in sorted(self._stampless)
+            ),
         ]
-        return said
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned of a LiDAR from sweeps spread over the file, or from its first packets."""
@@ -189,37 +198,41 @@ class TopicRecording(Recording):
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """All chosen topics in one pass, in recorded order."""
         by_name = {sensor.name: sensor for sensor in sensors}
-        lidars = [sensor for sensor in sensors if sensor.kind == "lidar"]
-        models = {s.name: self._model(s) for s in lidars if not self._is_packets(s)}
-        cutters = {s.name: SweepCutter(self._stream(s), self._options, s.name) for s in lidars if self._is_packets(s)}
-        self._cutters |= cutters
-        if not by_name:
-            return
         self._videos.clear()
-        for name, log_ns, raw in self._container.messages(by_name):
-            sensor = by_name[name]
-            if name in cutters:
-                for host_ns, data in self._packets(sensor, log_ns, raw):
-                    sweep = cutters[name].add(host_ns, data)
-                    if sweep is not None:
-                        yield sensor, sweep
-                continue
-            message = self._decoders[name](raw)
-            if isinstance(message, VideoMessage):
-                stamp_ns = self._stamp(name, message, log_ns)
-                for frame in self._video(name, message).add(stamp_ns, message.data):
-                    yield sensor, frame
-                continue
-            item = self._item(sensor, message, log_ns, models.get(name))
-            if item is not None:
-                yield sensor, item
-        for name, cutter in cutters.items():
-            sweep = cutter.finish()
-            if sweep is not None:
+        self._cutters.clear()
+        for sensor in sensors:  # what is not usable is said before anything is read
+            if self._is_packets(sensor):
+                self._cutters[sensor.name] = SweepCutter(self._stream(sensor), self._options, sensor.name)
+            elif sensor.kind == "lidar":
+                self._model(sensor)
+        for name, log_ns, raw in self._container.messages(by_name) if by_name else ():
+            for item in self._items(by_name[name], log_ns, raw):
+                yield by_name[name], item
+        for name, cutter in self._cutters.items():
+            for sweep in filter(None, [cutter.finish()]):
                 yield by_name[name], sweep
         for name, video in self._videos.items():
             for frame in video.finish():
                 yield by_name[name], frame
+
+    def _items(self, sensor: Sensor, log_ns: int, raw: bytes) -> Iterator[Sweep | Frame]:
+        """Yield what a message holds or completes."""
+        name = sensor.name
+        if name in self._cutters:
+            packets = self._packets(sensor, log_ns, raw)
+            yield from filter(None, (self._cutters[name].add(*packet) for packet in packets))
+            return
+        message = self._decoders[name](raw)
+        stamp_ns = self._stamp(name, message, log_ns)
+        where = _where(name, stamp_ns)
+        if isinstance(message, VideoMessage):
+            yield from self._video(name, message).add(stamp_ns, message.data)
+        elif isinstance(message, CloudMessage) and name in self._models:
+            yield self._models[name].sweep(stamp_ns, cloud_columns(message.cloud, where))
+        elif isinstance(message, EncodedImage):
+            yield image_frame(message.data, stamp_ns, where)
+        elif isinstance(message, RawImage):
+            yield raw_to_png(message, stamp_ns, where)
 
     def _video(self, name: str, first: VideoMessage) -> MessageVideo:
         if name not in self._videos:
@@ -227,26 +240,6 @@ class TopicRecording(Recording):
             made: MessageVideo = import_module("workers.readers.ros.message_video").MessageVideo(first.codec, name)
             self._videos[name] = made
         return self._videos[name]
-
-    def _item(self, sensor: Sensor, message: Message, log_ns: int, model: CloudModel | None) -> Sweep | Frame | None:
-        stamp_ns = self._stamp(sensor.name, message, log_ns)
-        where = _where(sensor.name, stamp_ns)
-        if isinstance(message, CloudMessage) and model is not None:
-            return model.sweep(stamp_ns, cloud_columns(message.cloud, where))
-        if isinstance(message, EncodedImage):
-            return image_frame(message.data, stamp_ns, where)
-        if isinstance(message, RawImage):
-            return raw_to_png(
-                message.data,
-                width=message.width,
-                height=message.height,
-                step=message.step,
-                encoding=message.encoding,
-                stamp_ns=stamp_ns,
-                where=where,
-                big_endian=message.big_endian,
-            )
-        return None
 
     def _stamp(self, name: str, message: Message, log_ns: int) -> int:
         if message.stamp_ns == 0:
@@ -259,11 +252,45 @@ class TopicRecording(Recording):
         self._container.close()
 
 
+class SplitBag(TopicRecording):
+    """Files of one recording that was split while it was recorded, one after the other, in the given order.
+
+    Args:
+        parts: open, with the same topics; closed with this.
+    """
+
+    def __init__(self, parts: Sequence[TopicRecording], options: ReadOptions) -> None:
+        super().__init__(SplitContainer([part._container for part in parts]), options)
+        self._parts = parts
+
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences about what was met, and that the files were joined."""
+        return [f"{len(self._parts)} files with the same topics were read one after the other.", *super().warnings]
+
+    def lidar_facts(self, sensor: Sensor) -> LidarFacts:
+        """See :class:`TopicRecording`.
+
+        Raises:
+            ReadError: ``parts_differ`` where the files have different rings.
+        """
+        same = [(part, s) for part in self._parts for s in part.sensors if s.name == sensor.name and s.count != 0]
+        counts = list(dict.fromkeys(part.lidar_facts(here).ring_count for part, here in same))
+        if len(counts) > 1:
+            raise ReadError(
+                "parts_differ",
+                f"The files of this recording give {sensor.name} different numbers of rings "
+                f"({', '.join(map(str, counts[:5]))}).",
+                "Upload the files one by one, or join them with a tool of the format's own.",
+            )
+        return super().lidar_facts(sensor)
+
+
 def _where(topic: str, stamp_ns: int) -> str:
     return f"The message on {topic} at {stamp_ns / 1e9:.3f} s"
 
 
-def _described(topic: Topic) -> str:
+def _described(topic: BagTopic) -> str:
     if topic.type.startswith("foxglove.") and topic.encoding not in ("protobuf", "json"):
         return f"{topic.name} ({topic.type} encoded as {topic.encoding or 'nothing'}, which is not read)"
     return f"{topic.name} ({topic.type})"
@@ -275,7 +302,7 @@ def _with_info(camera: Sensor, info: CameraInfo | None) -> Sensor:
     return replace(camera, camera_info=document, image_kind=image_kind(camera.name, document), notes=notes)
 
 
-def _sensor(topic: Topic, first: Message | None) -> Sensor:
+def _sensor(topic: BagTopic, first: Message | None) -> Sensor:
     """A topic as a sensor, with what its first message tells."""
     name, count = topic.name, topic.count
     frame_id = "" if first is None else first.frame_id

@@ -100,7 +100,7 @@ def _read_npy(data: bytes, path: str) -> Arrays:
     try:
         shape, fortran, dtype, place = _npy_header(data)
     except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError, struct.error) as error:
-        raise _malformed(path, f"its .npy header cannot be read ({type(error).__name__})", hint) from error
+        raise _malformed(path, "its .npy header cannot be read", hint) from error
     if dtype.hasobject or dtype.itemsize == 0:
         raise _malformed(path, f"its type is {dtype}", hint)
     count = int(np.prod(np.array(shape, object))) if shape else 1

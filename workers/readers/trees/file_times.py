@@ -6,19 +6,19 @@ import csv
 import io
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import PurePosixPath
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
 from workers.readers.recording import ReadError
+from workers.readers.trees.series import Series, TimesFrom, stem_and_number
 
 CSV_NAME: Final = "timestamps.csv"
 KITTI_NAME: Final = "timestamps.txt"
-_NUMBER_AT_END: Final = re.compile(r"(\d+(?:\.\d+)?)$")
+_NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 # Digits of a time since 1970 in each unit, between the years 2001 and 2286.
 _UNITS_BY_DIGITS: Final = {10: 1_000_000_000, 13: 1_000_000, 16: 1_000, 19: 1}
 _INDEX_STEP_NS: Final = 100_000_000
@@ -27,65 +27,30 @@ _INDEX_START_NS: Final = 1_000_000_000
 _MAX_NS: Final = 2**63 - 1
 _KITTI_LINE: Final = re.compile(r"(\d{4}-\d\d-\d\d)[ T](\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?Z?")
 
-TimesFrom = Literal["csv", "kitti", "names", "index"]
 
-
-@dataclass(frozen=True, slots=True)
-class FileTimes:
-    """Stamps of a folder's files.
-
-    Attributes:
-        stamps_ns: by path.
-        sources: by group: ``csv``, ``kitti`` (a ``timestamps.txt``), ``names``, or ``index`` where names hold only
-            numbers and the times are made up.
-        warnings: sentences about what was assumed.
-    """
-
-    stamps_ns: Mapping[str, int]
-    sources: Mapping[str, TimesFrom]
-    warnings: Sequence[str]
-
-
-def stem_and_number(path: str) -> tuple[str, str]:
-    """A file's name split before the number at its end: ``a/pose12.pcd`` gives (``pose``, ``12``)."""
-    stem = PurePosixPath(path).name.rpartition(".")[0].removesuffix(".pcd")
-    match = _NUMBER_AT_END.search(stem)
-    return (stem[: match.start()], match.group(1)) if match else (stem, "")
-
-
-def stamp_files(
-    groups: Mapping[str, Sequence[str]], tables: Mapping[str, bytes], lines: Mapping[str, bytes]
-) -> FileTimes:
-    """The stamp of every file.
+def stamp_series(series: Sequence[Series], tables: Mapping[str, bytes], lines: Mapping[str, bytes]) -> None:
+    """Give every file its stamp, and put the files in their order.
 
     Args:
-        groups: the files of each sensor, point clouds or images.
+        series: the files of each sensor.
         tables: content of every ``timestamps.csv`` by its path.
-        lines: content of the ``timestamps.txt`` that belongs to a group, by the group's name.
+        lines: content of the ``timestamps.txt`` that belongs to a series, by the series' name.
 
     Raises:
         ReadError: ``timestamps_incomplete``, ``timestamps_malformed``, ``files_without_times``.
     """
     listed = listed_times(tables)
-    stamps: dict[str, int] = {}
-    sources: dict[str, TimesFrom] = {}
-    for group, paths in groups.items():
-        source, found = _stamp_group(paths, listed, lines.get(group), tables)
-        sources[group] = source
-        stamps.update(found)
-    made_up = [group for group, source in sources.items() if source == "index"]
-    if made_up and len(made_up) < len(sources):
-        odd = groups[made_up[0]][0]
-        raise without_times(f"Some files have a time, but {odd} has only a number.")
-    warnings = (
-        "File names hold numbers and no times: files of equal number are taken as simultaneous, and the times, "
-        "0.1 s from number to number, are made up.",
-    )
-    return FileTimes(stamps, sources, warnings if made_up else ())
+    for one in series:
+        one.times_from, stamps = _stamps(one.paths, listed, lines.get(one.name), bool(tables))
+        one.stamps_ns = dict(stamps)
+        one.paths.sort(key=lambda path: (stamps[path], path))
+    made_up = [one for one in series if one.times_from == "index"]
+    if made_up and len(made_up) < len(series):
+        raise without_times(f"Some files have a time, but {made_up[0].paths[0]} has only a number.")
 
 
-def _stamp_group(
-    paths: Sequence[str], listed: Mapping[str, int], lines: bytes | None, tables: Mapping[str, bytes]
+def _stamps(
+    paths: Sequence[str], listed: Mapping[str, int], lines: bytes | None, has_tables: bool
 ) -> tuple[TimesFrom, Mapping[str, int]]:
     missing = [path for path in paths if path not in listed]
     if not missing:
@@ -98,7 +63,7 @@ def _stamp_group(
     timed = [path for path, text in texts.items() if "." in text or _is_time(text)]
     if len(timed) == len(paths):
         return "names", {path: _time(path, text) for path, text in texts.items()}
-    if tables:
+    if has_tables:
         raise _incomplete(missing, len(paths))
     nameless = [path for path, text in texts.items() if not text and len(paths) > 1]
     if nameless:
@@ -168,7 +133,7 @@ def _kitti_time(text: str, where: str, number: int) -> int:
         if match is not None:
             whole = datetime.fromisoformat(f"{match.group(1)}T{match.group(2)}").replace(tzinfo=UTC)
             return int(whole.timestamp()) * 1_000_000_000 + int((match.group(3) or "").ljust(9, "0"))
-        if _NUMBER_AT_END.fullmatch(text) and ("." in text or len(text) in _UNITS_BY_DIGITS):
+        if _NUMBER.fullmatch(text) and ("." in text or len(text) in _UNITS_BY_DIGITS):
             return _time(where, text)
     except (ValueError, OverflowError, ReadError):
         pass
@@ -189,25 +154,25 @@ def kitti_stamps(times: Sequence[int | None], paths: Sequence[str]) -> Mapping[s
     """
     numbers = [stem_and_number(path)[1] for path in paths]
     if all(text.isdigit() and len(text) < 19 and int(text) < len(times) for text in numbers):
-        places = [int(text) for text in numbers]
+        rows = [int(text) for text in numbers]
     elif len(times) == len(paths):
-        places = np.argsort(np.argsort(np.array(paths))).tolist()
+        rows = np.argsort(np.argsort(np.array(paths))).tolist()
     else:
-        raise ReadError(
-            "timestamps_incomplete",
-            f"{KITTI_NAME} has {len(times)} lines for {len(paths)} files such as {paths[0]}.",
-            "Give one line per file in the order of the files' names, or number the files by line, from 0.",
-        )
-    found = {path: times[place] for path, place in zip(paths, places, strict=True)}
-    stamps = {path: stamp for path, stamp in found.items() if stamp is not None}
+        raise _unlisted(f"has {len(times)} lines for {len(paths)} files such as {paths[0]}.")
+    every = {path: times[row] for path, row in zip(paths, rows, strict=True)}
+    stamps = {path: stamp for path, stamp in every.items() if stamp is not None}
     if len(stamps) < len(paths):
         odd = next(path for path in paths if path not in stamps)
-        raise ReadError(
-            "timestamps_incomplete",
-            f"{KITTI_NAME} has no line for {odd} ({len(paths) - len(stamps)} of {len(paths)} files are missing).",
-            "Give one line per file, in the order of the files' names.",
-        )
+        raise _unlisted(f"has no line for {odd} ({len(paths) - len(stamps)} of {len(paths)} files are missing).")
     return stamps
+
+
+def _unlisted(why: str) -> ReadError:
+    return ReadError(
+        "timestamps_incomplete",
+        f"{KITTI_NAME} {why}",
+        "Give one line per file in the order of the files' names, or number the files by line, from 0.",
+    )
 
 
 def listed_times(tables: Mapping[str, bytes]) -> Mapping[str, int]:
@@ -266,9 +231,7 @@ def read_table(where: str, content: bytes, columns: Sequence[str]) -> Sequence[M
         rows = list(reader)
     except (UnicodeDecodeError, csv.Error) as error:
         raise ReadError(
-            "timestamps_malformed",
-            f"{where} is no CSV text: {error}.",
-            f"Save it as UTF-8 CSV: {','.join(columns)}.",
+            "timestamps_malformed", f"{where} is no CSV text: {error}.", f"Save it as UTF-8 CSV: {','.join(columns)}."
         ) from error
     if not set(columns) <= set(reader.fieldnames or ()):
         raise ReadError(

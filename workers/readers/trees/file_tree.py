@@ -186,7 +186,7 @@ class Folder(OnDisk):
                 raise refused(root.name, f"it holds more than {MAX_FILES} files")
 
 
-class Window:
+class FileWindow:
     """A part of an open file as a stream of its own."""
 
     def __init__(self, file: IO[bytes], offset: int, size: int) -> None:

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import posixpath
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from workers.readers.detect import HEAD_BYTES, TREE, Format, format_of
+from workers.readers.detect import HEAD_BYTES, TREE, FileFormat, format_of
 from workers.readers.recording import ReadError, ReadOptions, Recording
 from workers.readers.trees.cloud_files import is_cloud_table
-from workers.readers.trees.composite import Composite, Joined, Part
-from workers.readers.trees.file_series import FileSeries, Group, group_files, is_sensor_file
+from workers.readers.trees.composite import Composite, Source
+from workers.readers.trees.file_series import FileSeries
 from workers.readers.trees.file_times import (
     CSV_NAME,
     KITTI_NAME,
     is_times_table,
     listed_times,
-    stem_and_number,
+    stamp_series,
     without_times,
 )
 from workers.readers.trees.file_tree import FileTree, read_file, read_head
 from workers.readers.trees.kitti import KITTI_ENDS, KITTI_STARTS
 from workers.readers.trees.open_tree import open_tree
+from workers.readers.trees.series import Series, find_series, is_sensor_file, stem_and_number
 
 _BAG_FOLDER: Final = "metadata.yaml"
 _BAG_FILES: Final = {".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
@@ -34,18 +36,18 @@ _MAX_LISTED: Final = 20
 
 
 @dataclass(slots=True)
-class Contents:
+class TreeContents:
     """What a tree holds.
 
     Attributes:
         sources: bags, captures and videos, files or folders, by path.
-        groups: sensors whose every message is a file.
+        series: sensors whose every message is a file.
         tables: paths of ``timestamps.csv`` and of others with its columns.
         others: paths of what nobody reads.
     """
 
-    sources: dict[str, Format] = field(default_factory=dict[str, Format])
-    groups: list[Group] = field(default_factory=list[Group])
+    sources: dict[str, FileFormat] = field(default_factory=dict[str, FileFormat])
+    series: list[Series] = field(default_factory=list[Series])
     tables: list[str] = field(default_factory=list[str])
     others: list[str] = field(default_factory=list[str])
 
@@ -63,11 +65,11 @@ class FolderRecording(Composite):
         self._tree = open_tree(path)
         self._others: list[str] = []
         self._warnings: list[str] = []
-        parts: list[Part] = []
+        parts: list[Source] = []
         try:
             contents = look_into(self._tree)
             self._others = contents.others
-            if not contents.sources and not contents.groups:
+            if not contents.sources and not contents.series:
                 raise _empty(self._tree, contents)
             _open_parts(self._tree, contents, options, parts, self._warnings)
             super().__init__(parts)
@@ -96,9 +98,9 @@ class FolderRecording(Composite):
         self._tree.close()
 
 
-def look_into(tree: FileTree) -> Contents:
+def look_into(tree: FileTree) -> TreeContents:
     """What a tree holds, by the files' names and first bytes."""
-    contents = Contents()
+    contents = TreeContents()
     paths = tree.paths
     bags = _bag_folders(paths)
     sensor_files: list[str] = []
@@ -113,7 +115,7 @@ def look_into(tree: FileTree) -> Contents:
             sensor_files.append(path)
         elif name not in _TIMES:
             _look_inside(tree, path, contents, sensor_files)
-    contents.groups = group_files(sensor_files)
+    contents.series = find_series(sensor_files)
     beside = {_table_beside(path) for path, known in contents.sources.items() if known.module == _VIDEO}
     contents.others = [path for path in contents.others if path not in beside]
     if len(contents.sources) > _MAX_SOURCES:
@@ -138,7 +140,7 @@ def _bag_folders(paths: Sequence[str]) -> Mapping[str, str]:
     return found
 
 
-def _bag_format(tree: FileTree, file: str) -> Format:
+def _bag_format(tree: FileTree, file: str) -> FileFormat:
     head = read_head(tree, file, HEAD_BYTES)
     known = format_of(head) or format_of(_BAG_FILES[PurePosixPath(file.removesuffix(".zstd")).suffix])
     if known is None:
@@ -146,7 +148,7 @@ def _bag_format(tree: FileTree, file: str) -> Format:
     return known
 
 
-def _look_inside(tree: FileTree, path: str, contents: Contents, sensor_files: list[str]) -> None:
+def _look_inside(tree: FileTree, path: str, contents: TreeContents, sensor_files: list[str]) -> None:
     head = read_head(tree, path, HEAD_BYTES)
     known = format_of(head)
     if known is not None:
@@ -160,54 +162,69 @@ def _look_inside(tree: FileTree, path: str, contents: Contents, sensor_files: li
 
 
 def _open_parts(
-    tree: FileTree, contents: Contents, options: ReadOptions, parts: list[Part], warnings: list[str]
+    tree: FileTree, contents: TreeContents, options: ReadOptions, parts: list[Source], warnings: list[str]
 ) -> None:
     """Open all sources; ``parts`` holds what is open although one of them cannot be read."""
     tables = {path: read_file(tree, path) for path in contents.tables}
-    top = _common_top([*contents.sources, *(f"{group.folder}/file" for group in contents.groups)])
+    top = _common_top([*contents.sources, *(f"{series.folder}/file" for series in contents.series)])
     for path, known in contents.sources.items():
         if known.module == _VIDEO:
             recording = _open_video(tree, path, options, tables)
         else:
             recording = known.open(tree.on_disk(path), options)
-        parts.append(Part(recording, _below(path, top)))
-    if contents.groups:
-        groups = [replace(group, name=_group_name(group, top)) for group in contents.groups]
-        series = _open_series(tree, groups, tables, options, parts, warnings)
-        if series is not None:
-            parts.append(Part(series, ".", named=True))
-    parts[:] = _join_split(parts)
+        parts.append(Source(recording, _below(path, top)))
+    for series in contents.series:
+        series.name = _series_name(series, top)
+    parts += _open_series(tree, contents.series, tables, options, parts, warnings)
+    parts[:] = _join_split(parts, options)
 
 
 def _open_series(
     tree: FileTree,
-    groups: Sequence[Group],
+    every: Sequence[Series],
     tables: Mapping[str, bytes],
     options: ReadOptions,
-    parts: Sequence[Part],
+    parts: Sequence[Source],
     warnings: list[str],
-) -> FileSeries | None:
-    """The sensors whose messages are files; None where they have no times and the other sources suffice."""
+) -> list[Source]:
+    """The sensors whose messages are files; none where they have no times and the other sources suffice."""
+    known = frozenset(tree.paths)
+    kitti = {series.name: _kitti_tables(tree, series, known) for series in every}
     try:
-        series = FileSeries(tree, groups, tables, options)
-        if parts and "index" in series.times_from:
+        stamp_series(every, tables, {name: found[KITTI_NAME] for name, found in kitti.items() if found})
+        if parts and any(series.times_from == "index" for series in every):
             raise without_times(
-                f"The files of {groups[0].name} have no times, and {parts[0].label} has: which belong together is "
+                f"The files of {every[0].name} have no times, and {parts[0].label} has: which belong together is "
                 "not said."
             )
     except ReadError as error:
         kinds = {sensor.kind for part in parts for sensor in part.recording.sensors}
         if error.code != "files_without_times" or len(kinds) < 2:
             raise
-        listed = ", ".join(group.name for group in groups)
+        listed = ", ".join(series.name for series in every)
         warnings.append(f"{listed} were left out, because their files have no times.")
-        return None
-    return series
+        return []
+    if any(series.times_from == "index" for series in every):
+        warnings.append(
+            "File names hold numbers and no times: files of equal number are taken as simultaneous, and the times, "
+            "0.1 s from number to number, are made up."
+        )
+    return [Source(FileSeries(tree, one, kitti[one.name], options), ".", named=True) for one in every]
 
 
-def _join_split(parts: Sequence[Part]) -> list[Part]:
+def _kitti_tables(tree: FileTree, series: Series, known: Collection[str]) -> dict[str, bytes]:
+    """KITTI's tables of times, which stand beside the files or beside their folder ``data``."""
+    folder = PurePosixPath(series.folder)
+    for place in (folder, folder.parent) if folder.name == "data" else (folder,):
+        paths = {name: (place / name).as_posix() for name in (KITTI_NAME, KITTI_STARTS, KITTI_ENDS)}
+        if paths[KITTI_NAME] in known:
+            return {name: read_file(tree, path) for name, path in paths.items() if path in known}
+    return {}
+
+
+def _join_split(parts: Sequence[Source], options: ReadOptions) -> list[Source]:
     """Bags that were split while they were recorded (``walk_0.bag``, ``walk_1.bag``) as one."""
-    series: dict[object, list[Part]] = {}
+    series: dict[object, list[Source]] = {}
     for part in parts:
         sensors = part.recording.sensors
         stem, number = stem_and_number(part.label)
@@ -215,11 +232,13 @@ def _join_split(parts: Sequence[Part]) -> list[Part]:
         split = number and topics and all(sensor.name.startswith("/") for sensor in sensors)
         key = (posixpath.dirname(part.label), stem, part.recording.format, topics) if split else part
         series.setdefault(key, []).append(part)
-    joined: list[Part] = []
+    joined: list[Source] = []
     for group in series.values():
         group.sort(key=lambda part: (len(part.label), part.label))
-        one = group[0] if len(group) == 1 else Part(Joined([p.recording for p in group]), group[0].label)
-        joined.append(one)
+        if len(group) > 1:
+            split = import_module("workers.readers.ros.topics").SplitBag([part.recording for part in group], options)
+            group[0] = Source(split, group[0].label)
+        joined.append(group[0])
     return joined
 
 
@@ -247,13 +266,13 @@ def _below(path: str, top: str) -> str:
     return posixpath.basename(path) if path == top else path
 
 
-def _group_name(group: Group, top: str) -> str:
-    if group.name == top:
-        return "images" if group.kind == "camera" else "clouds"
-    return _below(group.name, top)
+def _series_name(series: Series, top: str) -> str:
+    if series.name == top:
+        return "images" if series.kind == "camera" else "clouds"
+    return _below(series.name, top)
 
 
-def _empty(tree: FileTree, contents: Contents) -> ReadError:
+def _empty(tree: FileTree, contents: TreeContents) -> ReadError:
     found = f"; it holds {', '.join(contents.others[:5])}" if contents.others else ""
     packed = next((path for path in contents.others[:100] if TREE.matches(read_head(tree, path, HEAD_BYTES))), None)
     if packed is not None:

@@ -7,15 +7,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from workers.readers.recording import ReadError
-from workers.readers.trees.file_tree import (
-    FileTree,
-    Stream,
-    Window,
-    check_tree,
-    checked_path,
-    refused,
-    shortened,
-)
+from workers.readers.trees.file_tree import FileTree, FileWindow, Stream, check_tree, checked_path, refused, shortened
 from workers.readers.trees.scratch import Scratch, damaged_archive
 
 
@@ -79,7 +71,7 @@ class Tar(FileTree):
 
     def open(self, path: str) -> Stream:
         """A file as a stream."""
-        return Window(self._file, self._offsets[path], self._sizes[path])
+        return FileWindow(self._file, self._offsets[path], self._sizes[path])
 
     def close(self) -> None:
         """Close the tar and remove what was copied out of it."""

@@ -11,14 +11,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from workers.readers.recording import ReadError
-from workers.readers.trees.file_tree import (
-    FileTree,
-    Stream,
-    check_tree,
-    checked_path,
-    refused,
-    shortened,
-)
+from workers.readers.trees.file_tree import FileTree, Stream, check_tree, checked_path, refused, shortened
 from workers.readers.trees.scratch import damaged_archive, expands_too_far, refused_expanding
 
 _PACKINGS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)

@@ -23,6 +23,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from workers.readers.normalised.cdr import POINT_DTYPE
+from workers.readers.recording import StaticTransform
 
 ENCODING: Final = "protobuf"
 KINDS: Final[tuple[Any, ...]] = (PointCloud, CompressedImage, CameraCalibration, FrameTransforms)
@@ -35,7 +36,7 @@ _COLUMNS: Final = [
 
 
 @dataclass(frozen=True, slots=True)
-class Lens:
+class ViewerLens:
     """A camera's intrinsics in Foxglove's words.
 
     Attributes:
@@ -49,16 +50,6 @@ class Lens:
     distortion_model: str
     K: Sequence[float]
     D: Sequence[float]
-
-
-@dataclass(frozen=True, slots=True)
-class FramePose:
-    """``T_parent_child``: metres, and a unit quaternion."""
-
-    parent: str
-    child: str
-    translation_m: Sequence[float]
-    quaternion_xyzw: Sequence[float]
 
 
 def descriptor_set(kind: Any) -> bytes:
@@ -95,7 +86,7 @@ def compressed_image(stamp_ns: int, frame_id: str, media_type: str, data: bytes)
     return image.SerializeToString()
 
 
-def camera_calibration(stamp_ns: int, frame_id: str, lens: Lens) -> bytes:
+def camera_calibration(stamp_ns: int, frame_id: str, lens: ViewerLens) -> bytes:
     """A lens; the rectified image is the undistorted one, with the same K."""
     K = lens.K
     return CameraCalibration(
@@ -111,7 +102,7 @@ def camera_calibration(stamp_ns: int, frame_id: str, lens: Lens) -> bytes:
     ).SerializeToString()
 
 
-def frame_transforms(stamp_ns: int, poses: Sequence[FramePose]) -> bytes:
+def frame_transforms(stamp_ns: int, poses: Sequence[StaticTransform]) -> bytes:
     """Where frames stand in their parents."""
     transforms = [
         FrameTransform(

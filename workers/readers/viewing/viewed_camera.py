@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from workers.readers.viewing.messages import Lens
+from workers.readers.viewing.messages import ViewerLens
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +31,8 @@ class ViewedCamera:
     table: Path
     map: Path
     clock_offset_ns: int
-    raw: Lens | None
-    pinhole: Lens
+    raw: ViewerLens | None
+    pinhole: ViewerLens
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Self:
@@ -44,6 +44,6 @@ class ViewedCamera:
             table=Path(data["table"]),
             map=Path(data["map"]),
             clock_offset_ns=int(data["clock_offset_ns"]),
-            raw=Lens(**data["raw"]) if data["raw"] else None,
-            pinhole=Lens(**data["pinhole"]),
+            raw=ViewerLens(**data["raw"]) if data["raw"] else None,
+            pinhole=ViewerLens(**data["pinhole"]),
         )

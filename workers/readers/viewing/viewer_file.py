@@ -22,10 +22,10 @@ from workers.readers.normalised.cdr import point_bytes
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import FrameTable, read_table
 from workers.readers.output import bytes_written
+from workers.readers.recording import StaticTransform
 from workers.readers.viewing.messages import (
     ENCODING,
     KINDS,
-    FramePose,
     camera_calibration,
     compressed_image,
     descriptor_set,
@@ -58,7 +58,7 @@ def write_viewer_file(
         cameras = [_Camera(ViewedCamera.from_json(one), stack) for one in request["cameras"]]
         file = McapWriter(out_dir / FILE_NAME, "", "zstd", _LEVEL)
         stack.callback(file.abandon)
-        poses = [FramePose(**one) for one in request["poses"]]
+        poses = [StaticTransform(**one) for one in request["poses"]]
         writer = _Writer(file, sweeps, str(request["lidar_frame"]), cameras, poses)
         writer.run(on_share)
         file.add_metadata("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
@@ -105,7 +105,12 @@ class _Camera:
 
 class _Writer:
     def __init__(
-        self, file: McapWriter, sweeps: LidarFile, lidar_frame: str, cameras: list[_Camera], poses: list[FramePose]
+        self,
+        file: McapWriter,
+        sweeps: LidarFile,
+        lidar_frame: str,
+        cameras: list[_Camera],
+        poses: list[StaticTransform],
     ) -> None:
         self._file, self._sweeps, self._lidar_frame = file, sweeps, lidar_frame
         self._cameras, self._poses = cameras, poses

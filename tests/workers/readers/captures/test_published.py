@@ -21,7 +21,7 @@ from workers.readers.choose import choose_sensors
 from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions
 from workers.readers.ros.ros_types import PACKETS, ros_decoder
-from workers.readers.ros.topic_messages import Topic
+from workers.readers.ros.topic_messages import BagTopic
 
 DATA = Path(__file__).parents[5] / "shared" / "data" / "packets" / "velodyne"
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason="../shared/data is absent")
@@ -49,7 +49,7 @@ def _published(path):
 def _packets(folder):
     """(N, 12, 100) the blocks of every packet of a bag."""
     (path,) = folder.glob("*/*.db3")
-    decode = ros_decoder(Topic("packets", PACKETS, "cdr", "", "", 1))
+    decode = ros_decoder(BagTopic("packets", PACKETS, "cdr", "", "", 1))
     with sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True) as file:
         messages = [decode(data) for (data,) in file.execute("SELECT data FROM messages ORDER BY id")]
     packets = [np.frombuffer(data, np.uint8)[:1200] for message in messages for _, data in message.packets]

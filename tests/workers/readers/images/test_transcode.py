@@ -4,6 +4,12 @@ import pytest
 
 from workers.readers.images.transcode import raw_to_png
 from workers.readers.recording import ReadError
+from workers.readers.ros.topic_messages import RawImage
+
+
+def png_of(data, width, height, step, encoding, *, big_endian=False):
+    return raw_to_png(RawImage(3, "camera", width, height, step, encoding, big_endian, data), 3, "image")
+
 
 RGB = np.random.default_rng(0).integers(0, 255, (5, 7, 3), np.uint8)
 GREY = RGB[..., :1]
@@ -23,8 +29,7 @@ ALPHA = np.concatenate([RGB, np.full((5, 7, 1), 9, np.uint8)], 2)
 @pytest.mark.parametrize("padding", [0, 4])
 def test_every_pixel_survives(encoding, stored, bgr, padding):
     rows = np.pad(stored.reshape(5, -1), ((0, 0), (0, padding)))
-    how = {"width": 7, "height": 5, "step": rows.shape[1], "encoding": encoding, "stamp_ns": 3, "where": "image"}
-    frame = raw_to_png(rows.reshape(-1), **how)
+    frame = png_of(rows.reshape(-1), 7, 5, rows.shape[1], encoding)
     assert (frame.media_type, frame.width, frame.height, frame.stamp_ns) == ("image/png", 7, 5, 3)
     assert frame.transcoded
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR), bgr)
@@ -41,9 +46,9 @@ def test_every_pixel_survives(encoding, stored, bgr, padding):
     ],
 )
 def test_what_cannot_be_an_image(change, code):
-    how = {"width": 7, "height": 5, "step": 21, "encoding": "rgb8", "stamp_ns": 3, "where": "image"} | change
+    how = {"width": 7, "height": 5, "step": 21, "encoding": "rgb8"} | change
     with pytest.raises(ReadError) as caught:
-        raw_to_png(RGB.reshape(-1), **how)
+        png_of(RGB.reshape(-1), **how)
     assert caught.value.code == code
 
 
@@ -56,9 +61,7 @@ def shown(stored, encoding, *, step=None, **how):
     height, width = SMOOTH.shape[:2]
     data = np.ascontiguousarray(stored).view(np.uint8).reshape(-1)
     step = step or stored[0].nbytes
-    frame = raw_to_png(
-        data, width=width, height=height, step=step, encoding=encoding, stamp_ns=3, where="image", **how
-    )
+    frame = png_of(data, width, height, step, encoding, **how)
     assert (frame.width, frame.height) == (width, height)
     return cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR).astype(int), frame
 
@@ -125,5 +128,5 @@ def test_a_constant_image_of_16_bits():
 @pytest.mark.parametrize("encoding", ["nv12", "uyvy"])
 def test_odd_sizes_where_pixels_share_colours(encoding):
     with pytest.raises(ReadError) as caught:
-        raw_to_png(np.zeros(400, np.uint8), width=7, height=5, step=14, encoding=encoding, stamp_ns=1, where="image")
+        png_of(np.zeros(400, np.uint8), 7, 5, 14, encoding)
     assert caught.value.code == "image_damaged"

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from workers.readers.normalised.stamps import (
     overlap_warning,
@@ -15,65 +16,40 @@ def stamps(*tenths):
     return np.array([int(t * S // 10) for t in tenths], np.int64)
 
 
-def test_a_steady_sensor_has_nothing_to_say():
-    report = report_stamps(stamps(*range(50)), "lidar")
-    assert (report.rate_hz, report.gap_count, report.warnings) == (10.0, 0, [])
-    assert (report.first_ns, report.last_ns) == (0, 4_900_000_000)
+TENTHS = {
+    "steady": (range(50), {"rate_hz": 10.0, "gap_count": 0, "first_ns": 0, "last_ns": 4_900_000_000}, []),
+    "gaps": ((0, 1, 2, 4, 5, 6, 16, 17, 18), {"gap_count": 2, "missing": 10, "gaps": [(2, 2), (6, 10)]},
+             ["2 gaps, the longest of 1.00 s after 0.600 s (usual step 0.100 s); about 10 messages are missing"]),
+    "another's stamp": ((0, 1, 2, 2, 4, 5, 6, 8, 8, 9), {"duplicates": 2, "missing": 0, "gap_count": 0},
+                        ["2 messages have the same stamp"]),
+    "another's stamp and a gap": ((0, 1, 2, 2, 5, 6, 7), {"duplicates": 1, "missing": 1, "gap_count": 1},
+                                  ["1 messages have the same stamp", "1 gaps"]),
+    "everything twice": ([i // 2 for i in range(40)],
+                         {"rate_hz": 10.0, "duplicates": 20, "missing": 0, "gap_count": 0}, ["20 messages have"]),
+    "out of order": ((0, 1, 3, 2, 4, 4), {"backwards": 1, "duplicates": 1, "jumps": []},
+                     ["run backwards 1 times", "same stamp"]),
+    "a jump": ((0, 1, 2, 1e9, 1e9 + 1), {"jumps": [(2, 1e9 - 2)], "missing": 0}, ["clock jumps"]),
+    "set back": ((*range(100), *range(40, 140)), {"jumps": [(99, -59)]},
+                 ["run backwards", "set back by 5.9 s after 9.900 s", "same stamp"]),
+    "set back a little": ((*range(100), *range(95, 195)), {"jumps": [(99, -4)]},
+                          ["run backwards", "set back by 0.4 s after 9.900 s", "same stamp"]),
+    "late": ((0, 1, 2, 6, 3, 4, 7, 8, 9, 10), {"jumps": []}, ["run backwards", "1 gaps"]),
+    "one message": ((7,), {"rate_hz": None, "first_ns": 700_000_000, "last_ns": 700_000_000}, []),
+}  # fmt: skip
 
 
-def test_a_missing_message_is_a_gap():
-    report = report_stamps(stamps(0, 1, 2, 4, 5, 6, 16, 17, 18), "lidar")
-    assert [(g.after_ns, g.duration_ns) for g in report.gaps] == [(2 * S // 10, 2 * S // 10), (6 * S // 10, S)]
-    assert "2 gaps" in report.warnings[0] and "1.00 s after 0.600 s" in report.warnings[0]
-    assert report.missing == 10 and "10 messages are missing" in report.warnings[0]
-
-
-def test_a_message_with_another_s_stamp_is_not_missing():
-    report = report_stamps(stamps(0, 1, 2, 2, 4, 5, 6, 8, 8, 9), "lidar")
-    assert (report.twins, report.missing, report.gap_count) == (2, 0, 0)
-    assert len(report.warnings) == 1 and "2 messages have the same stamp" in report.warnings[0]
-    missed = report_stamps(stamps(0, 1, 2, 2, 5, 6, 7), "lidar")
-    assert (missed.twins, missed.missing, missed.gap_count) == (1, 1, 1)
-
-
-def test_a_recording_that_holds_everything_twice_has_its_rate_and_no_gaps():
-    report = report_stamps(np.repeat(stamps(*range(20)), 2), "lidar")
-    assert (report.rate_hz, report.twins, report.missing, report.gap_count) == (10.0, 20, 0, 0)
-
-
-def test_stamps_out_of_order_are_ordered_and_said():
-    report = report_stamps(stamps(0, 1, 3, 2, 4, 4), "lidar")
-    assert report.order.tolist() == [0, 1, 3, 2, 4, 5]
-    assert "run backwards 1 times" in report.warnings[0] and "same stamp" in report.warnings[1]
-    assert (report.backwards, report.twins, list(report.jumps)) == (1, 1, [])
-
-
-def test_a_jump_of_the_clock():
-    report = report_stamps(stamps(0, 1, 2, 1e9, 1e9 + 1), "lidar")
-    assert "clock jumps" in report.warnings[0] and len(report.warnings) == 1
-    assert [(j.after_ns, j.duration_ns) for j in report.jumps] == [(2 * S // 10, 10**8 * S - 2 * S // 10)]
-    assert report.missing == 0
-
-
-def test_a_clock_that_was_set_back():
-    report = report_stamps(stamps(*range(100), *range(40, 140)), "lidar")
-    assert [(j.after_ns, j.duration_ns) for j in report.jumps] == [(99 * S // 10, -59 * S // 10)]
-    assert any("set back by 5.9 s after 9.900 s" in said for said in report.warnings)
-
-
-def test_a_clock_that_was_set_back_by_half_a_second():
-    report = report_stamps(stamps(*range(100), *range(95, 195)), "lidar")
-    assert [(j.after_ns, j.duration_ns) for j in report.jumps] == [(99 * S // 10, -4 * S // 10)]
-    assert any("set back by 0.4 s after 9.900 s" in said for said in report.warnings)
-
-
-def test_a_message_that_came_late_is_no_clock_that_was_set_back():
-    assert list(report_stamps(stamps(0, 1, 2, 6, 3, 4, 7, 8, 9, 10), "lidar").jumps) == []
-
-
-def test_one_message_has_no_rate():
-    report = report_stamps(stamps(7), "lidar")
-    assert report.rate_hz is None and report.first_ns == report.last_ns
+@pytest.mark.parametrize("name", TENTHS)
+def test_what_stamps_tell(name):
+    tenths, facts, sentences = TENTHS[name]
+    report = report_stamps(stamps(*tenths), "lidar")
+    assert report.order.tolist() == np.argsort(stamps(*tenths), kind="stable").tolist()
+    for fact, value in facts.items():
+        found = getattr(report.facts, fact)
+        if fact in ("gaps", "jumps"):
+            found, value = [(g.after_ns, g.duration_ns) for g in found], [tuple(stamps(*pair)) for pair in value]
+        assert found == value, fact
+    assert len(report.warnings) == len(sentences)
+    assert all(any(sentence in line for line in report.warnings) for sentence in sentences), report.warnings
 
 
 def test_partial_sweeps_at_the_ends():

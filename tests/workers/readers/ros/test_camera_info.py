@@ -4,14 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from making_ros2 import K, field, rig, write_ros2
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from making_ros2 import K, rig, write_ros2
 from rosbags.typesys import Stores, get_typestore
 
 from apexcal.documents.lenses import lens_of_images
 from workers.readers.detect import open_recording
 from workers.readers.ros.camera_info import camera_info, image_kind, info_document
 from workers.readers.ros.ros_types import ros_decoder
-from workers.readers.ros.topic_messages import Topic
+from workers.readers.ros.topic_messages import BagTopic
 
 R = [0.9998, -0.02, 0.0, 0.02, 0.9998, 0.0, 0.0, 0.0, 1.0]
 P = [1080.5, 0.0, 955.0, -129.66, 0.0, 1080.5, 600.0, 0.0, 0.0, 0.0, 1.0, 0.0]
@@ -35,15 +36,13 @@ def test_r_and_p_are_kept(tmp_path, form):
         matrices = (np.array(one) for one in (D, K, R, P))
         message = types.types[name](head, 1208, 1920, "plumb_bob", *matrices, 0, 0, roi)
         raw = bytes((types.serialize_ros1 if form == "ros1" else types.serialize_cdr)(message, name))
-        found = ros_decoder(Topic("/front/camera_info", name, form, "", "", 1))(raw)
+        found = ros_decoder(BagTopic("/front/camera_info", name, form, "", "", 1))(raw)
     else:
         from workers.readers.ros.foxglove import foxglove_decoder
 
-        raw = field(4, "plumb_bob") + b"".join(
-            field(at, one) for at, one in zip((5, 6, 7, 8), (D, K, R, P), strict=True)
-        )
         text = {"width": 1920, "height": 1208, "distortion_model": "plumb_bob", "D": D, "K": K, "R": R, "P": P}
-        topic = Topic("/front/camera_info", "foxglove.CameraCalibration", form, "", "", 1)
+        raw = CameraCalibration(**text).SerializeToString()
+        topic = BagTopic("/front/camera_info", "foxglove.CameraCalibration", form, "", "", 1)
         found = foxglove_decoder(topic)(raw if form == "protobuf" else json.dumps(text).encode())
     assert (list(found.k), list(found.d), list(found.r), list(found.p)) == (K, D, R, P)
     assert (info_document(found)["R"], info_document(found)["P"]) == (R, P)

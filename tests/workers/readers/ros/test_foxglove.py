@@ -5,15 +5,24 @@ import pytest
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from making_ros2 import field
+from google.protobuf.internal.encoder import _VarintBytes
 
 from workers.readers.mcap_io.records import RecordError
 from workers.readers.ros.foxglove import foxglove_decoder
-from workers.readers.ros.topic_messages import Topic
+from workers.readers.ros.topic_messages import BagTopic
+
+
+def field(number, value):
+    """A field on the wire: bytes or text, or a (kind, int) pair: ``v`` varint, ``f`` fixed32; all numbers small."""
+    if isinstance(value, tuple):
+        kind, integer = value
+        return bytes([number << 3, integer]) if kind == "v" else struct.pack("<BI", number << 3 | 5, integer)
+    data = value.encode() if isinstance(value, str) else value
+    return _VarintBytes(number << 3 | 2) + _VarintBytes(len(data)) + data
 
 
 def decode(name, raw, encoding="protobuf"):
-    return foxglove_decoder(Topic("/a", f"foxglove.{name}", encoding, "", "", None))(raw)
+    return foxglove_decoder(BagTopic("/a", f"foxglove.{name}", encoding, "", "", None))(raw)
 
 
 def cloud(**more):

@@ -9,7 +9,7 @@ from making_ros2 import as_cdr, rig, write_mcap, write_ros2
 from making_transforms import CAMERA, LIDAR, TF, message
 
 from workers.readers.detect import open_recording
-from workers.readers.normalised.manifest import Manifest
+from workers.readers.normalised.manifest import RecordingManifest
 from workers.readers.normalised.normalise import normalise
 
 
@@ -43,7 +43,7 @@ def test_every_node_says_its_own_and_the_later_word_counts(bag, tmp_path):
     assert found["base_link", "velodyne"].translation_m == (1.3, 0.0, 1.9)
     assert found["base_link", "camera"].quaternion_xyzw == (-0.5, 0.5, -0.5, 0.5)
     manifest = normalise(path, tmp_path / "out")
-    again = Manifest.from_json(manifest.to_json())
+    again = RecordingManifest.from_json(manifest.to_json())
     assert [one["child"] for one in again.facts()["static_transforms"]] == ["velodyne", "camera"]
 
 

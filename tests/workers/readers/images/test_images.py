@@ -1,0 +1,61 @@
+"""Encoded images: what browsers show stays, other formats become PNG. What is no image is in test_refusals.py."""
+
+import cv2
+import numpy as np
+import pytest
+from making_recordings import jpeg_claiming, png
+
+from workers.readers.images.headers import ImageHeader, read_image_header
+from workers.readers.images.still_images import image_frame
+
+PIXELS = np.random.default_rng(0).integers(0, 255, (301, 417, 3), np.uint8)
+DEEP = (np.arange(48, dtype=np.uint16).reshape(6, 8) * 80 + 200).astype(np.uint16)
+VP8X = b"RIFF" + bytes(4) + b"WEBPVP8X" + bytes(8) + (639).to_bytes(3, "little") + (479).to_bytes(3, "little")
+
+
+def encoded(suffix, pixels, *flags):
+    return cv2.imencode(suffix, pixels, flags)[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("suffix", "flags"),
+    [
+        *((".png", []), (".jpg", []), (".jpg", [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])),
+        *((".webp", [cv2.IMWRITE_WEBP_QUALITY, 80]), (".webp", [cv2.IMWRITE_WEBP_QUALITY, 101])),
+    ],
+)
+def test_what_browsers_show_stays_byte_for_byte(suffix, flags):
+    data = encoded(suffix, PIXELS, *flags)
+    frame = image_frame(data, 17, "a")
+    assert (frame.data, frame.stamp_ns, frame.width, frame.height) == (data, 17, 417, 301)
+    assert frame.media_type == f"image/{suffix[1:].replace('jpg', 'jpeg')}"
+    assert not frame.transcoded and frame.transcoding == ""
+
+
+@pytest.mark.parametrize(
+    ("data", "header"),
+    [
+        (VP8X + bytes(100), ImageHeader("image/webp", 640, 480)),
+        (jpeg_claiming(640, 480), ImageHeader("image/jpeg", 640, 480)),  # a comment looks like a frame header
+        (png(4000, 4000), ImageHeader("image/png", 4000, 4000)),  # one grey: packed 1000 to 1, still honest
+    ],
+)
+def test_headers_that_look_odd(data, header):
+    assert read_image_header(data, "frame") == header
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".bmp", ".ppm"])
+def test_other_formats_become_png_without_loss(suffix):
+    frame = image_frame(encoded(suffix, PIXELS), 17, f"a{suffix}")
+    assert (frame.media_type, frame.width, frame.height, frame.transcoded) == ("image/png", 417, 301, True)
+    assert "without loss" in frame.transcoding
+    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR), PIXELS)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff", ".pgm"])
+def test_16_bits_are_stretched_to_8(suffix):
+    frame = image_frame(encoded(suffix, DEEP), 17, f"a{suffix}")
+    shown = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert shown.dtype == np.uint8 and (shown.min(), shown.max()) == (0, 255)
+    assert (np.diff(shown.reshape(-1).astype(int)) >= 5).all()  # 48 values, evenly over 256
+    assert "16 bits" in frame.transcoding
