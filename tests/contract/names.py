@@ -44,6 +44,8 @@ TWICE = frozenset(
         "Watched",
         "Way",
         "Window",
+        "Sight",
+        "Source",
     ]
 )
 
