@@ -25,7 +25,8 @@ from apexcal.commands.stated_files import read_texts
 from apexcal.commands.terminal import check_target, usage, write_content
 from apexcal.documents.comparisons import ResultComparison
 from apexcal.documents.imports import StatedComparison
-from apexcal.documents.validations import DriftDifference, DriftStep, RoadScore, ValidationKind
+from apexcal.documents.comparisons import ResultDifference
+from apexcal.documents.validations import DriftStep, RoadScore, ValidationKind
 
 CameraNameOption = Annotated[str, typer.Option("--camera", help="Camera, by its name in the rig.")]
 
@@ -206,7 +207,7 @@ def _drift_line(step: DriftStep) -> str:
     )
 
 
-def _apart(difference: DriftDifference | None) -> str:
+def _apart(difference: ResultDifference | None) -> str:
     if difference is None:
         return "-"
     size = f"{difference.rotation_deg:.3f} deg {difference.translation_mm:.0f} mm {difference.sigmas:.1f} sigmas"

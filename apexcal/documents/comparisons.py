@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 from uuid import UUID
 
-from apexcal.documents.base import Sent
+from apexcal.documents.base import Document, Sent
 
 
 class ParameterDifference(Sent):
@@ -35,6 +35,24 @@ class FieldDifference(Sent):
     du: list[float]
     dv: list[float]
     sigma_px: list[float]
+
+
+class ResultDifference(Document):
+    """How far apart two results are; ``turn_deg`` and ``shift_mm`` about and along the camera's axes.
+
+    ``sigmas`` and ``differs`` as in :class:`ResultComparison`. ``incomparable`` says why the difference does not tell
+    that the mount moved; ``differs`` is false then.
+    """
+
+    rotation_deg: float
+    translation_mm: float
+    turn_deg: list[float]
+    shift_mm: list[float]
+    sigmas: float
+    differs: bool
+    incomparable: str | None
+    field_px: float | None
+    field_sigmas: float | None
 
 
 class ResultComparison(Sent):

@@ -303,6 +303,17 @@ class StatedLensFit(Precision):
     sentence: str
 
 
+class ComparedResult(Document):
+    """The members by which results of one camera are compared; a history of results reads no more of each."""
+
+    intrinsics: Intrinsics
+    transform: SolvedTransform
+    lens: LensOrigin
+    std: Deviations
+    covariance: Covariance
+    field: Field | None
+
+
 class Provenance(Document):
     """What a result was computed from and by. ``request`` is the solver's own document, angles in radians."""
 
@@ -332,8 +343,9 @@ class FitResult(FitPrecision):
     stated ``line_time_us``.
 
     Of a fit to all pairs ``heldout`` is null. Of one that holds pairs out these are null: ``stated_lens``,
-    ``rolling_shutter``, ``prediction``, ``explained_px``, ``marks_outside`` and ``field``. ``provenance`` and
-    ``finish_seconds`` are those of the job; ``residuals_px`` is null for who may not know the marks.
+    ``rolling_shutter``, ``prediction``, ``explained_px``, ``marks_outside``, ``field`` and both baselines.
+    ``provenance`` and ``finish_seconds`` are those of the job; ``residuals_px`` is null for who may not know the
+    marks.
     """
 
     model_config = ConfigDict(frozen=True)

@@ -1,7 +1,4 @@
-"""What a calibration found: its models and cameras side by side, and what a vehicle is given of it.
-
-Members with a default are those that some calibrations do not have.
-"""
+"""The summary of a calibration, its models and cameras side by side, and what a vehicle is given of it."""
 
 from __future__ import annotations
 
@@ -29,8 +26,8 @@ class Behind(Document):
     percent: float
     standard_error_percent: float
     within_noise: bool
-    log_likelihood: float | None = None
-    standard_error_log_likelihood: float | None = None
+    log_likelihood: float
+    standard_error_log_likelihood: float
 
 
 class BetweenModels(Document):
@@ -38,7 +35,7 @@ class BetweenModels(Document):
 
     weights: dict[str, float]
     std: Deviations
-    interval95_half_width: Deviations = {}
+    interval95_half_width: Deviations
 
 
 class ModelSummary(Document):
@@ -54,31 +51,31 @@ class ModelSummary(Document):
     result_id: UUID
     status: Status
     message: str
-    polished: Errors | None
-    ga: Errors | None = None
-    baseline: Errors | None = None
-    linear_baseline: Errors | None = None
-    free_parameters: int | None = None
-    at_bounds: list[str] = []
-    lens: LensOrigin = "fitted"
-    stated_lens: str | None = None
-    pairs: int | None = None
-    explained_px: float | None = None
-    marks_outside: int | None = None
-    iterations: int | None = None
-    stopped: Stopped | None = None
-    heldout_mean_px: float | None = None
-    heldout_rms_px: float | None = None
-    heldout_pairs: int | None = None
-    heldout_forbidden: int | None = None
-    heldout_sigma_px: float | None = None
-    weight: float | None = None
-    between_models: BetweenModels | None = None
-    seconds: float | None = None
-    workers: list[str] = []
-    verdict: CheckVerdict | None = None
-    verdict_alone: CheckVerdict | None = None
-    behind: Behind | None = None
+    polished: Errors
+    ga: Errors
+    baseline: Errors | None
+    linear_baseline: Errors | None
+    free_parameters: int
+    at_bounds: list[str]
+    lens: LensOrigin
+    stated_lens: str | None
+    pairs: int
+    explained_px: float | None
+    marks_outside: int | None
+    iterations: int
+    stopped: Stopped | None
+    heldout_mean_px: float | None
+    heldout_rms_px: float | None
+    heldout_pairs: int
+    heldout_forbidden: int
+    heldout_sigma_px: float | None
+    weight: float | None
+    between_models: BetweenModels | None
+    seconds: float
+    workers: list[str]
+    verdict: CheckVerdict | None
+    verdict_alone: CheckVerdict | None
+    behind: Behind | None
 
     @property
     def stages(self) -> dict[str, Errors]:
@@ -96,8 +93,8 @@ class CameraSummary(Document):
     recommended: str | None
     why: str
     models: dict[str, ModelSummary]
-    checks: list[Check] = []
-    published: bool | None = None
+    checks: list[Check]
+    published: bool | None
 
 
 class StatedDeviation(Document):
@@ -118,7 +115,7 @@ class OddVertex(Document):
     """A vertex whose marks in two cameras disagree: the pairs' indices in both."""
 
     indices: list[int]
-    stamp_ns: int | None = None
+    stamp_ns: int | None
     distance_px: float
     sigmas: float
 
@@ -133,7 +130,7 @@ class SharedVertices(Document):
     expected_rms_px: float
     offset_px: list[float]
     offset_sigmas: float
-    odd: list[OddVertex] = []
+    odd: list[OddVertex]
 
 
 class CameraPair(Document):
@@ -146,28 +143,33 @@ class CameraPair(Document):
     models: list[str]
     name: str
     transform: SolvedTransform | None
-    std: dict[str, float] | None = None
-    interval95_half_width: dict[str, float] | None = None
-    stated: list[StatedDeviation] = []
-    shared: SharedVertices | None = None
-    sentences: list[str] = []
-    alarms: list[str] = []
+    std: dict[str, float] | None
+    interval95_half_width: dict[str, float] | None
+    stated: list[StatedDeviation]
+    shared: SharedVertices | None
+    sentences: list[str]
+    alarms: list[str]
 
 
 class RigSummary(Document):
     """Every two cameras of a rig compared; ``problem`` says why they could not be."""
 
-    pairs: list[CameraPair] = []
-    alarms: list[str] = []
-    left_out: list[str] = []
-    problem: ProblemView | None = None
+    pairs: list[CameraPair]
+    alarms: list[str]
+    left_out: list[str]
+    problem: ProblemView | None
 
 
 class Summary(Document):
     """What a calibration found: for each camera its models, and the cameras of the rig compared."""
 
     cameras: dict[str, CameraSummary]
-    rig: RigSummary | None = None
+    rig: RigSummary | None
+
+    def model(self, camera: str, model: str | None) -> ModelSummary | None:
+        """Return what is summarised of a model of a camera; None if it was not fitted."""
+        of_camera = self.cameras.get(camera)
+        return None if of_camera is None else of_camera.models.get(model or "")
 
 
 class Quality(Document):
@@ -177,14 +179,14 @@ class Quality(Document):
     is right. ``verdict`` is the gravest of its checks when its calibration ended, for the mount with its lens.
     """
 
-    pairs: int | None = None
+    pairs: int
     mean_px: float
     rms_px: float
-    heldout_mean_px: float | None = None
-    heldout_rms_px: float | None = None
-    std: Deviations | None = None
-    std_of_model: Deviations | None = None
-    interval95_half_width: Deviations | None = None
+    heldout_mean_px: float | None
+    heldout_rms_px: float | None
+    std: Deviations
+    std_of_model: Deviations
+    interval95_half_width: Deviations
     verdict: CheckVerdict | None
 
 

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from apexcal.documents.base import Document, Magnitude, Name, Received, Sent, Stored
 from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
+from apexcal.documents.comparisons import ResultDifference
 from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.publications import PublicationView
 from apexcal.documents.results import Deviations, Intrinsics, SolvedTransform
@@ -177,29 +178,12 @@ class DriftStep(Sent):
     calibration_id: UUID
     model: str
     at: datetime
-    intrinsics: Stored[Intrinsics]
-    transform: Stored[SolvedTransform]
-    std: Stored[Deviations | None] = None
-    from_previous: Stored[DriftDifference | None]
-    from_first: Stored[DriftDifference | None]
-    withdrawn: PublicationView | None = None
-
-
-class DriftDifference(Document):
-    """How far apart two results are; ``turn_deg`` and ``shift_mm`` about and along the camera's axes.
-
-    ``incomparable`` says why the difference does not tell that the mount moved; ``differs`` is false then.
-    """
-
-    rotation_deg: float
-    translation_mm: float
-    turn_deg: list[float] | None = None
-    shift_mm: list[float] | None = None
-    sigmas: float
-    differs: bool
-    incomparable: str | None = None
-    field_px: float | None = None
-    field_sigmas: float | None = None
+    intrinsics: Intrinsics
+    transform: SolvedTransform
+    std: Deviations
+    from_previous: ResultDifference | None
+    from_first: ResultDifference | None
+    withdrawn: PublicationView | None
 
 
 class Drift(Sent):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from apexcal.documents.errors import GeometryError
+from apexcal.documents.transforms import SolvedTransform, Transform
 from apexcal.geometry.rotations import (
     EULER_ORDERS,
     check_rotation,
@@ -108,8 +109,9 @@ class SE3:
         return euler_from_rotation(self.R).tolist()[::-1]
 
 
-def from_document(document: Mapping[str, Any]) -> SE3:
+def from_document(document: Mapping[str, Any] | Transform | SolvedTransform) -> SE3:
     """The transform of a document as requests or results hold it. Of several rotations the matrix is read."""
+    document = document if isinstance(document, Mapping) else document.model_dump()
     rotation: Mapping[str, Any] = document["rotation"]
     if "matrix" in rotation:
         R = rotation["matrix"]

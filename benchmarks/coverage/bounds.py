@@ -31,7 +31,7 @@ def turn_bound(done: Calibration) -> float:
     mount are unknown. No test that treats all axes alike has more power (linearised; noncentral F distribution).
     """
     lens = done.paired.camera.model
-    problem, polished = done.problems[lens], done.results[lens]["polished"]["parameters"]
+    problem, polished = done.problems[lens], done.results[lens].polished.parameters
     found = estimate(problem, np.array([polished[name] for name in problem.names]))
     if found.plain is None:
         return 0.0

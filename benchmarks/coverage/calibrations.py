@@ -2,7 +2,7 @@
 
 Some work is saved. A model's search runs once on a walk's clean marks, and every fit of that model starts from its
 end: searches end in the same optimum wherever they start (`make bench-accuracy`), so the bests of its slots need no
-further look. Fits to a part of the pairs have no baselines, because nothing reads them.
+further look.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.camera_models import ModelName
-from apexcal.geometry.se3 import to_document
+from apexcal.documents.results import FitResult
+from apexcal.documents.summaries import CameraSummary
 from benchmarks.coverage.marks import Errors, columns
 from benchmarks.coverage.poses import still
 from benchmarks.coverage.walks import Paired, Walked, pair
@@ -28,14 +29,9 @@ from service.platform.db.calibrations import FULL, CorrespondenceSet
 from service.platform.db.fleets import RigCamera
 from workers.models.summary import Fit, camera_summary
 from workers.simulation.camera import FRONT
-from workers.solver.degeneracy import is_determined
-from workers.solver.estimate import estimate
-from workers.solver.held_out import held_out
 from workers.solver.problem import FitProblem
-from workers.solver.residuals import transform_of
 from workers.solver.schedule import State, run_schedule
-from workers.solver.solution import lens_of
-from workers.tasks.solving import RunInput, read_run, solved
+from workers.tasks.solving import read_run, solved
 
 Floats = NDArray[np.float64]
 Request = dict[str, Any]
@@ -47,8 +43,8 @@ class Calibration:
 
     paired: Paired
     errors: Errors
-    summary: Json
-    results: dict[str, Json]
+    summary: CameraSummary
+    results: dict[str, FitResult]
     known: Json
     problems: dict[str, FitProblem]
 
@@ -88,10 +84,9 @@ class Bench:
                 given = read_run(fit.of_fold(fold), fold, known)
                 if fold == FULL:
                     problems[model] = given.problem
-                document = (solved_document if fold == FULL else held_out_document)(given, states[model])
-                fits.append(Fit(uuid4(), model, None if fold == FULL else fold, document))
+                fits.append(Fit(uuid4(), None if fold == FULL else fold, solved(given, states[model])))
         summary = camera_summary(fits)
-        full = {fit.model: fit.document for fit in fits if fit.heldout_fold is None}
+        full = {fit.result.model: fit.result for fit in fits if fit.heldout_fold is None}
         return Calibration(paired, errors, summary, full, known, problems)
 
     def pairs(self, seen: Seen) -> Paired:
@@ -110,28 +105,6 @@ class Bench:
                 problem = read_run(fit.of_fold(FULL), FULL, clean).problem
                 self._searched[*of, model] = replace(run_schedule(problem)[0], first_slot_parameters=())
         return {model: self._searched[*of, model] for model in models}
-
-
-def solved_document(given: RunInput, state: State) -> Json:
-    """What the end of a calibration reads of a fit to all pairs."""
-    return solved(given, state).model_dump(mode="json", exclude_unset=True)
-
-
-def held_out_document(given: RunInput, state: State) -> Json:
-    """What the end of a calibration reads of a fit to a part of the pairs."""
-    problem = given.problem
-    found = estimate(problem, np.array(state.best_parameters))
-    p = found.parameters
-    document: Json = {
-        "status": "ok" if is_determined(found.fitted, p, found.spread) else "not_determined",
-        "intrinsics": lens_of(problem, p).model_dump(exclude_unset=True),
-        "transform": to_document(transform_of(problem, p)),
-        "polished": {"parameters": dict(zip(problem.names, p.tolist(), strict=True))},
-        "outliers": [outlier.model_dump(exclude_unset=True) for outlier in found.outliers],
-    }
-    assert given.heldout is not None
-    heldout = held_out(problem, given.whole, given.heldout, p, found.outliers)
-    return document | {"heldout": heldout.model_dump()}
 
 
 def planned(paired: Paired, known: Json, request: Request) -> CalibrationPlan:

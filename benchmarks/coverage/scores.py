@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.results import FitResult
+from apexcal.documents.summaries import BetweenModels
 from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
 from apexcal.geometry.se3 import SE3, from_document
 from benchmarks.coverage.bounds import turn_bound
 from benchmarks.coverage.calibrations import Calibration
-from service.platform.db.base import Json
 from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import project
 
@@ -55,27 +56,26 @@ class Score:
 
 def score(done: Calibration) -> Score:
     """The recommended result against the truth. Where none is recommended, nothing holds."""
-    lens, name = done.paired.camera.model, done.summary["recommended"]
+    lens, name = done.paired.camera.model, done.summary.recommended
     bound = turn_bound(done) if done.errors.second_half_deg else None
     if name is None:
         return Score({}, 0.0, _share(_mount_held(done, lens)), None, False, "none", None, False, 0.0, 0.0, 0.0, bound)
-    document = done.results[name]
+    result = done.results[name]
     held = _mount_held(done, name)
-    error = _mount_error(done, document)
+    error = _mount_error(done, result)
     field_px, pixels_held = _field(done, name)
     near = name == lens or field_px - _field(done, lens)[0] <= _NEAR_PX
-    std = _stated(done, name)["std"]
+    std = _stated(done, name).std
     within = all(std[key] is None or abs(error[key]) <= _WITHIN * std[key] for key in MOUNT if key in std)
-    halves: list[Json] = document.get("halves") or []
     return Score(
         held,
         pixels_held,
         _share(_mount_held(done, lens)),
         name,
         name == lens or (near and within),
-        document["status"],
-        halves[0]["ratio"] if halves else None,
-        any(one["name"] in _SHARED and one["verdict"] != "pass" for one in document["checks"]),
+        result.status,
+        result.halves[0].ratio if result.halves else None,
+        any(one.name in _SHARED and one.verdict != "pass" for one in result.checks),
         float(np.linalg.norm([error[key] for key in MOUNT[:3]])),
         1e3 * float(np.linalg.norm([error[key] for key in MOUNT[3:]])),
         field_px,
@@ -83,19 +83,19 @@ def score(done: Calibration) -> Score:
     )
 
 
-def _stated(done: Calibration, name: str) -> Json:
+def _stated(done: Calibration, name: str) -> BetweenModels | FitResult:
     """What is published of a result's deviations."""
-    return done.summary["models"][name]["between_models"] or done.results[name]
+    return done.summary.models[name].between_models or done.results[name]
 
 
-def _mount_error(done: Calibration, document: Json) -> dict[str, float]:
-    found, truth = from_document(document["transform"]), done.paired.camera.T_camera_lidar
+def _mount_error(done: Calibration, result: FitResult) -> dict[str, float]:
+    found, truth = from_document(result.transform), done.paired.camera.T_camera_lidar
     turn = np.degrees(vector_from_rotation(found.R @ truth.R.T))
     return dict(zip(MOUNT, [*turn.tolist(), *(found.t - truth.t).tolist()], strict=True))
 
 
 def _mount_held(done: Calibration, name: str) -> dict[str, bool]:
-    error, half = _mount_error(done, done.results[name]), _stated(done, name)["interval95_half_width"]
+    error, half = _mount_error(done, done.results[name]), _stated(done, name).interval95_half_width
     return {key: half[key] is None or abs(error[key]) <= half[key] for key in MOUNT if key in half}
 
 
@@ -108,17 +108,16 @@ def _field(done: Calibration, name: str) -> tuple[float, float]:
     points = done.paired.places(done.paired.taken_ns)[::_EVERY]
     truly = done.paired.camera.project(points)
     here = projected(done.results[name], points)
-    document, spread = done.results[name], done.summary["models"][name]["between_models"]
-    covariance = document["covariance"]
-    J = np.stack([derivative(document, key, points) for key in covariance["names"]], axis=2)
-    variance = np.einsum("nij,jk,nik->ni", J, np.array(covariance["matrix"]), J)
-    for other, share in spread["weights"].items() if spread else ():
+    result, spread = done.results[name], done.summary.models[name].between_models
+    J = np.stack([derivative(result, key, points) for key in result.covariance.names], axis=2)
+    variance = np.einsum("nij,jk,nik->ni", J, np.array(result.covariance.matrix), J)
+    for other, share in spread.weights.items() if spread else ():
         if other != name:
             variance = variance + share * (projected(done.results[other], points) - here) ** 2
     factors = [
-        half / document["std"][key]
-        for key, half in document["interval95_half_width"].items()
-        if half is not None and document["std"][key]
+        half / std
+        for key, half in result.interval95_half_width.items()
+        if half is not None and (std := result.std[key])
     ]
     error = here - truly
     good = np.isfinite(error).all(axis=1)
@@ -126,20 +125,19 @@ def _field(done: Calibration, name: str) -> tuple[float, float]:
     return float(np.mean(np.minimum(np.hypot(*error[good].T), 1e3))), float(held.mean())
 
 
-def projected(document: Json, points: Floats) -> Floats:
-    lens = document["intrinsics"]
-    return project(parse_model(lens["model"]), lens, from_document(document["transform"]).apply(points))[0]
+def projected(result: FitResult, points: Floats) -> Floats:
+    lens = result.intrinsics
+    return project(parse_model(lens.model), lens.by_name(), from_document(result.transform).apply(points))[0]
 
 
-def derivative(document: Json, key: str, points: Floats) -> Floats:
+def derivative(result: FitResult, key: str, points: Floats) -> Floats:
     """(N, 2) px by a person's unit of one parameter, by central differences."""
-    step = _STEP * max(abs(document["std"][key] or 1.0), 1e-9)
-    return (_moved(document, key, step, points) - _moved(document, key, -step, points)) / (2.0 * step)
+    step = _STEP * max(abs(result.std[key] or 1.0), 1e-9)
+    return (_moved(result, key, step, points) - _moved(result, key, -step, points)) / (2.0 * step)
 
 
-def _moved(document: Json, key: str, step: float, points: Floats) -> Floats:
-    mount, lens = from_document(document["transform"]), dict[str, Any](document["intrinsics"])
-    model = parse_model(lens["model"])
+def _moved(result: FitResult, key: str, step: float, points: Floats) -> Floats:
+    mount, lens, model = from_document(result.transform), result.intrinsics.by_name(), parse_model(result.model)
     if key in INTRINSICS[model]:
         lens[key] += step
     elif key.startswith("t_"):

@@ -53,8 +53,8 @@ def main() -> None:
 
 def interval(count: int, of: int) -> tuple[float, float]:
     """The 95 % interval of a share, `count` of `of` draws (Clopper and Pearson 1934)."""
-    low = float(special.btdtri(count, of - count + 1, 0.025)) if count else 0.0
-    return low, float(special.btdtri(count + 1, of - count, 0.975)) if count < of else 1.0
+    low = float(special.betaincinv(count, of - count + 1, 0.025)) if count else 0.0
+    return low, float(special.betaincinv(count + 1, of - count, 0.975)) if count < of else 1.0
 
 
 def summary(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> dict[str, Any]:

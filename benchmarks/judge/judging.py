@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 from uuid import uuid4
 
 import numpy as np
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from apexcal.documents.checks import Check, CheckVerdict, verdict_of
 from apexcal.documents.errors import DocumentError
-from apexcal.geometry.se3 import from_document
-from benchmarks.coverage.calibrations import held_out_document, planned
+from apexcal.documents.results import FitResult
+from benchmarks.coverage.calibrations import planned
 from benchmarks.coverage.scores import derivative, projected
 from benchmarks.judge.cases import CASES, Case, Draw
 from service.platform.db.calibrations import FULL
@@ -55,7 +55,7 @@ def outcome(case: Case, seed: int, with_folds: bool = True) -> Outcome:
     except (DocumentError, Problem, SolveError):
         return Outcome(case.name, "refused", np.nan, False, {})
     failed = {check.name: check.verdict for check in checks if check.verdict != "pass"}
-    error_px, is_wrong = _error(draw, result)
+    error_px, is_wrong = error_of(draw, result)
     return Outcome(case.name, verdict_of(checks, "mount_with_lens"), error_px, is_wrong, failed)
 
 
@@ -65,36 +65,32 @@ def numbered(asked: tuple[int, int, bool]) -> Outcome:
     return outcome(CASES[number], seed, with_folds)
 
 
-def calibrated(draw: Draw, with_folds: bool) -> tuple[dict[str, Any], list[Check]]:
+def calibrated(draw: Draw, with_folds: bool) -> tuple[FitResult, list[Check]]:
     """The result of the one model that was asked for, and all of its checks. Raises what the product raises."""
     (fit,) = planned(draw.paired, draw.known, draw.request).fits
     whole = read_run(fit.of_fold(FULL), FULL, draw.known)
     state, _ = run_schedule(whole.problem)
-    fitted = solved(whole, state)
-    result, own = fitted.model_dump(mode="json", exclude_unset=True), fitted.checks
-    if not with_folds and verdict_of(own, "mount_with_lens") != "pass":
-        return result, own
-    given = [read_run(fit.of_fold(fold), fold, draw.known) for fold in range(fit.request.folds)]
-    folds = [held_out_document(one, state) for one in given]
-    fits = [Fit(uuid4(), fit.request.model, fold, document) for fold, document in enumerate(folds)]
-    summary = camera_summary([Fit(uuid4(), fit.request.model, None, result), *fits])
-    distances_m = np.linalg.norm(from_document(result["transform"]).apply(whole.problem.points), axis=1)
-    pairs = held_out_pairs([one["heldout"] for one in folds], result["outliers"], distances_m) if folds else None
-    return result, own + checks_of_calibration(
-        result, checks=own, camera=FRONT, summary=summary, ended_well=True, pairs=pairs
+    result = solved(whole, state)
+    if not with_folds and verdict_of(result.checks, "mount_with_lens") != "pass":
+        return result, result.checks
+    folds = [solved(read_run(fit.of_fold(fold), fold, draw.known), state) for fold in range(fit.request.folds)]
+    summary = camera_summary([Fit(uuid4(), None, result), *(Fit(uuid4(), *one) for one in enumerate(folds))])
+    pairs = held_out_pairs(result, folds, whole.problem.points)
+    return result, result.checks + checks_of_calibration(
+        result, camera=FRONT, summary=summary, ended_well=True, pairs=pairs
     )
 
 
-def _error(draw: Draw, result: dict[str, Any]) -> tuple[float, bool]:
+def error_of(draw: Draw, result: FitResult) -> tuple[float, bool]:
     """RMS error, px, of points at 20 m, and whether more of them than edges explain are wrong."""
     camera, centre = draw.paired.camera, draw.paired.camera.centre()
     towards = draw.paired.places(draw.paired.taken_ns)[::3] - centre
     points = centre + DISTANCE_M * towards / np.linalg.norm(towards, axis=1, keepdims=True)
     truth = camera.project(_at_the_end(draw, points))
     off = np.nan_to_num(np.hypot(*(projected(result, points) - truth).T), nan=1e4)
-    covariance = result["covariance"]
-    J = np.stack([derivative(result, name, points) for name in covariance["names"]], axis=2)
-    stated = np.sqrt(np.maximum(np.einsum("nij,jk,nik->n", J, np.array(covariance["matrix"]), J), 0.0))
+    covariance = result.covariance
+    J = np.stack([derivative(result, name, points) for name in covariance.names], axis=2)
+    stated = np.sqrt(np.maximum(np.einsum("nij,jk,nik->n", J, np.array(covariance.matrix), J), 0.0))
     focal = float(np.sqrt(camera.intrinsics["f_x"] * camera.intrinsics["f_y"]))
     wrong = (off > SIGMAS * np.nan_to_num(stated)) & (off > max(USE_LIMIT_PX, USE_LIMIT_RAD * focal))
     return float(np.sqrt(np.mean(np.minimum(off, 1e4) ** 2))), bool(np.mean(wrong) > _POINTS)

@@ -10,6 +10,7 @@ from sqlalchemy import text
 
 from service.platform.auth.secrets import new_secret, secret_hash
 from service.platform.db.session import Database
+from tests.support.results import fit_result, model_summary, summary
 
 CAMERAS = ("front", "rear")
 
@@ -26,22 +27,18 @@ _VEHICLE_LIDAR = {
     "to_frame": "base_link", "from_frame": "lidar", "rotation": {"quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]},
     "translation_m": [1.2, 0.0, 1.9],
 }  # fmt: skip
-_INTRINSICS = dict.fromkeys(("f_x", "f_y", "c_x", "c_y", "skew", "k1", "k2", "k3", "k4", "k5"), 123.456789012)
-_DEVIATIONS = dict.fromkeys((f"{one}_deg" for one in ("rotation_x", "rotation_y", "rotation_z")), 0.0123456789)
-# What a result's document holds of the sizes that count: 200 pairs with their residuals and a covariance.
-_RESULT = {
-    "model": "brown_conrady", "status": "ok", "pairs": 200, "polished": {"mean_px": 0.61, "rms_px": 0.74},
-    "intrinsics": {"model": "brown_conrady", **_INTRINSICS}, "transform": _MOUNT, "std": _DEVIATIONS, "checks": [],
-    "residuals_px": [0.6123456] * 100, "covariance": [[1.234567e-6] * 10] * 10,
-}  # fmt: skip
-_FOUND = {
-    "status": "ok", "message": "", "at_bounds": [], "polished": _RESULT["polished"],
-    "heldout_mean_px": 0.7, "heldout_rms_px": 0.8, "verdict": "pass",
-}  # fmt: skip
+_LENS = dict.fromkeys(("f_x", "f_y", "c_x", "c_y", "skew", "k1", "k2", "k3", "k4", "k5"), 123.456789012)
+_DEVIATIONS = dict.fromkeys(("rotation_x", "rotation_y", "rotation_z"), 0.0123456789)
+# A result's document of the sizes that count: 100 pairs with their residuals and a covariance.
+_RESULT = fit_result(
+    "brown_conrady", 0.74, pairs=100, residuals_px=[0.6123456] * 100, transform=_MOUNT, std=_DEVIATIONS,
+    intrinsics={"model": "brown_conrady", "image_size": [1920, 1200], **_LENS},
+    covariance={"names": list("0123456789"), "units": [""] * 10, "matrix": [[1.234567e-6] * 10] * 10},
+)  # fmt: skip
+_MODEL = model_summary(UUID(int=0), _RESULT, heldout_mean_px=0.7, heldout_rms_px=0.8)
 _SUMMARY = {
-    "cameras": {
-        camera: {"recommended": "brown_conrady", "why": "", "models": {"brown_conrady": _FOUND}} for camera in CAMERAS
-    }
+    "cameras": {name: summary({"brown_conrady": _MODEL}, name)["cameras"][name] for name in CAMERAS},
+    "rig": None,
 }
 
 # An id of a row is the MD5 of what it is.

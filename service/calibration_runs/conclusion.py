@@ -13,7 +13,7 @@ from apexcal.documents.states import WorkState
 from service.calibration_runs.fleet_request_actions import tell_fleet_request
 from service.platform.broker.hints import hint
 from service.platform.db.base import Json
-from service.platform.db.calibrations import Calibration, CalibrationRun, Result
+from service.platform.db.calibrations import Calibration, CalibrationRun
 from service.platform.db.clock import now
 
 
@@ -48,10 +48,3 @@ def end_calibration(
     calibration.finished_at = now()
     tell_fleet_request(session, calibration)
     hint(session, calibration.fleet_id, "calibration", calibration.id)
-
-
-def spread_of_result(session: Session, result: Result) -> Json | None:
-    """Return a result's deviations with other models counted, if there are any."""
-    summary = session.get_one(Calibration, result.calibration_id).summary or {}
-    model = summary.get("cameras", {}).get(result.camera, {}).get("models", {}).get(result.model, {})
-    return model.get("between_models")

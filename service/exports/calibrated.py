@@ -57,9 +57,9 @@ class CalibratedCamera:
         """The camera for a format without lenses: the vehicle then projects through the stated lens."""
         if (stated := self._stated) is None:
             return self
-        mount, lens = stated.transform.model_dump(), stated.intrinsics.model_dump(exclude_none=True)
-        T_camera_lidar = replace(from_document(mount), to_frame=self.frame)
-        return replace(self, model=parse_model(lens["model"]), intrinsics=lens, T_camera_lidar=T_camera_lidar)
+        T_camera_lidar = replace(from_document(stated.transform), to_frame=self.frame)
+        model = parse_model(stated.intrinsics.model)
+        return replace(self, model=model, intrinsics=stated.intrinsics.by_name(), T_camera_lidar=T_camera_lidar)
 
     def needs(self, *, carries_lens: bool = False) -> str:
         """The lens that the vehicle has to use with this mount, as a sentence.

@@ -11,9 +11,7 @@ from sqlalchemy import Select, and_, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import parse_model
-from apexcal.documents.results import StatedLensFit
 from service.calibration_runs.image_frames import T_images_camera, joint_of_images
-from service.platform.db.base import Json
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.http.problems import not_found
@@ -64,25 +62,21 @@ def _of(session: Session, statement: _Cameras) -> Calibrated:
     return Calibrated(rows[0][3], cameras)
 
 
-def _stored_checks(result: Result) -> list[Json]:
-    return [*result.document["checks"], *(result.checks or [])]
-
-
 def _camera(result: Result, rig: Rig, camera: RigCamera, marked: Floats) -> CalibratedCamera:
     from apexcal.geometry.se3 import from_document
     from service.exports.calibrated import CalibratedCamera, SolvedJoint
 
     turn = T_images_camera(camera.frame, camera.images)
     joint = joint_of_images(camera.joint, turn, rig.lidar_frame)
-    stated = result.document.get("stated_lens")
+    fit = result.fit
     return CalibratedCamera(
         name=camera.name,
         topic=camera.topic,
         width=camera.image_width,
         height=camera.image_height,
         model=parse_model(result.model),
-        intrinsics=result.document["intrinsics"],
-        T_camera_lidar=replace(from_document(result.document["transform"]), to_frame=turn["to_frame"]),
+        intrinsics=fit.intrinsics.by_name(),
+        T_camera_lidar=replace(from_document(fit.transform), to_frame=turn["to_frame"]),
         T_vehicle_lidar=from_document(rig.T_vehicle_lidar) if rig.T_vehicle_lidar else None,
         rig=rig.name,
         source=str(result.id),
@@ -93,6 +87,6 @@ def _camera(result: Result, rig: Rig, camera: RigCamera, marked: Floats) -> Cali
         else None,
         is_rectified=(camera.images or {}).get("kind") == "rectified",
         T_own_camera=from_document(turn).inverse(),
-        stated=stated and StatedLensFit.model_validate(stated),
-        mount_checks=[one["sentence"] for one in _stored_checks(result) if one["verdict"] != "pass"],
+        stated=fit.stated_lens,
+        mount_checks=[one.sentence for one in result.stored_checks if one.verdict != "pass"],
     )

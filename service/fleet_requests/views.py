@@ -11,10 +11,11 @@ from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.base import stored
 from apexcal.documents.calibrations import ProgressView
-from apexcal.documents.checks import Check, verdict_of
+from apexcal.documents.checks import verdict_of
 from apexcal.documents.fleet_requests import CameraOutcome, Counts, FleetRequestView, RequestVehicleView
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import VehicleState, WorkState
+from apexcal.documents.summaries import CameraSummary, Summary
 from service.platform.db.base import Json
 from service.platform.db.calibrations import Calibration, CalibrationRun, Result
 from service.platform.db.clock import utc_now
@@ -156,21 +157,22 @@ def vehicle_view(row: FleetRequestVehicle, name: str, running: bool, summary: Js
         state=VehicleState.RUNNING if running else VehicleState(row.state),
         calibration_id=row.calibration_id,
         problem=stored(row.problem),
-        cameras={camera: _outcome(found) for camera, found in (summary or {}).get("cameras", {}).items()},
+        cameras={
+            camera: _outcome(of_camera)
+            for camera, of_camera in (Summary.model_validate(summary).cameras if summary else {}).items()
+        },
         finished_at=row.finished_at,
     )
 
 
-def _outcome(found: Json) -> CameraOutcome:
-    model = found["recommended"]
-    summary: Json = found["models"].get(model, {})
-    checks = [Check.model_validate(one) for one in found["checks"]]
+def _outcome(camera: CameraSummary) -> CameraOutcome:
+    model = camera.models.get(camera.recommended or "")
     return CameraOutcome(
-        model=model,
-        mean_px=summary.get("polished", {}).get("mean_px"),
-        heldout_mean_px=summary.get("heldout_mean_px"),
-        status=summary.get("status"),
-        verdict=verdict_of(checks, "mount_with_lens") if checks else None,
-        checks=failing(checks),
-        published=found.get("published"),
+        model=camera.recommended,
+        mean_px=model and model.polished.mean_px,
+        heldout_mean_px=model and model.heldout_mean_px,
+        status=model and model.status,
+        verdict=verdict_of(camera.checks, "mount_with_lens") if camera.checks else None,
+        checks=failing(camera.checks),
+        published=camera.published,
     )

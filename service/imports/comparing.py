@@ -8,13 +8,14 @@ from typing import Final, Literal
 import numpy as np
 
 from apexcal.documents.imports import ComparisonRequest, LensDifference, ReadCamera, StatedComparison
+from apexcal.documents.results import FitResult
+from apexcal.documents.summaries import BetweenModels
+from apexcal.geometry.result_differences import compared_with_stated
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, vector_from_rotation
 from apexcal.geometry.se3 import SE3, Floats, from_document
-from service.calibration_runs.result_comparison import compared_with_stated
 from service.imports.found import refused
 from service.imports.plausibility import mount_doubts
 from service.imports.views import files_view, transform_view
-from service.platform.db.base import Json
 from service.platform.http.problems import Problem
 
 ReadAs = Literal["stated", "inverted", "body", "inverted_body", "none"]
@@ -28,16 +29,16 @@ _ADVICE: Final[dict[ReadAs, str]] = {
 }
 
 
-def stated_comparison(asked: ComparisonRequest, document: Json, spread: Json | None) -> StatedComparison:
-    """``document`` is the result's; ``spread`` its deviations with other models counted, if there are any.
+def stated_comparison(asked: ComparisonRequest, result: FitResult, spread: BetweenModels | None) -> StatedComparison:
+    """Return how far a result is; ``spread``: its deviations with other models counted, if there are any.
 
     Raises:
         Problem: 422 ``calibration_file_not_read``, ``nothing_to_compare``.
     """
     stated, camera = _stated(asked)
-    found = from_document(document["transform"])
+    found = from_document(result.transform)
     hints = list(camera.doubts) if camera is not None else [] if stated is None else mount_doubts(stated)
-    lens = _lens_difference(camera, document, hints)
+    lens = _lens_difference(camera, result, hints)
     if stated is None:
         return StatedComparison(
             T_camera_lidar=None, rotation_deg=None, translation_mm=None, sigmas=None, differs=None, read_as=None,
@@ -55,7 +56,7 @@ def stated_comparison(asked: ComparisonRequest, document: Json, spread: Json | N
     read_as = _reading(stated, found)
     if read_as != "stated":
         hints.append(_ADVICE[read_as])
-    measured = compared_with_stated(document, spread, stated)
+    measured = compared_with_stated(result, spread, stated)
     return StatedComparison(
         T_camera_lidar=transform_view(stated), read_as=read_as, lens=lens, hints=hints, **measured
     )
@@ -67,7 +68,7 @@ def _stated(asked: ComparisonRequest) -> tuple[SE3 | None, ReadCamera | None]:
             422, "nothing_to_compare", "The body needs either T_camera_lidar or files.", "Send one of the two."
         )
     if asked.T_camera_lidar is not None:
-        return from_document(asked.T_camera_lidar.model_dump(mode="json")), None
+        return from_document(asked.T_camera_lidar), None
     assert asked.files is not None
     cameras = files_view(asked.files).cameras
     names = ", ".join(one.name for one in cameras)
@@ -75,7 +76,7 @@ def _stated(asked: ComparisonRequest) -> tuple[SE3 | None, ReadCamera | None]:
     if len(chosen) != 1:
         raise refused(f"The files hold the cameras {names}.", "Name one of them as `camera`.")
     mount = chosen[0].T_camera_lidar
-    return (None if mount is None else from_document(mount.model_dump(mode="json"))), chosen[0]
+    return (None if mount is None else from_document(mount)), chosen[0]
 
 
 def _reading(stated: SE3, found: SE3) -> ReadAs:
@@ -95,10 +96,10 @@ def _reading(stated: SE3, found: SE3) -> ReadAs:
     return nearest if off[nearest] <= _ALIKE_DEG else "none"
 
 
-def _lens_difference(camera: ReadCamera | None, document: Json, hints: list[str]) -> LensDifference | None:
+def _lens_difference(camera: ReadCamera | None, result: FitResult, hints: list[str]) -> LensDifference | None:
     if camera is None or camera.lens is None:
         return None
-    K, own = camera.lens.K, document["intrinsics"]
-    if camera.lens.model != document["model"]:
-        hints.append(f"The stated lens is {camera.lens.model}, the result's {document['model']}.")
-    return LensDifference(f_x=own["f_x"] - K[0], f_y=own["f_y"] - K[4], c_x=own["c_x"] - K[2], c_y=own["c_y"] - K[5])
+    K, own = camera.lens.K, result.intrinsics
+    if camera.lens.model != result.model:
+        hints.append(f"The stated lens is {camera.lens.model}, the result's {result.model}.")
+    return LensDifference(f_x=own.f_x - K[0], f_y=own.f_y - K[4], c_x=own.c_x - K[2], c_y=own.c_y - K[5])

@@ -13,7 +13,6 @@ from apexcal.documents.imports import (
     StatedComparison,
     UrdfDraftRequest,
 )
-from service.calibration_runs.conclusion import spread_of_result
 from service.platform.auth.access import CurrentIdentity, ReadAccess
 from service.platform.db.calibrations import Result
 from service.platform.db.recordings import Recording
@@ -39,7 +38,7 @@ def compare_with_stated(result_id: UUID, body: ComparisonRequest, access: ReadAc
     from service.imports.comparing import stated_comparison
 
     result = access.find(Result, result_id)
-    return stated_comparison(body, result.document, spread_of_result(access.session, result))
+    return stated_comparison(body, result.fit, result.spread)
 
 
 @router.post("/rig-drafts", max_body_size=DOCUMENT)

@@ -7,9 +7,10 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
+from apexcal.documents.summaries import Quality
 from service.calibration_runs.image_frames import T_images_camera, between, joint_of_images
 from service.platform.db.base import Json
-from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.calibrations import Result
 from service.platform.db.fleets import Vehicle
 from service.publications.camera_queries import PublishedCamera, cameras_of, next_moves, published_cameras
 from service.publications.selection import Selection
@@ -64,7 +65,7 @@ def _document(camera: PublishedCamera, until: datetime | None) -> Json:
             "camera_serial": mount.serial,
             "lidar_serial": rig.lidar_serial,
         },
-        "quality": _quality(result, camera.calibration),
+        "quality": _quality(result).model_dump(),
     }
     if rig.T_vehicle_lidar:
         document["T_vehicle_camera"] = between(rig.T_vehicle_lidar, transform)
@@ -74,19 +75,17 @@ def _document(camera: PublishedCamera, until: datetime | None) -> Json:
     return document
 
 
-def _quality(result: Result, calibration: Calibration) -> Json:
-    cameras: Json = (calibration.summary or {}).get("cameras", {})
-    summary: Json = cameras.get(result.camera, {}).get("models", {}).get(result.model, {})
-    polished = result.document["polished"]
-    stated: Json = summary.get("between_models") or result.document
-    return {
-        "pairs": result.document["pairs"],
-        "mean_px": polished["mean_px"],
-        "rms_px": polished["rms_px"],
-        "heldout_mean_px": summary.get("heldout_mean_px"),
-        "heldout_rms_px": summary.get("heldout_rms_px"),
-        "std": stated.get("std"),
-        "std_of_model": result.document["std"],
-        "interval95_half_width": stated.get("interval95_half_width"),
-        "verdict": result.verdict,
-    }
+def _quality(result: Result) -> Quality:
+    fit, summary = result.fit, result.summary
+    stated = result.spread or fit
+    return Quality(
+        pairs=fit.pairs,
+        mean_px=fit.polished.mean_px,
+        rms_px=fit.polished.rms_px,
+        heldout_mean_px=summary and summary.heldout_mean_px,
+        heldout_rms_px=summary and summary.heldout_rms_px,
+        std=stated.std,
+        std_of_model=fit.std,
+        interval95_half_width=stated.interval95_half_width,
+        verdict=result.verdict,
+    )

@@ -38,7 +38,7 @@ def judged_now(session: Session, result: Result) -> JudgedResult:
     """Return the checks as :func:`checks_now`, with the policy by which the result is published."""
     own = session.execute(_origin(result.id)).one()
     policy = PublicationPolicy.model_validate((own.fleet_policy or {}) | (own.rig_policy or {}))
-    stored = [Check.model_validate(one) for one in [*result.document["checks"], *(result.checks or [])]]
+    stored = result.stored_checks
     published = current_publication(session, own.vehicle_id, result.camera)
     current = None if published is None or published.result_id is None else session.get(Result, published.result_id)
     beside = next((one for one in stored if one.name == CURRENT_CHECK), None)
@@ -50,7 +50,7 @@ def judged_now(session: Session, result: Result) -> JudgedResult:
         _withdrawn(session, result),
         _sensors(session, result.camera, own),
     ]
-    limits = policy_check(session, result, own.summary, policy)
+    limits = policy_check(session, result, policy)
     return JudgedResult([*checks, limits] if limits else checks, policy)
 
 
@@ -70,13 +70,7 @@ def _origin(result_id: UUID) -> Select[*tuple[Any, ...]]:
     """A query for what a result was made of; one statement, because what it reads may be deleted between two."""
     return (
         select(
-            *(
-                Calibration.vehicle_id,
-                Calibration.summary,
-                CorrespondenceSet.id.label("set_id"),
-                Rig,
-                RigCamera.serial,
-            ),
+            *(Calibration.vehicle_id, CorrespondenceSet.id.label("set_id"), Rig, RigCamera.serial),
             func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at).label("pairs_at"),
             *(Rig.policy.label("rig_policy"), Fleet.policy.label("fleet_policy")),
         )

@@ -10,7 +10,6 @@ from sqlalchemy.orm import Session
 from apexcal.documents.camera_models import EXTRINSICS
 from apexcal.documents.checks import Check, figure
 from apexcal.documents.policies import PublicationPolicy
-from service.platform.db.base import Json
 from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
 
 # Cells of the image, as `PublicationPolicy` defines coverage.
@@ -37,12 +36,12 @@ _LIMITS = {
 }
 
 
-def policy_check(session: Session, result: Result, summary: Json | None, policy: PublicationPolicy) -> Check | None:
+def policy_check(session: Session, result: Result, policy: PublicationPolicy) -> Check | None:
     """Return the check of a fit to all pairs against the limits of its rig and fleet; None if they state none."""
     limits = policy.model_dump(exclude_none=True, exclude={"publish_looks"})
     if not limits:
         return None
-    measured = _measures(session, result, summary, with_coverage="coverage" in limits)
+    measured = _measures(session, result, with_coverage="coverage" in limits)
     missed = [
         _sentence(name, limit, measured[name]) for name, limit in limits.items() if _misses(name, limit, measured)
     ]
@@ -70,18 +69,13 @@ def _sentence(name: str, limit: float, value: float | None) -> str:
     return f"The policy asks for {bound} {limit:g}{unit} as {known.what}; {is_now}."
 
 
-def _measures(
-    session: Session, result: Result, summary: Json | None, *, with_coverage: bool
-) -> dict[str, float | None]:
-    models: Json = (summary or {}).get("cameras", {}).get(result.camera, {}).get("models", {})
-    summed: Json = models.get(result.model, {})
+def _measures(session: Session, result: Result, *, with_coverage: bool) -> dict[str, float | None]:
     # As published: with the spread of the models, if they were weighed.
-    stated: Json = summed.get("between_models") or result.document
-    std: Mapping[str, float | None] = stated.get("std") or {}
+    std = (result.spread or result.fit).std
     metres = _largest(std, _SHIFTS)
     return {
-        "heldout_mean_px": summed.get("heldout_mean_px"),
-        "halves_ratio": max((half["ratio"] for half in result.document.get("halves") or []), default=None),
+        "heldout_mean_px": result.summary and result.summary.heldout_mean_px,
+        "halves_ratio": max((half.ratio for half in result.fit.halves), default=None),
         "std_deg": _largest(std, _TURNS),
         "std_mm": None if metres is None else 1000.0 * metres,
         "coverage": _coverage(session, result) if with_coverage else None,
@@ -99,8 +93,8 @@ def _coverage(session: Session, result: Result) -> float | None:
     """The share of the image's cells that hold at least one pair that the fit did not leave out."""
     run = session.get_one(CalibrationRun, result.run_id)
     pairs = session.get_one(CorrespondenceSet, run.set_id).columns
-    width, height = result.document["intrinsics"]["image_size"]
-    left_out = {one["index"] for one in result.document["outliers"] if one["excluded"]}
+    width, height = result.fit.intrinsics.image_size
+    left_out = {one.index for one in result.fit.outliers if one.excluded}
     cells = {
         (int(_COLUMNS * u / width), int(_ROWS * v / height))
         for index, (u, v) in enumerate(zip(pairs["u"], pairs["v"], strict=True))

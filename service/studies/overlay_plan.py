@@ -76,7 +76,7 @@ def _check_frame(access: Access, recording: Recording, result: Result, index: in
         raise Problem(
             404, "no_such_frame", f"{camera.name} has no frame {index}.", f"It has {camera.count}, numbered from 0."
         )
-    width, height = result.document["intrinsics"]["image_size"]
+    width, height = result.fit.intrinsics.image_size
     if (width, height) != (frame.width, frame.height):
         raise Problem(
             422,

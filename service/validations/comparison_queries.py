@@ -9,7 +9,6 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.comparisons import ResultComparison
-from service.calibration_runs.conclusion import spread_of_result
 from service.platform.db.base import Json
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.http.problems import Problem, not_found
@@ -31,7 +30,7 @@ class _Origin(NamedTuple):
 def comparison_of(session: Session, result: Result, other: Result) -> ResultComparison:
     """Raises :class:`Problem` 422 ``result_of_another_camera``: sensors of two places cannot be compared."""
     # Imported here: it needs NumPy, which takes a twentieth of the service's start.
-    from service.calibration_runs.result_comparison import side_by_side
+    from apexcal.geometry.result_differences import side_by_side
 
     own, their = _origin(session, result), _origin(session, other)
     if (own.vehicle_id, result.camera) != (their.vehicle_id, other.camera):
@@ -41,8 +40,7 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
             "The two results belong to different cameras or vehicles, so their mounts differ.",
             "Compare two results of one camera of one vehicle.",
         )
-    spreads = spread_of_result(session, result), spread_of_result(session, other)
-    found = side_by_side(result.document, other.document, *spreads)
+    found = side_by_side(result.fit, other.fit, result.spread, other.spread)
     shares_pairs = own.shares_pairs(their)
     return ResultComparison(
         result_id=result.id,
@@ -53,7 +51,7 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
         other_model=other.model,
         sentence=_sentence(result.camera, found, shares_pairs=shares_pairs),
         shares_pairs=shares_pairs,
-        image_size=result.document["intrinsics"]["image_size"],
+        image_size=result.fit.intrinsics.image_size,
         **found,
     )
 

@@ -9,8 +9,11 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, and_, func, or_, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.comparisons import ResultDifference
 from apexcal.documents.publications import PublicationView
+from apexcal.documents.results import ComparedResult
 from apexcal.documents.states import WorkState
+from apexcal.documents.summaries import BetweenModels, Summary
 from apexcal.documents.validations import Drift, DriftStep
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
@@ -19,8 +22,8 @@ from service.platform.http.problems import Problem
 from service.publications.queries import withdrawals
 from service.publications.views import publication_views
 
-# What is compared of a result; its document also has the errors of all its pairs.
-COMPARED: Final = ("intrinsics", "transform", "std", "covariance", "field", "lens")
+# A result's document also has the errors of all its pairs.
+_COMPARED: Final = tuple(ComparedResult.model_fields)
 
 
 class _Recommended(NamedTuple):
@@ -30,9 +33,9 @@ class _Recommended(NamedTuple):
     calibration_id: UUID
     model: str
     verdict: str | None
-    document: Json
+    result: ComparedResult
     at: datetime
-    spread: Json | None
+    spread: BetweenModels | None
     withdrawn: PublicationView | None
 
 
@@ -97,14 +100,14 @@ def _before(session: Session, vehicle_id: UUID, camera: str, cursor: str) -> Any
 
 def _recommended(session: Session, camera: str, dated: list[tuple[Json | None, datetime]]) -> list[_Recommended]:
     """The recommended results of calibrations, in their order."""
-    chosen: dict[UUID, tuple[datetime, Json | None]] = {}
+    chosen: dict[UUID, tuple[datetime, BetweenModels | None]] = {}
     for summary, at in dated:
-        of_camera: Json = (summary or {}).get("cameras", {}).get(camera) or {}
-        model: Json | None = of_camera.get("models", {}).get(of_camera.get("recommended"))
+        of_camera = Summary.model_validate(summary).cameras.get(camera) if summary else None
+        model = of_camera and of_camera.models.get(of_camera.recommended or "")
         if model:
-            chosen[UUID(model["result_id"])] = at, model.get("between_models")
+            chosen[model.result_id] = at, model.between_models
     of_results = select(
-        Result.id, Result.calibration_id, Result.model, Result.verdict, *(Result.document[name] for name in COMPARED)
+        Result.id, Result.calibration_id, Result.model, Result.verdict, *(Result.document[name] for name in _COMPARED)
     ).where(Result.id.in_(chosen))
     known: dict[UUID, Any] = {row[0]: row for row in session.execute(of_results)}
     withdrawn = _withdrawn(session, list(known))
@@ -112,11 +115,9 @@ def _recommended(session: Session, camera: str, dated: list[tuple[Json | None, d
     for result_id, (at, spread) in chosen.items():
         if result_id in known:
             _, calibration_id, name, verdict, *parts = known[result_id]
-            document: Json = dict(zip(COMPARED, parts, strict=True))
+            result = ComparedResult.model_validate(dict(zip(_COMPARED, parts, strict=True)))
             found.append(
-                _Recommended(
-                    *(result_id, calibration_id, name, verdict, document, at, spread, withdrawn.get(result_id))
-                )
+                _Recommended(result_id, calibration_id, name, verdict, result, at, spread, withdrawn.get(result_id))
             )
     return found
 
@@ -139,32 +140,32 @@ def _step(found: list[_Recommended], shown: list[int], place: int) -> DriftStep:
         calibration_id=own.calibration_id,
         model=own.model,
         at=own.at,
-        intrinsics=own.document["intrinsics"],
-        transform=own.document["transform"],
-        std=(own.spread or own.document).get("std"),  # pyright: ignore[reportArgumentType] - stored as it is
-        from_previous=_apart(own, found[earlier[-1]]) if earlier else None,  # pyright: ignore[reportArgumentType]
-        from_first=None if first is None else _apart(own, found[first]),  # pyright: ignore[reportArgumentType]
+        intrinsics=own.result.intrinsics,
+        transform=own.result.transform,
+        std=(own.spread or own.result).std,
+        from_previous=_apart(own, found[earlier[-1]]) if earlier else None,
+        from_first=None if first is None else _apart(own, found[first]),
         withdrawn=own.withdrawn,
     )
 
 
-def _apart(one: _Recommended, other: _Recommended) -> Json | None:
+def _apart(one: _Recommended, other: _Recommended) -> ResultDifference | None:
     # Imported here: it needs NumPy, which takes a twentieth of the service's start.
-    from service.calibration_runs.result_comparison import compared
+    from apexcal.geometry.result_differences import compared
 
-    apart = compared(one.document, other.document, one.spread, other.spread)
-    if apart is None:
-        return None
-    reason = _incomparable(one, other)
-    return apart | {"differs": apart["differs"] and reason is None, "incomparable": reason}
+    apart = compared(one.result, other.result, one.spread, other.spread)
+    if apart is not None:
+        apart.incomparable = _incomparable(one, other)
+        apart.differs = apart.differs and apart.incomparable is None
+    return apart
 
 
 def _incomparable(one: _Recommended, other: _Recommended) -> str | None:
     """Why the difference of two mounts does not say that the mount moved; None if it does."""
     if one.model != other.model:
         return f"their lens models are {other.model} and {one.model}, and a mount belongs to its lens"
-    if one.document["lens"] != other.document["lens"]:
-        return f"the lens of the earlier result is {other.document['lens']}, that of the later {one.document['lens']}"
+    if one.result.lens != other.result.lens:
+        return f"the lens of the earlier result is {other.result.lens}, that of the later {one.result.lens}"
     failed = [
         f"the {which} result (pairs of {each.at:%Y-%m-%d %H:%M})"
         for which, each in (("earlier", other), ("later", one))
@@ -182,23 +183,19 @@ def _sentence(camera: str, steps: list[DriftStep]) -> str:
     if len(standing) < 2:
         count = len(standing) or "no"
         return f"{camera} has {count} recommended result{'' if count == 1 else 's'}: drift needs two.{withdrawn}"
-    jumps = [step for step in standing if _differs(step.from_previous)]
-    last: Json | None = standing[-1].from_first  # pyright: ignore[reportAssignmentType] - stored as it is
+    jumps = [step for step in standing if step.from_previous and step.from_previous.differs]
+    last = standing[-1].from_first
     said = f"Over {len(standing)} results of {camera} "
     if last is None:
         return f"{said}drift cannot be judged: not all of them state standard deviations.{withdrawn}"
-    size = f"{last['rotation_deg']:.2f} degrees and {last['translation_mm']:.0f} mm"
-    size += f" ({last['sigmas']:.1f} standard deviations)"
+    size = f"{last.rotation_deg:.2f} degrees and {last.translation_mm:.0f} mm"
+    size += f" ({last.sigmas:.1f} standard deviations)"
     if jumps:
         when = ", ".join(f"{step.at:%Y-%m-%d}" for step in jumps)
         return f"{said}the mount moved (at {when}). The last one differs from the first by {size}.{withdrawn}"
-    if last["incomparable"]:
-        unsaid = f"Whether the mount moved cannot be said: {last['incomparable']}."
+    if last.incomparable:
+        unsaid = f"Whether the mount moved cannot be said: {last.incomparable}."
         return f"{said}the last one differs from the first by {size}. {unsaid}{withdrawn}"
-    if last["differs"]:
+    if last.differs:
         return f"{said}no step is significant, but the last one differs from the first by {size}.{withdrawn}"
     return f"{said}the mount did not move significantly: the last one differs from the first by {size}.{withdrawn}"
-
-
-def _differs(difference: object) -> bool:
-    return isinstance(difference, dict) and bool(difference["differs"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from html import unescape
 
 from typer.testing import CliRunner
 
@@ -30,6 +31,13 @@ def test_a_report_is_written_and_its_pairs_are_left_out(embedded: Embedded, tmp_
         text = file.read_text()
         data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
         assert data["ids"]["result"] == result and len(data["pairs"]["u"]) == 60
+        # The checks of the service, word for word, and as many in the page's own text.
+        checks = client.calibrations.result(result).checks
+        assert [(one["name"], one["verdict"], one["sentence"], one["remedy"]) for one in data["checks"]] == [
+            (one.name, one.verdict, one.sentence, one.remedy) for one in checks
+        ]
+        shown = unescape(text.partition('<script type="application/json"')[0])
+        assert all(one.sentence in shown for one in checks)
         assert apexcal("report", result, "-o", str(file)).exit_code == 2
         again = apexcal("recalibrate", result, "--leave-out", "3,17", "--json")
         assert again.exit_code == 0, again.output

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from apexcal.documents.checks import Check, CheckVerdict
+from apexcal.documents.comparisons import ResultDifference
+from apexcal.documents.results import FitResult
+from apexcal.documents.summaries import CameraSummary, RigSummary
 from workers.judge.held_out_check import HeldOut, held_out
 from workers.judge.topics import Topic
 
-Json = Mapping[str, Any]
 _MODELS: Final = Topic("models", "Other lens models")
 _RUNS: Final = Topic("runs", "Fits of the calibration")
 _RIG: Final = Topic("rig", "Other cameras of the rig")
@@ -26,61 +28,56 @@ _LESS_PRECISE: Final = 1.25
 class CurrentResult:
     """What the camera's vehicle gets now.
 
-    verdict: of its own checks. compared: the new result against it, with `rotation_deg`, `translation_mm`, `sigmas`
-    and `differs`; None where one of them states no deviations. heldout_mean_px: its mean held-out error. checks: its
-    own. newer: sentences on what is newer about it, such as its rig or its pairs.
+    verdict: of its own checks; None if it was never judged. compared: the new result against it; None where one of
+    them states no deviations. heldout_mean_px: its mean held-out error.
     """
 
-    model: str
-    lens: str
-    verdict: CheckVerdict
-    checks: Sequence[Check]
-    compared: Json | None = None
+    result: FitResult
+    verdict: CheckVerdict | None
+    compared: ResultDifference | None = None
     heldout_mean_px: float | None = None
-    newer: Sequence[str] = ()
 
 
 def checks_of_calibration(
-    result: Json,
+    result: FitResult,
     *,
-    checks: Sequence[Check],
     camera: str,
-    summary: Json,
+    summary: CameraSummary,
     ended_well: bool,
     pairs: HeldOut | None = None,
-    rig: Json | None = None,
+    rig: RigSummary | None = None,
     current: CurrentResult | None = None,
 ) -> list[Check]:
-    """Return what a calibration's end adds to the `checks` of a result, a fit to all pairs of a camera.
+    """Return what a calibration's end adds to the checks of a result, a fit to all pairs of a camera.
 
-    summary: the camera's, with `recommended`, `why` and `models`; ended_well: whether all runs are done; pairs: the
-    held-out ones; rig: the comparison of the cameras; current: None where the vehicle has none, or it was withdrawn.
+    ended_well: whether all runs are done; pairs: the held-out ones; rig: the comparison of the cameras; current: None
+    where the vehicle has none, or it was withdrawn.
     """
-    name = result["model"]
+    own = summary.models[result.model]
     return [
-        held_out(result, summary["models"][name], pairs),
-        models(name, summary),
+        held_out(result, own, pairs),
+        models(result.model, summary),
         runs(ended_well),
-        of_rig(camera, rig if name == summary["recommended"] else None),
-        beside_current(result, checks, summary["models"][name]["heldout_mean_px"], current),
+        of_rig(camera, rig if result.model == summary.recommended else None),
+        beside_current(result, own.heldout_mean_px, current),
     ]
 
 
-def models(name: str, summary: Json) -> Check:
+def models(name: str, summary: CameraSummary) -> Check:
     """Whether another model is recommended. It stops a result that held-out pairs speak against."""
-    recommended, behind = summary["recommended"], summary["models"][name].get("behind")
+    recommended, behind = summary.recommended, summary.models[name].behind
     remedy = "Publish the recommended model."
     if not recommended:
         retry = "Retry the runs that failed, or calibrate without the models that the pairs leave open."
-        return _MODELS.fails("look", f"No model is recommended. {summary['why']}", retry)
+        return _MODELS.fails("look", f"No model is recommended. {summary.why}", retry)
     if recommended == name:
-        return _MODELS.passes(f"{name} is recommended; {len(summary['models'])} were fitted.")
-    clear = behind is not None and not behind["within_noise"]
+        return _MODELS.passes(f"{name} is recommended; {len(summary.models)} were fitted.")
+    clear = behind is not None and not behind.within_noise
     return _MODELS.fails(
         "stop" if clear else "look",
-        f"{recommended} is recommended, not {name}. {summary['why']}",
+        f"{recommended} is recommended, not {name}. {summary.why}",
         remedy,
-        behind_log_likelihood=behind and behind["log_likelihood"],
+        behind_log_likelihood=behind and behind.log_likelihood,
     )
 
 
@@ -93,14 +90,13 @@ def runs(ended_well: bool) -> Check:
     )
 
 
-def of_rig(camera: str, rig: Json | None) -> Check:
+def of_rig(camera: str, rig: RigSummary | None) -> Check:
     """Whether the rig's other cameras and what the rig states agree with this camera's mount."""
     if not rig:
         return _RIG.passes("There was no other camera to compare it with.")
-    if rig.get("problem"):
-        detail = rig["problem"]["detail"]
-        return _RIG.fails("look", f"The cameras could not be compared: {detail}", "Calibrate again.")
-    against = [alarm for pair in rig["pairs"] if camera in pair["cameras"] for alarm in pair["alarms"]]
+    if rig.problem:
+        return _RIG.fails("look", f"The cameras could not be compared: {rig.problem.detail}", "Calibrate again.")
+    against = [alarm for pair in rig.pairs if camera in pair.cameras for alarm in pair.alarms]
     return _RIG.fails(
         "stop" if against else "pass",
         " ".join(against) or "The cameras of the rig agree with each other and with what the rig states.",
@@ -108,30 +104,28 @@ def of_rig(camera: str, rig: Json | None) -> Check:
     )
 
 
-def beside_current(
-    result: Json, checks: Sequence[Check], heldout_px: float | None, current: CurrentResult | None
-) -> Check:
+def beside_current(result: FitResult, heldout_px: float | None, current: CurrentResult | None) -> Check:
     """Whether a person should look before this result takes the current one's place.
 
     Results are compared if lens and model are alike. A current result that should not be used protects nothing.
     """
     if current is None:
         return _CURRENT.passes("The vehicle has no current result of this camera.")
-    if current.verdict == "stop":
+    if current.verdict not in ("pass", "look"):
         return _CURRENT.passes("The vehicle's current result fails its own checks and is no standard.")
-    doubts = list(current.newer)
-    is_alike = (current.model, current.lens) == (result["model"], result["lens"])
+    doubts: list[str] = []
+    is_alike = (current.result.model, current.result.lens) == (result.model, result.lens)
     apart = current.compared if is_alike and current.verdict == "pass" else None
     figures: dict[str, float | None] = {}
     if apart:
-        figures = {name: apart[name] for name in ("rotation_deg", "translation_mm", "sigmas")}
-        if apart["differs"]:
+        figures = {name: getattr(apart, name) for name in ("rotation_deg", "translation_mm", "sigmas")}
+        if apart.differs:
             doubts.append(
-                f"The mount differs from the vehicle's current result by {apart['rotation_deg']:.2f} degrees and "
-                f"{apart['translation_mm']:.0f} mm, {apart['sigmas']:.1f} times what both state: something moved, or "
+                f"The mount differs from the vehicle's current result by {apart.rotation_deg:.2f} degrees and "
+                f"{apart.translation_mm:.0f} mm, {apart.sigmas:.1f} times what both state: something moved, or "
                 "one of them states too little."
             )
-    own, other = (_over_limit(of) for of in (checks, current.checks))
+    own, other = (_over_limit(of) for of in (result.checks, current.result.checks))
     if own is not None and other is not None and own > _LESS_PRECISE * other:
         figures["times_less_precise"] = own / other if other > 0.0 else None
         doubts.append(f"Its stated deviations are {own / other:.1f} times those of the vehicle's current result.")

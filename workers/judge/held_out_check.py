@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from apexcal.documents.checks import Check, CheckVerdict, figure
+from apexcal.documents.results import FitResult
+from apexcal.documents.summaries import ModelSummary
+from apexcal.geometry.se3 import from_document
 from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD, Topic
 from workers.solver.prediction import DISTANCES_M
 
@@ -35,34 +38,34 @@ class HeldOut(NamedTuple):
     distances_m: Floats
 
 
-def held_out_pairs(
-    heldout: Sequence[Mapping[str, Any]], outliers: Sequence[Mapping[str, Any]], distances_m: ArrayLike
-) -> HeldOut:
-    """Return the held-out pairs that belong.
+def held_out_pairs(result: FitResult, folds: Sequence[FitResult], points: ArrayLike) -> HeldOut | None:
+    """Return the held-out pairs that belong; None if nothing was held out.
 
-    heldout: of each fold, `indices`, `standard_px` and `stretch`; outliers: of the fit to all pairs, by `index`;
-    distances_m (N,): of all pairs from the camera.
+    result: the fit to all pairs; folds: of its model; points (N, 3): of all pairs, metres, the LiDAR's frame.
     """
-    far = np.asarray(distances_m, np.float64)
+    if not folds:
+        return None
+    far = np.linalg.norm(from_document(result.transform).apply(points), axis=1)
     errors, stretch = np.full(len(far), np.nan), np.ones(len(far))
-    for fold in heldout:
-        rows = np.asarray(fold["indices"], np.int64)
-        errors[rows], stretch[rows] = fold["standard_px"], fold["stretch"]
-    errors[[one["index"] for one in outliers]] = np.nan
+    for heldout in (fold.heldout for fold in folds):
+        if heldout:
+            rows = np.asarray(heldout.indices, np.int64)
+            errors[rows], stretch[rows] = heldout.standard_px, heldout.stretch
+    errors[[one.index for one in result.outliers]] = np.nan
     judged = np.isfinite(errors)
     return HeldOut(errors[judged], stretch[judged], far[judged])
 
 
-def held_out(result: Mapping[str, Any], summary: Mapping[str, Any], pairs: HeldOut | None) -> Check:
+def held_out(result: FitResult, summary: ModelSummary, pairs: HeldOut | None) -> Check:
     """Whether held-out pairs lie where the fit expects them, as well as its use needs.
 
     result: of the fit to all pairs; summary: of its model. A point's own error is what the pairs about its distance
     show beyond the noise of the fit.
     """
-    mean_px, fitted_px = summary["heldout_mean_px"], result["kept"]["mean_px"]
+    mean_px, fitted_px = summary.heldout_mean_px, result.kept.mean_px
     if mean_px is None:
         return _HELD_OUT.fails("look", "No pairs were held out to judge it by.", "Calibrate with folds.")
-    noise, explained = summary.get("heldout_sigma_px"), result.get("explained_px")
+    noise, explained = summary.heldout_sigma_px, result.explained_px
     doubts: list[str] = []
     if mean_px > max(_FAR * fitted_px, _FINE_PX):
         doubts.append("the pairs are too few, too uneven, or some of them wrong")
@@ -85,18 +88,18 @@ def held_out(result: Mapping[str, Any], summary: Mapping[str, Any], pairs: HeldO
     )
 
 
-def _limit_px(result: Mapping[str, Any]) -> float:
-    lens = result["intrinsics"]
-    return max(USE_LIMIT_PX, USE_LIMIT_RAD * float(np.sqrt(lens["f_x"] * lens["f_y"])))
+def _limit_px(result: FitResult) -> float:
+    lens = result.intrinsics
+    return max(USE_LIMIT_PX, USE_LIMIT_RAD * float(np.sqrt(lens.f_x * lens.f_y)))
 
 
-def _by_distance(result: Mapping[str, Any], pairs: HeldOut) -> list[tuple[float, float, float]]:
+def _by_distance(result: FitResult, pairs: HeldOut) -> list[tuple[float, float, float]]:
     """Of each distance with enough pairs: metres, a typical point's RMS beyond the noise in px, and its probability.
 
     Half of the squares of a noise of 1 px are exponential; their median is ln 2, known to 1 / sqrt(M). One block that
     lies beyond all fitted pairs does not decide.
     """
-    noise_px = result["sigma_px"]
+    noise_px = result.sigma_px
     edges = np.sqrt(np.array(DISTANCES_M[:-1]) * np.array(DISTANCES_M[1:]))
     band = np.searchsorted(edges, pairs.distances_m)
     judged: list[tuple[float, float, float]] = []

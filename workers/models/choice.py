@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from apexcal.documents.summaries import Behind
 from workers.models.evidence import Evidence, Floats, Pairs, standard_error, weigh
 
 # Difference of log likelihoods below which models predict alike, and its standard error says little (Sivula,
@@ -36,29 +37,12 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Difference:
-    """How far a model is behind the likeliest one on held-out pairs.
-
-    ``log_likelihood`` and its standard error over the blocks; the same for the mean distance in px, over the pairs
-    that belong. ``within_noise``: the difference of log likelihoods is below 4.
-    """
-
-    px: float
-    standard_error_px: float
-    percent: float
-    standard_error_percent: float
-    log_likelihood: float
-    standard_error_log_likelihood: float
-    within_noise: bool
-
-
-@dataclass(frozen=True)
 class Choice:
     """The recommended model or none, the sentences that say why, and what the held-out pairs say of each model."""
 
     recommended: str | None
     why: str
-    behind: dict[str, Difference] = field(default_factory=dict[str, Difference])
+    behind: dict[str, Behind] = field(default_factory=dict[str, Behind])
     weight: dict[str, float] = field(default_factory=dict[str, float])
     sigma_px: dict[str, float] = field(default_factory=dict[str, float])
 
@@ -100,17 +84,25 @@ def _rank(model: Candidate, by_error: float, name: str) -> tuple[object, ...]:
     return not model.sound, bool(model.at_bounds), model.free_parameters, model.parameters, by_error, name
 
 
-def _difference(name: str, judged: Mapping[str, Pairs], found: Evidence) -> Difference:
+def _difference(name: str, judged: Mapping[str, Pairs], found: Evidence) -> Behind:
     pairs, best = judged[name], judged[found.best]
     behind, deviation = found.behind(name, best.block)
     belonging = max(float(found.belongs.sum()), 1e-9)
     px = found.belongs * (pairs.errors_px - best.errors_px) / belonging
     lowest = max(float(found.belongs @ best.errors_px) / belonging, 1e-9)
     mean, of_mean = float(px.sum()), standard_error(px, best.block)
-    return Difference(mean, of_mean, 100 * mean / lowest, 100 * of_mean / lowest, behind, deviation, behind < _ALIKE)
+    return Behind(
+        px=mean,
+        standard_error_px=of_mean,
+        percent=100 * mean / lowest,
+        standard_error_percent=100 * of_mean / lowest,
+        within_noise=behind < _ALIKE,
+        log_likelihood=behind,
+        standard_error_log_likelihood=deviation,
+    )
 
 
-def _behind(name: str, one: Difference) -> str:
+def _behind(name: str, one: Behind) -> str:
     words = f"{name} is {one.log_likelihood:.1f} ± {one.standard_error_log_likelihood:.1f} behind in log likelihood"
     noise = f", which decides nothing below {_ALIKE:g}" if one.within_noise else ""
     return f"{words} ({one.px:+.2f} ± {one.standard_error_px:.2f} px){noise}."
@@ -139,7 +131,7 @@ def _unjudged(name: str, model: Candidate) -> str:
     return f"{name} was not judged: nothing was held out of it."
 
 
-def _more_pairs(others: Sequence[str], behind: Mapping[str, Difference], pairs: int) -> list[str]:
+def _more_pairs(others: Sequence[str], behind: Mapping[str, Behind], pairs: int) -> list[str]:
     """How many pairs it takes to tell the likeliest models apart: their difference grows with the number."""
     alike = [name for name in others if behind[name].within_noise]
     if not alike:

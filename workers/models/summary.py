@@ -3,113 +3,124 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any, Final, NamedTuple
 from uuid import UUID
 
 import numpy as np
 
 from apexcal.documents.camera_models import CAMERA_MODELS, parse_model
+from apexcal.documents.results import Errors, FitResult, HeldOut
+from apexcal.documents.summaries import CameraSummary, ModelSummary
 from workers.models.choice import Candidate, Choice, choose
 from workers.models.evidence import Pairs
 from workers.models.spread import spread_of, spread_sentence
 
-Json = dict[str, Any]
-
 # A missing projection counts in the mean as this share of the image's diagonal, or as the largest error, if that is
 # more. The robust loss of the search saturates at this distance.
 _NO_PROJECTION: Final = 0.01
-_STAGES: Final = ("ga", "polished", "baseline", "linear_baseline")
+# Members of a model's summary that are the result's own.
+_OF_RESULT: Final = (
+    *("status", "message", "free_parameters", "at_bounds", "lens", "pairs", "explained_px", "marks_outside"),
+    *("iterations", "stopped"),
+)
 
 
 class Fit(NamedTuple):
-    """A result of one camera. ``heldout_fold`` is None for a fit to all pairs; ``document`` is the solver's."""
+    """A result of one camera. ``heldout_fold`` is None for a fit to all pairs."""
 
     result_id: UUID
-    model: str
     heldout_fold: int | None
-    document: Json
+    result: FitResult
     search_seconds: float = 0.0
     workers: Sequence[str] = ()
 
 
-def camera_summary(fits: Sequence[Fit]) -> Json:
-    """Return the summary of one camera's fits."""
+def camera_summary(fits: Sequence[Fit]) -> CameraSummary:
+    """Return the summary of one camera's fits. Its results are not judged yet: it has no checks and no verdicts."""
     choice, candidates = recommend(fits)
-    full = {fit.model: fit for fit in fits if fit.heldout_fold is None}
-    documents = {name: fit.document for name, fit in full.items()}
-    wrong = _left_out_by_all(documents)
-    models: dict[str, Json] = {}
-    for name, fit in full.items():
-        found = models[name] = _model_summary(fit)
-        found |= _heldout(candidates[name].heldout, wrong, float(np.hypot(*fit.document["intrinsics"]["image_size"])))
-        if name in choice.behind:
-            found["behind"] = asdict(choice.behind[name])
-        if name in choice.weight:
-            found["weight"], found["heldout_sigma_px"] = choice.weight[name], choice.sigma_px[name]
-        found["between_models"] = spread_of(name, documents, choice.weight)
+    full = {fit.result.model: fit for fit in fits if fit.heldout_fold is None}
+    results = {name: fit.result for name, fit in full.items()}
+    wrong = _left_out_by_all(results)
+    models = {
+        name: ModelSummary(
+            **{member: getattr(fit.result, member) for member in _OF_RESULT},
+            **_heldout(candidates[name].heldout, wrong, float(np.hypot(*fit.result.intrinsics.image_size))),
+            result_id=fit.result_id,
+            polished=_errors(fit.result.polished),
+            ga=_errors(fit.result.ga),
+            baseline=fit.result.baseline and _errors(fit.result.baseline),
+            linear_baseline=fit.result.linear_baseline and _errors(fit.result.linear_baseline),
+            stated_lens=fit.result.stated_lens and fit.result.stated_lens.sentence,
+            seconds=fit.search_seconds + (fit.result.finish_seconds or 0.0),
+            workers=list(fit.workers),
+            weight=choice.weight.get(name),
+            heldout_sigma_px=choice.sigma_px.get(name),
+            behind=choice.behind.get(name),
+            between_models=spread_of(name, results, choice.weight),
+            verdict=None,
+            verdict_alone=None,
+        )
+        for name, fit in full.items()
+    }
     chosen = choice.recommended
-    sentence = spread_sentence(chosen, documents, models[chosen]["between_models"]) if chosen else None
-    return {"recommended": chosen, "why": f"{choice.why} {sentence or ''}".strip(), "models": models}
+    sentence = spread_sentence(chosen, results, models[chosen].between_models) if chosen else None
+    why = f"{choice.why} {sentence or ''}".strip()
+    return CameraSummary(recommended=chosen, why=why, models=models, checks=[], published=None)
 
 
 def recommend(fits: Sequence[Fit]) -> tuple[Choice, dict[str, Candidate]]:
     """Choose the model to recommend from a camera's fits, and say why."""
-    full = {fit.model: fit.document for fit in fits if fit.heldout_fold is None}
-    folds: dict[str, dict[int, Json]] = {name: {} for name in full}
+    full = {fit.result.model: fit.result for fit in fits if fit.heldout_fold is None}
+    folds: dict[str, dict[int, FitResult]] = {name: {} for name in full}
     for fit in fits:
-        if fit.heldout_fold is not None and fit.model in full and fit.document.get("heldout"):
-            folds[fit.model][fit.heldout_fold] = fit.document
-    candidates = {name: _candidate(name, document, folds[name]) for name, document in full.items()}
-    width, height = next(iter(full.values()))["intrinsics"]["image_size"]
+        if fit.heldout_fold is not None and fit.result.model in full:
+            folds[fit.result.model][fit.heldout_fold] = fit.result
+    candidates = {name: _candidate(result, folds[name]) for name, result in full.items()}
+    width, height = next(iter(full.values())).intrinsics.image_size
     return choose(candidates, float(width * height)), candidates
 
 
-def _candidate(name: str, full: Json, folds: Mapping[int, Json]) -> Candidate:
-    determined = {fold: one for fold, one in folds.items() if one["status"] != "not_determined"}
+def _candidate(full: FitResult, folds: Mapping[int, FitResult]) -> Candidate:
+    determined = {fold: one.heldout for fold, one in sorted(folds.items()) if one.status != "not_determined"}
     # If most folds leave a model open, the others cannot judge it.
-    judged = determined if 2 * len(determined) > len(folds) else {}
-    parts = [_pairs(judged[fold]["heldout"]) for fold in sorted(judged)]
-    residuals = np.array(full.get("residuals_px") or [full["polished"]["mean_px"]], np.float64)
+    judged = determined.values() if 2 * len(determined) > len(folds) else []
+    parts = [_pairs(heldout) for heldout in judged if heldout]
+    residuals = np.array(full.residuals_px, np.float64)
     order = np.arange(len(residuals))
     return Candidate(
-        free_parameters=full["free_parameters"],
-        parameters=len(CAMERA_MODELS[parse_model(name)].intrinsics),
+        free_parameters=full.free_parameters,
+        parameters=len(CAMERA_MODELS[parse_model(full.model)].intrinsics),
         fitted=Pairs(order, order, residuals, np.ones(len(order)), residuals),
         heldout=_joined(parts) if any(len(part.number) for part in parts) else None,
-        at_bounds=full["at_bounds"],
-        sound=full["status"] != "not_determined",
+        at_bounds=full.at_bounds,
+        sound=full.status != "not_determined",
         undetermined=len(folds) - len(determined),
     )
 
 
-def _pairs(heldout: Json) -> Pairs:
+def _pairs(heldout: HeldOut) -> Pairs:
     """The pairs of a held-out fold."""
-    number, block = (np.array(heldout[name], np.int64) for name in ("indices", "blocks"))
-    return Pairs(
-        number, block, *(np.array(heldout[name], np.float64) for name in ("standard_px", "stretch", "errors_px"))
-    )
+    number, block = np.array(heldout.indices, np.int64), np.array(heldout.blocks, np.int64)
+    errors = (heldout.standard_px, heldout.stretch, heldout.errors_px)
+    return Pairs(number, block, *(np.array(values, np.float64) for values in errors))
 
 
 def _joined(parts: Sequence[Pairs]) -> Pairs:
-    whole = Pairs(*(np.concatenate([getattr(part, name) for part in parts]) for name in Pairs.__dataclass_fields__))
-    # Workers of two versions may have cut a model's folds differently: a pair counts once.
-    _, order = np.unique(whole.number, return_index=True)
-    return Pairs(*(getattr(whole, name)[order] for name in Pairs.__dataclass_fields__))
+    """The pairs of all folds by their numbers, because models may have other folds."""
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in Pairs.__dataclass_fields__}
+    order = np.argsort(columns["number"])
+    return Pairs(**{name: values[order] for name, values in columns.items()})
 
 
-def _left_out_by_all(documents: Mapping[str, Json]) -> set[int]:
+def _left_out_by_all(results: Mapping[str, FitResult]) -> set[int]:
     """Pairs that every model's fit left out as outliers. Pairs that only some leave out count: they may show that a
     model lacks the lens.
     """
-    left_out = [
-        {outlier["index"] for outlier in document["outliers"] if outlier["excluded"]}
-        for document in documents.values()
-    ]
+    left_out = [{one.index for one in result.outliers if one.excluded} for result in results.values()]
     return set.intersection(*left_out) if left_out else set()
 
 
-def _heldout(pairs: Pairs | None, wrong: set[int], diagonal_px: float) -> Json:
+def _heldout(pairs: Pairs | None, wrong: set[int], diagonal_px: float) -> dict[str, Any]:
     """Mean and root mean square error of held-out pairs, and how many of them have no projection."""
     if pairs is not None:
         pairs = pairs.of(np.setdiff1d(pairs.number, np.array(sorted(wrong), np.int64)))
@@ -126,26 +137,6 @@ def _heldout(pairs: Pairs | None, wrong: set[int], diagonal_px: float) -> Json:
     }
 
 
-def _model_summary(fit: Fit) -> Json:
-    document = fit.document
-    summary: Json = {stage: _stage(document[stage]) for stage in _STAGES}
-    return summary | {
-        "result_id": str(fit.result_id),
-        "status": document["status"],
-        "message": document["message"],
-        "free_parameters": document["free_parameters"],
-        "at_bounds": document["at_bounds"],
-        "lens": document["lens"],
-        "stated_lens": (document["stated_lens"] or {}).get("sentence"),
-        "explained_px": document["explained_px"],
-        "marks_outside": document["marks_outside"],
-        "pairs": document["pairs"],
-        "iterations": document["iterations"],
-        "stopped": document["stopped"],
-        "seconds": fit.search_seconds + document.get("finish_seconds", 0.0),
-        "workers": list(fit.workers),
-    }
-
-
-def _stage(stage: Json | None) -> Json | None:
-    return stage and {"mean_px": stage["mean_px"], "rms_px": stage["rms_px"]}
+def _errors(stage: Errors) -> Errors:
+    """What all stages state, without their parameters."""
+    return Errors(mean_px=stage.mean_px, rms_px=stage.rms_px)

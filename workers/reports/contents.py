@@ -19,22 +19,22 @@ Json = dict[str, Any]
 LAYOUT = 1
 # Columns of a pair that a report repeats, where the set has them.
 _KNOWN = ("x", "y", "z", "u", "v", "stamp_ns", "group", "sweep_index", "frame_index", "marks", "spread_px", "corner")
-_SHOWN_OF_RESULT = (
+_SHOWN_OF_RESULT = {
     *("model", "status", "message", "search", "loss", "weights", "pairs", "free_parameters", "iterations", "stopped"),
     *("polished", "ga", "baseline", "linear_baseline", "kept", "parameters", "intrinsics", "transform", "at_bounds"),
     *("std", "interval95_half_width", "degrees_of_freedom", "correlation", "covariance", "worst_correlation"),
     *("sigma_px", "noise_scale", "explained_px", "marks_outside", "shared_errors", "common_errors"),
     *("weak_priors", "lens", "stated_lens", "halves", "prediction", "outliers"),
     *("versions", "cpu"),
-)
+}
 
 
 def contents(material: Material) -> Json:
     """The report's numbers: metres in the LiDAR's frame, pixels, degrees; of N pairs in the order of their set."""
-    document = material.chosen.document
-    errors = pair_errors(document, material.chosen.problem.points, material.chosen.problem.pixels)
+    result = material.chosen.result
+    errors = pair_errors(result, material.chosen.problem.points, material.chosen.problem.pixels)
     used = material.chosen.problem.weights > 0.0
-    used[[one["index"] for one in document["outliers"]]] = False
+    used[[one.index for one in result.outliers]] = False
     field = field_of(material, errors)
     return tidy(
         {
@@ -42,10 +42,10 @@ def contents(material: Material) -> Json:
             "names": dict(material.names),
             "ids": dict(material.ids),
             "made_at": material.made_at,
-            "verdict": sentence_of(document, material.checks)._asdict(),
+            "verdict": sentence_of(result, material.checks)._asdict(),
             "checks": [one.model_dump() for one in material.checks],
             "rings": rings_of(errors, used),
-            "result": {name: document.get(name) for name in _SHOWN_OF_RESULT},
+            "result": result.model_dump(include=_SHOWN_OF_RESULT, exclude_unset=True),
             "recommended": material.recommended,
             "why": material.why,
             "models": _models(material),
@@ -54,7 +54,7 @@ def contents(material: Material) -> Json:
             "people": _people(material, errors),
             "elsewhere": list(material.elsewhere),
             "request": material.request,
-            "provenance": document.get("provenance"),
+            "provenance": result.provenance and result.provenance.model_dump(),
         }
     ) | {"pairs": _pairs(material, errors)}
 
@@ -88,13 +88,13 @@ def _models(material: Material) -> Json:
     made: Json = {}
     count = len(material.pairs["x"])
     for model in material.models:
-        errors = pair_errors(model.document, model.problem.points, model.problem.pixels)
+        errors = pair_errors(model.result, model.problem.points, model.problem.pixels)
         held = held_out_px(model.heldout, count)
         measured = np.where(np.isfinite(held), held, errors.distance_px)
-        made[model.name] = {
-            "status": model.document["status"],
-            "mean_px": model.document["polished"]["mean_px"],
-            "rms_px": model.document["polished"]["rms_px"],
+        made[model.result.model] = {
+            "status": model.result.status,
+            "mean_px": model.result.polished.mean_px,
+            "rms_px": model.result.polished.rms_px,
             "measured_px": measured,
             "measured_on": "held-out pairs" if np.isfinite(held).any() else "fitted pairs",
             "ground": ground_map(model, material.pairs),

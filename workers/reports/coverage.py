@@ -29,10 +29,10 @@ class Field(NamedTuple):
 
 def field_of(material: Material, errors: PairErrors) -> Field:
     """The pairs by horizontal angle in the camera's view and by range."""
-    lens = material.chosen.document["intrinsics"]
-    width, height = lens["image_size"]
+    lens = material.chosen.result.intrinsics
+    width, height = lens.image_size
     u = np.linspace(-0.5, width - 0.5, COLUMNS + 1)
-    rays, _ = unproject(parse_model(lens["model"]), lens, np.column_stack([u, np.full(COLUMNS + 1, 0.5 * height)]))
+    rays, _ = unproject(parse_model(lens.model), lens.by_name(), np.column_stack([u, np.full(len(u), 0.5 * height)]))
     angles = np.degrees(np.arctan2(rays[:, 0], rays[:, 2]))
     column = np.clip(np.searchsorted(u, material.pairs["u"], side="right") - 1, 0, COLUMNS - 1)
     edges = np.array([*BANDS_M, max(float(errors.range_m.max()) + 1.0, BANDS_M[-1] + 10.0)])

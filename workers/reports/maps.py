@@ -40,14 +40,14 @@ def ground_map(model: FittedModel, pairs: dict[str, Any]) -> dict[str, Any]:
 
 def image_map(model: FittedModel, pairs: dict[str, Any]) -> dict[str, Any]:
     """Over the image, for points as far from the camera as the median pair: px at px, or null; ``distance_m``."""
-    lens = model.document["intrinsics"]
-    width, height = lens["image_size"]
+    lens = model.result.intrinsics
+    width, height = lens.image_size
     columns, rows = IMAGE
     us = (np.arange(columns) + 0.5) * width / columns - 0.5
     vs = (np.arange(rows) + 0.5) * height / rows - 0.5
     pixels = np.stack(np.meshgrid(us, vs), axis=-1).reshape(-1, 2)
-    rays, miss = unproject(parse_model(lens["model"]), lens, pixels)
-    mount = from_document(model.document["transform"])
+    rays, miss = unproject(parse_model(lens.model), lens.by_name(), pixels)
+    mount = from_document(model.result.transform)
     in_camera = mount.apply(np.column_stack([pairs["x"], pairs["y"], pairs["z"]]))
     distance = float(np.median(np.linalg.norm(in_camera, axis=1)))
     _, sigma = deviation_px(model, mount.inverse().apply(distance * rays))
@@ -57,18 +57,17 @@ def image_map(model: FittedModel, pairs: dict[str, Any]) -> dict[str, Any]:
 def deviation_px(model: FittedModel, points: Floats) -> tuple[NDArray[np.bool_], Floats]:
     """Whether points (N, 3), m in the LiDAR's frame, lie in the image, and how well the result places them, px.
 
-    One standard deviation, as a length over both axes, from the document's covariance; NaN where that is open.
+    One standard deviation, as a length over both axes, from the result's covariance; NaN where that is open.
     """
-    problem, document = model.problem, model.document
+    problem, result = model.problem, model.result
     plain = replace(problem, covariances=None, whitening=None, blocks=None, velocities=None, people=None)
     everywhere = replace(plain, points=points, pixels=np.zeros((len(points), 2)), weights=np.ones(len(points)))
-    parameters = document["polished"]["parameters"]
-    p = np.array([parameters[name] for name in problem.names])
+    p = np.array([result.polished.parameters[name] for name in problem.names])
     pixels, violation = predict(everywhere, p)
     size = np.array(problem.image_size)
     inside = (violation == 0.0) & np.all((pixels >= -0.5) & (pixels <= size - 0.5), axis=1)
-    covariance = np.array((document.get("covariance") or {}).get("matrix") or [])
-    if not covariance.size or None in (document.get("std") or {}).values():
+    covariance = np.array(result.covariance.matrix)
+    if not covariance.size or None in result.std.values():
         return inside, np.full(len(points), np.nan)
     J = residuals_and_jacobian(everywhere, p, turns_are_free(problem), walls=False)[1].reshape(len(points), 2, -1)
     # The covariance is in people's units: degrees.

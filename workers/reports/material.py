@@ -1,4 +1,4 @@
-"""What a report is made of: stored documents and pairs, as plain values."""
+"""What a report is made of: results, pairs and what else the database has of them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from apexcal.documents.checks import Check
+from apexcal.documents.results import FitResult, HeldOut
 from workers.solver.problem import FitProblem
 
 Json = dict[str, Any]
@@ -14,12 +15,11 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A camera model's fit to all pairs: its document, its problem, and the held-out errors of its folds."""
+    """A camera model's fit to all pairs: its result, its problem, and the held-out errors of its folds."""
 
-    name: str
-    document: Json
+    result: FitResult
     problem: FitProblem
-    heldout: Sequence[Json] = ()
+    heldout: Sequence[HeldOut] = ()
 
 
 @dataclass(frozen=True)

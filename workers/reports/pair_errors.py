@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.results import FitResult, HeldOut
 from apexcal.geometry.se3 import from_document
 from workers.geometry.models import parse_model
 from workers.geometry.projection import distances_px, image_diagonal_px, project
@@ -33,25 +34,24 @@ class PairErrors(NamedTuple):
         return np.isfinite(self.projected[:, 0])
 
 
-def pair_errors(document: dict[str, Any], xyz: Floats, marks: Floats) -> PairErrors:
+def pair_errors(result: FitResult, xyz: Floats, marks: Floats) -> PairErrors:
     """The pairs (N, 3), metres in the LiDAR's frame, and (N, 2), pixels, under a result's transform and lens.
 
     ``xyz`` are those that were fitted: of a rolling shutter, where the vertex was when its mark's row was read.
     """
-    lens = document["intrinsics"]
-    in_camera = from_document(document["transform"]).apply(xyz)
-    projected, violation = project(parse_model(lens["model"]), lens, in_camera)
-    distance = distances_px(projected, violation, marks, image_diagonal_px(lens["image_size"]))
+    lens = result.intrinsics
+    in_camera = from_document(result.transform).apply(xyz)
+    projected, violation = project(parse_model(lens.model), lens.by_name(), in_camera)
+    distance = distances_px(projected, violation, marks, image_diagonal_px(lens.image_size))
     angle = np.degrees(np.arctan2(np.hypot(in_camera[:, 0], in_camera[:, 1]), in_camera[:, 2]))
     return PairErrors(projected, marks - projected, distance, np.linalg.norm(xyz, axis=1), angle)
 
 
-def held_out_px(heldout: Sequence[dict[str, Any]], count: int) -> Floats:
+def held_out_px(folds: Sequence[HeldOut], count: int) -> Floats:
     """(N,) each pair's distance under the fit that held it out, px; NaN where none did."""
     found = np.full(count, np.nan)
-    for one in heldout:
-        if one.get("indices") is not None and one.get("errors_px") is not None:
-            found[np.asarray(one["indices"], np.int64)] = one["errors_px"]
+    for heldout in folds:
+        found[np.asarray(heldout.indices, np.int64)] = heldout.errors_px
     return found
 
 

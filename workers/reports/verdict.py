@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from apexcal.documents.checks import Check, CheckVerdict, verdict_of
+from apexcal.documents.results import FitResult
 
 
 class ReportVerdict(NamedTuple):
@@ -17,7 +18,7 @@ class ReportVerdict(NamedTuple):
     doubts: list[str]
 
 
-def sentence_of(document: dict[str, Any], checks: Sequence[Check]) -> ReportVerdict:
+def sentence_of(result: FitResult, checks: Sequence[Check]) -> ReportVerdict:
     """Return what the checks of the mount with its lens come to."""
     concerned = [one for one in checks if one.scope == "mount_with_lens"]
     against = [one.sentence for one in concerned if one.verdict == "stop"]
@@ -28,24 +29,23 @@ def sentence_of(document: dict[str, Any], checks: Sequence[Check]) -> ReportVerd
         "look": f"Look at it before you use it: {_counted(len(doubts), 'check asks', 'checks ask')} for that",
         "pass": "It passes all checks",
     }[level]
-    return ReportVerdict(level, f"{words}. {_precision(document)}", against, doubts)
+    return ReportVerdict(level, f"{words}. {_precision(result)}", against, doubts)
 
 
 def _counted(count: int, one: str, many: str) -> str:
     return f"1 {one}" if count == 1 else f"{count} {many}"
 
 
-def _precision(document: dict[str, Any]) -> str:
+def _precision(result: FitResult) -> str:
     """What to expect of it at 20 m in the middle of the image."""
-    prediction = document.get("prediction") or {}
-    points = prediction.get("points") or []
-    middle = points[len(points) // 2] if points else {}
-    if not middle.get("stated_px"):
-        return f"Its pairs lie {document['polished']['mean_px']:.2f} px off on average."
-    at = prediction["distances_m"].index(20.0)
-    factor = prediction["expected_over_stated"]
-    px, mm = (factor * middle[name][at] for name in ("stated_px", "stated_mm"))
+    off = f"Its pairs lie {result.polished.mean_px:.2f} px off on average"
+    prediction = result.prediction
+    middle = prediction and prediction.points[len(prediction.points) // 2]
+    if not prediction or not middle or not middle.stated_px or not middle.stated_mm:
+        return f"{off}."
+    at, factor = prediction.distances_m.index(20.0), prediction.expected_over_stated
+    px, mm = factor * middle.stated_px[at], factor * middle.stated_mm[at]
     return (
-        f"Its pairs lie {document['polished']['mean_px']:.2f} px off on average; a point at 20 m in the middle of "
-        f"the image is placed within {px:.2f} px or {mm:.0f} mm (one standard deviation)."
+        f"{off}; a point at 20 m in the middle of the image is placed within {px:.2f} px or {mm:.0f} mm (one "
+        "standard deviation)."
     )

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.results import FitResult
+from apexcal.documents.summaries import CameraPair, OddVertex, SharedVertices, StatedDeviation
+from apexcal.documents.transforms import SolvedTransform
 from apexcal.geometry.se3 import SE3, from_document, to_document
 from workers.geometry.models import parse_model
 from workers.solver.camera_transform import Deviation, between_cameras, deviation, mount_covariance
@@ -56,7 +58,7 @@ class SolvedCamera:
     @property
     def transform(self) -> SE3:
         """T_camera_lidar."""
-        return from_document(self.result.transform.model_dump())
+        return from_document(self.result.transform)
 
     @property
     def view(self) -> View:
@@ -74,65 +76,54 @@ class SolvedCamera:
         )
 
 
-def rig_consistency(cameras: Sequence[SolvedCamera], stated: Sequence[StatedTransform]) -> dict[str, Any]:
-    """Every two cameras compared, as plain JSON: {"pairs": [...], "alarms": [sentence, ...]}.
+def rig_consistency(cameras: Sequence[SolvedCamera], stated: Sequence[StatedTransform]) -> list[CameraPair]:
+    """Return every two cameras compared.
 
-    Each pair has `cameras` and `models` [a, b], `transform` (T_a_b as a document) with `std` and
-    `interval95_half_width` (small turns about camera a's axes in degrees, t in millimetres), or null where one of
-    the mounts is not determined; `stated`, the deviation from each transform that the rig states; `shared`, how the
-    marks of the vertices that both saw agree, or null; `sentences`, and those of them that are `alarms`.
-    stated: nominal ones, and those known otherwise, by their frames. Raises GeometryError.
+    `sentences` say what agrees, `alarms` what does not. stated: nominal transforms, and those known otherwise, by
+    their frames. Raises GeometryError.
     """
-    pairs = [_compare(a, b, stated) for a, b in combinations(cameras, 2)]
-    return {"pairs": pairs, "alarms": [alarm for pair in pairs for alarm in pair["alarms"]]}
+    return [_compare(a, b, stated) for a, b in combinations(cameras, 2)]
 
 
-def _compare(a: SolvedCamera, b: SolvedCamera, stated: Sequence[StatedTransform]) -> dict[str, Any]:
+def _compare(a: SolvedCamera, b: SolvedCamera, stated: Sequence[StatedTransform]) -> CameraPair:
     a.problem.stop.check()
-    name = f"T_{a.name}_{b.name}"
-    said = _Said([], [])
-    transform = _between(a, b, name, stated, said)
-    shared = _shared(a, b, said)
-    models = [a.problem.model, b.problem.model]
-    pair = {"cameras": [a.name, b.name], "models": models, "name": name, **transform, "shared": shared}
-    return pair | {"sentences": said.sentences, "alarms": said.alarms}
+    pair = CameraPair(
+        cameras=[a.name, b.name],
+        models=[a.problem.model, b.problem.model],
+        name=f"T_{a.name}_{b.name}",
+        transform=None,
+        std=None,
+        interval95_half_width=None,
+        stated=[],
+        shared=None,
+        sentences=[],
+        alarms=[],
+    )
+    covariances = [mount_covariance(one.problem, one.result) for one in (a, b)]
+    if covariances[0] is None or covariances[1] is None:
+        unknown = a.name if covariances[0] is None else b.name
+        pair.sentences.append(f"{pair.name} is not stated: the pairs do not determine the mount of {unknown}.")
+    else:
+        _state(pair, *between_cameras(a.transform, covariances[0], b.transform, covariances[1]), stated)
+    pair.shared = _shared(a, b, pair)
+    return pair
 
 
-@dataclass(frozen=True)
-class _Said:
-    sentences: list[str]
-    alarms: list[str]
-
-    def say(self, sentence: str, alarming: bool = False) -> None:
-        (self.alarms if alarming else self.sentences).append(sentence)
+def _say(pair: CameraPair, sentence: str, *, is_alarm: bool) -> None:
+    (pair.alarms if is_alarm else pair.sentences).append(sentence)
 
 
-def _between(
-    a: SolvedCamera, b: SolvedCamera, name: str, stated: Sequence[StatedTransform], said: _Said
-) -> dict[str, Any]:
-    covariance_a, covariance_b = (mount_covariance(one.problem, one.result) for one in (a, b))
-    if covariance_a is None or covariance_b is None:
-        unknown = a.name if covariance_a is None else b.name
-        said.say(f"{name} is not stated: the pairs do not determine the mount of {unknown}.")
-        return {"transform": None, "std": None, "interval95_half_width": None, "stated": []}
-    transform, covariance = between_cameras(a.transform, covariance_a, b.transform, covariance_b)
-    deviations: list[dict[str, Any]] = []
+def _state(pair: CameraPair, transform: SE3, covariance: Floats, stated: Sequence[StatedTransform]) -> None:
+    """Write T_a_b into the pair, its deviations, and how far it lies from what the rig states."""
+    std = np.sqrt(np.diag(covariance)) * np.repeat([np.degrees(1.0), 1e3], 3)
+    names = [f"{axis}_{'deg' if axis.startswith('rotation') else 'mm'}" for axis in _AXES]
+    pair.transform = SolvedTransform.model_validate(to_document(transform))
+    pair.std = dict(zip(names, std.tolist(), strict=True))
+    pair.interval95_half_width = dict(zip(names, (1.959963984540054 * std).tolist(), strict=True))
     for one in _of_these_frames(stated, transform):
         against = deviation(transform, covariance, one.transform, _stated_covariance(one))
-        deviations.append(_deviation_document(one, against))
-        said.say(_deviation_sentence(name, one, against), against.sigmas > ALARM_SIGMAS)
-    return _transform_document(transform, covariance) | {"stated": deviations}
-
-
-def _transform_document(transform: SE3, covariance: Floats) -> dict[str, Any]:
-    units = np.repeat([np.degrees(1.0), 1e3], 3)
-    std = np.sqrt(np.diag(covariance)) * units
-    keys = [f"{axis}_{'deg' if place < 3 else 'mm'}" for place, axis in enumerate(_AXES)]
-    return {
-        "transform": to_document(transform),
-        "std": dict(zip(keys, std.tolist(), strict=True)),
-        "interval95_half_width": dict(zip(keys, (1.959963984540054 * std).tolist(), strict=True)),
-    }
+        pair.stated.append(_deviation_document(one, against))
+        _say(pair, _deviation_sentence(pair.name, one, against), is_alarm=against.sigmas > ALARM_SIGMAS)
 
 
 def _of_these_frames(stated: Sequence[StatedTransform], found: SE3) -> list[StatedTransform]:
@@ -150,18 +141,18 @@ def _stated_covariance(one: StatedTransform) -> Floats:
     return np.diag(np.repeat([np.radians(one.std_deg) ** 2, one.std_m**2], 3))
 
 
-def _deviation_document(one: StatedTransform, against: Deviation) -> dict[str, Any]:
-    return {
-        "source": one.source,
-        "std_deg": one.std_deg,
-        "std_mm": 1e3 * one.std_m,
-        "rotation_deg": against.rotation_deg,
-        "translation_mm": against.translation_mm,
-        "chi2": against.chi2,
-        "degrees_of_freedom": against.freedom,
-        "probability": against.probability,
-        "sigmas": against.sigmas,
-    }
+def _deviation_document(one: StatedTransform, against: Deviation) -> StatedDeviation:
+    return StatedDeviation(
+        source=one.source,
+        std_deg=one.std_deg,
+        std_mm=1e3 * one.std_m,
+        rotation_deg=against.rotation_deg,
+        translation_mm=against.translation_mm,
+        chi2=against.chi2,
+        degrees_of_freedom=against.freedom,
+        probability=against.probability,
+        sigmas=against.sigmas,
+    )
 
 
 def _deviation_sentence(name: str, one: StatedTransform, against: Deviation) -> str:
@@ -179,16 +170,16 @@ def _vertices(count: int) -> str:
     return "1 vertex was" if count == 1 else f"{count} vertices were"
 
 
-def _shared(a: SolvedCamera, b: SolvedCamera, said: _Said) -> dict[str, Any] | None:
+def _shared(a: SolvedCamera, b: SolvedCamera, pair: CameraPair) -> SharedVertices | None:
     one_detection = a.detection is not None and a.detection == b.detection
     rows = shared_rows(vertex_keys(a.pairs, one_detection), vertex_keys(b.pairs, one_detection))
     both = f"{a.name} and {b.name}"
     if len(rows) == 0:
-        said.say(f"No vertex was marked in both {both}.")
+        pair.sentences.append(f"No vertex was marked in both {both}.")
         return None
     found = agreement(a.view, b.view, rows)
     if found is None:
-        said.say(f"{_vertices(len(rows))} marked in both {both} and cannot be compared.")
+        pair.sentences.append(f"{_vertices(len(rows))} marked in both {both} and cannot be compared.")
         return None
     beyond_noise = found.rms_px > _FAR * found.expected_rms_px or found.offset_sigmas > ALARM_SIGMAS
     du, dv = found.offset_px
@@ -201,30 +192,30 @@ def _shared(a: SolvedCamera, b: SolvedCamera, said: _Said) -> dict[str, Any] | N
         parts.append("That is more than noise: a clock, marks of another corner, or a lens model that does not fit.")
     if len(found.odd):
         parts.append(f"{len(found.odd)} {'stands' if len(found.odd) == 1 else 'stand'} out.")
-    said.say(" ".join(parts), beyond_noise)
+    _say(pair, " ".join(parts), is_alarm=beyond_noise)
     return _agreement_document(found, a.pairs, len(rows))
 
 
-def _agreement_document(found: Agreement, pairs: Mapping[str, Sequence[Any]], vertices: int) -> dict[str, Any]:
+def _agreement_document(found: Agreement, pairs: Mapping[str, Sequence[Any]], vertices: int) -> SharedVertices:
     stamps = pairs.get("stamp_ns")
-    return {
-        "vertices": vertices,
-        "counted": found.counted,
-        "mean_px": found.mean_px,
-        "rms_px": found.rms_px,
-        "expected_rms_px": found.expected_rms_px,
-        "offset_px": list(found.offset_px),
-        "offset_sigmas": found.offset_sigmas,
-        "odd": [
-            {
-                "indices": found.rows[i].tolist(),
-                "stamp_ns": None if stamps is None else stamps[int(found.rows[i, 0])],
-                "distance_px": float(found.distances_px[i]),
-                "sigmas": float(found.scores[i]),
-            }
+    return SharedVertices(
+        vertices=vertices,
+        counted=found.counted,
+        mean_px=found.mean_px,
+        rms_px=found.rms_px,
+        expected_rms_px=found.expected_rms_px,
+        offset_px=list(found.offset_px),
+        offset_sigmas=found.offset_sigmas,
+        odd=[
+            OddVertex(
+                indices=found.rows[i].tolist(),
+                stamp_ns=None if stamps is None else stamps[int(found.rows[i, 0])],
+                distance_px=float(found.distances_px[i]),
+                sigmas=float(found.scores[i]),
+            )
             for i in found.odd[:_LISTED].tolist()
         ],
-    }
+    )
 
 
 def _noise_px(result: FitResult) -> float:

@@ -66,7 +66,10 @@ def finished(problem: FitProblem, state: State) -> Finished:
     p = found.parameters
     is_whole = problem.fold < 0
     halves = halves_of(found) if is_whole else []
-    plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
+    # Nothing reads the baselines of a fit that holds pairs out.
+    plain: dict[str, Fit | None] = {}
+    if is_whole:
+        plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
     compared = _compared(whitened(kept, p), polished, plain)
     transform = transform_of(problem, p)
     status, message = _status(state, found, misfit(problem, p))
@@ -96,8 +99,8 @@ def finished(problem: FitProblem, state: State) -> Finished:
             parameters=_named(problem, state.best_parameters),
         ),
         polished=_least_squares(problem, polished),
-        baseline=stages["baseline"],
-        linear_baseline=stages["linear_baseline"],
+        baseline=stages.get("baseline"),
+        linear_baseline=stages.get("linear_baseline"),
         kept=_fitted_pairs(kept, p),
         outliers=outliers,
         parameters=people_parameters(problem, p, transform),

@@ -13,14 +13,16 @@ import numpy as np
 from sqlalchemy import bindparam, func, select, update
 from sqlalchemy.orm import Session
 
-from apexcal.documents.checks import Check, CheckVerdict, verdict_of
+from apexcal.documents.checks import Check, CheckScope, CheckVerdict, verdict_of
 from apexcal.documents.errors import GeometryError
+from apexcal.documents.jobs import ProblemView
 from apexcal.documents.results import FitResult
 from apexcal.documents.states import WorkState
+from apexcal.documents.summaries import CameraSummary, ModelSummary, RigSummary, Summary
+from apexcal.geometry.result_differences import compared
 from apexcal.geometry.se3 import from_document
 from service.calibration_runs.conclusion import end_calibration, runs_of
 from service.calibration_runs.image_frames import T_images_camera
-from service.calibration_runs.result_comparison import compared
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.platform.db.fleets import Rig
@@ -29,7 +31,7 @@ from service.publications.actions import hold_publications, publish_by_itself
 from service.publications.check_queries import failing, judged_now
 from service.publications.queries import current_publication
 from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
-from workers.judge.held_out_check import HeldOut, held_out_pairs
+from workers.judge.held_out_check import held_out_pairs
 from workers.judge.validation_checks import elsewhere as other_data_check
 from workers.models.summary import Fit, camera_summary
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
@@ -54,11 +56,10 @@ _SEARCHES = (
 
 
 class _Current(NamedTuple):
-    """What a camera is given while its new results are judged."""
+    """What a camera is given while its new results are judged, and the summary of its model."""
 
     result: Result
-    summary: Json
-    """Of its model."""
+    summary: ModelSummary | None
 
 
 class _Judged(NamedTuple):
@@ -68,10 +69,9 @@ class _Judged(NamedTuple):
     checks: list[Check]
     current_id: UUID | None
 
-    @property
-    def all_checks(self) -> list[Check]:
-        """Those of the fit, too."""
-        return [Check.model_validate(one) for one in self.result.document["checks"]] + self.checks
+    def verdict(self, scope: CheckScope) -> CheckVerdict:
+        """The gravest of all its checks."""
+        return verdict_of([*self.result.fit.checks, *self.checks], scope)
 
 
 def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
@@ -83,8 +83,8 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
         fits = _fits(session, calibration.id, cameras)
         lease.report(0.0, "comparing the models")
         summaries = {camera: camera_summary(of_camera) for camera, of_camera in fits.items()}
-        solved = _solved_cameras(session, calibration.id, cameras, summaries, lease)
-        stated = _stated(session, calibration.rig_id) if len(cameras) > 1 else []
+        solved = _solved_cameras(session, calibration, cameras, summaries, lease)
+        stated = _stated(session, calibration) if len(cameras) > 1 else []
         of_runs = select(CalibrationRun.id, CalibrationRun.set_id).where(
             CalibrationRun.calibration_id == calibration.id
         )
@@ -99,29 +99,29 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
             context.pairs_of(sets[result.run_id]),
             ended_well=ended_well,
         )
-        for camera, found in cameras.items()
-        for result in found
+        for camera, of_camera in cameras.items()
+        for result in of_camera
         if result.fold == FULL
     ]
     for one in judged:
-        model = summaries[one.result.camera]["models"][one.result.model]
-        model["verdict"] = verdict_of(one.all_checks, "mount_with_lens")
-        model["verdict_alone"] = verdict_of(one.all_checks, "mount_alone")
+        model = summaries[one.result.camera].models[one.result.model]
+        model.verdict, model.verdict_alone = one.verdict("mount_with_lens"), one.verdict("mount_alone")
 
     def write(session: Session) -> None:
         calibration = session.get_one(Calibration, held.subject_id, with_for_update=True)
         _store(session, judged)
+        # The limits of a policy are of the summary too.
+        calibration.summary = Summary(cameras=summaries, rig=rig).model_dump(mode="json")
         # The calibration's row before the vehicle's: the order of all locks.
         session.flush()
         hold_publications(session, calibration.vehicle_id)
         if calibration.publish == "recommended":
             _check_unchanged(session, calibration.vehicle_id, current)
-        ended = {camera: found | _published(session, calibration, found) for camera, found in summaries.items()}
+        for summary in summaries.values():
+            _publish(session, calibration, summary)
         problem = next((run.failure for run in runs if run.failure), None)
-        end_calibration(
-            *(session, calibration, WorkState.DONE, problem),
-            {"cameras": ended} | ({} if rig is None else {"rig": rig}),
-        )
+        ended = Summary(cameras=summaries, rig=rig)
+        end_calibration(session, calibration, WorkState.DONE, problem, ended.model_dump(mode="json"))
 
     return write
 
@@ -129,8 +129,8 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
 def _judge(
     result: Result,
     fits: Sequence[Fit],
-    found: Json,
-    rig: Json | None,
+    summary: CameraSummary,
+    rig: RigSummary | None,
     current: _Current | None,
     elsewhere: Sequence[Json],
     pairs: Json,
@@ -138,58 +138,38 @@ def _judge(
     ended_well: bool,
 ) -> _Judged:
     """Judge a fit beside the other fits of its calibration, and beside what the vehicle has."""
-    document = result.document
-    is_current = current is not None and current.result.id == result.id
+    folds = [one.result for one in fits if one.result.model == result.model and one.heldout_fold is not None]
+    points = np.column_stack([pairs[name] for name in "xyz"]).astype(np.float64)
+    other = None if current is None or current.result.id == result.id else current
     checks = checks_of_calibration(
-        document,
-        checks=[Check.model_validate(one) for one in document["checks"]],
+        result.fit,
         camera=result.camera,
-        summary=found,
+        summary=summary,
         ended_well=ended_well,
-        pairs=_held_out(document, [one.document for one in fits if one.model == result.model], pairs),
+        pairs=held_out_pairs(result.fit, folds, points),
         rig=rig,
-        current=None if current is None or is_current else _beside(document, found["models"][result.model], current),
+        current=other and _beside(result.fit, summary.models[result.model], other),
     )
     return _Judged(result, [*checks, other_data_check(elsewhere)], current and current.result.id)
 
 
-def _held_out(document: Json, of_model: Sequence[Json], pairs: Json) -> HeldOut | None:
-    """The held-out pairs of a model's folds; None if nothing was held out."""
-    heldout = [one["heldout"] for one in of_model if one.get("heldout")]
-    if not heldout:
-        return None
-    points = np.column_stack([pairs[name] for name in "xyz"]).astype(np.float64)
-    distances_m = np.linalg.norm(from_document(document["transform"]).apply(points), axis=1)
-    return held_out_pairs(heldout, document["outliers"], distances_m)
-
-
-def _beside(document: Json, model: Json, current: _Current) -> CurrentResult:
+def _beside(fit: FitResult, model: ModelSummary, current: _Current) -> CurrentResult:
     """What the vehicle has, and how far this fit is from it."""
-    theirs = current.result.document
-    spreads = model["between_models"], current.summary.get("between_models")
+    result, summary = current
     return CurrentResult(
-        model=current.result.model,
-        lens=theirs["lens"],
-        verdict=_verdict(current.result.verdict),
-        checks=[Check.model_validate(one) for one in theirs["checks"]],
-        compared=compared(document, theirs, *spreads),
-        heldout_mean_px=current.summary.get("heldout_mean_px"),
+        result=result.fit,
+        verdict=result.verdict,
+        compared=compared(fit, result.fit, model.between_models, summary and summary.between_models),
+        heldout_mean_px=summary and summary.heldout_mean_px,
     )
 
 
-def _verdict(stored: str | None) -> CheckVerdict:
-    """A result's stored verdict; one that was never judged should not be used."""
-    return "pass" if stored == "pass" else "look" if stored == "look" else "stop"
-
-
 def _current(session: Session, vehicle_id: UUID, camera: str) -> _Current | None:
-    """What the camera is given now, with the summary of its model."""
     publication = current_publication(session, vehicle_id, camera)
-    if publication is None or publication.result_id is None:
+    if publication is None:
         return None
     result = session.get_one(Result, publication.result_id)
-    summary = session.get_one(Calibration, result.calibration_id).summary or {}
-    return _Current(result, summary.get("cameras", {}).get(camera, {}).get("models", {}).get(result.model, {}))
+    return _Current(result, result.summary)
 
 
 def _store(session: Session, judged: Sequence[_Judged]) -> None:
@@ -198,7 +178,7 @@ def _store(session: Session, judged: Sequence[_Judged]) -> None:
         {
             "id": one.result.id,
             "checks": [check.model_dump(mode="json") for check in one.checks],
-            "verdict": verdict_of(one.all_checks, "mount_with_lens"),
+            "verdict": one.verdict("mount_with_lens"),
             "compared_with": one.current_id,
         }
         for one in judged
@@ -214,21 +194,18 @@ def _check_unchanged(session: Session, vehicle_id: UUID, judged_beside: Mapping[
             raise StaleInputError
 
 
-def _published(session: Session, calibration: Calibration, found: Json) -> Json:
-    """The checks of a camera's recommended result now; if that was asked for, whether its policy publishes it."""
-    chosen = found["models"].get(found["recommended"])
+def _publish(session: Session, calibration: Calibration, summary: CameraSummary) -> None:
+    """Add the checks of a camera's recommended result now; publish it, if that was asked and its policy does so."""
+    chosen = summary.models.get(summary.recommended or "")
     is_asked = calibration.publish == "recommended"
+    summary.published = False if is_asked else None
     if chosen is None:
-        return {"checks": [], "published": False if is_asked else None}
-    result = session.get_one(Result, UUID(chosen["result_id"]), populate_existing=True)
-    checks, policy = judged_now(session, result)
-    publishes = is_asked and policy.publishes(verdict_of(checks, "mount_with_lens"))
-    if publishes:
-        publish_by_itself(session, calibration, result, [one.sentence for one in failing(checks)])
-    return {
-        "checks": [one.model_dump(mode="json") for one in checks],
-        "published": publishes if is_asked else None,
-    }
+        return
+    result = session.get_one(Result, chosen.result_id, populate_existing=True)
+    summary.checks, policy = judged_now(session, result)
+    if is_asked and policy.publishes(verdict_of(summary.checks, "mount_with_lens")):
+        publish_by_itself(session, calibration, result, [one.sentence for one in failing(summary.checks)])
+        summary.published = True
 
 
 def _by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:
@@ -249,7 +226,7 @@ def _fits(session: Session, calibration_id: UUID, cameras: Mapping[str, Sequence
     return {
         camera: [
             Fit(
-                *(result.id, result.model, None if result.fold == FULL else result.fold, result.document),
+                *(result.id, None if result.fold == FULL else result.fold, result.fit),
                 *(seconds[result.run_id], workers[result.run_id]),
             )
             for result in results
@@ -259,27 +236,28 @@ def _fits(session: Session, calibration_id: UUID, cameras: Mapping[str, Sequence
 
 
 def _compared(
-    solved: Sequence[SolvedCamera], stated: Sequence[StatedTransform], summaries: Mapping[str, Json]
-) -> Json:
+    solved: Sequence[SolvedCamera], stated: Sequence[StatedTransform], summaries: Mapping[str, CameraSummary]
+) -> RigSummary:
     """Every two cameras compared by their recommended results; cameras without one are left out, with a sentence."""
-    try:
-        compared = rig_consistency(solved, stated)
-    except GeometryError as error:
-        problem = {"code": error.code, "detail": error.message, "hint": error.hint}
-        compared = {"pairs": [], "alarms": [], "problem": problem}
-    compared["left_out"] = [
+    left_out = [
         f"{camera} is not compared with the others: no model is recommended for it."
-        for camera, found in summaries.items()
-        if found["recommended"] is None
+        for camera, summary in summaries.items()
+        if summary.recommended is None
     ]
-    return compared
+    try:
+        pairs = rig_consistency(solved, stated)
+    except GeometryError as error:
+        problem = ProblemView(code=error.code, detail=error.message, hint=error.hint)
+        return RigSummary(pairs=[], alarms=[], left_out=left_out, problem=problem)
+    alarms = [alarm for pair in pairs for alarm in pair.alarms]
+    return RigSummary(pairs=pairs, alarms=alarms, left_out=left_out, problem=None)
 
 
 def _solved_cameras(
     session: Session,
-    calibration_id: UUID,
+    calibration: Calibration,
     cameras: Mapping[str, Sequence[Result]],
-    summaries: Mapping[str, Json],
+    summaries: Mapping[str, CameraSummary],
     stop: Stop,
 ) -> list[SolvedCamera]:
     """Each camera's recommended result with the pairs that it was fitted to; none of a rig with one camera."""
@@ -288,26 +266,26 @@ def _solved_cameras(
     rows = session.execute(
         select(CalibrationRun, CorrespondenceSet)
         .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
-        .where(CalibrationRun.calibration_id == calibration_id, CalibrationRun.fold == FULL)
+        .where(CalibrationRun.calibration_id == calibration.id, CalibrationRun.fold == FULL)
     )
     runs = {run.id: (run, pairs) for run, pairs in rows}
     return [
         _solved(*runs[result.run_id], result, stop)
         for camera, results in cameras.items()
         for result in results
-        if result.fold == FULL and result.model == summaries[camera]["recommended"]
+        if result.fold == FULL and result.model == summaries[camera].recommended
     ]
 
 
 def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result, stop: Stop) -> SolvedCamera:
     detection = str(pairs.detection_id) if pairs.detection_id else None
     problem = read_run(run.problem, run.fold, pairs.columns, stop).problem
-    return SolvedCamera(run.camera, problem, FitResult.model_validate(result.document), pairs.columns, detection)
+    return SolvedCamera(run.camera, problem, result.fit, pairs.columns, detection)
 
 
-def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:
+def _stated(session: Session, calibration: Calibration) -> list[StatedTransform]:
     """T_cameraA_cameraB by the nominal mounts of every two cameras, and as the rig knows it otherwise."""
-    rig = session.get_one(Rig, rig_id)
+    rig = session.get_one(Rig, calibration.rig_id)
     nominal = combinations((from_document(camera.nominal) for camera in rig.cameras), 2)
     stated = [StatedTransform(a @ b.inverse(), "nominal") for a, b in nominal] + [
         StatedTransform(from_document(one["transform"]), "rig", one["std_deg"], 1e-3 * one["std_mm"])

@@ -80,7 +80,7 @@ def _material(session: Session, result: Result, stop: Stop) -> Material:
     pairs = session.get_one(CorrespondenceSet, run.set_id)
     calibration = session.get_one(Calibration, result.calibration_id)
     models = _models(session, result, pairs.columns, stop)
-    found: Json = ((calibration.summary or {}).get("cameras") or {}).get(result.camera) or {}
+    summary = calibration.summarised.cameras.get(result.camera)
     slots = select(Slot.iteration, Slot.slot, Slot.loss).where(Slot.run_id == run.id)
     rig, vehicle = session.get_one(Rig, calibration.rig_id), session.get_one(Vehicle, calibration.vehicle_id)
     ids = {
@@ -93,12 +93,12 @@ def _material(session: Session, result: Result, stop: Stop) -> Material:
         "recording": pairs.recording_id,
     }
     return Material(
-        chosen=next(one for one in models if one.name == result.model),
+        chosen=next(one for one in models if one.result.model == result.model),
         models=models,
         pairs=pairs.columns,
         checks=checks_now(session, result),
-        recommended=found.get("recommended"),
-        why=found.get("why") or "",
+        recommended=summary and summary.recommended,
+        why=summary.why if summary else "",
         slots=[(int(i), int(slot), float(loss)) for i, slot, loss in session.execute(slots.order_by(*_BY_SLOT))],
         marks=_marks(session, pairs),
         elsewhere=other_data(session, [result])[result.id],
@@ -120,16 +120,15 @@ def _models(session: Session, result: Result, pairs: Json, stop: Stop) -> list[F
         .where(Result.calibration_id == result.calibration_id, Result.camera == result.camera)
         .order_by(Result.model, Result.fold)
     ).all()
-    held = {
-        model: [one.document["heldout"] for one, _ in rows if one.model == model and one.document.get("heldout")]
-        for model in {one.model for one, _ in rows}
-    }
-    made: list[FittedModel] = []
-    for one, run in rows:
-        if one.fold == FULL:
-            problem = read_run(run.problem, FULL, pairs, stop).problem
-            made.append(FittedModel(one.model, one.document, problem, held[one.model]))
-    return made
+    return [
+        FittedModel(
+            one.fit,
+            read_run(run.problem, FULL, pairs, stop).problem,
+            [fold.fit.heldout for fold, _ in rows if fold.model == one.model and fold.fit.heldout],
+        )
+        for one, run in rows
+        if one.fold == FULL
+    ]
 
 
 def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
@@ -166,7 +165,7 @@ def _places(session: Session, material: Material, result: Result) -> Sequence[_P
     ).one_or_none()
     if camera is None:
         return []
-    wanted = {one["index"]: indices[one["index"]] for one in result.document.get("outliers", [])[:_PICTURES]}
+    wanted = {one.index: indices[one.index] for one in result.fit.outliers[:_PICTURES]}
     frames = select(CameraFrame).where(
         CameraFrame.sensor_id == camera.id, CameraFrame.index.in_(set(wanted.values()))
     )

@@ -11,7 +11,7 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.checks import Check, verdict_of
+from apexcal.documents.checks import verdict_of
 from apexcal.documents.states import WorkState
 from apexcal.documents.validations import SINGLE_PAIRS
 from service.platform.db.calibrations import CorrespondenceSet, Result
@@ -140,7 +140,6 @@ def _judge_elsewhere(session: Session, result_id: UUID) -> None:
     if result is None or result.checks is None:
         return
     check = elsewhere(other_data(session, [result])[result.id])
-    others = [Check.model_validate(one) for one in result.checks if one["name"] != check.name]
-    of_fit = [Check.model_validate(one) for one in result.document["checks"]]
+    others = [one for one in result.stored_checks[len(result.fit.checks) :] if one.name != check.name]
     result.checks = [one.model_dump(mode="json") for one in [*others, check]]
-    result.verdict = verdict_of([*of_fit, *others, check], "mount_with_lens")
+    result.verdict = verdict_of(result.stored_checks, "mount_with_lens")

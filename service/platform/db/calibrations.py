@@ -10,7 +10,10 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, object_session
 
+from apexcal.documents.checks import Check, CheckVerdict
+from apexcal.documents.results import FitResult
 from apexcal.documents.states import WorkState
+from apexcal.documents.summaries import BetweenModels, ModelSummary, Summary
 from service.platform.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, partial_index, refers_to
 
 _UNENDED = "state IN ('queued', 'running')"
@@ -100,6 +103,11 @@ class Calibration(Base):
     created_at: Mapped[Created]
     finished_at: Mapped[datetime | None]
 
+    @property
+    def summarised(self) -> Summary:
+        """The summary, without cameras until the calibration has ended."""
+        return Summary.model_validate(self.summary or {"cameras": {}, "rig": None})
+
 
 class CalibrationRun(Base):
     """One fit: a model on a camera's pairs, all of them (fold -1) or without the held-out block of a fold.
@@ -170,7 +178,30 @@ class Result(Base):
     fold: Mapped[int]
     document: Mapped[Json]
     checks: Mapped[list[Any] | None]
-    verdict: Mapped[str | None] = mapped_column(String(4))
+    verdict: Mapped[CheckVerdict | None] = mapped_column(String(4))
     compared_with: Mapped[UUID | None]
     created_at: Mapped[Created]
     __table_args__ = (UniqueConstraint("run_id"),)
+
+    @cached_property
+    def fit(self) -> FitResult:
+        """The document as its class."""
+        return FitResult.model_validate(self.document)
+
+    @property
+    def summary(self) -> ModelSummary | None:
+        """What the calibration's end says of its model; None before that, or where the calibration is gone."""
+        session = object_session(self)
+        assert session is not None
+        calibration = session.get(Calibration, self.calibration_id)
+        return calibration and calibration.summarised.model(self.camera, self.model)
+
+    @property
+    def spread(self) -> BetweenModels | None:
+        """Its deviations with other models counted, if there are any."""
+        return self.summary and self.summary.between_models
+
+    @property
+    def stored_checks(self) -> list[Check]:
+        """The checks of the fit, of its calibration and of other data."""
+        return [*self.fit.checks, *(Check.model_validate(one) for one in self.checks or ())]

@@ -5,11 +5,13 @@ from sqlalchemy import update
 
 from service.platform.db.annotations import Disclosure
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.ids import new_id
 from service.platform.db.recordings import Recording
 from tests.service.annotations.test_answer_actions import add_rear_camera, take_back
 from tests.service.annotations.test_routes import ask, reply
 from tests.service.detections.seeding import seed_marking
 from tests.support.people import Actor
+from tests.support.results import fit_result, model_summary, of_block, rig_summary, summary
 
 SECRET = (123.4375, 77.8125)
 
@@ -68,17 +70,15 @@ def calibrated(api, fleet, seed):
     )
     assert built.status_code == 201, built.text
     outlier = {"index": 0, "residual_px": 41.6875, "score": 9.0, "reason": "41.6875 px right.", "excluded": False}
-    document = {"outliers": [outlier], "residuals_px": [41.6875], "heldout": {"errors_px": [41.6875], "indices": [0]}}
-    document["checks"] = []
+    document = fit_result(outliers=[outlier], residuals_px=[41.6875], heldout=of_block([41.6875], [0]))
     apart = {"indices": [0, 0], "stamp_ns": 0, "distance_px": 41.6875, "sigmas": 9.0}
-    rig = {"pairs": [{"shared": {"vertices": 2, "odd": [apart]}}], "alarms": []}
     own = {"fleet_id": fleet, "vehicle_id": seed.vehicle_id, "rig_id": seed.rig_id}
     with api.database.writing() as session:
         pairs = session.query(CorrespondenceSet).one()
         calibration = Calibration(
             **own, request={}, content_hash="0", state="done", remaining=0, publish="none", notes=[]
         )
-        calibration.summary = {"cameras": {}, "rig": rig}
+        calibration.summary = summary({"pinhole": model_summary(new_id(), document)}, rig=rig_summary([apart]))
         session.add(calibration)
         session.flush()
         common = {"fleet_id": fleet, "calibration_id": calibration.id, "camera": "front", "fold": -1}

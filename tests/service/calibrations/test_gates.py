@@ -8,13 +8,14 @@ from sqlalchemy import update
 from service.platform.db.calibrations import Result
 from tests.service.calibrations.test_results import DOCUMENT, FOUND, failed, seed_results
 from tests.service.publications.given import history, publish, put_pairs
+from tests.support.results import half
 
 # As the solver names them (workers/solver/uncertainty.py).
 STD = {
     "rotation_x": 0.02, "rotation_y": 0.05, "rotation_z": 0.01, "t_x": 0.004, "t_y": 0.002, "t_z": 0.007, "f_x": 3.0
 }  # fmt: skip
 
-COVARIANCE = {"names": list(STD), "matrix": np.diag(np.square(list(STD.values()))).tolist()}
+COVARIANCE = {"names": list(STD), "units": [""] * len(STD), "matrix": np.diag(np.square(list(STD.values()))).tolist()}
 
 
 def state(admin, kind, id, policy):
@@ -77,10 +78,10 @@ def test_a_measure_that_a_result_lacks_does_not_pass(api, rig, admin):
 
 def test_halves_and_the_spread_of_the_models_count_where_a_result_has_them(api, rig, admin):
     state(admin, "rigs", rig.id, {"halves_ratio": 1.5, "std_mm": 5})
-    found = FOUND | {"between_models": {"std": STD | {"t_z": 0.006}}}
+    found = FOUND | {"between_models": {"weights": {}, "std": STD | {"t_z": 0.006}, "interval95_half_width": {}}}
     _, (result, _) = seed_results(api, rig, found=found)
     with api.database.writing() as session:
-        halves = [{"split": "alternating", "ratio": 1.2}, {"split": "first_and_last", "ratio": 1.7}]
+        halves = [half("alternating", ratio=1.2), half("first_and_last", ratio=1.7)]
         document = DOCUMENT | {"std": STD | {"t_z": 0.004}, "halves": halves}
         session.execute(update(Result).values(document=document))
     (missed,) = failed(admin.get(f"/results/{result}").json())

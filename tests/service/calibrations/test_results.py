@@ -8,7 +8,9 @@ from sqlalchemy.exc import StatementError
 from apexcal.geometry.se3 import from_document, to_document
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.platform.db.fleets import Rig
+from service.platform.db.ids import new_id
 from tests.service.detections.seeding import LEVEL, seed_rig
+from tests.support.results import ENDED, fit_result, model_summary, of_block, summary
 
 T_VEHICLE_LIDAR = {
     "to_frame": "base_link",
@@ -17,37 +19,16 @@ T_VEHICLE_LIDAR = {
     "translation_m": [1.0, 0.0, 2.0],
 }
 PLACES = {"x": [5.0] * 60, "y": [0.0] * 60, "z": [0.0] * 60}
-DOCUMENT = {
-    "model": "pinhole",
-    "status": "ok",
-    "pairs": 60,
-    "polished": {"mean_px": 1.25, "rms_px": 1.5},
-    "intrinsics": {
-        "model": "pinhole",
-        "f_x": 500.0,
-        "f_y": 501.0,
-        "c_x": 320.0,
-        "c_y": 240.0,
-        "image_size": [640, 480],
-    },
-    "transform": to_document(from_document(LEVEL)),
-    "std": {"t_x": 0.01},
-    "covariance": {"names": ["t_x"], "units": ["m"], "matrix": [[0.0001]]},
-    "lens": "fitted",
-    "outliers": [],
-    "checks": [],
-}
-
-
-# What the summary says of the model, as the end of a calibration wrote it.
-FOUND = {
-    "status": "ok",
-    "message": "Stopped.",
-    "at_bounds": [],
-    "polished": DOCUMENT["polished"],
-    "heldout_mean_px": 0.9,
-    "heldout_rms_px": 1.1,
-}
+DOCUMENT = fit_result(
+    pairs=60,
+    polished=ENDED | {"mean_px": 1.25, "rms_px": 1.5},
+    intrinsics={"model": "pinhole", "f_x": 500.0, "f_y": 501.0, "c_x": 320.0, "c_y": 240.0, "image_size": [640, 480]},
+    transform=to_document(from_document(LEVEL)),
+    std={"t_x": 0.01},
+    covariance={"names": ["t_x"], "units": ["m"], "matrix": [[0.0001]]},
+)
+# What the end of a calibration says of the model.
+FOUND = model_summary(new_id(), DOCUMENT, heldout_mean_px=0.9, heldout_rms_px=1.1)
 
 
 @pytest.fixture
@@ -87,11 +68,8 @@ def seed_results(api, rig, folds=(-1, 0), found=FOUND):
             notes=[],
             pairs={"u": [10.0, 320.0, 630.0], "v": [20.0, 240.0, 470.0]} | PLACES,
         )
-        front = {"recommended": "pinhole", "why": "It is the only one.", "models": {"pinhole": found}}
-        summary = {"cameras": {"front": front}}
-        calibration = Calibration(
-            **common, request={}, content_hash="0", state="done", remaining=0, publish="none", summary=summary
-        )
+        calibration = Calibration(**common, request={}, content_hash="0", state="done", remaining=0, publish="none")
+        calibration.summary = summary({"pinhole": found})
         session.add_all([pairs, calibration])
         session.flush()
         results = []
@@ -163,8 +141,7 @@ def test_single_pairs_of_marks_are_for_reviewers(api, fleet, rig, source, seen):
     _, (full, held) = seed_results(api, rig)
     columns = {"stamp_ns": [5, 6], "frame_index": [8, 9], "u": [1.5, 2.5], "v": [3.5, 4.5], "x": [0.0, 0.0]}
     outlier = {"index": 1, "residual_px": 30.0, "score": 9.0, "reason": "30 px right.", "excluded": False}
-    heldout = {"mean_px": 1.0, "rms_px": 1.0, "max_px": 31.5, "errors_px": [31.5], "forbidden": 0, "indices": [1]}
-    single = {"residuals_px": [1.0, 30.5], "heldout": heldout, "outliers": [outlier]}
+    single = {"residuals_px": [1.0, 30.5], "heldout": of_block([31.5], [1]), "outliers": [outlier]}
     with api.database.writing() as session:
         session.execute(update(CorrespondenceSet).values(pairs=columns, source=source))
         session.execute(update(Result).values(document=DOCUMENT | single))

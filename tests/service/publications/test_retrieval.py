@@ -21,6 +21,7 @@ from tests.service.detections.seeding import seed_rig
 from tests.service.publications.given import another_rig, publish, withdraw
 from tests.support.people import Actor
 from tests.support.processes import wait_until
+from tests.support.results import model_summary, summary
 
 
 def address(rig):
@@ -243,10 +244,10 @@ def test_an_answer_is_another_one_once_its_calibration_has_ended(api, rig, revie
     """A result may be given against the objection that its calibration has not ended."""
     given = publish(api, rig, reviewer)
     before = viewer.get(address(rig))
-    front = {"recommended": "pinhole", "why": "", "models": {"pinhole": {"heldout_mean_px": 4.5}}}
     with api.database.writing() as session:
         calibration = session.get_one(Calibration, session.get_one(Result, UUID(given["result_id"])).calibration_id)
-        calibration.summary, calibration.finished_at = {"cameras": {"front": front}}, _later()
+        model = model_summary(UUID(given["result_id"]), heldout_mean_px=4.5)
+        calibration.summary, calibration.finished_at = summary({"pinhole": model}), _later()
     for headers in ({}, {"If-None-Match": before.headers["etag"]}):
         after = viewer.get(address(rig), headers=headers)
         assert after.json()["cameras"]["front"]["quality"]["heldout_mean_px"] == 4.5

@@ -37,7 +37,7 @@ def published(api, rig, reviewer, camera="front"):
             row.camera, row.document = camera, row.document | {"transform": mount}
             session.get_one(CalibrationRun, row.run_id).camera = camera
             made = session.get_one(Calibration, calibration)
-            made.summary = {"cameras": {camera: made.summary["cameras"]["front"]}}
+            made.summary = made.summary | {"cameras": {camera: made.summary["cameras"]["front"]}}
     given = reviewer.post(f"/results/{result}/publication")
     assert given.status_code == 201, given.text
     return given.json()

@@ -10,11 +10,13 @@ import pytest
 from sqlalchemy import event
 
 from apexcal.documents.validations import SINGLE_PAIRS
+from apexcal.geometry.se3 import from_document, to_document
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.jobs import Job
 from service.platform.db.validations import Validation
 from tests.service.detections.seeding import LEVEL, seed_recording, seed_rig
 from tests.support.databases import one_database
+from tests.support.results import fit_result, model_summary, summary
 
 pytestmark = pytest.mark.usefixtures("broker")
 
@@ -145,23 +147,17 @@ def seed_results(api, rig, mounts, changes=()):
             session.flush()
             result = Result(**owned, calibration_id=calibration.id, run_id=run.id, camera="front")
             result.model, result.fold = of["model"], -1
-            result.document = {
-                "model": "pinhole",
-                "status": "ok",
-                "intrinsics": {"model": "pinhole", **LENS["parameters"], "image_size": [640, 480]},
-                "transform": LEVEL | {"translation_m": [t_x, -0.1, -0.2]},
-                "parameters": {**LENS["parameters"]},
-                "std": std,
-                "covariance": {"names": names, "units": [], "matrix": matrix},
-                "lens": of["lens"],
-                "sigma_px": 1.0,
-                "checks": [],
-            }
+            result.document = fit_result(
+                intrinsics={"model": "pinhole", **LENS["parameters"], "image_size": [640, 480]},
+                transform=to_document(from_document(LEVEL | {"translation_m": [t_x, -0.1, -0.2]})),
+                std=std,
+                covariance={"names": names, "units": [], "matrix": matrix},
+                lens=of["lens"],
+            )
             result.checks, result.verdict = [], of["verdict"]
             session.add(result)
             session.flush()
-            models = {of["model"]: {"result_id": str(result.id), "verdict": of["verdict"]}}
-            calibration.summary = {"cameras": {"front": {"recommended": of["model"], "models": models}}}
+            calibration.summary = summary({of["model"]: model_summary(result.id, verdict=of["verdict"])})
 
 
 def test_drift_reads_no_whole_documents(api, engineer, rig):

@@ -4,15 +4,22 @@ import numpy as np
 import pytest
 
 from apexcal.documents.checks import Check
+from apexcal.documents.comparisons import ResultDifference
+from apexcal.documents.results import FitResult
+from apexcal.documents.summaries import Behind, CameraSummary, RigSummary
+from service.platform.db.ids import new_id
+from tests.support.results import fit_result, model_summary, of_block, rig_summary, summary
 from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
 from workers.judge.held_out_check import HeldOut, held_out_pairs
 
-RESULT = {
-    "model": "pinhole", "lens": "fitted", "kept": {"mean_px": 1.25, "pairs": 200}, "sigma_px": 1.0,
-    "free_parameters": 10, "explained_px": 1.1, "intrinsics": {"f_x": 900.0, "f_y": 900.0},
+LENS = {"model": "pinhole", "f_x": 900.0, "f_y": 900.0, "c_x": 640.0, "c_y": 480.0, "image_size": [1280, 960]}
+RESULT = fit_result(mean_px=1.25, sigma_px=1.0, explained_px=1.1, pairs=200, intrinsics=LENS)
+BEHIND = dict.fromkeys(Behind.model_fields, 1.0) | {"log_likelihood": 20.0, "within_noise": False}
+APART = {
+    "rotation_deg": 0.5, "translation_mm": 20.0, "turn_deg": [], "shift_mm": [], "sigmas": 1.0, "differs": False,
+    "incomparable": None, "field_px": None, "field_sigmas": None,
 }  # fmt: skip
-BEHIND = {"log_likelihood": 20.0, "within_noise": False}
-APART = {"rotation_deg": 0.5, "translation_mm": 20.0, "sigmas": 1.0, "differs": False}
+PAIR = rig_summary([])["pairs"][0]
 
 
 def precision(over_limit):
@@ -31,23 +38,24 @@ def pairs(off_px=0.0, seed=1):
     return HeldOut(np.hypot(*marks.T), np.ones(180), distances)
 
 
-def judged(change=None, *, recommended="pinhole", ended_well=True, rig=None, current=None, held=None, over_limit=0.5):
-    model = {"heldout_mean_px": 1.3, "heldout_sigma_px": 1.05, **(change or {})}
-    summary = {
-        "recommended": recommended,
-        "why": "It is likelier.",
-        "models": {"pinhole": model, "brown_conrady": {}},
-    }
+def fitted(over_limit=0.5, **members):
+    return FitResult.model_validate(RESULT | members | {"checks": [precision(over_limit)]})
+
+
+def judged(change=None, *, recommended="pinhole", ended_well=True, rig=None, current=None, held=None):
+    model = model_summary(new_id(), RESULT, **{"heldout_mean_px": 1.3, "heldout_sigma_px": 1.05} | (change or {}))
+    of_camera = summary({"pinhole": model}, recommended=recommended, why="It is likelier.")["cameras"]["front"]
+    whole = rig and RigSummary.model_validate({"alarms": [], "left_out": [], "pairs": [], "problem": None} | rig)
     checks = checks_of_calibration(
-        RESULT, checks=[precision(over_limit)], camera="front", summary=summary, ended_well=ended_well,
-        pairs=held or pairs(), rig=rig, current=current,
+        fitted(), camera="front", summary=CameraSummary.model_validate(of_camera), ended_well=ended_well,
+        pairs=held or pairs(), rig=whole, current=current,
     )  # fmt: skip
     return {check.name: check for check in checks}
 
 
-def current(**change):
-    given = {"model": "pinhole", "lens": "fitted", "verdict": "pass", "checks": [precision(0.5)], "compared": APART}
-    return CurrentResult(**given | {"heldout_mean_px": 1.3} | change)
+def current(verdict="pass", heldout_mean_px=1.3, over_limit=0.5, members=None, **apart):
+    compared = ResultDifference.model_validate(APART | apart)
+    return CurrentResult(fitted(over_limit, **(members or {})), verdict, compared, heldout_mean_px)
 
 
 def failed(checks):
@@ -55,7 +63,7 @@ def failed(checks):
 
 
 def test_a_sound_result_passes_all():
-    rig = {"pairs": [{"cameras": ["front", "left"], "alarms": []}]}
+    rig = {"pairs": [PAIR]}
     for of in (None, current()):
         checks = judged(rig=rig, current=of)
         assert failed(checks) == {} and all(check.sentence for check in checks.values())
@@ -82,11 +90,13 @@ def test_held_out_pairs_are_judged_where_points_are_used():
 
 
 def test_held_out_pairs_that_do_not_belong_are_not_judged():
-    folds = [
-        {"indices": [0, 2], "standard_px": [1.0, 99.0], "stretch": [0.5, 1.0]},
-        {"indices": [1], "standard_px": [2.0], "stretch": [1.0]},
-    ]
-    found = held_out_pairs(folds, [{"index": 2}], [5.0, 6.0, 7.0, 8.0])
+    def fold(indices, standard_px, stretch):
+        return fitted(heldout=of_block(standard_px, indices) | {"stretch": stretch})
+
+    folds = [fold([0, 2], [1.0, 99.0], [0.5, 1.0]), fold([1], [2.0], [1.0])]
+    wrong = {"index": 2, "residual_px": 99.0, "score": 99.0, "reason": "", "excluded": False}
+    points = [[distance, 0.0, 0.0] for distance in (5.0, 6.0, 7.0, 8.0)]
+    found = held_out_pairs(fitted(outliers=[wrong]), folds, points)
     assert found.standard_px.tolist() == [1.0, 2.0] and found.stretch.tolist() == [0.5, 1.0]
     assert found.distances_m.tolist() == [5.0, 6.0]
 
@@ -103,19 +113,18 @@ def test_runs_that_did_not_end_are_looked_at():
 
 
 def test_cameras_that_do_not_agree_stop():
-    apart = {"cameras": ["front", "left"], "alarms": ["They lie 9 sigmas apart."]}
+    apart = PAIR | {"alarms": ["They lie 9 sigmas apart."]}
     assert failed(judged(rig={"pairs": [apart]})) == {"rig": "stop"}
     assert failed(judged(rig={"pairs": [apart | {"cameras": ["left", "rear"]}]})) == {}
-    assert failed(judged(rig={"problem": {"detail": "No."}})) == {"rig": "look"}
+    assert failed(judged(rig={"problem": {"code": "bad_rotation", "detail": "No."}})) == {"rig": "look"}
 
 
 @pytest.mark.parametrize(
     ("of", "said"),
     [
-        (current(compared=APART | {"differs": True, "sigmas": 7.0}), "7.0 times what both state"),
+        (current(differs=True, sigmas=7.0), "7.0 times what both state"),
         (current(heldout_mean_px=0.6), "of the vehicle's current result 0.60"),
-        (current(newer=["It is of an older rig."]), "older rig"),
-        (current(checks=[precision(0.3)]), "1.7 times those"),
+        (current(over_limit=0.3), "1.7 times those"),
     ],
 )
 def test_a_person_looks_before_a_better_current_result_is_replaced(of, said):
@@ -124,10 +133,12 @@ def test_a_person_looks_before_a_better_current_result_is_replaced(of, said):
 
 
 def test_a_current_result_that_should_not_be_used_protects_nothing():
-    differs = APART | {"differs": True}
-    assert failed(judged(current=current(verdict="stop", compared=differs, checks=[precision(0.1)]))) == {}
+    for verdict in ("stop", None):
+        assert failed(judged(current=current(verdict, over_limit=0.1, differs=True))) == {}
 
 
-@pytest.mark.parametrize("change", [{"model": "brown_conrady"}, {"lens": "stated"}, {"verdict": "look"}])
+@pytest.mark.parametrize(
+    "change", [{"members": {"model": "brown_conrady"}}, {"members": {"lens": "stated"}}, {"verdict": "look"}]
+)
 def test_mounts_are_compared_if_lens_and_model_are_alike_and_the_current_passes(change):
-    assert failed(judged(current=current(compared=APART | {"differs": True}, **change))) == {}
+    assert failed(judged(current=current(differs=True, **change))) == {}

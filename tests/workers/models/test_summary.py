@@ -2,16 +2,17 @@
 
 from uuid import uuid4
 
-from tests.workers.tasks.test_concluding import document, of_block
+from apexcal.documents.results import FitResult
+from tests.support.results import fit_result, of_block
 from workers.models.summary import Fit, recommend
 
 
-def test_folds_that_hold_out_a_pair_twice_count_it_once():
+def test_models_whose_folds_differ_are_compared_pair_by_pair():
     def fit(model, fold, indices):
-        heldout = of_block([1.0] * len(indices), indices)
-        return Fit(uuid4(), model, fold, document(1.0, model=model) | {"heldout": heldout})
+        found = fit_result(model) | {"heldout": of_block([1.0] * len(indices), indices) if indices else None}
+        return Fit(uuid4(), fold, FitResult.model_validate(found))
 
-    cut = {"pinhole": ([0, 1, 2, 3], [2, 3, 4]), "brown_conrady": ([0, 2, 4], [1, 3])}
+    cut = {"pinhole": ([0, 1], [2, 3, 4]), "brown_conrady": ([0, 2, 4], [1, 3])}
     fits = [fit(model, fold, held) for model, folds in cut.items() for fold, held in enumerate(folds)]
     fits += [fit(model, None, []) for model in cut]
     choice, candidates = recommend(fits)

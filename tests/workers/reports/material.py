@@ -8,6 +8,8 @@ import numpy as np
 
 from apexcal.documents.checks import Check
 from apexcal.documents.fit_requests import fit_request
+from apexcal.documents.results import FitResult, HeldOut
+from tests.support.results import of_block
 from tests.workers.solver.rigs import NOMINAL, SIZE, plain, simulated
 from tests.workers.solver.walks import ended
 from workers.judge.fit_checks import checks_of_fit
@@ -57,26 +59,25 @@ def made(pairs: int = 222, wrong: int = 3, lens: str = "brown_conrady", model: s
         document = {"model": name, "image_size": SIZE, "nominal": NOMINAL, "seed": 1}
         problem = fit_problem(fit_request(**document), walked.points, pixels)
         start = [known.get(one, 0.0) for one in problem.names]
-        held = {"indices": list(range(0, pairs, 5)), "errors_px": [0.5 + 0.01 * i for i in range(0, pairs, 5)]}
-        found, fitted_result = ended(problem, start)
-        result = plain(fitted_result)
-        result["provenance"] = {"request": document, "pairs_sha256": "00", "sources_sha256": "11"}
-        result["checks"] = [check.model_dump() for check in checks_of_fit(found, fitted_result)]
-        fitted.append(FittedModel(name, result, problem, [held]))
-    fitted.sort(key=lambda one: one.name)
+        every_fifth = list(range(0, pairs, 5))
+        held = of_block([0.5 + 0.01 * i for i in every_fifth], every_fifth)
+        found, result = ended(problem, start)
+        made_of = {"request": document, "pairs_sha256": "00", "sources_sha256": "11"}
+        result = plain(result.model_copy(update={"checks": checks_of_fit(found, result)})) | {"provenance": made_of}
+        fitted.append(FittedModel(FitResult.model_validate(result), problem, [HeldOut.model_validate(held)]))
+    fitted.sort(key=lambda one: one.result.model)
     columns = dict(zip("xyz", walked.points.T.tolist(), strict=True))
     columns |= dict(zip("uv", pixels.T.tolist(), strict=True))
     columns["stamp_ns"] = [1_700_000_000_000_000_000 + 400_000_000 * i for i in range(pairs)]
     marks = [PersonMark(i, "Ann", u, v) for i, (u, v) in enumerate(pixels[: pairs // 2].tolist())]
     marks += [PersonMark(i, "Ben </script>$x$", u + 2.0, v) for i, (u, v) in enumerate(pixels.tolist())]
-    chosen = next(one for one in fitted if one.name == model)
+    chosen = next(one for one in fitted if one.result.model == model)
     return Material(
         chosen=chosen,
         models=fitted,
         pairs=columns,
         checks=[
-            *(Check.model_validate(one) for one in chosen.document["checks"]),
-            *(_NONE_HELD_OUT, elsewhere([EDGES, PAIRS])),
+            *(*chosen.result.checks, _NONE_HELD_OUT, elsewhere([EDGES, PAIRS])),
         ],
         recommended="brown_conrady",
         slots=[(i, slot, 3.0 / (i + 1) + 0.1 * slot) for i in range(4) for slot in range(3)],

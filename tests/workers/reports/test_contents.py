@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from scipy.stats import f as f_distribution
 
+from apexcal.documents.results import FitResult
 from tests.workers.reports.material import EDGES, made, steady
+from tests.workers.solver.rigs import plain
 from workers.judge.time_checks import clock
 from workers.reports.contents import contents
 from workers.reports.page import page
@@ -59,7 +61,7 @@ def points_and_marks(material):
 def test_every_pair_is_where_opencv_projects_it(report):
     material = made()
     points, marks = points_and_marks(material)
-    document = material.chosen.document
+    document = plain(material.chosen.result)
     at = projected(document, points)
     columns = report["pairs"]
     for name, values in (("projected_u", at[:, 0]), ("projected_v", at[:, 1])):
@@ -81,7 +83,7 @@ def test_every_pair_is_where_opencv_projects_it(report):
 
 
 def test_each_person_is_judged_by_their_own_marks(report):
-    at = projected(made().chosen.document, points_and_marks(made())[0])
+    at = projected(plain(made().chosen.result), points_and_marks(made())[0])
     ann, ben = report["people"]
     assert (ann["name"], ben["name"]) == ("Ann", "Ben </script>$x$")
     for person, count in ((ann, 111), (ben, 222)):
@@ -107,7 +109,7 @@ def rays_of(document, u, v):
 
 def test_expected_errors_are_the_covariance_carried_along_rays(report):
     material = made()
-    document = material.chosen.document
+    document = plain(material.chosen.result)
     R, t = matrix(document)
     prediction = report["result"]["prediction"]
     points = prediction["points"]
@@ -119,7 +121,7 @@ def test_expected_errors_are_the_covariance_carried_along_rays(report):
     shown = [i for i, point in enumerate(points) if point["stated_px"]]
     assert len(shown) >= 9
     for k, distance in enumerate(prediction["distances_m"]):
-        sigma, _ = deviation(material, material.chosen.name, (distance * rays - t) @ R)
+        sigma, _ = deviation(material, material.chosen.result.model, (distance * rays - t) @ R)
         told = np.array([points[i]["stated_px"][k] for i in shown])
         assert np.allclose(told, sigma[shown], rtol=5e-3)
     # The sentence of the verdict repeats the middle of the image at 20 m, and the fit's mean.
@@ -137,13 +139,13 @@ def test_expected_errors_are_the_covariance_carried_along_rays(report):
 def test_what_is_said_of_each_model_is_its_own_pairs(report):
     material = made()
     points, marks = points_and_marks(material)
-    assert set(report["models"]) == {one.name for one in material.models}
+    assert set(report["models"]) == {one.result.model for one in material.models}
     for model in material.models:
-        error = np.hypot(*(marks - projected(model.document, points)).T)[belonging(model.document)]
-        told = report["models"][model.name]
+        error = np.hypot(*(marks - projected(plain(model.result), points)).T)[belonging(plain(model.result))]
+        told = report["models"][model.result.model]
         assert told["mean_px"] == pytest.approx(error.mean(), rel=1e-5)
         assert told["rms_px"] == pytest.approx(np.sqrt((error**2).mean()), rel=1e-5)
-        assert (told["status"], told["measured_on"]) == (model.document["status"], "held-out pairs")
+        assert (told["status"], told["measured_on"]) == (model.result.status, "held-out pairs")
     slots = np.array(material.slots)
     for name, column in (("iteration", 0), ("slot", 1), ("loss_px", 2)):
         assert np.allclose(report["slots"][name], slots[:, column], rtol=1e-5)
@@ -152,7 +154,7 @@ def test_what_is_said_of_each_model_is_its_own_pairs(report):
 
 
 def test_figures_of_checks_are_counted_from_the_pairs(report):
-    document = made().chosen.document
+    document = plain(made().chosen.result)
     figures = {one["name"]: one["figures"] for one in report["checks"]}
     outliers = document["outliers"]
     excluded = sum(one["excluded"] for one in outliers)
@@ -199,7 +201,7 @@ def derivatives(document, points, step=1e-6):
 
 def deviation(material, model, points):
     """px: derivatives times the stored covariance."""
-    document = next(one.document for one in material.models if one.name == model)
+    document = next(plain(one.result) for one in material.models if one.result.model == model)
     J, size = derivatives(document, points), np.array(document["intrinsics"]["image_size"])
     spread = np.einsum("ncf,fg,ncg->n", J, np.array(document["covariance"]["matrix"]), J)
     at = projected(document, points)
@@ -220,7 +222,7 @@ def test_maps_are_the_covariance_carried_to_each_cell(report, model):
     assert shown.sum() > 500
     assert np.allclose(told[shown], sigma[shown], rtol=2e-3)
     assert inside[shown].all()
-    document = next(one.document for one in material.models if one.name == model)
+    document = next(plain(one.result) for one in material.models if one.result.model == model)
     image = found["image"]
     R, t = matrix(document)
     distance = np.median(np.linalg.norm(points @ R.T + t, axis=1))
@@ -240,7 +242,7 @@ def test_maps_are_the_covariance_carried_to_each_cell(report, model):
 def test_coverage_counts_and_names_what_is_missing(report):
     material = made()
     points, marks = points_and_marks(material)
-    width = material.chosen.document["intrinsics"]["image_size"][0]
+    width = plain(material.chosen.result)["intrinsics"]["image_size"][0]
     field = report["coverage"]
     distance = np.linalg.norm(points, axis=1)
     column = np.floor((marks[:, 0] + 0.5) / (width / 6)).astype(int)
@@ -255,7 +257,7 @@ def test_coverage_counts_and_names_what_is_missing(report):
 
 def test_rings_off_the_axis_are_the_pairs_own(report):
     rings = report["rings"]
-    used = belonging(made().chosen.document)
+    used = belonging(plain(made().chosen.result))
     angle, error = (steady(report["pairs"][name])[used] for name in ("angle_deg", "error_px"))
     assert sum(ring["pairs"] for ring in rings) == used.sum()
     for k, ring in enumerate(rings):
@@ -276,7 +278,7 @@ def belonging(document):
 
 def refitted(material):
     """The reported result without its outliers: which pairs are used, and least squares from the stored optimum."""
-    document = material.chosen.document
+    document = plain(material.chosen.result)
     points, marks = points_and_marks(material)
     used = belonging(document)
     for _ in range(5):
@@ -343,7 +345,7 @@ def test_the_clocks_offset_is_least_squares_along_the_motion():
     points, marks = points_and_marks(material)
     velocities = np.random.default_rng(3).normal(0.0, 1.0, points.shape)
     walked = replace(material.chosen.problem, velocities=velocities, outliers="exclude")
-    start = material.chosen.document["polished"]["parameters"]
+    start = plain(material.chosen.result)["polished"]["parameters"]
     figures = clock(estimate(walked, np.array([start[name] for name in walked.names]))).figures
     document, used = refitted(material)
     step = 1e-6
@@ -356,7 +358,7 @@ def test_the_clocks_offset_is_least_squares_along_the_motion():
 
 
 def test_the_rest_is_as_stored(report):
-    document = made().chosen.document
+    document = plain(made().chosen.result)
     for name in ("parameters", "std", "interval95_half_width", "intrinsics"):
         for key, value in document[name].items():
             told = report["result"][name][key]
@@ -377,10 +379,11 @@ def test_pairs_that_say_who_marked_them_have_a_report():
     material = made()
     people = np.eye(2)[np.arange(222) % 2]
     problems = {
-        one.name: replace(one.problem, people=people, common_errors={"person_px": 0.3}) for one in material.models
+        one.result.model: replace(one.problem, people=people, common_errors={"person_px": 0.3})
+        for one in material.models
     }
-    models = [replace(one, problem=problems[one.name]) for one in material.models]
-    chosen = next(one for one in models if one.name == material.chosen.name)
+    models = [replace(one, problem=problems[one.result.model]) for one in material.models]
+    chosen = next(one for one in models if one.result.model == material.chosen.result.model)
     document = contents(replace(material, models=models, chosen=chosen))
     assert np.isfinite(steady(document["models"]["pinhole"]["ground"]["sigma_px"])).any()
 
@@ -390,12 +393,13 @@ def test_pairs_of_a_rolling_shutter_are_where_they_were_fitted():
     late = material.chosen.problem.points + np.array([0.0, 0.01, 0.0])
     chosen = replace(material.chosen, problem=replace(material.chosen.problem, points=late))
     columns = contents(replace(material, chosen=chosen))["pairs"]
-    assert np.allclose(steady(columns["projected_u"]), projected(chosen.document, late)[:, 0], rtol=5.1e-6)
+    assert np.allclose(steady(columns["projected_u"]), projected(plain(chosen.result), late)[:, 0], rtol=5.1e-6)
 
 
 def test_results_that_state_no_deviations_have_a_page():
     material = made()
-    nothing = dict.fromkeys(("std", "interval95_half_width", "parameters", "covariance", "correlation", "sigma_px"))
-    document = {name: value for name, value in material.chosen.document.items() if name not in nothing}
-    chosen = replace(material.chosen, document=document)
+    open_covariance = {"names": [], "units": [], "matrix": []}
+    nothing = {"std": {}, "interval95_half_width": {}, "correlation": [], "covariance": open_covariance}
+    result = FitResult.model_validate(plain(material.chosen.result) | nothing)
+    chosen = replace(material.chosen, result=result)
     assert '<th scope="row">' in page(contents(replace(material, chosen=chosen)))

@@ -116,14 +116,11 @@ def calibrated(document: Json, pairs: Json) -> Iterator[str]:
     for fold in range(-1, document["folds"]):
         run = read_run(document, fold, pairs)
         state, _ = run_schedule(run.problem)
-        found = plain(solved(run, state))
-        found |= {"provenance": {"request": document, "pairs_sha256": "0", "sources_sha256": "1"}}
-        yield json.dumps(found, allow_nan=False)
-        FitResult.model_validate(found)
-        results.append((run, fold, found | {"finish_seconds": 0.1}))
-    fits = [Fit(UUID(int=2), document["model"], None if fold < 0 else fold, found, 0.1) for _, fold, found in results]
-    yield json.dumps(camera_summary(fits), allow_nan=False)
-    run, _, found = results[0]
-    heldout = [one["heldout"] for _, _, one in results[1:]]
-    model = FittedModel(document["model"], found, run.problem, heldout)
+        found = solved(run, state)
+        yield json.dumps(plain(found), allow_nan=False)
+        results.append(FitResult.model_validate(plain(found)))
+    fits = [Fit(UUID(int=2), fold if fold >= 0 else None, found, 0.1) for fold, found in enumerate(results, -1)]
+    yield camera_summary(fits).model_dump_json()
+    run = read_run(document, -1, pairs)
+    model = FittedModel(results[0], run.problem, [one.heldout for one in results[1:]])
     yield json.dumps(contents(Material(model, [model], pairs)), allow_nan=False)

@@ -17,10 +17,10 @@ TRUE = FRONT.transform @ LEFT.transform.inverse()
 
 
 def compared(cameras, *stated):
-    found = rig_consistency(cameras, stated)
+    (pair,) = rig_consistency(cameras, stated)
+    found = pair.model_dump()
     assert json.loads(json.dumps(found, allow_nan=False)) == found
-    assert len(found["pairs"]) == 1
-    return found["pairs"][0]
+    return found
 
 
 def known_mount(camera):

@@ -2,75 +2,28 @@
 
 from uuid import UUID
 
-import numpy as np
 import pytest
 from sqlalchemy import select, update
 
+from apexcal.geometry.se3 import SE3, to_document
 from service.calibration_runs.actions import end_run
 from service.platform.db.models import Calibration, CalibrationRun, Fleet, Job, Publication, Result
 from service.platform.jobs.claims import Lease, StaleInputError, claim, finish, finishing
 from service.platform.jobs.kinds import CannotRetryError, kind_of
 from tests.service.platform.jobs.support import make_calibration, statements
+from tests.support.results import fit_result, model_summary, of_block, summary
 from tests.support.work import work
 from workers.tasks.concluding import conclude
 
 pytestmark = pytest.mark.usefixtures("broker")
 
-FREE = {"pinhole": 10, "brown_conrady": 16, "kannala_brandt": 14}
-
+WRONG = {"residual_px": 500.0, "score": 99.0, "reason": "It is far off.", "excluded": True}
 MOUNT = {"to_frame": "camera", "from_frame": "velodyne"}
 
 
-def of_block(errors, indices):
-    numbers = list(indices)
-    return {"errors_px": list(errors), "standard_px": list(errors), "stretch": [1.0] * len(errors)} | {
-        "indices": numbers,
-        "blocks": numbers[:1] * len(numbers),
-    }
-
-
 def document(mean_px, heldout=(), model="pinhole", **more):
-    stage = {"mean_px": mean_px, "rms_px": mean_px}
-    return {
-        "model": model,
-        "ga": stage,
-        "polished": stage,
-        "baseline": stage,
-        "linear_baseline": None,
-        "stated_lens": None,
-        "explained_px": None,
-        "marks_outside": None,
-        "status": "ok",
-        "message": "Stopped.",
-        "free_parameters": FREE[model],
-        "at_bounds": [],
-        "several_optima": [],
-        "intrinsics": {
-            "model": model,
-            "image_size": [1280, 960],
-            "f_x": 600.0,
-            "f_y": 600.0,
-            "c_x": 640.0,
-            "c_y": 480.0,
-        },
-        "transform": {
-            "to_frame": "camera",
-            "from_frame": "velodyne",
-            "rotation": {"matrix": np.eye(3).tolist()},
-            "translation_m": [0.0, 0.0, 0.0],
-        },
-        "residuals_px": [mean_px] * 20,
-        "pairs": 20,
-        "iterations": 1,
-        "stopped": "converged",
-        "checks": [],
-        "outliers": [],
-        "kept": {"pairs": 20, **stage},
-        "sigma_px": mean_px,
-        "lens": "fitted",
-        "heldout": of_block(heldout, range(len(heldout))) if heldout else None,
-        **more,
-    }
+    held = of_block(heldout, range(len(heldout))) if heldout else None
+    return fit_result(model, mean_px, transform=to_document(SE3("camera", "velodyne")), heldout=held, **more)
 
 
 def check(verdict, sentence="The marks lie off.", scope="mount_with_lens"):
@@ -172,9 +125,9 @@ def test_the_transaction_that_ends_a_calibration_is_short(context):
     with context.database.writing() as session, statements(context.database) as seen:
         write(session)
         session.flush()
-    # The calibration, locked; the results' checks; the vehicle, locked; the recommended result and its checks of now
-    # (its origin, the current one, withdrawals, sensors); the end, and the fleet request.
-    assert seen == ["SELECT", "UPDATE", *["SELECT"] * 6, "UPDATE", "UPDATE"]
+    # The calibration, locked; the results' checks; the summary; the vehicle, locked; the recommended result and its
+    # checks of now (its origin, the current one, withdrawals, sensors); the end, and the fleet request.
+    assert seen == ["SELECT", "UPDATE", "UPDATE", *["SELECT"] * 6, "UPDATE", "UPDATE"]
     assert calibration_id
 
 
@@ -266,22 +219,25 @@ def test_the_lowest_error_is_recommended_and_published_where_pairs_were_held_out
 
 
 @pytest.mark.parametrize(
-    ("checks", "publishes_looks", "is_published", "verdicts"),
+    ("checks", "policy", "is_published", "verdicts"),
     [
-        ([check("pass")], None, True, ("pass", "pass")),
-        ([check("look")], None, False, ("look", "look")),
-        ([check("look")], True, True, ("look", "look")),
-        ([check("stop")], True, False, ("stop", "stop")),
+        ([check("pass")], {}, True, ("pass", "pass")),
+        # Held-out pairs lie 1.01 px off.
+        ([check("pass")], {"heldout_mean_px": 1.1}, True, ("pass", "pass")),
+        ([check("pass")], {"heldout_mean_px": 0.9}, False, ("pass", "pass")),
+        ([check("look")], {}, False, ("look", "look")),
+        ([check("look")], {"publish_looks": True}, True, ("look", "look")),
+        ([check("stop")], {"publish_looks": True}, False, ("stop", "stop")),
         # Who uses the mount with its own lens is not concerned.
-        ([check("stop", scope="mount_alone")], None, True, ("pass", "stop")),
+        ([check("stop", scope="mount_alone")], {}, True, ("pass", "stop")),
     ],
 )
 def test_what_is_published_by_itself_follows_from_the_checks_and_the_policy(
-    context, checks, publishes_looks, is_published, verdicts
+    context, checks, policy, is_published, verdicts
 ):
     calibration_id, runs = two_models(context)
     with context.database.writing() as session:
-        session.execute(update(Fleet).values(policy={"publish_looks": publishes_looks}))
+        session.execute(update(Fleet).values(policy=policy))
     end_model(context, runs["pinhole"], 5.0, "pinhole")
     end_model(context, runs["brown_conrady"], 1.0, "brown_conrady", checks=checks)
     _, summary, published = ended(context, calibration_id)
@@ -354,7 +310,7 @@ def give(context, of_run, before_px):
         run = session.get_one(CalibrationRun, of_run)
         calibration = session.get_one(Calibration, run.calibration_id)
         of_vehicle = {"fleet_id": calibration.fleet_id, "vehicle_id": calibration.vehicle_id}
-        had = {"cameras": {"front": {"models": {"pinhole": {"heldout_mean_px": before_px}}}}}
+        had = summary({"pinhole": model_summary(of_run, heldout_mean_px=before_px)})
         before = Calibration(
             **of_vehicle, rig_id=calibration.rig_id, request={}, content_hash="1", state="done", remaining=0,
             publish="none", notes=[], summary=had,
@@ -401,7 +357,7 @@ def test_pairs_that_every_fit_left_out_are_not_held_against_any_model(context):
     calibration_id, runs = two_models(context)
     excluded = {"pinhole": (3, 4), "brown_conrady": (4,)}
     for model, (full, *folds) in runs.items():
-        outliers = [{"index": index, "excluded": True} for index in excluded[model]]
+        outliers = [WRONG | {"index": index} for index in excluded[model]]
         end(context, full, found=document(1.0, model=model, outliers=outliers))
         for fold, run_id in enumerate(folds):
             errors = [1.0] * 3 + [9.0, 500.0] if fold == 0 else [1.0] * 5

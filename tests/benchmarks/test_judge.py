@@ -1,0 +1,19 @@
+"""The bench of the judge goes the product's own path, and its tables say what came of it."""
+
+from benchmarks.judge.__main__ import cases_table, checks_table, summary
+from benchmarks.judge.cases import CASES
+from benchmarks.judge.judging import outcome
+
+
+def test_a_sound_walk_is_published_and_a_wrong_lens_model_is_not():
+    cases = [case for case in CASES if case.name in ("people, none wrong", "wrong model")]
+    by_case = {case.name: [outcome(case, 3)] for case in cases}
+    (sound,), (wrong,) = by_case.values()
+    assert (sound.verdict, sound.is_wrong, sound.error_px < 2.0) == ("pass", False, True)
+    assert (wrong.verdict, wrong.is_wrong, wrong.failed["lens_model"]) == ("stop", True, "stop")
+    figures = summary(cases, by_case)
+    assert (figures["published_wrong"], figures["sound_published"], figures["sound_stopped"]) == (0, 1.0, 0.0)
+    # One of one: at least 0.025 by Clopper and Pearson.
+    assert figures["sound_published_interval"] == [0.025, 1.0]
+    assert "| wrong model | 1 | 0.000 (0.000-0.975) |" in cases_table(cases, by_case)
+    assert "| `lens_model` |  | 1.00 |" in checks_table(cases, by_case)
