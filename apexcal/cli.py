@@ -54,7 +54,6 @@ COMMANDS = {
     "compare": Command("results", "Compare a camera's calibration with another result or another program's file."),
     "recalibrate": Command("results", "Calibrate again without some of a result's pairs."),
     "report": Command("results", "Write the report of a result, with its verdict, as one HTML file."),
-    "overlay": Command("results", "Draw a sweep into its frame through a result's lens, as a PNG file."),
     "export": Command("export", "Write a camera's current calibration, or one result, for other programs."),
 }
 # Another program of ours defines their options and their help.

@@ -20,7 +20,6 @@ from apexcal.documents.copies import CopyView
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleet_requests import FleetRequestView
 from apexcal.documents.jobs import JobProgress, JobView
-from apexcal.documents.overlays import OverlayView
 from apexcal.documents.people import Me
 from apexcal.documents.recordings import RecordingSummary, RecordingView
 from apexcal.documents.reports import ReportView
@@ -60,7 +59,6 @@ Work = TypeVar(
     FleetRequestView,
     JobView,
     OffsetView,
-    OverlayView,
     PackingView,
     PreviewView,
     ReportView,
@@ -197,7 +195,6 @@ _FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     CalibrationView: ("calibrations", CalibrationView, "the calibration"),
     CopyView: ("calibrated-copies", CopyView, "the copy of the recording"),
     JobView: ("jobs", JobView, "job {0.id} ({0.kind})"),
-    OverlayView: ("overlays", OverlayView, "the overlay"),
     OffsetView: ("clock-offsets", OffsetView, "the clock offset"),
     PackingView: ("sweep-packings", PackingView, "the packing of the sweeps"),
     ReportView: ("reports", ReportView, "the report"),

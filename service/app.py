@@ -67,7 +67,7 @@ from service.recordings import frame_routes, original_routes, presigned_routes, 
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
 from service.reports import routes as reports
-from service.studies import copy_routes, overlay_routes
+from service.studies import copy_routes
 from service.studies import routes as studies
 from service.validations import routes as validations
 
@@ -91,7 +91,6 @@ ROUTERS: tuple[APIRouter, ...] = (
     detections.router,
     studies.router,
     copy_routes.router,
-    overlay_routes.router,
     mark_routes.router,
     correspondence_sets.router,
     result_routes.router,

@@ -1,4 +1,4 @@
-"""What can be made of a result: ``report``, ``overlay``, ``compare``, ``validate``, ``drift``, ``recalibrate``."""
+"""What can be made of a result: ``report``, ``compare``, ``validate``, ``drift``, ``recalibrate``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from apexcal.commands.options import (
     CameraOption,
     FleetOption,
     ForceOption,
-    KeepOption,
     OutputOption,
     ResultArgument,
     ResultOption,
@@ -23,9 +22,8 @@ from apexcal.commands.options import (
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.stated_files import read_texts
 from apexcal.commands.terminal import check_target, usage, write_content
-from apexcal.documents.comparisons import ResultComparison
+from apexcal.documents.comparisons import ResultComparison, ResultDifference
 from apexcal.documents.imports import StatedComparison
-from apexcal.documents.comparisons import ResultDifference
 from apexcal.documents.validations import DriftStep, RoadScore, ValidationKind
 
 CameraNameOption = Annotated[str, typer.Option("--camera", help="Camera, by its name in the rig.")]
@@ -43,35 +41,6 @@ def report(
     view = session.wait(calibrations.make_report(check_id(result, "result")), "Making the report")
     write_content(output, calibrations.report(result))
     return Reply(view, f"The report is in {output}. Its verdict: {view.verdict}.")
-
-
-def overlay(
-    session: Session,
-    result: ResultArgument,
-    frame: Annotated[int, typer.Option("--frame", min=0, help="Number of the frame, from 0.")],
-    output: OutputOption = Path("overlay.png"),
-    recording: Annotated[
-        str, typer.Option(help="Recording, by id or by name; otherwise the one that the result's pairs are of.")
-    ] = "",
-    keep: KeepOption = False,
-    force: ForceOption = False,
-) -> Reply:
-    """Draw the sweep nearest to a frame into it, through the result's own lens, coloured by depth."""
-    check_target(output, force)
-    calibrations = session.client.calibrations
-    of = find_recording(session.client, recording).id if recording else None
-    request = calibrations.draw_overlay(check_id(result, "result"), frame, of)
-    view = session.wait(request, "Drawing the overlay")
-    write_content(output, calibrations.overlay(view.id))
-    if not keep:
-        calibrations.delete_overlay(view.id)
-    facts = view.result
-    assert facts is not None
-    sweep = f"{facts.points} points of sweep {facts.sweep_index}"
-    return Reply(
-        view,
-        f"Wrote {output}: {sweep}; {facts.hidden} more are hidden, and {facts.moved} were moved to the frame's time.",
-    )
 
 
 def compare(

@@ -11,7 +11,6 @@ from apexcal.documents.calibrations import CalibrationTemplate, CalibrationView,
 from apexcal.documents.comparisons import ResultComparison
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
 from apexcal.documents.exports import VEHICLE_HEADER, VehicleCalibration
-from apexcal.documents.overlays import OverlayView
 from apexcal.documents.publications import CURRENT, PublicationView
 from apexcal.documents.reports import ReportView
 from apexcal.documents.results import ResultView
@@ -113,28 +112,6 @@ class Calibrations(Resource):
     def report(self, result_id: UUID | str) -> bytes:
         """The newest report of a result: one HTML file. Raises ApiError ``no_report``, ``report_not_ready``."""
         return self._http.send("GET", at("results", result_id, "report")).content
-
-    def draw_overlay(self, result_id: UUID | str, frame: int, recording_id: UUID | str | None = None) -> OverlayView:
-        """Draw the sweep nearest to a frame into it, through the result's lens; follow with ``client.wait``.
-
-        ``recording_id``: by default the recording that the result's pairs are of.
-        """
-        body: dict[str, Any] = {"frame": frame}
-        if recording_id is not None:
-            body["recording_id"] = str(recording_id)
-        return self._http.post(at("results", result_id, "overlays"), OverlayView, body)
-
-    def overlays(self, recording_id: UUID | str) -> Iterator[OverlayView]:
-        """The overlays of a recording's frames, newest first."""
-        return self._http.items(at("recordings", recording_id, "overlays"), OverlayView)
-
-    def overlay(self, overlay_id: UUID | str) -> bytes:
-        """An overlay's PNG file. Raises ApiError ``overlay_not_ready``."""
-        return self._http.send("GET", at("overlays", overlay_id, "image")).content
-
-    def delete_overlay(self, overlay_id: UUID | str) -> None:
-        """Delete an overlay with its image."""
-        self._http.delete(at("overlays", overlay_id))
 
     def slots(self, calibration_id: UUID | str, camera: str, model: str, fold: int = -1) -> Iterator[SlotView]:
         """The GA slots of one run, with the worker that ran each."""

@@ -64,7 +64,7 @@ def _file(copy_id: UUID, request: Request, identity: CurrentIdentity) -> tuple[S
     """The copy's file and its size. The session ends here, before any byte is read."""
     database: Database = request.app.state.database
     with database.reading() as session:
-        _, made, size = study_file(Access(session, identity), copy_id, _KIND, "engineer", "copy")
+        made, size = study_file(Access(session, identity), copy_id, _KIND, "engineer", "copy")
         return made, size
 
 
@@ -79,7 +79,7 @@ async def get_copy_file(request: Request, found: Annotated[tuple[StudyFile, int]
     return StreamingResponse(
         _after(first, pieces),
         media_type="application/octet-stream",
-        headers={"Content-Length": str(size), "Content-Disposition": disposition(made, "attachment")},
+        headers={"Content-Length": str(size), "Content-Disposition": disposition(made)},
     )
 
 

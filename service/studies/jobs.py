@@ -18,7 +18,7 @@ from service.platform.jobs.queue import enqueue
 from service.platform.storage.quota import counted
 
 # Kinds whose jobs write files that count towards the quota.
-_WRITING = ("packing", "calibrated_copy", "overlay")
+_WRITING = ("packing", "calibrated_copy")
 
 
 def queue_study(session: Session, row: Study) -> Job:
@@ -62,7 +62,5 @@ KINDS = tuple(
         ("clock_offset", "solve"),
         ("packing", "ingest"),
         ("calibrated_copy", "ingest"),
-        # As short as a report, and somebody waits for it.
-        ("overlay", "report"),
     )
 )

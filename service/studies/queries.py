@@ -63,8 +63,8 @@ def read_study(access: Access, study_id: UUID, kind: str) -> tuple[Study, Job | 
     return row, access.session.get(Job, row.job_id) if row.job_id else None
 
 
-def study_file(access: Access, study_id: UUID, kind: str, role: Role, what: str) -> tuple[Study, StudyFile, int]:
-    """A study of this kind, the file that it made, and the file's size.
+def study_file(access: Access, study_id: UUID, kind: str, role: Role, what: str) -> tuple[StudyFile, int]:
+    """The file that a study of this kind made, and its size.
 
     Raises :class:`Problem` 404, 403, and 409 ``WHAT_not_ready``, where ``what`` names the file for people.
     """
@@ -79,12 +79,12 @@ def study_file(access: Access, study_id: UUID, kind: str, role: Role, what: str)
             "Wait until its state is done.",
             state=row.state,
         )
-    return row, made, access.session.get_one(Blob, made.blob_key).size
+    return made, access.session.get_one(Blob, made.blob_key).size
 
 
-def disposition(made: StudyFile, how: str) -> str:
-    """The header that names a file for who saves it; ``how`` is `inline` or `attachment`."""
-    return f"{how}; filename*=UTF-8''{quote(made.file_name, safe='')}"
+def disposition(made: StudyFile) -> str:
+    """The header that names a file for who saves it."""
+    return f"attachment; filename*=UTF-8''{quote(made.file_name, safe='')}"
 
 
 def delete_study(access: Access, study_id: UUID, kind: str, role: Role) -> Response:

@@ -6,7 +6,6 @@ from typing import Any
 
 from apexcal.documents.base import stored
 from apexcal.documents.copies import CopyView
-from apexcal.documents.overlays import OverlayView
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.sweeps import PackingView
 from service.platform.db.jobs import Job
@@ -51,12 +50,6 @@ def copy_view(row: Study, job: Job | None) -> CopyView:
         poses=stored(row.asked["poses"]),
         for_viewers=row.asked.get("for_viewers", False),
     )
-
-
-def overlay_view(row: Study, job: Job | None) -> OverlayView:
-    """An overlay with its job."""
-    asked = {name: row.asked[name] for name in ("result_id", "camera", "frame")}
-    return OverlayView(**_members(row, job), **asked)
 
 
 def _how_to_use(result: dict[str, Any], camera: str) -> str:

@@ -55,7 +55,6 @@ _ROOMS = {
     "ingest": "ingesting",
     "packing": "packing",
     "calibrated_copy": "copying",
-    "overlay": "overlaying",
     "preview": "studying",
     "suggestion": "studying",
     "detect": "detecting",

@@ -1,5 +1,4 @@
-"""The table of studies: region previews, region suggestions, clock offsets, packings of sweeps, calibrated copies,
-overlays."""
+"""The table of studies: region previews, region suggestions, clock offsets, packings of sweeps, calibrated copies."""
 
 from __future__ import annotations
 
@@ -13,8 +12,8 @@ from service.platform.db.base import Base, Created, Json, RowId, belongs_to
 
 
 class Study(Base):
-    """One question and its answer. ``kind`` is ``preview``, ``suggestion``, ``clock_offset``, ``packing``,
-    ``calibrated_copy`` or ``overlay``, as its job's.
+    """One question and its answer. ``kind`` is ``preview``, ``suggestion``, ``clock_offset``, ``packing`` or
+    ``calibrated_copy``, as its job's.
 
     ``asked`` holds all that the worker needs besides the recording (and, for ``clock_offset``, the detection);
     ``result`` is the answer. Nothing refers to a study, and what is asked anew is another row.
@@ -37,7 +36,7 @@ class Study(Base):
 
 
 class StudyFile(Base):
-    """The file that a ``calibrated_copy`` or an ``overlay`` made, and its name for whoever takes it."""
+    """The file that a ``calibrated_copy`` made, and its name for whoever takes it."""
 
     __tablename__ = "calibrated_copy"
 

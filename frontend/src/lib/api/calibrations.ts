@@ -8,7 +8,6 @@ import {
   type CalibrationRequest,
   type CorrespondenceSet,
   type CurrentCalibration,
-  type OverlayFile,
   type Publication,
   type ReadFiles,
   type Report,
@@ -63,21 +62,6 @@ export const report = (report_id: string): Promise<Report> =>
   bodyOf(client.GET("/v1/reports/{report_id}", { params: { path: { report_id } } }));
 
 export const reportUrl = (id: string): string => `/v1/results/${id}/report`;
-
-/** Has a worker draw a frame with the sweep nearest to it; it is followed with `overlay`. */
-export const drawOverlay = (result_id: string, recording_id: string, frame: number): Promise<OverlayFile> =>
-  bodyOf(
-    client.POST("/v1/results/{result_id}/overlays", {
-      params: { path: { result_id } },
-      body: { frame, recording_id },
-      ...once(),
-    }),
-  );
-
-export const overlay = (overlay_id: string): Promise<OverlayFile> =>
-  bodyOf(client.GET("/v1/overlays/{overlay_id}", { params: { path: { overlay_id } } }));
-
-export const overlayUrl = (id: string): string => `/v1/overlays/${id}/image`;
 
 /** Asks for a result's calibration again, without those of its pairs that have these numbers. */
 export async function calibrateWithout(found: Result, pairs: number[]): Promise<{ id: string }> {

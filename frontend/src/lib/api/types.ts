@@ -95,7 +95,6 @@ export type CameraPair = Schemas["CameraPair"];
 export type RigConsistency = Schemas["RigSummary"];
 export type Result = Schemas["ResultView"];
 export type Outlier = Schemas["Outlier"];
-export type OverlayFile = Pick<Schemas["OverlayView"], "id" | "state" | "frame" | "job" | "problem">;
 export type Report = Schemas["ReportView"];
 export type Publication = Schemas["PublicationView"];
 export type StatedFiles = Schemas["CalibrationFiles"];

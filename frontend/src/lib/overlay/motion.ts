@@ -1,6 +1,6 @@
 /**
  * Points of the board and its holder, moved to a frame's time along the corner's track. The vehicle stands.
- * As `workers/overlays` has it: overlay_vectors.json holds both to the same cases.
+ * vectors.json holds it to what NumPy computes of the same cases.
  */
 
 import type { Sweep } from "../points/sweep.ts";

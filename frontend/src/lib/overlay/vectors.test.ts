@@ -21,8 +21,8 @@ interface Vectors {
   }[];
 }
 
-const VECTORS = "../../../../tests/workers/overlays/overlay_vectors.json";
-const text = readFileSync(new URL(VECTORS, import.meta.url), "utf8");
+// Computed by NumPy from the same cases, apart from these files.
+const text = readFileSync(new URL("./vectors.json", import.meta.url), "utf8");
 const { size, vertices, sweep: given, cases } = JSON.parse(text) as Vectors;
 
 const sweep: Sweep = {

@@ -1,6 +1,6 @@
 /**
  * Which points of a sweep a camera sees, and where.
- * As `workers/overlays` has it: overlay_vectors.json holds both to the same cases.
+ * vectors.json holds it to what NumPy computes of the same cases.
  */
 
 import type { Sweep } from "../points/sweep.ts";

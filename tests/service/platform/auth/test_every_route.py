@@ -162,7 +162,6 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     offset.asked = {"camera": "front", "marks": {"stamp_ns": [], "u": [], "v": []}}
     packing = Study(id=new_id(), **owned, kind="packing", asked={})
     copy = Study(id=new_id(), **owned, kind="calibrated_copy", asked={"results": {}, "poses": []})
-    overlay = Study(id=new_id(), **owned, kind="overlay", asked={"camera": "front", "frame": 0})
     apex = Apex(id=new_id(), recording_id=recording.id, sweep_index=0, x=1, y=0, z=0)
     vertex = Vertex(
         id=new_id(), detection_id=detection.id, apex_id=apex.id, rank=0, sweep_index=0, time_ns=0, x=1, y=0, z=0
@@ -182,7 +181,6 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     run.model, run.farm, run.slots, run.bundle, run.problem = "pinhole", "runs", 1, 1, {"seed": 1}
     result = Result(id=new_id(), fleet_id=rig.fleet_id, calibration_id=calibration.id, run_id=run.id, camera="front")
     result.model, result.fold, result.document = "pinhole", -1, DOCUMENT
-    overlay.asked |= {"result_id": str(result.id)}
     report = Report(id=new_id(), fleet_id=rig.fleet_id, result_id=result.id, state="done")
     person = session.scalars(select(Person)).first()
     token = ApiToken(id=new_id(), secret_hash="0", name="t", person_id=person.id, fleet_id=rig.fleet_id)
@@ -213,7 +211,6 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         offset,
         packing,
         copy,
-        overlay,
         apex,
         vertex,
         pairs,
@@ -236,7 +233,6 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         "clock-offsets": offset.id,
         "sweep-packings": packing.id,
         "calibrated-copies": copy.id,
-        "overlays": overlay.id,
         "vertices": vertex.id,
         "correspondence-sets": pairs.id,
         "calibrations": calibration.id,
