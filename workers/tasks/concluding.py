@@ -22,7 +22,7 @@ from apexcal.documents.summaries import CameraSummary, ModelSummary, RigSummary,
 from apexcal.geometry.result_differences import compared
 from apexcal.geometry.se3 import from_document
 from service.calibration_runs.conclusion import end_calibration, runs_of
-from service.calibration_runs.image_frames import T_images_camera
+from service.fleets.image_frames import T_images_camera
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.platform.db.fleets import Rig

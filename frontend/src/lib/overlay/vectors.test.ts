@@ -36,7 +36,7 @@ const sweep: Sweep = {
   timesNs: Float64Array.from(given.times_ns),
 };
 
-test("the pages see and move the same points as workers/overlays, at the same places", () => {
+test("the pages see and move the same points as NumPy, at the same places", () => {
   for (const one of cases) {
     const where = `${one.intrinsics.model} at ${one.at_ns}`;
     const motion = motionAt(vertices, one.at_ns);
