@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from decimal import Decimal
 from typing import Final, Literal
 
@@ -31,6 +32,31 @@ class Check(Document):
     remedy: str
     figures: dict[str, float | None]
     scope: CheckScope
+
+
+@dataclass(frozen=True)
+class CheckTopic:
+    """What a check is about: its name, its title, and whom it concerns."""
+
+    name: str
+    title: str
+    scope: CheckScope = "mount_with_lens"
+
+    def passes(self, sentence: str, **figures: float | None) -> Check:
+        """Return the check with nothing to do. ``sentence``: what is, or why it could not be looked at."""
+        return self.fails("pass", sentence, "", **figures)
+
+    def fails(self, verdict: CheckVerdict, sentence: str, remedy: str, **figures: float | None) -> Check:
+        """Return the check with a remedy, which a verdict of ``pass`` drops."""
+        return Check(
+            name=self.name,
+            title=self.title,
+            verdict=verdict,
+            sentence=sentence,
+            remedy="" if verdict == "pass" else remedy,
+            figures=figures,
+            scope=self.scope,
+        )
 
 
 def figure(value: float, digits: int = 2) -> str:

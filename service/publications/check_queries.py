@@ -10,7 +10,7 @@ from uuid import UUID
 from sqlalchemy import Row, Select, and_, func, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.checks import Check, CheckVerdict
+from apexcal.documents.checks import Check, CheckTopic
 from apexcal.documents.policies import PublicationPolicy
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.fleets import Fleet, Rig, RigCamera
@@ -18,8 +18,11 @@ from service.publications.mounted_sensors import Calibrated, swapped_sensors
 from service.publications.policy_checks import policy_check
 from service.publications.queries import current_publication, withdrawals
 
-CURRENT_CHECK: Final = "current"
-_COMPARE: Final = "Compare the two results; publish this one if it is the better one."
+_CURRENT: Final = CheckTopic("current", "The vehicle's current calibration")
+_ENDED: Final = CheckTopic("ended", "End of the calibration")
+_NEWEST: Final = CheckTopic("newest", "Newer rig or pairs")
+_WITHDRAWN: Final = CheckTopic("withdrawn", "Withdrawals")
+_SENSORS: Final = CheckTopic("sensors", "Mounted sensors")
 
 
 class JudgedResult(NamedTuple):
@@ -41,9 +44,9 @@ def judged_now(session: Session, result: Result) -> JudgedResult:
     stored = result.stored_checks
     published = current_publication(session, own.vehicle_id, result.camera)
     current = None if published is None or published.result_id is None else session.get(Result, published.result_id)
-    beside = next((one for one in stored if one.name == CURRENT_CHECK), None)
+    beside = next((one for one in stored if one.name == _CURRENT.name), None)
     checks = [
-        *(one for one in stored if one.name != CURRENT_CHECK),
+        *(one for one in stored if one.name != _CURRENT.name),
         _current(result, current, beside),
         _ended(result),
         _age(session, own, current if current is not None and current.id != result.id else None),
@@ -52,18 +55,6 @@ def judged_now(session: Session, result: Result) -> JudgedResult:
     ]
     limits = policy_check(session, result, policy)
     return JudgedResult([*checks, limits] if limits else checks, policy)
-
-
-def _check(name: str, title: str, verdict: CheckVerdict, sentence: str, remedy: str = "") -> Check:
-    return Check(
-        name=name,
-        title=title,
-        verdict=verdict,
-        sentence=sentence,
-        remedy=remedy if verdict != "pass" else "",
-        figures={},
-        scope="mount_with_lens",
-    )
 
 
 def _origin(result_id: UUID) -> Select[*tuple[Any, ...]]:
@@ -86,70 +77,71 @@ def _origin(result_id: UUID) -> Select[*tuple[Any, ...]]:
 
 
 def _ended(result: Result) -> Check:
-    if result.verdict is not None:
-        return _check("ended", "End of the calibration", "pass", "Its calibration has ended.")
-    return _check(
-        *("ended", "End of the calibration", "stop"),
-        "Its calibration has not ended, or was cancelled, so it was not judged beside the other fits.",
+    return _ENDED.fails(
+        "stop" if result.verdict is None else "pass",
+        "Its calibration has not ended, or was cancelled, so it was not judged beside the other fits."
+        if result.verdict is None
+        else "Its calibration has ended.",
         "Wait for the end of the calibration, or calibrate again.",
     )
 
 
 def _current(result: Result, current: Result | None, beside: Check | None) -> Check:
     """The comparison with the current calibration; if that changed since the result was judged, so it says."""
-    title = "The vehicle's current calibration"
     if current is None:
-        return _check(CURRENT_CHECK, title, "pass", "The vehicle has no current calibration of this camera.")
+        return _CURRENT.passes("The vehicle has no current calibration of this camera.")
     if current.id == result.id:
-        return _check(CURRENT_CHECK, title, "pass", "It is the vehicle's current calibration.")
+        return _CURRENT.passes("It is the vehicle's current calibration.")
     if current.verdict == "stop":
-        sentence = "The vehicle's current calibration fails its own checks, so it is no measure."
-        return _check(CURRENT_CHECK, title, "pass", sentence)
+        return _CURRENT.passes("The vehicle's current calibration fails its own checks, so it is no measure.")
     if beside is not None and result.compared_with == current.id:
         return beside
-    sentence = "Another calibration became the vehicle's current one since this result was judged."
-    return _check(CURRENT_CHECK, title, "look", sentence, _COMPARE)
+    return _CURRENT.fails(
+        "look",
+        "Another calibration became the vehicle's current one since this result was judged.",
+        "Compare the two results; publish this one if it is the better one.",
+    )
 
 
 def _age(session: Session, own: Row[*tuple[Any, ...]], current: Result | None) -> Check:
     """Whether the current calibration is of a newer rig or newer pairs."""
-    title = "Newer rig or pairs"
     other = None if current is None else session.execute(_origin(current.id)).one_or_none()
-    said: list[str] = []
+    newer: list[str] = []
     if other is not None and own.Rig.id != other.Rig.id and own.Rig.created_at < other.Rig.created_at:
-        said.append(
+        newer.append(
             f"It is of the rig {own.Rig.name!r}, the vehicle's current calibration of the newer rig "
             f"{other.Rig.name!r}."
         )
     if other is not None and own.set_id != other.set_id and own.pairs_at < other.pairs_at:
-        said.append(
+        newer.append(
             f"Its pairs are of {_in_words(own.pairs_at)}, those of the vehicle's current calibration are newer: of "
             f"{_in_words(other.pairs_at)}."
         )
-    if said:
-        return _check("newest", title, "look", " ".join(said), "Calibrate from the newest pairs.")
-    return _check("newest", title, "pass", "No current calibration is of a newer rig or newer pairs.")
+    return _NEWEST.fails(
+        "look" if newer else "pass",
+        " ".join(newer) or "No current calibration is of a newer rig or newer pairs.",
+        "Calibrate from the newest pairs.",
+    )
 
 
 def _withdrawn(session: Session, result: Result) -> Check:
-    title = "Withdrawals"
-    said = [
+    reasons = [
         f"It was withdrawn ({_in_words(move.created_at)}): {move.reason}"
         for _, move in withdrawals(session, [result.id])
         if move is not None
     ]
-    if said:
-        return _check("withdrawn", title, "stop", " ".join(said), "Publish another result.")
-    return _check("withdrawn", title, "pass", "It was never withdrawn.")
+    return _WITHDRAWN.fails(
+        "stop" if reasons else "pass", " ".join(reasons) or "It was never withdrawn.", "Publish another result."
+    )
 
 
 def _sensors(session: Session, camera: str, own: Row[*tuple[Any, ...]]) -> Check:
-    title = "Mounted sensors"
     swapped = swapped_sensors(session, own.vehicle_id, [Calibrated(camera, own.serial, own.Rig)])
-    if swapped:
-        sentence = " ".join(one.sentence for one in swapped)
-        return _check("sensors", title, "stop", sentence, "Calibrate the sensors that are mounted now.")
-    return _check("sensors", title, "pass", "No serial number says that a sensor was swapped.")
+    return _SENSORS.fails(
+        "stop" if swapped else "pass",
+        " ".join(one.sentence for one in swapped) or "No serial number says that a sensor was swapped.",
+        "Calibrate the sensors that are mounted now.",
+    )
 
 
 def failing(checks: Sequence[Check]) -> list[Check]:

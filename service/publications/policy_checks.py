@@ -8,10 +8,11 @@ from typing import NamedTuple
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import EXTRINSICS
-from apexcal.documents.checks import Check, figure
+from apexcal.documents.checks import Check, CheckTopic, figure
 from apexcal.documents.policies import PublicationPolicy
 from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
 
+_POLICY = CheckTopic("policy", "Publication policy")
 # Cells of the image, as `PublicationPolicy` defines coverage.
 _COLUMNS, _ROWS = 8, 6
 # As results name their deviations, in degrees and metres.
@@ -45,14 +46,11 @@ def policy_check(session: Session, result: Result, policy: PublicationPolicy) ->
     missed = [
         _sentence(name, limit, measured[name]) for name, limit in limits.items() if _misses(name, limit, measured)
     ]
-    return Check(
-        name="policy",
-        title="Publication policy",
-        verdict="stop" if missed else "pass",
-        sentence=" ".join(missed) or "It keeps the limits of the publication policy.",
-        remedy="Add pairs until it keeps the limit, or have an admin change the limit." if missed else "",
-        figures={name: measured[name] for name in limits},
-        scope="mount_with_lens",
+    return _POLICY.fails(
+        "stop" if missed else "pass",
+        " ".join(missed) or "It keeps the limits of the publication policy.",
+        "Add pairs until it keeps the limit, or have an admin change the limit.",
+        **{name: measured[name] for name in limits},
     )
 
 

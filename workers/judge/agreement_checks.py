@@ -6,16 +6,16 @@ from typing import Final
 
 import numpy as np
 
-from apexcal.documents.checks import Check, figure
+from apexcal.documents.checks import Check, CheckTopic, figure
 from apexcal.documents.results import FitResult, Halves, Status
-from workers.judge.topics import Topic, is_grave
+from workers.judge.topics import is_grave
 from workers.solver.estimate import Estimate
 from workers.solver.halves import too_small
 
-_FIT: Final = Topic("fit", "Fit")
-_OPTIMA: Final = Topic("optima", "Other optima")
-_HALVES: Final = Topic("halves", "Halves of the pairs")
-_SHARED: Final = Topic("shared_errors", "Errors that pairs share")
+_FIT: Final = CheckTopic("fit", "Fit")
+_OPTIMA: Final = CheckTopic("optima", "Other optima")
+_HALVES: Final = CheckTopic("halves", "Halves of the pairs")
+_SHARED: Final = CheckTopic("shared_errors", "Errors that pairs share")
 _TURN_LIMIT_RAD: Final = 1.5e-3
 _MORE: Final = "Mark vertices at other heights, distances and image regions, lock what is known"
 _REMEDIES: Final[dict[Status, str]] = {

@@ -6,17 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from apexcal.documents.checks import Check, CheckVerdict
+from apexcal.documents.checks import Check, CheckTopic, CheckVerdict
 from apexcal.documents.comparisons import ResultDifference
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import CameraSummary, RigSummary
 from workers.judge.held_out_check import HeldOut, held_out
-from workers.judge.topics import Topic
 
-_MODELS: Final = Topic("models", "Other lens models")
-_RUNS: Final = Topic("runs", "Fits of the calibration")
-_RIG: Final = Topic("rig", "Other cameras of the rig")
-_CURRENT: Final = Topic("current", "Current result")
+_MODELS: Final = CheckTopic("models", "Other lens models")
+_RUNS: Final = CheckTopic("runs", "Fits of the calibration")
+_RIG: Final = CheckTopic("rig", "Other cameras of the rig")
+_CURRENT: Final = CheckTopic("current", "Current result")
 # Ratio of held-out errors from which a vehicle keeps what it has, and an error below which it never matters.
 _WORSE: Final = 1.5
 _FINE_PX: Final = 0.5

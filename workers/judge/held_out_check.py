@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from apexcal.documents.checks import Check, CheckVerdict, figure
+from apexcal.documents.checks import Check, CheckTopic, CheckVerdict, figure
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import ModelSummary
 from apexcal.geometry.se3 import from_document
-from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD, Topic
+from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.solver.prediction import DISTANCES_M
 
 Floats = NDArray[np.float64]
-_HELD_OUT: Final = Topic("held_out", "Held-out pairs")
+_HELD_OUT: Final = CheckTopic("held_out", "Held-out pairs")
 # Ratio of held-out to fitted error from which a fit says little about other places. Twenty real pairs for sixteen
 # parameters give 3.3, enough pairs 1.1.
 _FAR: Final = 3.0

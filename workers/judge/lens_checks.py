@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from apexcal.documents.checks import Check, figure
+from apexcal.documents.checks import Check, CheckTopic, figure
 from apexcal.documents.results import FitResult
 from workers.judge.residual_patterns import pattern_test
-from workers.judge.topics import LOOK_RATE, MATTERS, STOP_RATE, Topic, graded
+from workers.judge.topics import LOOK_RATE, MATTERS, STOP_RATE, graded
 from workers.solver.estimate import Estimate
 from workers.solver.residuals import predict, transform_of
 from workers.solver.uncertainty import units_of
 
 Floats = NDArray[np.float64]
-_LENS: Final = Topic("lens_model", "Lens model")
-_BOUNDS: Final = Topic("bounds", "Bounds of the parameters")
-_PRIORS: Final = Topic("priors", "Priors")
-_STATED: Final = Topic("stated_lens", "Stated lens")
+_LENS: Final = CheckTopic("lens_model", "Lens model")
+_BOUNDS: Final = CheckTopic("bounds", "Bounds of the parameters")
+_PRIORS: Final = CheckTopic("priors", "Priors")
+_STATED: Final = CheckTopic("stated_lens", "Stated lens")
 # Radial patterns up to the seventh power of the distance from the centre: the lens models' own terms go that far.
 _POWERS: Final = (1, 2, 3, 4, 5, 6, 7)
 _LEAST_ROOM: Final = 0.1  # of a prior's deviation: a posterior as wide as its prior says nothing of it

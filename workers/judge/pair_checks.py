@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from apexcal.documents.checks import Check, CheckVerdict, figure
+from apexcal.documents.checks import Check, CheckTopic, CheckVerdict, figure
 from apexcal.documents.results import FitResult
 from apexcal.geometry.rotations import vector_from_rotation
-from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD, Topic
+from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.solver.estimate import Estimate
 from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 
 Floats = NDArray[np.float64]
-_WRONG: Final = Topic("wrong_pairs", "Wrong marks")
-_OUTSIDE: Final = Topic("marks_outside", "Marks outside of the image")
-_PAIRS: Final = Topic("pairs", "Number of pairs and places")
-_COVERAGE: Final = Topic("coverage", "Coverage of the image")
-_NOISE: Final = Topic("noise", "Noise of the marks")
+_WRONG: Final = CheckTopic("wrong_pairs", "Wrong marks")
+_OUTSIDE: Final = CheckTopic("marks_outside", "Marks outside of the image")
+_PAIRS: Final = CheckTopic("pairs", "Number of pairs and places")
+_COVERAGE: Final = CheckTopic("coverage", "Coverage of the image")
+_NOISE: Final = CheckTopic("noise", "Noise of the marks")
 # Share of marks that slip of a careful hand (SPEC: about 1 % in public data, 2 % in the worst of them).
 _SLIPS: Final = 0.02
 # Half of the share at which any fit may follow the wrong pairs (Hampel's breakdown point, one half).

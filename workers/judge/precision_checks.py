@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
-from apexcal.documents.checks import Check, figure
+from apexcal.documents.checks import Check, CheckTopic, figure
 from apexcal.documents.results import FitResult
-from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD, Topic
+from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.solver.estimate import Estimate
 from workers.solver.prediction import DISTANCES_M, covariances_along
 from workers.solver.residuals import predict, transform_of
@@ -20,8 +20,8 @@ from workers.solver.residuals import predict, transform_of
 Floats = NDArray[np.float64]
 # scipy publishes no types.
 _student_quantile: Callable[[float, float], float] = special.stdtrit
-_USE: Final = Topic("precision", "Precision where it is used")
-_ALONE: Final = Topic("mount_alone", "Mount without its lens", "mount_alone")
+_USE: Final = CheckTopic("precision", "Precision where it is used")
+_ALONE: Final = CheckTopic("mount_alone", "Mount without its lens", "mount_alone")
 ALONE_LIMIT_DEG: Final = 0.4
 ALONE_LIMIT_MM: Final = 40.0
 """95 % half-widths that a mount may have if it is used with another lens: at 5 m 0.4 degrees are 35 mm, as much as

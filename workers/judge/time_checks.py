@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from apexcal.documents.checks import Check
+from apexcal.documents.checks import Check, CheckTopic
 from apexcal.documents.results import FitResult
 from workers.judge.residual_patterns import pattern_test
-from workers.judge.topics import MATTERS, Topic, graded
+from workers.judge.topics import MATTERS, graded
 from workers.solver.estimate import Estimate
 from workers.solver.residuals import by_point, predict
 
 Floats = NDArray[np.float64]
-_CLOCK: Final = Topic("clock", "Clocks of camera and LiDAR")
-_SHUTTER: Final = Topic("rolling_shutter", "Rolling shutter")
+_CLOCK: Final = CheckTopic("clock", "Clocks of camera and LiDAR")
+_SHUTTER: Final = CheckTopic("rolling_shutter", "Rolling shutter")
 
 
 def clock(estimate: Estimate) -> Check:

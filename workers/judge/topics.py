@@ -1,11 +1,10 @@
-"""How a check is made: its topic, how often it may fail by chance, and what it fails for."""
+"""How often a check may fail by chance, and what it fails for."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
-from apexcal.documents.checks import Check, CheckScope, CheckVerdict
+from apexcal.documents.checks import CheckVerdict
 
 LOOK_RATE: Final = 1.0 / 200.0
 STOP_RATE: Final = 1.0 / 1000.0
@@ -18,34 +17,6 @@ USE_LIMIT_PX: Final = 2.0
 USE_LIMIT_RAD: Final = 1.5e-3
 """A projected point may be off by the larger of both: two pixels are what a detection in the image is good to, and
 1.5 mrad are 3 cm at 20 m, the width of a LiDAR's beam there."""
-
-
-@dataclass(frozen=True)
-class Topic:
-    """What a check is about: its name, its title, and whom it concerns."""
-
-    name: str
-    title: str
-    scope: CheckScope = "mount_with_lens"
-
-    def passes(self, sentence: str, **figures: float | None) -> Check:
-        """Return the check with nothing to do. `sentence`: what is, or why it could not be looked at."""
-        return self._check("pass", sentence, "", figures)
-
-    def fails(self, verdict: CheckVerdict, sentence: str, remedy: str, **figures: float | None) -> Check:
-        """Return the check with a remedy, which a verdict of `pass` drops."""
-        return self._check(verdict, sentence, "" if verdict == "pass" else remedy, figures)
-
-    def _check(self, verdict: CheckVerdict, sentence: str, remedy: str, figures: dict[str, float | None]) -> Check:
-        return Check(
-            name=self.name,
-            title=self.title,
-            verdict=verdict,
-            sentence=sentence,
-            remedy=remedy,
-            figures=figures,
-            scope=self.scope,
-        )
 
 
 def graded(probability: float, size: float, limit: float) -> CheckVerdict:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from apexcal.documents.checks import Check
-from workers.judge.topics import Topic
+from apexcal.documents.checks import Check, CheckTopic
 
-_ELSEWHERE: Final = Topic("elsewhere", "Other recordings")
+_ELSEWHERE: Final = CheckTopic("elsewhere", "Other recordings")
 
 
 def elsewhere(validations: Sequence[Mapping[str, Any]]) -> Check:

@@ -13,7 +13,6 @@ from apexcal.documents.camera_models import ANGLES
 from apexcal.documents.results import Covariance, FitPrecision, Precision, WorstCorrelation
 from workers.solver.polish import weighted_residuals
 from workers.solver.problem import FitProblem
-from workers.solver.residuals import predict
 from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
@@ -146,23 +145,6 @@ def uncertainty(problem: FitProblem, p: Floats) -> Uncertainty:
     if freedom < 0.999:
         return _spread(problem, J, problem.noise_scale * problem.mark_sigma_px, None)
     return _spread(problem, J, float(np.sqrt(of_marks @ of_marks / freedom)), freedom)
-
-
-def plan_uncertainty(problem: FitProblem, p: Floats, sigma_px: float | None = None) -> Uncertainty:
-    """What these points would tell if they were marked, before anyone has: no mark of the problem is read.
-
-    problem: points (N, 3) m as planned, with the model, bounds, locks and priors of the fit to come (its pixels may
-    be anything finite); p (D,): the parameters as far as they are known. sigma_px: noise expected of the marks, by
-    default the problem's `mark_sigma_px`, or what its covariances state. Points that the camera would not see under
-    p, behind it, past the lens model's range or outside the image, count for nothing.
-    """
-    problem = whitened(problem, p)
-    pixels, violation = predict(problem, p)
-    edge = np.array(problem.image_size) - 0.5
-    seen = (violation == 0.0) & np.all((pixels >= -0.5) & (pixels <= edge), axis=1)
-    J = weighted_residuals(problem, p, turns_are_free(problem))[1]
-    J[: 2 * len(seen)][np.repeat(~seen, 2)] = 0.0
-    return _spread(problem, J, problem.mark_sigma_px if sigma_px is None else sigma_px, None)
 
 
 def _taken(J: Floats, of_marks: int) -> float:

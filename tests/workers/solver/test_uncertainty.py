@@ -7,31 +7,9 @@ from scipy import stats
 from tests.workers.solver.rigs import finish_plain, simulated
 from workers.solver.polish import polish
 from workers.solver.schedule import run_schedule
-from workers.solver.uncertainty import Uncertainty, plan_uncertainty, uncertainty
+from workers.solver.uncertainty import Uncertainty, uncertainty
 
 SHORT = {"slots": 1, "population": 200, "generations": 15, "max_iterations": 2}
-
-
-def test_a_plan_tells_beforehand_what_the_marks_will():
-    problem, truth = simulated("brown_conrady", 90)
-    fit = np.array(polish(problem, truth).parameters)
-    after = uncertainty(problem, fit)
-    nothing_marked = replace(problem, pixels=np.zeros_like(problem.pixels))
-    before = plan_uncertainty(nothing_marked, truth, sigma_px=after.sigma_px)
-    np.testing.assert_allclose(before.std, after.std, rtol=0.2)
-    assert before.rank == after.rank == 16
-    half = plan_uncertainty(problem, truth, sigma_px=0.5)
-    np.testing.assert_allclose(half.std, 0.5 / after.sigma_px * before.std)
-    np.testing.assert_allclose(half.half_width95, 1.95996 * half.std, rtol=1e-5)
-
-
-def test_planned_points_out_of_sight_count_for_nothing():
-    problem, truth = simulated("pinhole", 91, pairs=40)
-    behind = np.concatenate([problem.points, -problem.points])
-    more = replace(problem, points=behind, pixels=np.zeros((80, 2)), weights=np.ones(80))
-    np.testing.assert_allclose(plan_uncertainty(more, truth).std, plan_uncertainty(problem, truth).std)
-    only = replace(problem, points=-problem.points)
-    assert plan_uncertainty(only, truth).rank == 0
 
 
 def test_intervals_hold_their_share():

@@ -19,7 +19,7 @@ from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
 from workers.solver.slot import run_slot
-from workers.solver.uncertainty import plan_uncertainty, uncertainty
+from workers.solver.uncertainty import uncertainty
 from workers.solver.weighting import search_weights, whitened
 
 
@@ -147,12 +147,6 @@ def test_a_whole_run_by_covariances(loss):
         problem, covariances=Covariances(problem.covariances.points / 9, problem.covariances.marks / 9)
     )
     assert finish_plain(understated, run_schedule(understated)[0])["noise_scale"] > 1.5
-
-
-def test_a_plan_counts_better_vertices_more():
-    problem, truth, _ = unequal("pinhole", 10)
-    better = replace(problem, covariances=Covariances(0.01 * problem.covariances.points, problem.covariances.marks))
-    assert (plan_uncertainty(better, truth).std < plan_uncertainty(problem, truth).std).all()
 
 
 def test_columns_become_covariances():
