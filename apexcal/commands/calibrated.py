@@ -9,21 +9,22 @@ from rich.table import Table
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.results import Errors
-from apexcal.documents.summaries import CameraSummary, RigSummary, Summary
+from apexcal.documents.summaries import CameraSummary, Summary
 
 
 def tables(calibration: CalibrationView) -> list[RenderableType]:
     """The notes on the pairs, then for each camera a table and its sentences, then the rig's."""
-    summary = calibration.summary or Summary(cameras={})
+    summary = calibration.summary or Summary(cameras={}, rig=None)
     parts: list[RenderableType] = [f"Note: {note}" for note in calibration.notes]
     for name, camera in summary.cameras.items():
         parts.append(table_of(name, camera))
         parts += [f"* {camera.why}"] if camera.why else []
         parts += [lens_of(camera), verdict_line(camera)]
         parts += [f"  {line_of(check)}" for check in camera.checks if check.verdict != "pass"]
-    rig = summary.rig or RigSummary()
-    parts += [sentence for pair in rig.pairs for sentence in pair.sentences]
-    return parts + [f"Warning: {alarm}" for alarm in rig.alarms]
+    if summary.rig:
+        parts += [sentence for pair in summary.rig.pairs for sentence in pair.sentences]
+        parts += [f"Warning: {alarm}" for alarm in summary.rig.alarms]
+    return parts
 
 
 def table_of(name: str, camera: CameraSummary) -> Table:

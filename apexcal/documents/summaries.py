@@ -80,8 +80,8 @@ class ModelSummary(Document):
     @property
     def stages(self) -> dict[str, Errors]:
         """The errors of search, polish and baseline, of those that there are."""
-        named = {"ga": self.ga, "polished": self.polished, "baseline": self.baseline}
-        return {name: errors for name, errors in named.items() if errors is not None}
+        found = {"ga": self.ga, "polished": self.polished}
+        return found | ({"baseline": self.baseline} if self.baseline else {})
 
 
 class CameraSummary(Document):

@@ -1,31 +1,29 @@
 """What is said of a finished calibration."""
 
 import io
+from uuid import UUID
 
 from rich.console import Console
 
 from apexcal.commands.calibrated import lens_of, line_of, table_of, verdict_line, why_unpublished
 from apexcal.documents.checks import Check
 from apexcal.documents.summaries import CameraSummary
+from tests.support.results import model_summary, summary
 
 STAGE = {"mean_px": 119.11, "rms_px": 264.42}
-FOUND = {"result_id": "0192f0c1-2d3e-7a4b-8c5d-6e7f8a9b0c1d", "status": "ok", "message": ""}
-BROWN = {**FOUND, "polished": {"mean_px": 4.18, "rms_px": 5.1}, "heldout_mean_px": 34.21, "verdict": "stop"}
-KANNALA = {
-    **FOUND,
-    **dict.fromkeys(("ga", "polished", "baseline"), STAGE),
-    "heldout_mean_px": 200.0,
-    "heldout_pairs": 80,
-    "verdict": "look",
-    "verdict_alone": "stop",
-}
-CAMERA = CameraSummary.model_validate(
-    {
-        "recommended": "kannala_brandt",
-        "why": "",
-        "models": {"brown_conrady": BROWN, "kannala_brandt": KANNALA},
-    }
-)
+ID = UUID("0192f0c1-2d3e-7a4b-8c5d-6e7f8a9b0c1d")
+BROWN = model_summary(ID, heldout_mean_px=34.21, verdict="stop")
+KANNALA = model_summary(
+    ID, **dict.fromkeys(("ga", "polished", "baseline"), STAGE), heldout_mean_px=200.0, heldout_pairs=80,
+    verdict="look", verdict_alone="stop",
+)  # fmt: skip
+
+
+def camera_of(**models):
+    return CameraSummary.model_validate(summary(models, recommended="kannala_brandt")["cameras"]["front"])
+
+
+CAMERA = camera_of(brown_conrady=BROWN, kannala_brandt=KANNALA)
 
 
 def test_the_table_fits_into_80_columns():
@@ -49,10 +47,10 @@ def test_the_verdict_and_each_check_are_a_line():
 
 def test_the_lens_of_the_recommended_model_is_told():
     refined = KANNALA | {"lens": "stated, refined", "stated_lens": "The stated lens leaves 3.1 px RMS."}
-    camera = CameraSummary.model_validate(
-        {"recommended": "kannala_brandt", "why": "", "models": {"kannala_brandt": refined}}
+    assert (
+        lens_of(camera_of(kannala_brandt=refined))
+        == "Lens of kannala_brandt: stated, refined. The stated lens leaves 3.1 px RMS."
     )
-    assert lens_of(camera) == "Lens of kannala_brandt: stated, refined. The stated lens leaves 3.1 px RMS."
     assert lens_of(CAMERA) == "Lens of kannala_brandt: fitted."
 
 

@@ -41,7 +41,7 @@ export const recommended = (found: CameraSummary): ModelSummary | undefined =>
 /** The held-out error where pairs were held out; else that of the fitted ones. */
 export function errorOf({ heldout_mean_px, polished }: ModelSummary): string {
   if (typeof heldout_mean_px === "number") return `${fixed(heldout_mean_px)} px held out`;
-  return `${fixed(polished?.mean_px)} px on fitted pairs, none held out`;
+  return `${fixed(polished.mean_px)} px on fitted pairs, none held out`;
 }
 
 /** Notes that say the same of several cameras ("front: …", "left: …"), said once ("front, left: …"). */
