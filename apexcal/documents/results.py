@@ -15,13 +15,23 @@ from pydantic import ConfigDict
 from apexcal.documents.base import Document
 from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.corners import CornerName
+from apexcal.documents.precision import (
+    Covariance,
+    Deviations,
+    Field,
+    FitPrecision,
+    Halves,
+    PersonBias,
+    Precision,
+    Prediction,
+    RollingShutter,
+    SharedErrors,
+)
 from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
 
 Status = Literal["ok", "unfinished", "not_converged", "not_determined", "not_explained"]
 Stopped = Literal["converged", "goal", "iterations"]
-# By parameter name; null where the pairs do not determine it.
-Deviations = dict[str, float | None]
 
 
 class Errors(Document):
@@ -121,171 +131,6 @@ class Intrinsics(Document):
     def by_name(self) -> dict[str, float]:
         """The numbers of the lens that are stated, by name."""
         return {name: value for name, value in self if isinstance(value, float)}
-
-
-class Covariance(Document):
-    """Of the free parameters, in degrees, metres and pixels; rotations are small turns about the camera's axes."""
-
-    names: list[str]
-    units: list[str]
-    matrix: list[list[float]]
-
-
-class WorstCorrelation(Document):
-    """The two parameters that can be told apart least."""
-
-    pair: list[str]
-    value: float
-
-
-# The points of a field. Stored fields hold these numbers: neither the steps nor their order may change.
-FIELD_STEP_DEG: Final = 10
-FIELD_RANGES_M: Final = (5.0, 20.0)
-FIELD_ELEVATIONS_DEG: Final = tuple(range(FIELD_STEP_DEG - 90, 90, FIELD_STEP_DEG))
-FIELD_AZIMUTHS_DEG: Final = tuple(range(-180, 180, FIELD_STEP_DEG))
-
-
-class Field(Document):
-    """Where a result projects fixed points around the LiDAR that the image shows, and its deviation there, pixels.
-
-    The points are the same for all results: every 10 degrees of azimuth and elevation, 5 and 20 m away. ``number``
-    identifies a point: it counts ranges, then elevations, then azimuths.
-    """
-
-    number: list[int]
-    u: list[float]
-    v: list[float]
-    sigma_px: list[float]
-
-
-class OverTime(Document):
-    """What stretches of a walk share besides what its groups (the corners of a sweep) share.
-
-    ``widening`` is the ratio of the pixels' deviations over the marks to those of groups that err independently.
-    """
-
-    blocks: int
-    shift_px: float
-    evidence: float
-    counted: bool
-    widening: float
-
-
-class SharedErrors(Document):
-    """What pairs of one block share: ``group`` as the pairs name it, or a stretch of a walk (``time``, ``order``).
-
-    ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch.
-    ``noise_px`` is each mark's own noise. ``evidence`` is twice the log likelihood ratio to independent errors.
-    ``widening`` is the ratio of the pixels' deviations over the marks to those of independent errors. The result's
-    deviations include the shared errors if ``counted``. ``over_time`` is there if many groups are in stretches.
-    """
-
-    blocks: int
-    by: Literal["group", "time", "order"]
-    deviations: dict[str, float]
-    noise_px: float
-    evidence: float
-    counted: bool
-    widening: float
-    over_time: OverTime | None
-
-
-class Halves(Document):
-    """How far fits of two disjoint halves differ: every second block and the others, or the first and the last ones.
-
-    Each ratio compares a difference with its stated size under the fit to all pairs: ``ratio`` over the parameters,
-    ``field_ratio`` over the marks, ``turned_ratio`` of a turn of the mount alone (``turned_deg``). By chance
-    one in 1000 sound results exceeds each limit.
-    """
-
-    split: Literal["alternating", "first_and_last"]
-    pairs: list[int]
-    ratio: float
-    limit: float
-    rotation_deg: float
-    translation_mm: float
-    field_px: float
-    stated_px: float
-    field_ratio: float
-    field_limit: float
-    turned_deg: float | None
-    turned_ratio: float | None
-    turned_limit: float | None
-    holds: bool
-
-
-class PersonBias(Document):
-    """The standard deviation of one person's bias along each axis, its degrees of freedom, and how many people there
-    are.
-    """
-
-    px: float
-    freedom: float
-    people: int
-
-
-class RollingShutter(Document):
-    """The line time (from an image row to the next) that residuals show beyond the stated one, and its deviation.
-
-    ``shown``: their ratio exceeds ``limit``, which one in 200 sound results does by chance.
-    """
-
-    line_time_us: float
-    std_us: float
-    limit: float
-    shown: bool
-
-
-class PredictedPixel(Document):
-    """Deviations of a point that projects to this pixel, by distance; null if the lens has no ray there."""
-
-    u: float
-    v: float
-    stated_px: list[float] | None
-    stated_mm: list[float] | None
-
-
-class Prediction(Document):
-    """How well the result places points of the LiDAR in the image: one standard deviation, under the fitted model.
-
-    ``expected_over_stated`` is the factor by which to enlarge them if halves of the pairs differ by more than is
-    stated.
-    """
-
-    distances_m: list[float]
-    expected_over_stated: float
-    points: list[PredictedPixel]
-
-
-class Precision(Document):
-    """What the pairs tell of the free parameters, in degrees, metres and pixels.
-
-    Deviations and half widths are null where the pairs do not determine the parameter. ``sigma_px`` is the noise of a
-    typical pair.
-    """
-
-    std: Deviations
-    interval95_half_width: Deviations
-    covariance: Covariance
-    sigma_px: float
-
-
-class FitPrecision(Precision):
-    """The same of a whole fit.
-
-    ``noise_scale`` says how many times larger the errors are than stated, where pairs weigh by what they state.
-    ``rank`` and ``condition`` are those of the Jacobian with columns of unit length; the condition is null unless the
-    rank is full. ``undetermined`` has the largest parts of each direction that the pairs leave open.
-    ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
-    """
-
-    correlation: list[list[float]]
-    worst_correlation: WorstCorrelation | None
-    noise_scale: float | None
-    rank: int
-    condition: float | None
-    undetermined: list[dict[str, float]]
-    degrees_of_freedom: Deviations | None
 
 
 class StatedLensFit(Precision):

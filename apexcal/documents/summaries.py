@@ -9,8 +9,9 @@ from uuid import UUID
 from apexcal.documents.base import Document, Sent, Stored
 from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.jobs import ProblemView
+from apexcal.documents.precision import Deviations
 from apexcal.documents.publications import OverrideView
-from apexcal.documents.results import Deviations, Errors, Intrinsics, Status, Stopped
+from apexcal.documents.results import Errors, Intrinsics, Status, Stopped
 from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
 

@@ -13,8 +13,9 @@ from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
 from apexcal.documents.comparisons import ResultDifference
 from apexcal.documents.jobs import JobView, ProblemView
+from apexcal.documents.precision import Deviations
 from apexcal.documents.publications import PublicationView
-from apexcal.documents.results import Deviations, Intrinsics, SolvedTransform
+from apexcal.documents.results import Intrinsics, SolvedTransform
 from apexcal.documents.states import WorkState
 from apexcal.documents.transforms import Transform
 

@@ -8,15 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from apexcal.documents.comparisons import FieldDifference, ParameterDifference, ResultDifference
-from apexcal.documents.results import (
-    FIELD_AZIMUTHS_DEG,
-    FIELD_ELEVATIONS_DEG,
-    FIELD_RANGES_M,
-    ComparedResult,
-    Field,
-    FitResult,
-    Intrinsics,
-)
+from apexcal.documents.precision import FIELD_AZIMUTHS_DEG, FIELD_ELEVATIONS_DEG, FIELD_RANGES_M, Field
+from apexcal.documents.results import ComparedResult, FitResult, Intrinsics
 from apexcal.documents.summaries import BetweenModels
 from apexcal.geometry.rotations import vector_from_rotation
 from apexcal.geometry.se3 import SE3, Floats, from_document

@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from apexcal.documents.checks import Check, CheckTopic, figure
-from apexcal.documents.results import FitResult, Halves, Status
+from apexcal.documents.precision import Halves
+from apexcal.documents.results import FitResult, Status
 from workers.judge.topics import is_grave
 from workers.solver.estimate import Estimate
 from workers.solver.halves import too_small

@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.results import Outlier, PersonBias, SharedErrors
+from apexcal.documents.precision import PersonBias, SharedErrors
+from apexcal.documents.results import Outlier
 from apexcal.geometry.rotations import vector_from_rotation
 from workers.solver.common_errors import common_errors
 from workers.solver.error_model import ErrorModel, linearised

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.camera_models import ANGLES
-from apexcal.documents.results import FIELD_AZIMUTHS_DEG, FIELD_ELEVATIONS_DEG, FIELD_RANGES_M, Field
+from apexcal.documents.precision import FIELD_AZIMUTHS_DEG, FIELD_ELEVATIONS_DEG, FIELD_RANGES_M, Field
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian
 from workers.solver.uncertainty import turns_are_free

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.checks import figure
-from apexcal.documents.results import Halves
+from apexcal.documents.precision import Halves
 from apexcal.geometry.rotations import vector_from_rotation
 from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.estimate import Estimate

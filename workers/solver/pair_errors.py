@@ -5,7 +5,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from apexcal.documents.results import FitPrecision, Intrinsics
+from apexcal.documents.precision import FitPrecision
+from apexcal.documents.results import Intrinsics
 from workers.solver.problem import FitProblem
 
 # Largest noise of a plane on real recordings, ring bias included (OS1-64). It holds for vertices that state nothing.

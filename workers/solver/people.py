@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.pairs import MARKED_BY
-from apexcal.documents.results import PersonBias
+from apexcal.documents.precision import PersonBias
 from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.problem import FitProblem
 

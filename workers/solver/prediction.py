@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.results import Halves, PredictedPixel, Prediction
+from apexcal.documents.precision import Halves, PredictedPixel, Prediction
 from workers.geometry.projection import unproject
 from workers.solver.estimate import Estimate
 from workers.solver.residuals import by_point, residuals_and_jacobian, transform_of

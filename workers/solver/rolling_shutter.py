@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from apexcal.documents.results import RollingShutter
+from apexcal.documents.precision import RollingShutter
 from workers.solver.error_model import weighed
 from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.results import OverTime, SharedErrors
+from apexcal.documents.precision import OverTime, SharedErrors
 from workers.solver.blocks import Blocks
 from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.problem import FitProblem

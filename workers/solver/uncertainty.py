@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
-from apexcal.documents.results import Covariance, FitPrecision, Precision, WorstCorrelation
+from apexcal.documents.precision import Covariance, FitPrecision, Precision, WorstCorrelation
 from workers.solver.polish import weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.weighting import whitened

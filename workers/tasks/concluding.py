@@ -106,12 +106,13 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
     for one in judged:
         model = summaries[one.result.camera].models[one.result.model]
         model.verdict, model.verdict_alone = one.verdict("mount_with_lens"), one.verdict("mount_alone")
+    whole = Summary(cameras=summaries, rig=rig)
 
     def write(session: Session) -> None:
         calibration = session.get_one(Calibration, held.subject_id, with_for_update=True)
-        _store(session, judged)
+        _store_checks(session, judged)
         # The limits of a policy are of the summary too.
-        calibration.summary = Summary(cameras=summaries, rig=rig).model_dump(mode="json")
+        calibration.summary = whole.model_dump(mode="json")
         # The calibration's row before the vehicle's: the order of all locks.
         session.flush()
         hold_publications(session, calibration.vehicle_id)
@@ -120,8 +121,7 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
         for summary in summaries.values():
             _publish(session, calibration, summary)
         problem = next((run.failure for run in runs if run.failure), None)
-        ended = Summary(cameras=summaries, rig=rig)
-        end_calibration(session, calibration, WorkState.DONE, problem, ended.model_dump(mode="json"))
+        end_calibration(session, calibration, WorkState.DONE, problem, whole.model_dump(mode="json"))
 
     return write
 
@@ -172,8 +172,7 @@ def _current(session: Session, vehicle_id: UUID, camera: str) -> _Current | None
     return _Current(result, result.summary)
 
 
-def _store(session: Session, judged: Sequence[_Judged]) -> None:
-    """Keep each result's checks with it."""
+def _store_checks(session: Session, judged: Sequence[_Judged]) -> None:
     rows = [
         {
             "id": one.result.id,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from apexcal.documents.results import Halves
+from apexcal.documents.precision import Halves
 from tests.workers.solver.test_shared_errors import intervals_held
 from tests.workers.solver.walks import CORNERS, finish, walked
 from workers.solver.blocks import STRETCHES, blocks_of
