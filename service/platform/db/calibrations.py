@@ -204,4 +204,4 @@ class Result(Base):
     @property
     def stored_checks(self) -> list[Check]:
         """The checks of the fit, of its calibration and of other data."""
-        return [*self.fit.checks, *(Check.model_validate(one) for one in self.checks or ())]
+        return [*self.fit.checks, *(Check.model_validate(check) for check in self.checks or ())]
