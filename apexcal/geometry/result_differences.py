@@ -155,7 +155,7 @@ def _columns(field: Field) -> Floats:
     return np.array([field.u, field.v, field.sigma_px], np.float64)
 
 
-def _field_sizes(points: FieldDifference | None) -> dict[str, float | None]:
+def _field_sizes(points: FieldDifference | None) -> dict[str, Any]:
     """Over the points that both see; null if there are none."""
     if points is None:
         return {"field_px": None, "field_sigmas": None}

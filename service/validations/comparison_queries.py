@@ -42,6 +42,7 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
         )
     found = side_by_side(result.fit, other.fit, result.spread, other.spread)
     shares_pairs = own.shares_pairs(their)
+    width, height = result.fit.intrinsics.image_size
     return ResultComparison(
         result_id=result.id,
         other_id=other.id,
@@ -51,7 +52,7 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
         other_model=other.model,
         sentence=_sentence(result.camera, found, shares_pairs=shares_pairs),
         shares_pairs=shares_pairs,
-        image_size=result.fit.intrinsics.image_size,
+        image_size=(width, height),
         **found,
     )
 

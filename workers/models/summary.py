@@ -11,6 +11,7 @@ import numpy as np
 from apexcal.documents.camera_models import CAMERA_MODELS, parse_model
 from apexcal.documents.results import Errors, FitResult, HeldOut
 from apexcal.documents.summaries import CameraSummary, ModelSummary
+from workers.geometry.projection import image_diagonal_px
 from workers.models.choice import Candidate, Choice, choose
 from workers.models.evidence import Pairs
 from workers.models.spread import spread_of, spread_sentence
@@ -44,7 +45,7 @@ def camera_summary(fits: Sequence[Fit]) -> CameraSummary:
     models = {
         name: ModelSummary(
             **{member: getattr(fit.result, member) for member in _OF_RESULT},
-            **_heldout(candidates[name].heldout, wrong, float(np.hypot(*fit.result.intrinsics.image_size))),
+            **_heldout(candidates[name].heldout, wrong, image_diagonal_px(fit.result.intrinsics.image_size)),
             result_id=fit.result_id,
             polished=_errors(fit.result.polished),
             ga=_errors(fit.result.ga),
