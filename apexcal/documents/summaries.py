@@ -81,8 +81,8 @@ class ModelSummary(Document):
     @property
     def stages(self) -> dict[str, Errors]:
         """The errors of search, polish and baseline, of those that there are."""
-        found = {"ga": self.ga, "polished": self.polished}
-        return found | ({"baseline": self.baseline} if self.baseline else {})
+        stages = {"ga": self.ga, "polished": self.polished}
+        return stages | ({"baseline": self.baseline} if self.baseline else {})
 
 
 class CameraSummary(Document):

@@ -53,8 +53,8 @@ def compared_with_stated(result: Compared, spread: BetweenModels | None, stated:
     apart = _mounts_apart(from_document(result.transform), stated)
     std = (spread or result).std
     names = [name for name in MOUNT if std.get(name)]
-    known = _in_deviations(apart, names, _covariance(result, std, names)) if names else {}
-    return _distances(apart) | {"sigmas": None, "differs": None} | known
+    sigmas = _in_deviations(apart, names, _covariance(result, std, names)) if names else {}
+    return _distances(apart) | {"sigmas": None, "differs": None} | sigmas
 
 
 def side_by_side(
