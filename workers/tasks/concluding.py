@@ -70,7 +70,6 @@ class _Judged(NamedTuple):
     current_id: UUID | None
 
     def verdict(self, scope: CheckScope) -> CheckVerdict:
-        """The gravest of all its checks."""
         return verdict_of([*self.result.fit.checks, *self.checks], scope)
 
 
@@ -111,15 +110,16 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
     def write(session: Session) -> None:
         calibration = session.get_one(Calibration, held.subject_id, with_for_update=True)
         _store_checks(session, judged)
-        # The limits of a policy are of the summary too.
-        calibration.summary = whole.model_dump(mode="json")
         # The calibration's row before the vehicle's: the order of all locks.
         session.flush()
         hold_publications(session, calibration.vehicle_id)
         if calibration.publish == "recommended":
             _check_unchanged(session, calibration.vehicle_id, current)
-        for summary in summaries.values():
-            _publish(session, calibration, summary)
+        # The limits of a policy are of the summary too: of the one in memory, which is written once at the end.
+        calibration.summary = whole.model_dump(mode="json")
+        with session.no_autoflush:
+            for summary in summaries.values():
+                _publish(session, calibration, summary)
         problem = next((run.failure for run in runs if run.failure), None)
         end_calibration(session, calibration, WorkState.DONE, problem, whole.model_dump(mode="json"))
 

@@ -125,9 +125,9 @@ def test_the_transaction_that_ends_a_calibration_is_short(context):
     with context.database.writing() as session, statements(context.database) as seen:
         write(session)
         session.flush()
-    # The calibration, locked; the results' checks; the summary; the vehicle, locked; the recommended result and its
-    # checks of now (its origin, the current one, withdrawals, sensors); the end, and the fleet request.
-    assert seen == ["SELECT", "UPDATE", "UPDATE", *["SELECT"] * 6, "UPDATE", "UPDATE"]
+    # The calibration, locked; the results' checks; the vehicle, locked; the recommended result and its checks of now
+    # (its origin, the current one, withdrawals, sensors); the end, and the fleet request.
+    assert seen == ["SELECT", "UPDATE", *["SELECT"] * 6, "UPDATE", "UPDATE"]
     assert calibration_id
 
 
