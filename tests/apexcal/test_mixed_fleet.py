@@ -1,4 +1,4 @@
-"""A fleet request for vehicles with all kinds of faults: what is published by itself is right, with one exception."""
+"""A fleet request for vehicles with all kinds of faults: of what is published by itself at most one is wrong."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ def test_of_300_mixed_vehicles_at_most_one_wrong_calibration_is_published(owner:
     }
     wrong = [vehicle for vehicle, result in published.items() if error_of(draws[vehicle], result)[1]]
     print(f"seed {seed}: {len(published)} of {VEHICLES} published, {len(wrong)} of them wrong")
-    assert len(published) >= 20, "about a ninth have a pinhole camera and no fault but slips"
+    # Two ninths have no fault but slips, and a third of these a pinhole camera: some 22.
+    assert len(published) >= 10
     assert len(wrong) <= 1, [owner.vehicles.get(vehicle).name for vehicle in wrong]
 
 
