@@ -26,7 +26,7 @@ export function driftLines(steps: readonly DriftStep[], of: "turn" | "shift"): D
     points: steps.flatMap((step) => {
       const apart = of === "turn" ? step.from_first?.turn_deg : step.from_first?.shift_mm;
       const value = step === first ? 0 : apart?.[axis];
-      const std = step.std?.[of === "turn" ? `rotation_${name}` : `t_${name}`] ?? null;
+      const std = step.std[of === "turn" ? `rotation_${name}` : `t_${name}`] ?? null;
       if (value === undefined) return [];
       return [
         {
