@@ -6,23 +6,19 @@ import json
 from typing import NamedTuple
 from uuid import UUID
 
+import numpy as np
 from sqlalchemy import text
 
+from apexcal.geometry.rotations import rotation_from_euler
+from apexcal.geometry.se3 import SE3, to_document
 from service.platform.auth.secrets import new_secret, secret_hash
 from service.platform.db.session import Database
 from tests.support.results import fit_result, model_summary, summary
 
 CAMERAS = ("front", "rear")
 
-_MOUNT = {
-    "to_frame": "camera", "from_frame": "lidar",
-    "rotation": {
-        "matrix": [[0.0123456789, -0.9998765432, 0.0012345678], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]],
-        "quaternion_xyzw": [0.5, -0.5, 0.5, -0.5],
-        "euler": [{"euler_order": order, "angles_deg": [90.1, -89.9, 0.3]} for order in ("zyx", "xyz_eq2")],
-    },
-    "translation_m": [0.01, -0.1, -0.2],
-}  # fmt: skip
+_AHEAD = rotation_from_euler(np.radians([90.1, -89.9, 0.3]), "zyx")
+_MOUNT = to_document(SE3("camera", "lidar", _AHEAD, np.array([0.01, -0.1, -0.2])))
 _VEHICLE_LIDAR = {
     "to_frame": "base_link", "from_frame": "lidar", "rotation": {"quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]},
     "translation_m": [1.2, 0.0, 1.9],
