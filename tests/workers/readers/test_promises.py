@@ -65,6 +65,8 @@ def test_a_cut_file_gives_its_first_messages_or_is_refused(tmp_path, scratch, na
             recording, items, warnings = read(path)
         except ReadError as error:
             assert error.code in CUT and error.hint, (part, error.code)
+            # Its traceback still holds what was opened.
+            assert nothing_stays(path, scratch)
             shares.append(0.0)
         else:
             assert all(any(same(item, one) for one in everything) for item in items)

@@ -2,6 +2,7 @@
 
 import sqlite3
 import struct
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -332,7 +333,9 @@ def test_files_that_are_no_images(data, code, reason):
 def test_uploads_that_are_no_recordings(tmp_path, kind):
     make, code, reason = OF_FILES[kind]
     make(tmp_path / "walk.bag")
-    refused(lambda: read(tmp_path / "walk.bag"), code, reason)
+    error = refused(lambda: read(tmp_path / "walk.bag"), code, reason)
+    # Its traceback still holds what was opened.
+    assert error and (tmp_path / "walk.bag") not in {link.resolve() for link in Path("/proc/self/fd").iterdir()}
 
 
 @pytest.mark.parametrize("head", [b"file,stamp_ns\n1.png,3\n", b"", b"x y z\n", b"\xff\xfe\0\0", b"frame,stamp_ns\n"])

@@ -43,6 +43,13 @@ def test_the_last_of_several_counts():
     assert decode("CompressedImage", field(2, b"one") + field(2, b"two")).data == b"two"
 
 
+@pytest.mark.parametrize(("name", "form"), [("UINT8", 2), ("INT8", 1), ("UINT16", 4), ("INT16", 3), ("UINT32", 6)])
+def test_types_with_and_without_a_sign_are_those_of_ros(name, form):
+    column = PackedElementField(name="ring", type=PackedElementField.NumericType.Value(name))
+    message = decode("PointCloud", PointCloud(point_stride=4, fields=[column]).SerializeToString())
+    assert message.cloud.fields[0].datatype == form
+
+
 def test_fields_of_a_newer_schema_are_passed_over():
     assert decode("PointCloud", cloud() + field(100, "of a newer schema")).cloud.width == 2
 
