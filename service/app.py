@@ -19,12 +19,12 @@ from service.annotations import mark_routes
 from service.annotations import routes as annotations
 from service.calibrations import result_routes
 from service.calibrations import routes as calibrations
-from service.correspondence_sets import routes as correspondence_sets
 from service.detections import routes as detections
 from service.exports import routes as exports
 from service.fleet_requests import routes as fleet_requests
 from service.fleets import routes as fleets
 from service.imports import routes as imports
+from service.pairs import routes as pairs
 from service.platform.auth import member_routes, token_routes
 from service.platform.auth import routes as auth
 from service.platform.auth.gate import Gate
@@ -92,7 +92,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     studies.router,
     copy_routes.router,
     mark_routes.router,
-    correspondence_sets.router,
+    pairs.router,
     result_routes.router,
     publications.router,
     exports.router,

@@ -27,7 +27,7 @@ from sqlalchemy import func, insert, select
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
 from service.platform.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
-from service.platform.db.annotations import Answer, Mark, MarkingProgress, Verdict
+from service.platform.db.annotations import Answer, MarkingProgress
 from service.platform.db.fleets import Fleet
 from service.platform.db.ids import new_id
 from service.platform.db.migrate import upgrade
@@ -76,9 +76,9 @@ def _people(database: Database, fleet_id: UUID, count: int) -> list[str]:
 def wrong(database: Database, seed: Seed, *, accepted: int, is_drained: bool) -> list[str]:
     """What of the stored answers is not exact; see the module."""
     with database.reading() as session:
-        pairs = session.execute(select(Verdict.apex_id, Verdict.person_id)).all()
+        pairs = session.execute(select(Answer.apex_id, Answer.person_id).where(Answer.is_verdict)).all()
         answers = session.scalar(select(func.count()).select_from(Answer)) or 0
-        marks = session.scalar(select(func.count()).select_from(Mark)) or 0
+        marks = session.scalar(select(func.count()).where(Answer.is_mark)) or 0
         sums = [func.sum(getattr(MarkingProgress, name)) for name in ("answered", "complete", "mine")]
         counted = session.execute(select(*sums).where(MarkingProgress.detection_id == seed.detection_id)).one()
     of_vertex = Counter(apex for apex, _ in pairs)

@@ -13,15 +13,14 @@ from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.marking import Answer, AnswerView, Own, Undo
-from service.annotations.mark_actions import check_inside, find_mark, take_back, write_mark, write_verdict
+from service.annotations.mark_actions import check_inside, find_mark, let_stand, write_answer
 from service.annotations.progress_actions import counted, progress_of
 from service.annotations.task_actions import reopen
-from service.annotations.views import Subject, own_answer, subjects
+from service.annotations.views import Said, Subject, own_answer, own_version, subjects
 from service.platform.db.annotations import Answer as AnswerRow
 from service.platform.db.annotations import MarkingTask
 from service.platform.db.base import Json
 from service.platform.db.clock import now
-from service.platform.db.session import upserting
 from service.platform.http.problems import Problem
 
 # People correct themselves once or twice. Each answer stays in the history, so their number is bounded: this many
@@ -44,24 +43,19 @@ def give(session: Session, found: Subject, said: Answer) -> AnswerView:
             422, "mark_required", "A confirmed vertex needs its mark.", 'Send "mark": {"u": ..., "v": ...} in pixels.'
         )
     if mark is not None:
-        check_inside(mark.u, mark.v, found.camera_frame)
+        check_inside(mark.u, mark.v, found.frame.width, found.frame.height)
     content: Json = {"verdict": verdict, "u": mark and mark.u, "v": mark and mark.v}
     version, reviewed = said.version + 1, bool(found.told)
     repeated = _repeated(session, found, said, content)
     if repeated is not None:
         version, reviewed = repeated.version, repeated.reviewed
     else:
-        whose = (found.person_id, found.recording_id)
         if found.verdict is not None and found.verdict.verdict != verdict:
-            reopen(session, *whose, found.apex_id)
-        with _counted(session, found, found.camera_frame.index):
-            _write(session, found, said, content)
-            if mark is not None:
-                at = {"corner": found.corner, "reviewed": reviewed}
-                write_mark(session, found.mark, *whose, found.camera_frame, mark.u, mark.v, **at)
-            write_verdict(session, found.verdict, *whose, found.apex_id, verdict, reviewed=reviewed)
+            reopen(session, found.person_id, found.recording_id, found.apex_id)
+        with _counted(session, found, found.frame.frame_index):
+            _write(session, found, said, content, found.mark, found.verdict)
             _change_task(session, found, answered_at=now())
-    progress = progress_of(session, found.person_id, found.detection_id, found.camera_frame.sensor_id)
+    progress = progress_of(session, found.person_id, found.detection_id, found.frame.sensor_id)
     return AnswerView(id=said.id, version=version, verdict=verdict, mark=mark, reviewed=reviewed, progress=progress)
 
 
@@ -73,7 +67,7 @@ def undo(session: Session, found: Subject, said: Undo, lease_s: float) -> Subjec
     Raises:
         Problem: ``nothing_to_undo``, ``answer_id_used``, ``answer_changed``, ``answered_too_often``.
     """
-    last: AnswerRow | None = found.last
+    last = found.last
     if _repeated(session, found, said, {"verdict": None}) is None:
         if last is None or last.verdict is None:
             raise Problem(
@@ -81,34 +75,32 @@ def undo(session: Session, found: Subject, said: Undo, lease_s: float) -> Subjec
             )
         reopen(session, found.person_id, found.recording_id, found.apex_id)
         with _counted(session, found, last.frame_index):
-            _write(session, found, said, {"verdict": None, "u": last.u, "v": last.v})
-            mark = find_mark(session, found.person_id, last.sensor_id, last.frame_index, found.corner)
+            mark = find_mark(session, found.person_id, last.sensor_id, last.frame_index, found.vertex.corner)
             if mark is not None:
-                take_back(session, mark)
+                let_stand(session, mark.id, is_mark=False)
             _restore_verdict(session, found)
+            _write(session, found, said, {"verdict": None, "u": last.u, "v": last.v}, last, None)
             _change_task(session, found, answered_at=None, leased_until=now(lease_s))
     return subjects(session, found.person_id, task_id=found.task_id)[0]
 
 
 def _counted(session: Session, found: Subject, frame_index: int) -> AbstractContextManager[None]:
     is_first = found.mark is None and found.verdict is None
-    whose = (found.person_id, found.camera_frame.sensor_id, frame_index)
-    return counted(session, *whose, found.corner, found.apex_id, is_first=is_first)
+    whose = (found.person_id, found.frame.sensor_id, frame_index)
+    return counted(session, *whose, found.vertex.corner, found.apex_id, is_first=is_first)
 
 
 def _restore_verdict(session: Session, found: Subject) -> None:
-    """The verdict as the person's answer in another camera has it, if there is one; else it is taken back."""
+    """Let the verdict of the person's answer in another camera stand, if there is one; else none."""
     if found.verdict is None:
         return
+    let_stand(session, found.verdict.id, is_verdict=False)
     own = select(AnswerRow).filter_by(person_id=found.person_id, apex_id=found.apex_id).order_by(AnswerRow.version)
-    elsewhere = own.where(AnswerRow.sensor_id != found.camera_frame.sensor_id)
+    elsewhere = own.where(AnswerRow.sensor_id != found.frame.sensor_id)
     last = {row.sensor_id: row for row in session.scalars(elsewhere)}
     standing = sorted((row for row in last.values() if row.verdict), key=lambda row: row.created_at)
     if standing:
-        kept, whose = standing[-1], (found.person_id, found.recording_id, found.apex_id)
-        write_verdict(session, found.verdict, *whose, kept.verdict or "", reviewed=kept.reviewed)
-    else:
-        take_back(session, found.verdict)
+        let_stand(session, standing[-1].id, is_verdict=True)
 
 
 def _repeated(session: Session, found: Subject, said: Answer | Undo, content: Json) -> AnswerRow | None:
@@ -117,14 +109,13 @@ def _repeated(session: Session, found: Subject, said: Answer | Undo, content: Js
     Raises:
         Problem: ``answer_id_used``, ``answer_changed``, ``answered_too_often``.
     """
-    version = found.last.version if found.last else 0
-    if said.version == version:
-        if version >= MOST_ANSWERS:
+    if said.version == own_version(found):
+        if said.version >= MOST_ANSWERS:
             _check_patience(session, found)
         return None
     earlier = session.get(AnswerRow, said.id)
     if earlier is not None:
-        subject = {"person_id": found.person_id, "apex_id": found.apex_id, "sensor_id": found.camera_frame.sensor_id}
+        subject = {"person_id": found.person_id, "apex_id": found.apex_id, "sensor_id": found.frame.sensor_id}
         if all(getattr(earlier, name) == value for name, value in (subject | content).items()):
             return earlier
         raise _id_used(said.id)
@@ -148,14 +139,13 @@ def _id_used(id: UUID) -> Problem:
 
 
 def _in_words(own: Own) -> str:
-    if own.verdict is None:
-        return "you took the answer back"
-    return f"{own.verdict} at ({own.mark.u:g}, {own.mark.v:g})" if own.mark else own.verdict
+    word = own.verdict or "no verdict"
+    return f"{word} at ({own.mark.u:g}, {own.mark.v:g})" if own.mark else word
 
 
 def _check_patience(session: Session, found: Subject) -> None:
     """Refuse more answers; also to take the last one back, which would leave none."""
-    own = {"person_id": found.person_id, "apex_id": found.apex_id, "sensor_id": found.camera_frame.sensor_id}
+    own = {"person_id": found.person_id, "apex_id": found.apex_id, "sensor_id": found.frame.sensor_id}
     if (session.scalar(select(func.count(AnswerRow.verdict)).filter_by(**own)) or 0) >= MOST_ANSWERS:
         raise Problem(
             409,
@@ -165,16 +155,21 @@ def _check_patience(session: Session, found: Subject) -> None:
         )
 
 
-def _write(session: Session, found: Subject, said: Answer | Undo, content: Json) -> None:
+def _write(
+    session: Session,
+    found: Subject,
+    said: Answer | Undo,
+    content: Json,
+    mark: Said | None,
+    verdict: Said | None,
+) -> None:
     whose = {"recording_id": found.recording_id, "person_id": found.person_id, "apex_id": found.apex_id}
-    frame = {"sensor_id": found.camera_frame.sensor_id, "frame_index": found.camera_frame.index}
-    row = {"id": said.id, "version": said.version + 1, "reviewed": bool(found.told), **whose, **frame, **content}
-    answers: Any = AnswerRow.__table__
-    new = upserting(session.get_bind().dialect.name, answers).on_conflict_do_nothing(index_elements=["id"])
-    if session.scalar(new.returning(answers.c.id), row) is None:
+    frame = {"sensor_id": found.frame.sensor_id, "frame_index": found.frame.frame_index}
+    row = {"id": said.id, "version": said.version + 1, "corner": found.vertex.corner, "reviewed": bool(found.told)}
+    if not write_answer(session, row | whose | frame | content, mark, verdict):
         raise _id_used(said.id)
 
 
 def _change_task(session: Session, found: Subject, **columns: Any) -> None:
     task: Any = MarkingTask.__table__
-    session.execute(update(task).where(task.c.id == found.task_id).values(**columns))
+    session.connection().execute(update(task).where(task.c.id == found.task_id).values(**columns))

@@ -1,4 +1,4 @@
-"""Who has answered a vertex, derived from marks and verdicts, not from tasks.
+"""Who has answered a vertex, derived from the marks and verdicts that stand, not from tasks.
 
 A person has answered a vertex for a camera when their verdict on its apex exists and, where that verdict is
 ``confirmed``, their mark in the paired frame too. So answers survive another detection run or another pairing.
@@ -12,12 +12,14 @@ from uuid import UUID
 from sqlalchemy import CTE, ColumnElement, Select, and_, case, exists, func, or_, select
 from sqlalchemy.orm import aliased
 
-from service.platform.db.annotations import Mark, MarkingTask, Verdict
+from service.platform.db.annotations import Answer, MarkingTask
 from service.platform.db.clock import now
 from service.platform.db.detections import Vertex, VertexFrame
 
 # Made once: aliases made anew make every statement a new one, and compiling it takes longer than running it.
-_verdict, _mark = aliased(Verdict), aliased(Mark)
+_verdict, _mark = aliased(Answer), aliased(Answer)
+# What ``answers_of`` joins: the rows whose verdict stands, and those whose mark does.
+VERDICT, MARK = aliased(Answer, name="verdict"), aliased(Answer, name="mark")
 
 
 def has_answered(person: Any, *, decided: bool = False) -> ColumnElement[bool]:
@@ -29,7 +31,7 @@ def has_answered(person: Any, *, decided: bool = False) -> ColumnElement[bool]:
     # SQLAlchemy correlates with the nearest enclosing query by itself, and with none further out.
     return (
         exists()
-        .where(_verdict.apex_id == Vertex.apex_id, _verdict.person_id == person, _is_complete(), *only)
+        .where(is_on_apex(_verdict), _verdict.person_id == person, _is_complete(), *only)
         .correlate_except(_verdict)
     )
 
@@ -39,7 +41,7 @@ def answers_of_others(person_id: Any) -> ColumnElement[int]:
     return (
         select(func.count())
         .select_from(_verdict)
-        .where(_verdict.apex_id == Vertex.apex_id, _verdict.person_id != person_id, _is_complete())
+        .where(is_on_apex(_verdict), _verdict.person_id != person_id, _is_complete())
         .correlate_except(_verdict)
         .scalar_subquery()
     )
@@ -49,9 +51,7 @@ def answers_closing(person: Any, wanted: Any) -> ColumnElement[int]:
     """The number of answers on the enclosing query's ``Vertex``; one of ``person`` counts as ``wanted``."""
     counted = func.sum(case((_verdict.person_id == person, wanted), else_=1))
     answers = select(func.coalesce(counted, 0)).select_from(_verdict)
-    return (
-        answers.where(_verdict.apex_id == Vertex.apex_id, _is_complete()).correlate_except(_verdict).scalar_subquery()
-    )
+    return answers.where(is_on_apex(_verdict), _is_complete()).correlate_except(_verdict).scalar_subquery()
 
 
 def leases_of_others(camera_id: Any, person_id: Any) -> CTE:
@@ -82,10 +82,15 @@ def _is_complete() -> ColumnElement[bool]:
     return or_(_verdict.verdict != "confirmed", marked)
 
 
-def is_paired(mark: Any) -> ColumnElement[bool]:
-    """Whether a mark is of the corner of the enclosing query's ``Vertex``, in the frame of its ``VertexFrame``."""
-    in_frame = and_(mark.sensor_id == VertexFrame.sensor_id, mark.frame_index == VertexFrame.frame_index)
-    return and_(in_frame, mark.corner == Vertex.corner)
+def is_on_apex(answer: Any) -> ColumnElement[bool]:
+    """Whether an answer's verdict is its person's on the apex of the enclosing query's ``Vertex``."""
+    return and_(answer.apex_id == Vertex.apex_id, answer.is_verdict)
+
+
+def is_paired(answer: Any) -> ColumnElement[bool]:
+    """Whether an answer's mark is its person's on the enclosing query's ``Vertex``, in its ``VertexFrame``."""
+    in_frame = and_(answer.sensor_id == VertexFrame.sensor_id, answer.frame_index == VertexFrame.frame_index)
+    return and_(in_frame, answer.corner == Vertex.corner, answer.is_mark)
 
 
 def is_live(task: Any) -> ColumnElement[bool]:
@@ -96,13 +101,13 @@ def is_live(task: Any) -> ColumnElement[bool]:
 def answers_of(detection_id: UUID, sensor_id: UUID, *columns: Any) -> Select[*tuple[Any, ...]]:
     """These columns of every answer on a detection's vertices in one camera, one row an answer.
 
-    Of ``Vertex``, ``VertexFrame``, ``Verdict`` and ``Mark``; the mark's are null where the verdict needs none.
+    Of ``Vertex``, ``VertexFrame``, ``VERDICT`` and ``MARK``; the mark's are null where the verdict needs none.
     """
     return (
         select(*columns)
         .select_from(Vertex)
         .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == sensor_id))
-        .join(Verdict, Verdict.apex_id == Vertex.apex_id)
-        .outerjoin(Mark, and_(is_paired(Mark), Mark.person_id == Verdict.person_id))
-        .where(Vertex.detection_id == detection_id, or_(Verdict.verdict != "confirmed", Mark.id.is_not(None)))
+        .join(VERDICT, is_on_apex(VERDICT))
+        .outerjoin(MARK, and_(is_paired(MARK), MARK.person_id == VERDICT.person_id))
+        .where(Vertex.detection_id == detection_id, or_(VERDICT.verdict != "confirmed", MARK.id.is_not(None)))
     )

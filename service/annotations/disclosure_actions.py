@@ -15,10 +15,10 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, and_, exists, insert, or_, select
 from sqlalchemy.orm import Session, aliased
 
-from service.annotations.answer_queries import answers_of
+from service.annotations.answer_queries import VERDICT, answers_of
 from service.annotations.locks import lock_person
 from service.platform.auth.access import Access
-from service.platform.db.annotations import Answer, Disclosure, Verdict
+from service.platform.db.annotations import Answer, Disclosure
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.clock import utc_now
 from service.platform.db.detections import Detection, Vertex, VertexFrame
@@ -59,7 +59,7 @@ def is_told(person_id: Any, sensor_id: Any, frame_index: Any, corner: Any) -> Co
 def answered_by_others(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[Sight]:
     """What of a detection somebody else has answered in a camera."""
     columns = (VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner)
-    statement = answers_of(detection_id, sensor_id, *columns).where(Verdict.person_id != person_id)
+    statement = answers_of(detection_id, sensor_id, *columns).where(VERDICT.person_id != person_id)
     return {Sight(*row) for row in session.execute(statement.distinct())}
 
 

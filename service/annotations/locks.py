@@ -29,7 +29,7 @@ _RECORDING, _SHARED = _MARKS_WANTED.with_for_update(key_share=True), _MARKS_WANT
 
 def lock_person(session: Session, person_id: UUID) -> datetime:
     """Lock a person's marking until the transaction ends; returns the time by the database's clock."""
-    return session.scalars(_PERSON, {"person": person_id}).one()
+    return session.connection().scalars(_PERSON, {"person": person_id}).one()
 
 
 def lock_recording(session: Session, recording_id: UUID, *, shared: bool = False) -> int:
@@ -37,4 +37,4 @@ def lock_recording(session: Session, recording_id: UUID, *, shared: bool = False
 
     Rows that refer to the recording may still be inserted. ``shared``: others may hand out of it meanwhile.
     """
-    return session.scalars(_SHARED if shared else _RECORDING, {"recording": recording_id}).one()
+    return session.connection().scalars(_SHARED if shared else _RECORDING, {"recording": recording_id}).one()

@@ -15,13 +15,14 @@ from apexcal.documents.roles import Role
 from service.annotations.answer_actions import MOST_ANSWERS
 from service.annotations.disclosure_actions import is_told
 from service.annotations.locks import lock_person
-from service.annotations.mark_actions import find_mark, write_mark
+from service.annotations.mark_actions import check_inside, find_mark, write_answer
 from service.annotations.progress_actions import counted
 from service.annotations.views import mark_view
 from service.detections.queries import find_camera
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
-from service.platform.db.annotations import Answer, Mark
+from service.platform.db.annotations import Answer
 from service.platform.db.detections import Apex
+from service.platform.db.ids import new_id
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.http.etags import Conditional, Conditions, version_etag
 from service.platform.http.problems import Problem
@@ -71,13 +72,16 @@ def put_mark(
     lock_person(session, me)
     mark = find_mark(session, me, sensor.id, frame.index, corner)
     _check_edit(mark, pixel, conditions, request)
-    if mark is None or (mark.u, mark.v) != (pixel.u, pixel.v):
-        _check_no_answer(access, sensor, frame, corner, mark)
-    reviewed = bool(session.scalar(select(is_told(me, sensor.id, frame.index, corner))))
+    if mark is not None and (mark.u, mark.v) == (pixel.u, pixel.v):
+        return _answer(mark_view(mark), conditions)
+    _check_no_answer(access, sensor, frame, corner, mark)
+    check_inside(pixel.u, pixel.v, frame.width, frame.height)
+    row = {"recording_id": recording_id, "person_id": me, "sensor_id": sensor.id, "frame_index": frame.index}
+    row |= {"id": new_id(), "corner": corner, "u": pixel.u, "v": pixel.v, "version": mark.version + 1 if mark else 1}
+    row["reviewed"] = bool(session.scalar(select(is_told(me, sensor.id, frame.index, corner))))
     with counted(session, me, sensor.id, frame.index, corner, None):
-        at = {"corner": corner, "reviewed": reviewed}
-        version = write_mark(session, mark, me, recording_id, frame, pixel.u, pixel.v, **at)
-    return _answer(MarkView(u=pixel.u, v=pixel.v, version=version), conditions)
+        write_answer(session, row, mark, None)
+    return _answer(MarkView(u=pixel.u, v=pixel.v, version=row["version"]), conditions)
 
 
 def _frame(access: Access, recording_id: UUID, camera: str, index: int, role: Role) -> tuple[Sensor, CameraFrame]:
@@ -95,7 +99,7 @@ def _frame(access: Access, recording_id: UUID, camera: str, index: int, role: Ro
 
 
 def _check_no_answer(
-    access: Access, camera: Sensor, frame: CameraFrame, corner: CornerName, mark: Mark | None
+    access: Access, camera: Sensor, frame: CameraFrame, corner: CornerName, mark: Answer | None
 ) -> None:
     own = {"person_id": access.person.id, "sensor_id": camera.id, "frame_index": frame.index}
     of_corner = select(Answer).filter_by(**own).join(Apex, Apex.id == Answer.apex_id).where(Apex.corner == corner)
@@ -116,7 +120,7 @@ def _check_no_answer(
         )
 
 
-def _check_edit(mark: Mark | None, pixel: Pixel, conditions: Conditions, request: Request) -> None:
+def _check_edit(mark: Answer | None, pixel: Pixel, conditions: Conditions, request: Request) -> None:
     if mark is None:
         if "if-match" in request.headers:
             conditions.require('"none"')

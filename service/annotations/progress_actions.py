@@ -17,10 +17,10 @@ from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.marking import Progress
 from apexcal.documents.states import WorkState
-from service.annotations.answer_queries import answers_of, answers_of_others, has_answered
+from service.annotations.answer_queries import VERDICT, answers_of, answers_of_others, has_answered
 from service.detections.views import marked_corners
 from service.platform.auth.access import Access
-from service.platform.db.annotations import MarkingProgress, Verdict
+from service.platform.db.annotations import MarkingProgress
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.recordings import Recording, Sensor
 from service.platform.db.session import Database, upserting
@@ -73,7 +73,7 @@ def counted(
             {"detection_id": detection, "sensor_id": sensor, "person_id": person_id, **change}
             for (detection, sensor), change in sorted(changes.items())
         ]
-        session.execute(_changing(session.get_bind().dialect.name), rows)
+        session.connection().execute(_changing(session.get_bind().dialect.name), rows)
 
 
 def read_progress(access: Access, database: Database, detection: Detection, camera: Sensor) -> Progress:
@@ -110,7 +110,7 @@ def read_progress(access: Access, database: Database, detection: Detection, came
 def progress_of(session: Session, person_id: UUID, detection_id: UUID, sensor_id: UUID) -> Progress | None:
     """Progress as the counters tell it to a person; None where all has to be counted again."""
     names = {"detection": detection_id, "sensor": sensor_id, "person": person_id}
-    *sums, wanted = session.execute(_sums(), names).one()
+    *sums, wanted = session.connection().execute(_sums(), names).one()
     return _progress(*sums) if sums[0] is not None and sums[1] == wanted else None
 
 
@@ -136,7 +136,7 @@ def _touched(
 ) -> list[Any]:
     """Vertices with frames, of all detections, that the mark or the verdict is of; who has answered them."""
     names = {"person": person_id, "sensor": sensor_id, "frame": frame_index, "corner": corner, "apex": apex_id}
-    return list(session.execute(_touched_statement(), names))
+    return list(session.connection().execute(_touched_statement(), names))
 
 
 @cache
@@ -181,7 +181,7 @@ def _count(
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
         .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id, is_asked)
     )
-    rows = session.execute(answers_of(detection.id, camera.id, Vertex.id, Verdict.person_id).where(is_asked)).all()
+    rows = session.execute(answers_of(detection.id, camera.id, Vertex.id, VERDICT.person_id).where(is_asked)).all()
     of_vertex, people = Counter(row[0] for row in rows), Counter(row[1] for row in rows)
     complete = sum(count >= wanted for count in of_vertex.values())
     return (vertices or 0, wanted, len(of_vertex), people[person_id], complete), people

@@ -10,9 +10,9 @@ from sqlalchemy import ColumnElement, Select, and_, case, func, or_, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.marking import OwnPair, PersonAnswers, Tally
-from service.annotations.answer_queries import answers_of, answers_of_others, has_answered
+from service.annotations.answer_queries import MARK, VERDICT, answers_of, answers_of_others, has_answered
 from service.annotations.consensus import Opinion
-from service.platform.db.annotations import Disclosure, Mark, Verdict
+from service.platform.db.annotations import Disclosure
 from service.platform.db.detections import Vertex, VertexFrame
 from service.platform.db.people import Person
 
@@ -24,8 +24,8 @@ def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
     """What people said of a detection's vertices in one camera, in numbers."""
     reviewed = func.sum(case((is_reviewed(), 1), else_=0))
     answers = session.execute(
-        answers_of(detection_id, camera_id, Verdict.person_id, Verdict.verdict, func.count(), reviewed).group_by(
-            Verdict.person_id, Verdict.verdict
+        answers_of(detection_id, camera_id, VERDICT.person_id, VERDICT.verdict, func.count(), reviewed).group_by(
+            VERDICT.person_id, VERDICT.verdict
         )
     ).all()
     verdicts: Counter[str] = Counter()
@@ -48,9 +48,9 @@ def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
 def own_pairs(session: Session, detection_id: UUID, camera_id: UUID, person_id: UUID) -> list[OwnPair]:
     """A person's newest marks with the vertices that they confirmed by them, the oldest first."""
     statement = (
-        answers_of(detection_id, camera_id, Vertex, VertexFrame, Mark)
-        .where(Verdict.person_id == person_id, Verdict.verdict == "confirmed")
-        .order_by(Mark.updated_at.desc(), Mark.id)
+        answers_of(detection_id, camera_id, Vertex, VertexFrame, MARK)
+        .where(VERDICT.person_id == person_id, VERDICT.verdict == "confirmed")
+        .order_by(MARK.created_at.desc(), MARK.id)
         .limit(_MOST_PAIRS)
     )
     return [
@@ -64,7 +64,7 @@ def opinions_of(session: Session, detection_id: UUID, camera_id: UUID) -> dict[U
     """Everybody's opinions on each vertex of a detection, in one camera."""
     opinions: dict[UUID, list[Opinion]] = defaultdict(list)
     statement = answers_of(
-        *(detection_id, camera_id, Vertex.id, Verdict.verdict, Mark.u, Mark.v, is_reviewed(), Verdict.person_id)
+        *(detection_id, camera_id, Vertex.id, VERDICT.verdict, MARK.u, MARK.v, is_reviewed(), VERDICT.person_id)
     )
     for vertex_id, verdict, u, v, reviewed, person in session.execute(statement):
         mark = (u, v) if verdict == "confirmed" else None
@@ -74,7 +74,7 @@ def opinions_of(session: Session, detection_id: UUID, camera_id: UUID) -> dict[U
 
 def is_reviewed() -> ColumnElement[bool]:
     """Whether an answer of :func:`answers_of` was given after something of others' was told to its person."""
-    return or_(Verdict.reviewed, and_(Verdict.verdict == "confirmed", Mark.reviewed))
+    return or_(VERDICT.reviewed, and_(VERDICT.verdict == "confirmed", MARK.reviewed))
 
 
 def visible_answers(
@@ -87,22 +87,22 @@ def visible_answers(
     """
     first_told = (
         select(func.min(Disclosure.told_at))
-        .where(Disclosure.person_id == Verdict.person_id, Disclosure.corner == Vertex.corner)
-        .correlate(Verdict, Vertex, VertexFrame)
+        .where(Disclosure.person_id == VERDICT.person_id, Disclosure.corner == Vertex.corner)
+        .correlate(VERDICT, Vertex, VertexFrame)
     )
     of_frame = first_told.where(
         Disclosure.sensor_id == VertexFrame.sensor_id, Disclosure.frame_index == VertexFrame.frame_index
     ).scalar_subquery()
     of_sweep = first_told.where(
-        Disclosure.recording_id == Verdict.recording_id, Disclosure.sweep_index == Vertex.sweep_index
+        Disclosure.recording_id == VERDICT.recording_id, Disclosure.sweep_index == Vertex.sweep_index
     ).scalar_subquery()
     told_at = case((of_frame < of_sweep, of_frame), else_=func.coalesce(of_sweep, of_frame))
     statement = answers_of(
-        *(detection_id, camera_id, Verdict, Vertex.id, VertexFrame.frame_index, Mark, Person.name),
+        *(detection_id, camera_id, VERDICT, Vertex.id, VertexFrame.frame_index, MARK, Person.name),
         *(is_reviewed(), told_at, Vertex.sweep_index, Vertex.corner),
     )
-    statement = statement.join(Person, Person.id == Verdict.person_id)
+    statement = statement.join(Person, Person.id == VERDICT.person_id)
     if everyone:
         return statement
     is_complete = and_(has_answered(person_id, decided=True), answers_of_others(person_id) >= wanted - 1)
-    return statement.where(or_(Verdict.person_id == person_id, is_complete))
+    return statement.where(or_(VERDICT.person_id == person_id, is_complete))

@@ -21,6 +21,7 @@ from apexcal.documents.marking import (
 )
 from apexcal.documents.roles import rank
 from service.annotations.answer_actions import give, undo
+from service.annotations.answer_queries import VERDICT
 from service.annotations.disclosure_actions import Sight, answered_by_others, tell
 from service.annotations.locks import lock_person
 from service.annotations.progress_actions import read_progress
@@ -30,7 +31,6 @@ from service.annotations.views import Subject, find_subject, mark_view, task_vie
 from service.detections.queries import done_detection, find_camera
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
-from service.platform.db.annotations import Verdict
 from service.platform.db.detections import Detection
 from service.platform.db.recordings import Recording
 from service.platform.http.pages import LongPaging, Page, fetch
@@ -124,7 +124,7 @@ def list_marks(
     everyone = rank(access.role(detection.fleet_id) or "") >= rank("reviewer")
     wanted = access.session.get_one(Recording, detection.recording_id).marks_per_vertex
     statement = visible_answers(detection.id, sensor.id, access.person.id, wanted, everyone=everyone)
-    rows, following = fetch(access.session, statement, Verdict.id, window)
+    rows, following = fetch(access.session, statement, VERDICT.id, window)
     items = [
         GivenMark(
             vertex_id=vertex_id,

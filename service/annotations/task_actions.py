@@ -48,8 +48,8 @@ def next_tasks(
     names = {"detection": detection.id, "person": person_id, "camera": camera.id, "corners": corners}
     passed: list[UUID] = []
     if skip is not None:
-        passed += session.scalars(_giving_back(), names | {"skipped": skip, "clock": clock})
-    leased = [*session.scalars(_held(), names | {"most": 1 + ahead})]
+        passed += session.connection().scalars(_giving_back(), names | {"skipped": skip, "clock": clock})
+    leased = [*session.connection().scalars(_held(), names | {"most": 1 + ahead})]
     if len(leased) < 1 + ahead:
         wanted = lock_recording(session, detection.recording_id, shared=True)
         seeker = Seeker(session, detection.recording_id, names | {"wanted": wanted}, [*passed, *leased])
@@ -62,9 +62,9 @@ def next_tasks(
         common | {"id": new_id(), "vertex_id": vertex_id, "leased_until": until - _APART * index}
         for index, vertex_id in enumerate(leased)
     ]
-    session.execute(_leasing(session.get_bind().dialect.name), rows)
+    session.connection().execute(_leasing(session.get_bind().dialect.name), rows)
     tasks = subjects(session, person_id, vertices=leased, camera_id=camera.id)
-    return sorted(tasks, key=lambda task: leased.index(task.id))
+    return sorted(tasks, key=lambda task: leased.index(task.vertex.id))
 
 
 @cache

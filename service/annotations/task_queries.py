@@ -50,7 +50,7 @@ class Seeker:
         for wait in (False, True):
             while len(taken) < count and (sought := self._lock(count - len(taken), tried, wait=wait)):
                 tried += sought
-                open_now = set(self.session.scalars(_still_open(), self.names | {"sought": sought}))
+                open_now = set(self.session.connection().scalars(_still_open(), self.names | {"sought": sought}))
                 taken += [one for one in sought if one in open_now]
             if taken:
                 break
@@ -62,17 +62,17 @@ class Seeker:
         for is_near in (True, False):
             if len(rows) < count:
                 names = self.names | {"tried": [*tried], "count": count - len(rows)}
-                rows += self.session.execute(_new(is_near=is_near, wait=wait), names)
+                rows += self.session.connection().execute(_new(is_near=is_near, wait=wait), names)
         if rows and rows[0].rank - rows[0].frontier >= _STEP:
             self._advance(rows[0].frontier, rows[0].rank)
         if len(rows) < count:
             names = self.names | {"tried": [*tried, *self.passed], "count": count - len(rows)}
-            rows += self.session.execute(_seen(wait=wait), names)
+            rows += self.session.connection().execute(_seen(wait=wait), names)
         return [row.id for row in rows]
 
     def _advance(self, before: int, open_rank: int) -> None:
         """Move the frontier up to the first vertex that answers have not closed to the person, if that is far."""
-        rank = self.session.scalar(_first_not_closed(), self.names | {"open": open_rank})
+        rank = self.session.connection().scalar(_first_not_closed(), self.names | {"open": open_rank})
         if rank is not None and rank - before >= _STEP:
             names = self.names
             key = {"detection_id": names["detection"], "sensor_id": names["camera"], "person_id": names["person"]}

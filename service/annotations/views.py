@@ -2,31 +2,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from datetime import datetime
 from functools import cache
-from typing import Any
+from itertools import chain, islice
+from typing import Any, NamedTuple
 from urllib.parse import quote
 from uuid import UUID
 
-from sqlalchemy import Row, Select, and_, bindparam, func, select
+from sqlalchemy import Select, and_, bindparam, func, select
 from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.detections import Moved, VertexSummary
 from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskView
-from service.annotations.answer_queries import is_paired
+from service.annotations.answer_queries import is_on_apex, is_paired
 from service.annotations.disclosure_actions import is_told
 from service.detections.views import SUMMARY
 from service.platform.auth.access import Access
-from service.platform.db.annotations import Answer, Mark, MarkingTask, Verdict
+from service.platform.db.annotations import Answer, MarkingTask
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.recordings import CameraFrame, Sensor
 from service.platform.http.problems import not_found
 
-# A task with all that its answer touches: the columns of `_subjects`.
-Subject = Row[*tuple[Any, ...]]
 
-_frame, _mark = aliased(CameraFrame, name="camera_frame"), aliased(Mark, name="mark")
-_verdict, _last, _any = aliased(Verdict, name="verdict"), aliased(Answer, name="last"), aliased(Answer)
+class Said(NamedTuple):
+    """An answer, as far as the next one needs it."""
+
+    id: UUID
+    version: int
+    verdict: str | None
+    u: float | None
+    v: float | None
+    sensor_id: UUID
+    frame_index: int
+
+
+class FrameFacts(NamedTuple):
+    """A camera's frame, as far as a task shows it."""
+
+    frame_index: int
+    sensor_id: UUID
+    stamp_ns: int
+    width: int
+    height: int
+
+
+class Subject(NamedTuple):
+    """A task with all that its answer touches; its person's standing mark and verdict, and their last answer.
+
+    ``told``: something of others' answers was told to the person. ``moved``: the vertex at the frame's time.
+    """
+
+    task_id: UUID
+    detection_id: UUID
+    person_id: UUID
+    leased_until: datetime
+    fleet_id: UUID
+    recording_id: UUID
+    camera: str
+    gap_ns: int
+    told: bool
+    apex_id: UUID
+    frame: FrameFacts
+    mark: Said | None
+    verdict: Said | None
+    last: Said | None
+    moved: Moved | None
+    vertex: VertexSummary
+
+
+_frame, _mark, _verdict = aliased(CameraFrame), aliased(Answer), aliased(Answer)
+_last, _any = aliased(Answer), aliased(Answer)
 
 
 def subjects(
@@ -43,23 +89,45 @@ def subjects(
     ``lock``: nobody else answers on their apexes until the transaction ends.
     """
     names = {"person": person_id, "task": task_id, "vertices": vertices, "camera": camera_id}
-    return [*session.execute(_subjects(of_task=task_id is not None, lock=lock), names)]
+    # Rows of columns by the connection: objects of the session take twice the time of the whole statement.
+    return [*map(_subject, session.connection().execute(_subjects(of_task=task_id is not None, lock=lock), names))]
+
+
+def _subject(row: Sequence[Any]) -> Subject:
+    columns = iter(row)
+    counts = (len(part) for part in _PARTS)
+    facts, frame, *answers, moved, vertex = ([*islice(columns, count)] for count in counts)
+    mark, verdict, last = (Said._make(one) if one[0] is not None else None for one in answers)
+    place = Moved(**dict(zip(Moved.model_fields, moved, strict=True))) if moved[0] is not None else None
+    summary = VertexSummary(**dict(zip(VertexSummary.model_fields, vertex, strict=True)))
+    return Subject._make([*facts, FrameFacts._make(frame), mark, verdict, last, place, summary])
+
+
+def _columns(of: Any, names: Iterable[str]) -> tuple[Any, ...]:
+    return tuple(getattr(of, name) for name in names)
+
+
+_TOLD = is_told(MarkingTask.person_id, VertexFrame.sensor_id, VertexFrame.frame_index, Vertex.corner)
+# What a subject is made of, in the order of its members.
+_PARTS = (
+    (
+        *_columns(MarkingTask, ("id", "detection_id", "person_id", "leased_until")),
+        *(Detection.fleet_id, Sensor.recording_id, Sensor.name, VertexFrame.gap_ns, _TOLD, Vertex.apex_id),
+    ),
+    _columns(_frame, ("index", *FrameFacts._fields[1:])),
+    *(_columns(answer, Said._fields) for answer in (_mark, _verdict, _last)),
+    _columns(VertexFrame, Moved.model_fields),
+    SUMMARY,
+)
 
 
 @cache
 def _subjects(*, of_task: bool, lock: bool) -> Select[*tuple[Any, ...]]:
-    """Tasks with their vertices, frames, and what their persons said; a vertex's columns are those of a summary.
-
-    ``told``: whether something of others' answers was told to the person. ``last``: the last answer of theirs.
-    """
-    person, corner = MarkingTask.person_id, Vertex.corner
-    told = is_told(person, VertexFrame.sensor_id, VertexFrame.frame_index, corner).label("told")
+    """Tasks with their vertices, frames, and what their persons said."""
+    person = MarkingTask.person_id
     newest = select(func.max(_any.version)).where(*_is_own(_any)).correlate_except(_any).scalar_subquery()
     statement = (
-        select(MarkingTask.id.label("task_id"), MarkingTask.detection_id, person, MarkingTask.leased_until)
-        .add_columns(Detection.fleet_id, Sensor.recording_id, Sensor.name.label("camera"), VertexFrame.gap_ns)
-        .add_columns(*(getattr(VertexFrame, name).label(f"moved_{name}") for name in Moved.model_fields))
-        .add_columns(_frame, _mark, _verdict, _last, told, Vertex.apex_id, *SUMMARY)
+        select(*chain.from_iterable(_PARTS))
         .select_from(MarkingTask)
         .join(Detection, Detection.id == MarkingTask.detection_id)
         .join(Vertex, Vertex.id == MarkingTask.vertex_id)
@@ -67,10 +135,9 @@ def _subjects(*, of_task: bool, lock: bool) -> Select[*tuple[Any, ...]]:
         .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == Sensor.id))
         .join(_frame, and_(_frame.sensor_id == Sensor.id, _frame.index == VertexFrame.frame_index))
         .outerjoin(_mark, and_(is_paired(_mark), _mark.person_id == person))
-        .outerjoin(_verdict, and_(_verdict.person_id == person, _verdict.apex_id == Vertex.apex_id))
+        .outerjoin(_verdict, and_(is_on_apex(_verdict), _verdict.person_id == person))
         .outerjoin(_last, and_(*_is_own(_last), _last.version == newest))
         .where(person == bindparam("person"))
-        .execution_options(populate_existing=True)
     )
     if of_task:
         statement = statement.where(MarkingTask.id == bindparam("task"))
@@ -96,30 +163,30 @@ def find_subject(access: Access, task_id: UUID) -> Subject:
     raise not_found()
 
 
-def mark_view(mark: Mark) -> MarkView:
-    """A mark's public members."""
+def mark_view(mark: Answer) -> MarkView:
+    """The mark of an answer that has one."""
+    assert mark.u is not None and mark.v is not None
     return MarkView(u=mark.u, v=mark.v, version=mark.version)
 
 
 def task_view(found: Subject) -> TaskView:
     """A person's task, with all that is needed to judge it and nothing of what others said."""
-    frame, address = found.camera_frame, f"/v1/recordings/{found.recording_id}/cameras/{quote(found.camera, safe='')}"
-    moved = {name: getattr(found, f"moved_{name}") for name in Moved.model_fields}
+    frame, address = found.frame, f"/v1/recordings/{found.recording_id}/cameras/{quote(found.camera, safe='')}"
     return TaskView(
         task_id=found.task_id,
         person_id=found.person_id,
         leased_until=found.leased_until,
-        vertex=VertexSummary.model_validate(found, from_attributes=True),
+        vertex=found.vertex,
         camera=found.camera,
         frame=TaskFrame(
-            index=frame.index,
+            index=frame.frame_index,
             stamp_ns=frame.stamp_ns,
             width=frame.width,
             height=frame.height,
-            url=f"{address}/frames/{frame.index}",
+            url=f"{address}/frames/{frame.frame_index}",
         ),
         gap_ns=found.gap_ns,
-        moved=Moved(**moved) if found.moved_x is not None else None,
+        moved=found.moved,
         predicted=None,
         own=own_answer(found),
     )
@@ -127,15 +194,19 @@ def task_view(found: Subject) -> TaskView:
 
 def own_answer(found: Subject) -> Own:
     """What a person says of a vertex, and where they marked it; also the mark of an answer that they took back."""
-    last: Answer | None = found.last
-    mark: Mark | Answer | None = found.mark
-    if mark is None and last is not None and last.frame_index == found.camera_frame.index:
+    last, mark = found.last, found.mark
+    if mark is None and last is not None and last.frame_index == found.frame.frame_index:
         mark = last
     # Without a version: the verdict of an answer in another camera.
     said = last or found.verdict
     u, v = (mark.u, mark.v) if mark else (None, None)
     return Own(
-        version=last.version if last else 0,
+        version=own_version(found),
         mark=None if u is None or v is None else Pixel(u=u, v=v),
         verdict=said.verdict if said else None,  # pyright: ignore[reportArgumentType] - only verdicts
     )
+
+
+def own_version(found: Subject) -> int:
+    """The version of what a person said last of a vertex, by an answer or by a mark alone; 0 for nothing."""
+    return max(found.last.version if found.last else 0, found.mark.version if found.mark else 0)

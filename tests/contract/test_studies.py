@@ -5,10 +5,10 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from service.platform.db.annotations import Mark, Verdict
+from service.platform.db.annotations import Answer
 from service.platform.db.detections import Apex, Vertex
 from service.platform.db.ids import new_id
-from tests.service.detections.seeding import SECOND, seed_detection, seed_recording, seed_rig
+from tests.service.detections.seeding import SECOND, answered, seed_detection, seed_recording, seed_rig
 from tests.support.work import work
 from workers.solver.clock_offset import OffsetEstimate
 
@@ -43,9 +43,8 @@ def seed_walk(database, fleet_id, person_id, *, moving=True):
             session.add(Apex(id=apex_id, recording_id=recording_id, sweep_index=index, x=x, y=y, z=z))
         session.flush()
         for index, (apex_id, (u, v)) in enumerate(zip(apexes, marks.tolist(), strict=True)):
-            said = {"recording_id": recording_id, "person_id": person_id, "version": 1}
-            session.add(Verdict(apex_id=apex_id, verdict="confirmed", **said))
-            session.add(Mark(sensor_id=camera_id, frame_index=index, u=u, v=v, **said))
+            said = answered(recording_id, person_id, camera_id, index, "confirmed", (u, v))
+            session.add(Answer(apex_id=apex_id, **said))
     return recording_id, seed_detection(database, fleet_id, recording_id, apexes)
 
 

@@ -10,9 +10,9 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.annotations.mark_actions import write_mark
 from service.platform.db.ids import new_id
 from service.platform.db.models import (
+    Answer,
     Blob,
     Calibration,
     CalibrationRun,
@@ -166,9 +166,9 @@ def _recording(session: Session, store: Store, common: dict[str, Any], ledger: L
 def _mark(session: Session, recording: Recording, person: Person, ledger: Ledger) -> None:
     session.flush()
     camera = session.scalars(select(Sensor).where(Sensor.recording_id == recording.id)).one()
-    frame = session.get_one(CameraFrame, (camera.id, 0))
-    version = write_mark(session, None, person.id, recording.id, frame, 10.0, 20.0)
-    ledger.marks[person.id, recording.id, 0] = (10.0, 20.0, version)
+    whose = {"recording_id": recording.id, "person_id": person.id, "sensor_id": camera.id, "frame_index": 0}
+    session.add(Answer(**whose, u=10.0, v=20.0, is_mark=True, version=1))
+    ledger.marks[person.id, recording.id, 0] = (10.0, 20.0, 1)
 
 
 def _done(fleet_id: UUID, kind: str, subject_id: UUID, payload: dict[str, Any]) -> Job:

@@ -16,13 +16,12 @@ import pytest
 from sqlalchemy import delete, update
 
 from service.platform.db.models import (
-    AnnotationRevision,
+    Answer,
     Blob,
     Calibration,
     CalibrationRun,
     Detection,
     Job,
-    Mark,
     Recording,
     Result,
     Sensor,
@@ -67,8 +66,8 @@ def _set(world: World, table: type, **values: object) -> None:
 DEFECTS: dict[str, tuple[str, Callable[[World], object]]] = {
     "an object is gone": ("lost", lambda w: w.store.delete(w.part_key)),
     "a part is gone": ("lost", lambda w: w.session.execute(delete(UploadPart))),
-    "a mark is gone": ("lost", lambda w: w.session.execute(delete(Mark))),
-    "a mark went back": ("lost", lambda w: _set(w, Mark, u=11.0)),
+    "a mark is gone": ("lost", lambda w: w.session.execute(delete(Answer))),
+    "a mark went back": ("lost", lambda w: _set(w, Answer, u=11.0)),
     "a calibration is gone": ("lost", lambda w: w.session.execute(delete(Calibration))),
     "a result is gone": ("lost", lambda w: w.session.execute(delete(Result))),
     "a slot is gone": ("lost", lambda w: w.session.execute(delete(Slot).where(Slot.slot == 1, Slot.iteration == 0))),
@@ -78,7 +77,7 @@ DEFECTS: dict[str, tuple[str, Callable[[World], object]]] = {
     "a vehicle was made twice": ("doubled", lambda w: _again(w, Vehicle)),
     "a job was made twice": ("doubled", lambda w: _again(w, Job)),
     "a slot nobody asked for": ("doubled", lambda w: _set(w, CalibrationRun, iteration=1)),
-    "a revision too many": ("doubled", lambda w: _set(w, AnnotationRevision, version=2)),
+    "a revision too many": ("doubled", lambda w: _set(w, Answer, version=2)),
     "runs counted twice": ("doubled", lambda w: _set(w, Calibration, remaining=-1)),
     "bundles counted twice": ("doubled", lambda w: _set(w, CalibrationRun, remaining=-1)),
     "shards counted twice": ("doubled", lambda w: _set(w, Detection, remaining=-1)),

@@ -39,7 +39,7 @@ _SAME_STATEMENTS = (
     "tests/service/annotations/test_own_pairs.py",
     "tests/service/calibrations/test_weight_rules.py",
     "tests/service/calibrations/test_work_rules.py",
-    "tests/service/correspondence_sets/test_streamed_views.py",
+    "tests/service/pairs/test_streamed_views.py",
     "tests/service/platform/events/",
     "tests/service/recordings/test_presigned_routes.py",
 )

@@ -8,11 +8,11 @@ from typing import Final, NamedTuple
 from uuid import UUID
 
 from sqlalchemy import and_, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.corners import TOP
 from apexcal.documents.pairs import CORNER
-from service.platform.db.annotations import Mark, Verdict
+from service.platform.db.annotations import Answer
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.platform.db.clock import now
@@ -139,20 +139,25 @@ def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
         return []
     corners = columns.get(CORNER, [TOP] * len(columns["x"]))
     number = {of: i for i, of in enumerate(zip(*(columns[name] for name in known), corners, strict=True))}
+    mark, said = aliased(Answer), aliased(Answer)
     rows = session.execute(
-        select(Vertex.time_ns, Vertex.sweep_index, VertexFrame.frame_index, Mark.corner, Person.name, Mark.u, Mark.v)
+        select(Vertex.time_ns, Vertex.sweep_index, VertexFrame.frame_index, mark.corner, Person.name, mark.u, mark.v)
         .select_from(Vertex)
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
         .join(Sensor, and_(Sensor.id == VertexFrame.sensor_id, Sensor.name == pairs.camera))
-        .join(Mark, and_(Mark.sensor_id == Sensor.id, Mark.frame_index == VertexFrame.frame_index))
-        .join(Verdict, and_(Verdict.apex_id == Vertex.apex_id, Verdict.person_id == Mark.person_id))
-        .join(Person, Person.id == Mark.person_id)
-        .where(Vertex.detection_id == pairs.detection_id, Verdict.verdict == "confirmed")
-        .where(Mark.corner == Vertex.corner)
+        .join(mark, and_(mark.sensor_id == Sensor.id, mark.frame_index == VertexFrame.frame_index, mark.is_mark))
+        .join(said, and_(said.apex_id == Vertex.apex_id, said.person_id == mark.person_id, said.is_verdict))
+        .join(Person, Person.id == mark.person_id)
+        .where(Vertex.detection_id == pairs.detection_id, said.verdict == "confirmed")
+        .where(mark.corner == Vertex.corner)
         .order_by(Vertex.time_ns, Person.name)
     )
     found = [(number.get(tuple(of)), name, u, v) for *of, name, u, v in rows]
-    return [PersonMark(pair, name, float(u), float(v)) for pair, name, u, v in found if pair is not None]
+    return [
+        PersonMark(pair, name, u, v)
+        for pair, name, u, v in found
+        if pair is not None and u is not None and v is not None
+    ]
 
 
 def _places(session: Session, material: Material, result: Result) -> Sequence[_Place]:

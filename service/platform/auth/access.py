@@ -28,10 +28,9 @@ from service.platform.auth.origins import check_origin
 from service.platform.auth.secrets import TOKEN_PREFIX, secret_hash
 from service.platform.db.clock import now
 from service.platform.db.fleets import Fleet
-from service.platform.db.ids import new_id
 from service.platform.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person
 from service.platform.db.session import Database
-from service.platform.http.idempotency import RequestKey, kept_answer, of_caller, repeat, request_key, sealed
+from service.platform.http.idempotency import RequestKey, kept_answer, of_caller, repeat, request_key
 from service.platform.http.lookups import Lookups
 from service.platform.http.problems import Problem, not_found
 from service.platform.http.router import Transaction
@@ -175,7 +174,7 @@ class Access:
     def answer(self, body: BaseModel | dict[str, Any], status: int = 201, *, secret: bool = False) -> JSONResponse:
         """The answer of a POST that made something, kept with it where the request has an Idempotency-Key.
 
-        ``secret`` says that the answer holds one: it is then kept sealed with the caller's credential.
+        ``secret`` says that the answer holds one: then only is kept that it was given.
         """
         document: dict[str, Any] = jsonable_encoder(body)
         if self._asked:
@@ -185,17 +184,15 @@ class Access:
 
     def _remember(self, asked: RequestKey, status: int, document: dict[str, Any], *, secret: bool) -> None:
         fleet_id, role = self._took or (None, None)
-        row_id = new_id()
         self.session.add(
             IdempotencyKey(
-                id=row_id,
                 person_id=self.person.id,
                 key=asked.key,
                 request_hash=asked.request_hash,
                 fleet_id=fleet_id,
                 role=role,
                 status=status,
-                body=sealed(row_id, document, self.identity.credential) if secret else document,
+                body=None if secret else document,
             )
         )
 
@@ -209,7 +206,7 @@ class Access:
             return
         if kept.fleet_id is not None:
             self.need(kept.fleet_id, kept.role or "admin")  # pyright: ignore[reportArgumentType] - only roles
-        raise repeat(kept, self.identity.credential)
+        raise repeat(kept)
 
 
 async def identified(request: Request) -> Identity:

@@ -1,4 +1,4 @@
-"""Tables of marks in camera frames, verdicts on vertices, answers and marking tasks."""
+"""Tables of what people say of vertices, what was told to whom, and marking tasks."""
 
 from __future__ import annotations
 
@@ -8,91 +8,47 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.platform.db.base import Base, Corner, Created, Json, RowId, Version, belongs_to, partial_index
+from service.platform.db.base import Base, Corner, Created, RowId, Version, belongs_to, partial_index
 
 
-class Mark(Base):
-    """Where a person sees a corner of the board in one frame of one camera.
+class Answer(Base):
+    """What a person said of a corner of the board in one frame of one camera. Rows are added, and say it for ever.
 
-    (0, 0) is the centre of the top-left pixel. ``reviewed``: it was placed here after something of others' answers
-    had been told to the person.
+    An answer on a task has a ``verdict`` on the apex; with a confirmation ``u`` and ``v``, where (0, 0) is the centre
+    of the top-left pixel. Taken back, it is a row without a verdict. A mark that was set without a task has no apex.
+    The client makes an answer's ``id``: one that is sent twice is one. ``version`` grows with what the person says
+    there. ``reviewed``: something of others' answers had been told to the person before.
+
+    ``is_mark`` and ``is_verdict`` are what changes: which row's pixel is the person's mark of the corner in the frame
+    now, and which row's verdict is theirs on the apex, in all cameras.
     """
 
-    __tablename__ = "mark"
+    __tablename__ = "answer"
     __table_args__ = (
-        UniqueConstraint("person_id", "sensor_id", "frame_index", "corner"),
-        Index("ix_mark_sensor_id_frame_index", "sensor_id", "frame_index"),
+        UniqueConstraint("apex_id", "person_id", "sensor_id", "version"),
+        partial_index(
+            "uq_answer_mark",
+            *("sensor_id", "frame_index", "person_id", "corner"),
+            where="IS_TRUE(is_mark)",
+            unique=True,
+        ),
+        partial_index("uq_answer_verdict", "apex_id", "person_id", where="IS_TRUE(is_verdict)", unique=True),
     )
 
     id: Mapped[RowId]
     recording_id: Mapped[UUID] = belongs_to("recording.id")
-    person_id: Mapped[UUID] = belongs_to("person.id", index=False)
-    sensor_id: Mapped[UUID] = belongs_to("sensor.id", index=False)
-    frame_index: Mapped[int]
-    u: Mapped[float]
-    v: Mapped[float]
-    covariance: Mapped[Json | None]
-    corner: Mapped[Corner]
-    reviewed: Mapped[bool] = mapped_column(insert_default=False)
-    version: Mapped[Version]
-    created_at: Mapped[Created]
-    updated_at: Mapped[Created]
-
-
-class Verdict(Base):
-    """A person's word on a vertex of a sweep: confirmed, rejected or unsure; ``reviewed`` as for a mark."""
-
-    __tablename__ = "verdict"
-    __table_args__ = (UniqueConstraint("apex_id", "person_id"),)
-
-    id: Mapped[RowId]
-    recording_id: Mapped[UUID] = belongs_to("recording.id")
-    apex_id: Mapped[UUID] = belongs_to("apex.id", index=False)
     person_id: Mapped[UUID] = belongs_to("person.id")
-    verdict: Mapped[str] = mapped_column(String(20))
-    reviewed: Mapped[bool] = mapped_column(insert_default=False)
-    version: Mapped[Version]
-    created_at: Mapped[Created]
-    updated_at: Mapped[Created]
-
-
-class AnnotationRevision(Base):
-    """Every state that a mark or a verdict has had, so that nothing said is lost by a correction."""
-
-    __tablename__ = "annotation_revision"
-    __table_args__ = (UniqueConstraint("subject_id", "version"),)
-
-    id: Mapped[RowId]
-    recording_id: Mapped[UUID] = belongs_to("recording.id")
-    person_id: Mapped[UUID] = belongs_to("person.id")
-    subject: Mapped[str] = mapped_column(String(20))
-    subject_id: Mapped[UUID]
-    version: Mapped[int]
-    value: Mapped[Json]
-    created_at: Mapped[Created]
-
-
-class Answer(Base):
-    """An answer of a person on a vertex in one camera, or that they took it back: then it has no verdict.
-
-    The client makes the ``id``: an answer that is sent twice is one. ``version`` counts from 1 for each person, apex
-    and camera; the last one says what the person's mark and verdict are. Rows are never changed.
-    """
-
-    __tablename__ = "answer"
-    __table_args__ = (UniqueConstraint("person_id", "apex_id", "sensor_id", "version"),)
-
-    id: Mapped[RowId]
-    recording_id: Mapped[UUID] = belongs_to("recording.id")
-    person_id: Mapped[UUID] = belongs_to("person.id", index=False)
-    apex_id: Mapped[UUID] = belongs_to("apex.id")
     sensor_id: Mapped[UUID] = belongs_to("sensor.id")
     frame_index: Mapped[int]
-    version: Mapped[int]
+    corner: Mapped[Corner]
+    apex_id: Mapped[UUID | None] = belongs_to("apex.id", nullable=True, index=False)
+    version: Mapped[Version]
     verdict: Mapped[str | None] = mapped_column(String(20))
     u: Mapped[float | None]
     v: Mapped[float | None]
-    reviewed: Mapped[bool]
+    reviewed: Mapped[bool] = mapped_column(insert_default=False)
+    is_mark: Mapped[bool] = mapped_column(insert_default=False)
+    is_verdict: Mapped[bool] = mapped_column(insert_default=False)
     created_at: Mapped[Created]
 
 

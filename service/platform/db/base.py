@@ -78,7 +78,7 @@ class Base(DeclarativeBase):
     }
 
 
-def partial_index(name: str, *columns: str, where: str) -> Index:
+def partial_index(name: str, *columns: str, where: str, unique: bool = False) -> Index:
     """An index of the few rows that match ``where``, however many others there are.
 
     It serves statements that repeat the condition in the same words, with values by :func:`written`: no database
@@ -86,7 +86,7 @@ def partial_index(name: str, *columns: str, where: str) -> Index:
     """
     sqlite = re.sub(r"IS_TRUE\((\w+)\)", r"\1 = 1", where)
     postgresql = re.sub(r"IS_TRUE\((\w+)\)", r"\1", where)
-    return Index(name, *columns, postgresql_where=text(postgresql), sqlite_where=text(sqlite))
+    return Index(name, *columns, unique=unique, postgresql_where=text(postgresql), sqlite_where=text(sqlite))
 
 
 def written(value: str) -> ColumnElement[str]:

@@ -3,14 +3,11 @@
 # pyright: reportUnusedImport=false
 
 from service.platform.db.annotations import (
-    AnnotationRevision,
     Answer,
     Disclosure,
-    Mark,
     MarkingFrontier,
     MarkingProgress,
     MarkingTask,
-    Verdict,
 )
 from service.platform.db.base import Base
 from service.platform.db.calibrations import (

@@ -85,7 +85,8 @@ class ApiToken(Base):
 class IdempotencyKey(Base):
     """The answer that was given to a POST, kept so that a repeated one gets it again.
 
-    ``fleet_id`` and ``role`` are what the POST took: the answer is repeated only to who still has them.
+    ``fleet_id`` and ``role`` are what the POST took: the answer is repeated only to who still has them. There is no
+    ``body`` where it held a secret.
     """
 
     __tablename__ = "idempotency_key"
@@ -98,5 +99,5 @@ class IdempotencyKey(Base):
     fleet_id: Mapped[UUID | None] = belongs_to("fleet.id", nullable=True)
     role: Mapped[str | None] = mapped_column(String(20))
     status: Mapped[int]
-    body: Mapped[Json]
+    body: Mapped[Json | None]
     created_at: Mapped[Created] = mapped_column(index=True)

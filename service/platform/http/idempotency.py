@@ -1,21 +1,16 @@
 """Idempotency-Key: a POST that is sent again gets the answer that it got the first time.
 
-The answer is kept in the transaction that makes the thing, so either both exist or neither. An answer that holds
-a secret is kept sealed with the caller's own credential, which the database does not have.
+The answer is kept in the transaction that makes the thing, so either both exist or neither. Of an answer that holds
+a secret only is kept that it was given.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
-import os
-from base64 import b64decode, b64encode
 from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
 
-from cryptography.exceptions import InvalidTag
-from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 from fastapi import FastAPI, Request
 from fastapi.responses import JSONResponse, Response
 from sqlalchemy import func, select
@@ -24,18 +19,14 @@ from sqlalchemy.orm import Session
 from service.platform.db.people import IdempotencyKey
 from service.platform.http.problems import Problem
 
-# Bytes, as NIST SP 800-38D recommends for GCM.
-_NONCE = 12
-
 
 class Repeated(Exception):  # noqa: N818 - an answer, not an error
     """This request was answered before."""
 
-    def __init__(self, status: int, body: dict[str, Any], *, secret: bool = False) -> None:
+    def __init__(self, status: int, body: dict[str, Any]) -> None:
         super().__init__(status)
         self.status = status
         self.body = body
-        self.secret = secret
 
 
 @dataclass(frozen=True)
@@ -87,36 +78,16 @@ def kept_answer(session: Session, person_id: UUID, asked: RequestKey) -> Idempot
     return kept
 
 
-def repeat(kept: IdempotencyKey, credential: str) -> Repeated:
-    """The kept answer, to be raised; what is sealed opens with the credential that it was made with.
-
-    Raises :class:`Problem` ``answer_not_kept`` where it does not open: a version before this one sealed it otherwise.
-    """
-    if set(kept.body) != {"sealed"}:
+def repeat(kept: IdempotencyKey) -> Repeated:
+    """The kept answer, to be raised. Raises :class:`Problem` ``answer_not_kept`` where it held a secret."""
+    if kept.body is not None:
         return Repeated(kept.status, kept.body)
-    nonce_and_text = b64decode(kept.body["sealed"])
-    try:
-        text = _cipher(kept.id, credential).decrypt(nonce_and_text[:_NONCE], nonce_and_text[_NONCE:], kept.id.bytes)
-    except (InvalidTag, ValueError):
-        raise Problem(
-            409,
-            "answer_not_kept",
-            "This request was done before, and its answer can no longer be opened.",
-            "Send it with a fresh Idempotency-Key, and remove what the first one made.",
-        ) from None
-    return Repeated(kept.status, json.loads(text), secret=True)
-
-
-def sealed(row_id: UUID, body: dict[str, Any], credential: str) -> dict[str, Any]:
-    """An answer's body so that only ``credential`` opens it."""
-    nonce = os.urandom(_NONCE)
-    text = _cipher(row_id, credential).encrypt(nonce, json.dumps(body).encode(), row_id.bytes)
-    return {"sealed": b64encode(nonce + text).decode()}
-
-
-def _cipher(row_id: UUID, credential: str) -> AESGCM:
-    # A credential has 256 random bits, so a hash of it is a key; the row's id makes each row's another one.
-    return AESGCM(hashlib.sha256(row_id.bytes + credential.encode()).digest())
+    raise Problem(
+        409,
+        "answer_not_kept",
+        "This request was done before. Its answer held a secret, which is shown once and not kept.",
+        "If that answer never came, remove what the first request made and send it with a fresh Idempotency-Key.",
+    )
 
 
 def _lock_number(person_id: UUID, key: str) -> int:
@@ -129,5 +100,4 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(Repeated)
     async def on_repeated(request: Request, found: Repeated) -> Response:
-        headers = {"Idempotency-Replayed": "true"} | ({"Cache-Control": "no-store"} if found.secret else {})
-        return JSONResponse(found.body, status_code=found.status, headers=headers)
+        return JSONResponse(found.body, status_code=found.status, headers={"Idempotency-Replayed": "true"})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,13 +13,12 @@ from sqlalchemy.orm import Session
 
 from service.platform.db.base import Base
 from service.platform.db.models import (
-    AnnotationRevision,
+    Answer,
     Calibration,
     CalibrationRun,
     CorrespondenceSet,
     Detection,
     Job,
-    Mark,
     Publication,
     Recording,
     Result,
@@ -129,9 +128,13 @@ def _check_run(session: Session, run: CalibrationRun, found: Findings) -> None:
 
 
 def _check_marks(session: Session, ledger: Ledger, found: Findings) -> None:
-    there = {
-        (mark.person_id, mark.recording_id, mark.frame_index): mark for mark in session.scalars(select(Mark)).all()
-    }
+    versions: dict[tuple[UUID, UUID, int], list[int]] = defaultdict(list)
+    there: dict[tuple[UUID, UUID, int], Answer] = {}
+    for row in session.scalars(select(Answer).order_by(Answer.version)):
+        key = (row.person_id, row.recording_id, row.frame_index)
+        versions[key].append(row.version)
+        if row.is_mark:
+            there[key] = row
     for key, acknowledged in ledger.marks.items():
         mark = there.pop(key, None)
         said = None if mark is None else (mark.u, mark.v, mark.version)
@@ -139,13 +142,8 @@ def _check_marks(session: Session, ledger: Ledger, found: Findings) -> None:
             found.lost.append(f"the mark {key} was acknowledged as {acknowledged} and is {said}")
         if mark is None:
             continue
-        kept = session.scalars(
-            select(AnnotationRevision.version)
-            .where(AnnotationRevision.subject_id == mark.id)
-            .order_by(AnnotationRevision.version)
-        ).all()
-        if list(kept) != list(range(1, mark.version + 1)):
-            found.doubled.append(f"the mark {key} of version {mark.version} has the revisions {kept}")
+        if versions[key] != list(range(1, mark.version + 1)):
+            found.doubled.append(f"the mark {key} of version {mark.version} has the versions {versions[key]}")
     found.doubled += [f"the mark {key} was never acknowledged" for key in there]
 
 

@@ -20,10 +20,10 @@ from sqlalchemy import delete
 
 from service.annotations.consensus import agree
 from service.annotations.progress_queries import opinions_of
-from service.platform.db.annotations import Mark, MarkingProgress
+from service.platform.db.annotations import MarkingProgress
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from tests.service.annotations.test_routes import ask, reply
-from tests.service.detections.seeding import seed_detection, seed_marking
+from tests.service.detections.seeding import seed_detection, seed_marking, standing
 from tests.support.databases import one_database
 
 VERTICES = 3
@@ -127,7 +127,7 @@ class Blindness(RuleBasedStateMachine):
     @invariant()
     def no_mark_after_a_disclosure_is_independent(self):
         with self.api.database.reading() as session:
-            marks = {(mark.person_id, mark.frame_index): mark for mark in session.query(Mark)}
+            marks = {(mark.person_id, mark.frame_index): mark for mark in standing(session, "is_mark")}
             for who, frames in self.after.items():
                 for frame in frames:
                     mark = marks.get((self.people[who].person_id, frame))

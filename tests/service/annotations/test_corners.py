@@ -2,10 +2,9 @@
 
 import pytest
 
-from service.platform.db.annotations import Mark
 from service.platform.db.detections import Apex, Vertex, VertexFrame
 from tests.service.annotations.test_routes import ask, reply
-from tests.service.detections.seeding import seed_detection, seed_marking, vertices_of
+from tests.service.detections.seeding import seed_detection, seed_marking, standing, vertices_of
 
 COVARIANCE = [[1e-6, 0.0, 0.0], [0.0, 4e-6, 0.0], [0.0, 0.0, 1e-4]]
 OFFSETS = {"left": (0.4, -0.4), "right": (-0.4, -0.4), "bottom": (0.0, -0.8)}
@@ -77,7 +76,7 @@ def test_a_frame_stays_until_all_its_corners_are_marked(api, seed):
     names = ["top", "right", "left", "bottom"]
     assert order == [(f, name) for f in (0, 1, 2) for name in names if (f, name) != (1, "left")]
     with api.database.reading() as session:
-        marks = session.query(Mark).filter_by(frame_index=0).all()
+        marks = [mark for mark in standing(session, "is_mark") if mark.frame_index == 0]
         assert {mark.corner: mark.u for mark in marks} == dict(zip(names, (10.0, 11.0, 12.0, 13.0), strict=True))
     own = ada.get(f"/detections/{seed.detection_id}/marks", params={"camera": "front"}).json()["items"]
     assert sorted(one["corner"] for one in own) == sorted(name for _, name in order)

@@ -52,7 +52,7 @@ def test_a_mark_alone_is_no_answer(seed, annotator):
     progress = annotator.get(f"/detections/{seed.detection_id}/progress?camera=front").json()
     assert (progress["answered"], progress["mine"]) == (0, 0)
     task = annotator.post(f"/detections/{seed.detection_id}/tasks/next", {"camera": "front"}).json()
-    assert task["own"] == {"version": 0, "mark": {"u": 1.0, "v": 1.0}, "verdict": None}
+    assert task["own"] == {"version": 1, "mark": {"u": 1.0, "v": 1.0}, "verdict": None}
 
 
 def test_the_mark_of_an_answered_vertex_changes_with_its_answer_only(seed, annotator):

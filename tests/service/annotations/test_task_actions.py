@@ -9,14 +9,13 @@ import pytest
 from sqlalchemy import insert
 
 from service.annotations import task_queries
-from service.annotations.mark_actions import write_mark, write_verdict
 from service.annotations.task_actions import next_tasks
-from service.platform.db.annotations import Mark, MarkingTask, Verdict
+from service.platform.db.annotations import Answer, MarkingTask
 from service.platform.db.clock import now, utc_now
 from service.platform.db.detections import Detection, Vertex
 from service.platform.db.people import Person
 from service.platform.db.recordings import CameraFrame, Sensor
-from tests.service.detections.seeding import seed_marking
+from tests.service.detections.seeding import answered, seed_marking, standing
 from tests.service.platform.jobs.support import make_fleet
 
 LEASE_S = 60.0
@@ -38,14 +37,14 @@ def work_off(database, seed, person_id, failures):
                 detection = session.get_one(Detection, seed.detection_id)
                 camera = session.get_one(Sensor, seed.camera_id)
                 tasks = next_tasks(session, detection, camera, person_id, LEASE_S)
-                vertex_id = tasks[0].id if tasks else None
+                vertex_id = tasks[0].vertex.id if tasks else None
             if vertex_id is None:
                 return
             with database.writing() as session:
                 vertex = session.get_one(Vertex, vertex_id)
                 frame = session.get_one(CameraFrame, (seed.camera_id, vertex.sweep_index))
-                write_mark(session, None, person_id, seed.recording_id, frame, 1.0, 2.0)
-                write_verdict(session, None, person_id, seed.recording_id, vertex.apex_id, "confirmed")
+                said = answered(seed.recording_id, person_id, frame.sensor_id, frame.index, "confirmed", (1.0, 2.0))
+                session.add(Answer(apex_id=vertex.apex_id, **said))
                 session.query(MarkingTask).filter_by(vertex_id=vertex_id, person_id=person_id).update(
                     {"answered_at": now()}
                 )
@@ -65,24 +64,25 @@ def test_people_at_the_same_moment_never_take_more_than_wanted(database, wanted)
         thread.join()
     assert failures == []
     with database.reading() as session:
-        answers = Counter(row.apex_id for row in session.query(Verdict))
-        assert session.query(MarkingTask).count() == session.query(Mark).count() == 15 * wanted
+        answers = Counter(row.apex_id for row in standing(session, "is_verdict"))
+        assert session.query(MarkingTask).count() == len(standing(session, "is_mark")) == 15 * wanted
     assert set(answers.values()) == {wanted}
     assert len(answers) == 15
 
 
-def seed_answers(database, seed, people, answered):
+def seed_answers(database, seed, people, count):
     """Everybody has answered the first vertices."""
-    both = [(person, number) for person in people for number in range(answered)]
-    common = {"recording_id": seed.recording_id, "version": 1}
-    place = {"sensor_id": seed.camera_id, "u": 1.0, "v": 1.0}
+    both = [(person, number) for person in people for number in range(count)]
     task = {"detection_id": seed.detection_id, "sensor_id": seed.camera_id, "leased_until": utc_now()}
     with database.writing() as session:
         session.execute(
-            insert(Verdict),
-            [common | {"person_id": p, "apex_id": seed.apexes[n], "verdict": "confirmed"} for p, n in both],
+            insert(Answer),
+            [
+                answered(seed.recording_id, person, seed.camera_id, number, "confirmed", (1.0, 1.0))
+                | {"apex_id": seed.apexes[number]}
+                for person, number in both
+            ],
         )
-        session.execute(insert(Mark), [common | place | {"person_id": p, "frame_index": n} for p, n in both])
         session.execute(
             insert(MarkingTask),
             [task | {"person_id": p, "vertex_id": seed.vertices[n], "answered_at": utc_now()} for p, n in both],
@@ -100,7 +100,7 @@ def test_handing_out_takes_little_time_near_the_end_of_a_thousand_vertices(datab
             detection = session.get_one(Detection, seed.detection_id)
             camera = session.get_one(Sensor, seed.camera_id)
             (task,) = next_tasks(session, detection, camera, last, LEASE_S)
-            assert task.id == seed.vertices[990 + len(taken)]
+            assert task.vertex.id == seed.vertices[990 + len(taken)]
             session.query(MarkingTask).filter_by(id=task.task_id).update({"leased_until": now(-1)})
         taken.append(time.process_time() - began)
     print(f"hand-out {1e3 * statistics.median(taken):.1f} ms")
@@ -111,7 +111,7 @@ def ask(database, seed, person_id):
     with database.writing() as session:
         detection, camera = session.get_one(Detection, seed.detection_id), session.get_one(Sensor, seed.camera_id)
         tasks = next_tasks(session, detection, camera, person_id, LEASE_S)
-        return tasks[0].id if tasks else None
+        return tasks[0].vertex.id if tasks else None
 
 
 def test_what_another_held_and_gave_back_lies_not_behind_the_frontier(database, monkeypatch):

@@ -4,7 +4,11 @@ from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
 
-from service.platform.db.annotations import Mark, Verdict
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.platform.db.annotations import Answer
+from service.platform.db.base import Json
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.db.ids import new_id
@@ -195,26 +199,30 @@ def seed_marking(database: Database, fleet_id: UUID, vertices: int = 5, marks_pe
 def seed_answer(
     database: Database, seed: Seed, person_id: UUID, number: int, verdict: str, mark: tuple[float, float] | None
 ) -> None:
-    """What a person says of the vertex of this rank, written as rows."""
+    """What a person says of the vertex of this rank, written as a row."""
     with database.writing() as session:
         session.add(
-            Verdict(
-                recording_id=seed.recording_id,
+            Answer(
+                **answered(seed.recording_id, person_id, seed.camera_id, number, verdict, mark),
                 apex_id=seed.apexes[number],
-                person_id=person_id,
-                verdict=verdict,
-                version=1,
             )
         )
-        if mark:
-            session.add(
-                Mark(
-                    recording_id=seed.recording_id,
-                    person_id=person_id,
-                    sensor_id=seed.camera_id,
-                    frame_index=number,
-                    u=mark[0],
-                    v=mark[1],
-                    version=1,
-                )
-            )
+
+
+def answered(
+    recording_id: UUID,
+    person_id: UUID,
+    camera_id: UUID,
+    frame_index: int,
+    verdict: str,
+    mark: tuple[float, float] | None,
+) -> Json:
+    """The columns of a first answer but its apex."""
+    u, v = mark or (None, None)
+    where = {"recording_id": recording_id, "person_id": person_id, "sensor_id": camera_id, "frame_index": frame_index}
+    return where | {"verdict": verdict, "u": u, "v": v, "is_mark": bool(mark), "is_verdict": True}
+
+
+def standing(session: Session, kind: str) -> list[Answer]:
+    """The answers whose mark (``is_mark``) or verdict (``is_verdict``) stands."""
+    return [*session.scalars(select(Answer).where(getattr(Answer, kind)).order_by(Answer.created_at))]

@@ -10,6 +10,7 @@ from sqlalchemy.exc import OperationalError
 from service.platform.db.clock import utc_now
 from service.platform.db.ids import new_id
 from service.platform.db.models import (
+    Answer,
     Apex,
     Base,
     Blob,
@@ -19,7 +20,6 @@ from service.platform.db.models import (
     CorrespondenceSet,
     Detection,
     Job,
-    Mark,
     Publication,
     Recording,
     Result,
@@ -32,7 +32,7 @@ from service.platform.jobs.queue import enqueue
 from service.recordings import retention
 from service.recordings.actions import delete_recording
 from service.recordings.retention import delete_overdue
-from tests.service.detections.seeding import seed_recording, seed_rig
+from tests.service.detections.seeding import answered, seed_recording, seed_rig
 from tests.support.people import Api
 from tests.support.uploads import new_recording, upload
 
@@ -212,7 +212,8 @@ def calibrated(api: Api, engineer, recording: dict) -> Result:
         session.flush()
         vertex = Vertex(id=new_id(), detection_id=detection.id, apex_id=apex.id, rank=0, sweep_index=0, time_ns=0)
         vertex.x, vertex.y, vertex.z, vertex.ring, vertex.points = 1, 0, 0, 3, 1
-        mark = Mark(recording_id=row.id, person_id=engineer.person_id, sensor_id=sensor.id, frame_index=0, u=1, v=2)
+        said = answered(row.id, engineer.person_id, sensor.id, 0, "confirmed", (1.0, 2.0))
+        mark = Answer(apex_id=apex.id, **said)
         pairs = CorrespondenceSet(id=new_id(), **owned, vehicle_id=row.vehicle_id, rig_id=row.rig_id, camera="front")
         pairs.detection_id, pairs.source, pairs.content_hash = detection.id, "annotations", "0"
         pairs.count, pairs.pairs = 0, {}

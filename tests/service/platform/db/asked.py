@@ -13,10 +13,10 @@ from apexcal.documents.fleet_requests import VehicleFilter
 from service.annotations.task_actions import next_tasks
 from service.calibrations.actions import waiting_runs
 from service.calibrations.routes import list_calibrations
-from service.correspondence_sets.routes import list_sets
 from service.fleet_requests.routes import list_request_vehicles
 from service.fleet_requests.vehicle_queries import choose
 from service.fleets.routes import get_vehicles
+from service.pairs.routes import list_sets
 from service.platform.auth.access import Access, Identity
 from service.platform.auth.retention import remove_ended
 from service.platform.db.clock import utc_now

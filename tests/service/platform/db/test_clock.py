@@ -24,7 +24,7 @@ from tests.faults.campaign.shifted import shift
 shift(3 * 86400.0)
 from datetime import UTC, datetime
 from sqlalchemy import select
-from service.correspondence_sets.actions import keep_set
+from service.pairs.actions import keep_set
 from service.platform.db.models import CorrespondenceSet, Fleet
 from service.platform.db.session import Database
 from service.recordings.retention import delete_overdue

@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from service.platform.auth.gate import STRANGER_S, STRANGERS
-from tests.service.correspondence_sets.test_streamed_views import seed_set
+from tests.service.pairs.test_streamed_views import seed_set
 from tests.service.platform.http.conftest import ServedProcess
 from tests.support.people import Api
 

@@ -10,7 +10,7 @@ import io
 import math
 from collections.abc import Iterator
 
-from service.correspondence_sets.pair_files import MAX_PAIRS, Columns, invalid
+from service.pairs.pair_files import MAX_PAIRS, Columns, invalid
 from service.platform.http.problems import Problem
 
 _NAMES = ("LiDAR frame", "camera frame", "x", "y", "z", "u", "v")

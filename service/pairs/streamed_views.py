@@ -12,7 +12,7 @@ from uuid import UUID
 
 from pydantic_core import to_json
 
-from service.correspondence_sets.views import set_view
+from service.pairs.views import set_view
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.session import Database
 from service.platform.http.problems import not_found

@@ -9,9 +9,10 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
+from pydantic_core import from_json
+
 from apexcal.documents.corners import CORNERS
 from apexcal.documents.pairs import CORNER, MARK_SIGMA, REQUIRED, SIGMAS
-from service.correspondence_sets.json_elements import NoDocumentError, elements_of
 from service.platform.db.fleets import RigCamera
 from service.platform.http.problems import Problem
 
@@ -22,6 +23,8 @@ Columns = dict[str, list[Any]]
 MAX_PAIRS = 100_000
 # As many pairs in JSON, with 320 letters each: every member that a pair may have, in all its digits.
 MAX_BYTES = 32 * 1024 * 1024
+# A set made of marks, which may be imported again, has up to 20 members a pair; a document holds its notes besides.
+_MAX_MEMBERS, _MAX_NOTES = 20, 1000
 _INT64 = 2**63
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _HINT = (
@@ -65,10 +68,17 @@ def read_json(body: bytes) -> Columns:
     Raises:
         Problem: 422 ``invalid_pairs``, naming the pair and its member.
     """
+    # 32 MiB of `[{},...` would become gigabytes of objects. Signs within texts count too: names hold few.
+    if body.count(b"{") + body.count(b"[") > MAX_PAIRS + _MAX_NOTES or body.count(b",") > _MAX_MEMBERS * MAX_PAIRS:
+        raise invalid(f"There are more than {MAX_PAIRS} pairs, or more than {_MAX_MEMBERS} members in each.")
     try:
-        return _columns(_rows(elements_of(body, "pairs")), "member")
-    except NoDocumentError as error:
+        document = from_json(body.removeprefix(b"\xef\xbb\xbf"))
+    except ValueError as error:
         raise invalid(f"The body is no JSON that holds pairs: {error}.") from None
+    pairs = document.get("pairs") if isinstance(document, dict) else None
+    if not isinstance(pairs, list):
+        raise invalid('The body is no JSON that holds pairs: it has no list "pairs".')
+    return _columns(_rows(pairs), "member")
 
 
 def _rows(pairs: Iterable[Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.correspondence_sets.label_files import is_labels, read_labels
+from service.pairs.label_files import is_labels, read_labels
 from service.platform.http.problems import Problem
 
 # As the toolbox's fprintf writes it: every number with six digits.

@@ -1,13 +1,16 @@
 """Reading pairs: what is taken, and how what is not is named."""
 
 import json
+import time
+import tracemalloc
 
 import pytest
 
-from service.correspondence_sets.pair_files import read_csv, read_json
+from service.pairs.pair_files import read_csv, read_json
 from service.platform.http.problems import Problem
 
 HEADER = "x,y,z,u,v"
+MIB = 1024 * 1024
 
 
 def refusal(text):
@@ -123,3 +126,27 @@ def test_a_mark_that_claims_to_be_a_thousandth_of_a_pixel_sharp_is_refused():
     with pytest.raises(Problem) as refused:
         read_csv("x,y,z,u,v,sigma_px\n5,0,1,100,100,0.5\n5,1,1,120,100,0.001\n")
     assert "would outweigh all others" in refused.value.detail
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b'{"pairs":[' + b'{"":[]},' * MIB + b"{}]}",
+        b'{"pairs":[{"x":' + b'[{"":[]},' * MIB,
+        b'{"pairs":[{"x":' + b"[" * 8 * MIB,
+        b'{"pairs":[{"x":' + b"9" * 8 * MIB + b"}]}",
+        b'{"a":[' + b'{"":[]},' * MIB + b'{}],"pairs":[]}',
+        b'{"pairs":[{"x":[' + b"1," * 4 * MIB + b"1]}]}",
+        b'{"pairs":[{"x":[' + b"1.23," * (8 * MIB // 5) + b"1]}]}",
+    ],
+    ids=["many", "in one", "deep", "a number", "in another member", "many numbers", "fewer numbers"],
+)  # fmt: skip
+def test_eight_hostile_megabytes_cost_little(body: bytes) -> None:
+    began = time.process_time()
+    tracemalloc.start()
+    with pytest.raises(Problem):
+        read_json(body)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert time.process_time() - began < 2.0
+    assert peak < 100 * MIB, "as many objects as a hundred thousand pairs have"
