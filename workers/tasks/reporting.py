@@ -139,16 +139,18 @@ def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
         return []
     corners = columns.get(CORNER, [TOP] * len(columns["x"]))
     number = {of: i for i, of in enumerate(zip(*(columns[name] for name in known), corners, strict=True))}
-    mark, said = aliased(Answer), aliased(Answer)
+    mark, verdict = aliased(Answer), aliased(Answer)
     rows = session.execute(
         select(Vertex.time_ns, Vertex.sweep_index, VertexFrame.frame_index, mark.corner, Person.name, mark.u, mark.v)
         .select_from(Vertex)
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
         .join(Sensor, and_(Sensor.id == VertexFrame.sensor_id, Sensor.name == pairs.camera))
         .join(mark, and_(mark.sensor_id == Sensor.id, mark.frame_index == VertexFrame.frame_index, mark.is_mark))
-        .join(said, and_(said.apex_id == Vertex.apex_id, said.person_id == mark.person_id, said.is_verdict))
+        .join(
+            verdict, and_(verdict.apex_id == Vertex.apex_id, verdict.person_id == mark.person_id, verdict.is_verdict)
+        )
         .join(Person, Person.id == mark.person_id)
-        .where(Vertex.detection_id == pairs.detection_id, said.verdict == "confirmed")
+        .where(Vertex.detection_id == pairs.detection_id, verdict.verdict == "confirmed")
         .where(mark.corner == Vertex.corner)
         .order_by(Vertex.time_ns, Person.name)
     )
