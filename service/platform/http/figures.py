@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, disable_created_metrics
 
 # A series beside every counter that says when it began: nothing here asks for it.
@@ -34,7 +36,11 @@ class HttpFigures:
             registry=registry,
         )
 
+        # A series is looked up once: each look takes a lock and makes texts of its labels.
+        self._count_of = cache(self._count.labels)
+        self._seconds_of = cache(self._seconds.labels)
+
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count one."""
-        self._count.labels(method if method in _METHODS else "other", route, str(status)).inc()
-        self._seconds.labels(route).observe(seconds)
+        self._count_of(method if method in _METHODS else "other", route, status).inc()
+        self._seconds_of(route).observe(seconds)

@@ -86,6 +86,9 @@ def configure(form: str, level: int = logging.INFO) -> None:
     """Log everything of this process to standard error, as ``json`` or ``text``. Once per process, at its start."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(formatter(form))
+    # No line says where in the code, by which thread it was written (Python's HOWTO, "Optimization").
+    logging._srcfile = None  # pyright: ignore[reportAttributeAccessIssue]
+    logging.logThreads = logging.logMultiprocessing = False
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(level)
