@@ -15,6 +15,7 @@ from uuid import UUID
 
 from pydantic import BaseModel
 
+from apexcal.documents.analyses import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.calibrations import CalibrationView, ProgressView
 from apexcal.documents.copies import CopyView
 from apexcal.documents.detections import DetectionView
@@ -23,7 +24,6 @@ from apexcal.documents.jobs import JobProgress, JobView
 from apexcal.documents.people import Me
 from apexcal.documents.recordings import RecordingSummary, RecordingView
 from apexcal.documents.reports import ReportView
-from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.sweeps import PackingView
 from apexcal.documents.validations import ValidationView
 from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
@@ -132,7 +132,7 @@ class Client:
     @overload
     def wait(self, work: Work, *, on_progress: Listener | None = None, timeout_s: float | None = None) -> Work: ...
     def wait(self, work: Any, *, on_progress: Listener | None = None, timeout_s: float | None = None) -> Any:
-        """Follow a recording, study, detection, calibration, fleet request or job to its end; it as it is then.
+        """Follow a recording, analysis, detection, calibration, fleet request or job to its end; it as it is then.
 
         ``on_progress(fraction, message)`` hears of every change. Raises :class:`FailedError` where the work failed
         or was cancelled, :class:`TooSlowError` after ``timeout_s`` seconds (the work goes on).
@@ -193,13 +193,13 @@ _FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     DetectionView: ("detections", DetectionView, "the detection"),
     FleetRequestView: ("fleet-requests", FleetRequestView, "the fleet request"),
     CalibrationView: ("calibrations", CalibrationView, "the calibration"),
-    CopyView: ("calibrated-copies", CopyView, "the copy of the recording"),
+    CopyView: ("analyses", CopyView, "the copy of the recording"),
     JobView: ("jobs", JobView, "job {0.id} ({0.kind})"),
-    OffsetView: ("clock-offsets", OffsetView, "the clock offset"),
-    PackingView: ("sweep-packings", PackingView, "the packing of the sweeps"),
+    OffsetView: ("analyses", OffsetView, "the clock offset"),
+    PackingView: ("analyses", PackingView, "the packing of the sweeps"),
     ReportView: ("reports", ReportView, "the report"),
-    PreviewView: ("region-previews", PreviewView, "the region preview"),
-    SuggestionView: ("region-suggestions", SuggestionView, "the region suggestion"),
+    PreviewView: ("analyses", PreviewView, "the region preview"),
+    SuggestionView: ("analyses", SuggestionView, "the region suggestion"),
     ValidationView: ("validations", ValidationView, "the validation"),
 }
 

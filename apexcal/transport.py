@@ -67,11 +67,11 @@ class HttpTransport:
         """Close the connections."""
         self._http.close()
 
-    def get(self, path: str, kind: type[M], **query: Any) -> M:
+    def get(self, path: str, kind: type[M], /, **query: Any) -> M:
         """GET a document of this kind. ``None`` values of the query are left out."""
         return read(self.send("GET", path, params=_given(query)), kind)
 
-    def items(self, path: str, kind: type[M], **query: Any) -> Iterator[M]:
+    def items(self, path: str, kind: type[M], /, **query: Any) -> Iterator[M]:
         """Every item of a paged list, page after page."""
         query["limit"] = query.get("limit") or 100
         while True:

@@ -15,6 +15,7 @@ from fastapi.concurrency import run_in_threadpool
 
 import service.job_kinds  # noqa: F401  # known before the first request
 from service import imports_done
+from service.analyses import routes as analyses
 from service.annotations import mark_routes
 from service.annotations import routes as annotations
 from service.calibrations import result_routes
@@ -67,8 +68,6 @@ from service.recordings import frame_routes, original_routes, presigned_routes, 
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
 from service.reports import routes as reports
-from service.studies import copy_routes
-from service.studies import routes as studies
 from service.validations import routes as validations
 
 ROUTERS: tuple[APIRouter, ...] = (
@@ -89,8 +88,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     job_status.router,
     events.router,
     detections.router,
-    studies.router,
-    copy_routes.router,
+    analyses.router,
     mark_routes.router,
     pairs.router,
     result_routes.router,

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from service.analyses import jobs as analyses
 from service.calibration_runs import jobs as calibration_runs
 from service.detections import jobs as detections
 from service.platform.jobs.kinds import register
 from service.recordings import jobs as recordings
 from service.reports import jobs as reports
-from service.studies import jobs as studies
 from service.validations import jobs as validations
 
 KINDS = (
     *recordings.KINDS,
-    *studies.KINDS,
+    *analyses.KINDS,
     *detections.KINDS,
     *calibration_runs.KINDS,
     *reports.KINDS,

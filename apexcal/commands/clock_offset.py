@@ -9,9 +9,9 @@ import typer
 from apexcal.commands.named import check_id, find_camera
 from apexcal.commands.options import CameraOption, check_model
 from apexcal.commands.session import Reply, Session
+from apexcal.documents.analyses import ClockOffset
 from apexcal.documents.camera_models import MODELS
 from apexcal.documents.detections import DetectionView
-from apexcal.documents.studies import ClockOffset
 
 # An offset within so many of its standard deviations is no reason to move anything.
 _CERTAIN = 2.0

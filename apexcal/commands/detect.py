@@ -16,9 +16,9 @@ from apexcal.commands.named import find_recording
 from apexcal.commands.options import ForceOption, RecordingArgument
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.terminal import check_target, usage, write_content
+from apexcal.documents.analyses import SuggestionFacts
 from apexcal.documents.detections import DetectionView, RollFacts
 from apexcal.documents.detectors import DetectorName
-from apexcal.documents.studies import SuggestionFacts
 from apexcal.json_files import parse_document
 from apexcal.regions import parse_region, read_region
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 from uuid import UUID
 
 from pydantic import Field, model_validator
 
+from apexcal.documents.analyses import AnalysisView
 from apexcal.documents.base import Document, Name, Received, Stored
 from apexcal.documents.fleets import CameraName
 from apexcal.documents.publications import CURRENT
-from apexcal.documents.studies import StudyView
 
 
 class CopyRequest(Received):
@@ -24,6 +24,7 @@ class CopyRequest(Received):
     camera and LiDAR part.
     """
 
+    kind: Literal["calibrated_copy"]
     alias: Annotated[str, Field(max_length=64)] = CURRENT
     cameras: Annotated[list[CameraName], Field(default_factory=list, max_length=16)]
     joints: Annotated[dict[CameraName, Name], Field(default_factory=dict, max_length=16)]
@@ -61,9 +62,10 @@ class CopiedFile(Document):
     left_out: int = 0
 
 
-class CopyView(StudyView):
+class CopyView(AnalysisView):
     """A copy of a recording; when it is done, its file can be read. ``results`` are by camera."""
 
+    kind: Literal["calibrated_copy"]
     result: Stored[CopiedFile | None]
     results: dict[str, UUID]
     poses: Stored[list[PutPose]]

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class WorkState(StrEnum):
-    """Of a job, a study, a detection, a calibration and its runs."""
+    """Of a job, an analysis, a detection, a calibration and its runs."""
 
     QUEUED = "queued"
     RUNNING = "running"

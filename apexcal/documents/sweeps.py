@@ -14,10 +14,10 @@ modulo 2^24, folded so that small differences of either sign give small numbers:
 from __future__ import annotations
 
 import struct
-from typing import Final, NamedTuple, Self
+from typing import Final, Literal, NamedTuple, Self
 
-from apexcal.documents.base import Document, Sent, Stored
-from apexcal.documents.studies import StudyView
+from apexcal.documents.analyses import AnalysisView
+from apexcal.documents.base import Document, Received, Sent, Stored
 
 MEDIA_TYPE: Final = "application/vnd.apexcal.sweep+gzip"
 MAGIC: Final = b"APXS"
@@ -77,7 +77,14 @@ class Packing(Document):
     bytes: int
 
 
-class PackingView(StudyView):
+class PackingRequest(Received):
+    """Ask for a recording's sweeps to be packed. A packed recording stays as it is."""
+
+    kind: Literal["packing"]
+
+
+class PackingView(AnalysisView):
     """The packing of a recording's sweeps; when it is done, every sweep can be read."""
 
+    kind: Literal["packing"]
     result: Stored[Packing | None]

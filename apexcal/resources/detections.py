@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from uuid import UUID
 
+from apexcal.documents.analyses import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.corners import CornerName
 from apexcal.documents.detections import DetectionView, VertexView
 from apexcal.documents.detectors import PairingMode
-from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.transport import Resource, at
 
 
@@ -21,19 +21,12 @@ class DetectionRuns(Resource):
 
     def preview(self, recording_id: UUID | str, region: Mapping[str, Any]) -> PreviewView:
         """Ask how many frames and points a region keeps."""
-        return self._http.post(at("recordings", recording_id, "region-previews"), PreviewView, {"region": region})
-
-    def get_preview(self, preview_id: UUID | str) -> PreviewView:
-        """A preview and, when it is done, its ``result``."""
-        return self._http.get(at("region-previews", preview_id), PreviewView)
+        body = {"kind": "preview", "region": region}
+        return self._http.post(at("recordings", recording_id, "analyses"), PreviewView, body)
 
     def suggest(self, recording_id: UUID | str) -> SuggestionView:
         """Ask for a region around what moves; its ``result`` has ``region`` and ``facts``."""
-        return self._http.post(at("recordings", recording_id, "region-suggestions"), SuggestionView, {})
-
-    def get_suggestion(self, suggestion_id: UUID | str) -> SuggestionView:
-        """A suggestion and, when it is done, its ``result``."""
-        return self._http.get(at("region-suggestions", suggestion_id), SuggestionView)
+        return self._http.post(at("recordings", recording_id, "analyses"), SuggestionView, {"kind": "suggestion"})
 
     def estimate_offset(
         self, recording_id: UUID | str, detection_id: UUID | str, camera: str, *, model: str | None = None
@@ -43,16 +36,13 @@ class DetectionRuns(Resource):
         Its ``result`` has ``offset_ns`` and ``sigma_ns``, for ``create(..., offset_ns=...)``; ``model`` is the lens
         that is fitted along.
         """
-        body = {"detection_id": str(detection_id), "camera": camera} | ({"model": model} if model else {})
-        return self._http.post(at("recordings", recording_id, "clock-offsets"), OffsetView, body)
-
-    def get_offset(self, offset_id: UUID | str) -> OffsetView:
-        """A clock offset and, when it is done, its ``result`` and a ``hint`` how to use it."""
-        return self._http.get(at("clock-offsets", offset_id), OffsetView)
+        body = {"kind": "clock_offset", "detection_id": str(detection_id), "camera": camera}
+        body |= {"model": model} if model else {}
+        return self._http.post(at("recordings", recording_id, "analyses"), OffsetView, body)
 
     def offsets(self, recording_id: UUID | str) -> Iterator[OffsetView]:
         """The clock offsets that were estimated of a recording, newest first."""
-        return self._http.items(at("recordings", recording_id, "clock-offsets"), OffsetView)
+        return self._http.items(at("recordings", recording_id, "analyses"), OffsetView, kind="clock_offset")
 
     def ask_corners(self, detection_id: UUID | str, corners: Sequence[CornerName]) -> DetectionView:
         """Have these corners of the board marked, of a finished detection that knows the board's size."""

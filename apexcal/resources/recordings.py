@@ -147,15 +147,11 @@ class Recordings(Resource):
 
     def pack(self, recording_id: UUID | str) -> PackingView:
         """Pack the sweeps of a recording that an older version read; follow it with ``client.wait``."""
-        return self._http.post(at("recordings", recording_id, "sweep-packings"), PackingView)
-
-    def get_packing(self, packing_id: UUID | str) -> PackingView:
-        """A packing and, when it is done, its ``result``."""
-        return self._http.get(at("sweep-packings", packing_id), PackingView)
+        return self._http.post(at("recordings", recording_id, "analyses"), PackingView, {"kind": "packing"})
 
     def packings(self, recording_id: UUID | str) -> Iterator[PackingView]:
         """The packings of a recording's sweeps, newest first: a recording is packed right after it was read."""
-        return self._http.items(at("recordings", recording_id, "sweep-packings"), PackingView)
+        return self._http.items(at("recordings", recording_id, "analyses"), PackingView, kind="packing")
 
     def copy_calibrated(
         self,
@@ -170,22 +166,21 @@ class Recordings(Resource):
         ``joints``: by camera, the frame whose pose is replaced. ``for_viewers``: instead an MCAP file for Foxglove
         and Lichtblick with undistorted frames, of any kind of recording.
         """
-        body: dict[str, Any] = {"cameras": list(cameras), "joints": dict(joints or {})}
-        if for_viewers:
-            body["for_viewers"] = True
-        return self._http.post(at("recordings", recording_id, "calibrated-copies"), CopyView, body)
+        body: dict[str, Any] = {"kind": "calibrated_copy", "cameras": list(cameras), "joints": dict(joints or {})}
+        body["for_viewers"] = for_viewers
+        return self._http.post(at("recordings", recording_id, "analyses"), CopyView, body)
 
     def calibrated_copies(self, recording_id: UUID | str) -> Iterator[CopyView]:
         """The copies of a recording, newest first."""
-        return self._http.items(at("recordings", recording_id, "calibrated-copies"), CopyView)
+        return self._http.items(at("recordings", recording_id, "analyses"), CopyView, kind="calibrated_copy")
 
     def delete_copy(self, copy_id: UUID | str) -> None:
         """Delete a copy with its file."""
-        self._http.delete(at("calibrated-copies", copy_id))
+        self._http.delete(at("analyses", copy_id))
 
     def download_copy(self, copy: CopyView, target: Path) -> None:
         """Write a copy's file to a new file, and compare its digest."""
-        with self._http.stream(at("calibrated-copies", copy.id, "file")) as response:
+        with self._http.stream(at("analyses", copy.id, "file")) as response:
             _write_new(target, response.iter_bytes(1 << 20), copy.result.sha256 if copy.result else "")
 
     def _range(self, path: str, media_type: str) -> bytes:

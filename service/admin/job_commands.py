@@ -81,7 +81,7 @@ def job(
 def requeue(id: Annotated[int, typer.Argument(help="The number of a failed job.", min=1, max=_LARGEST)]) -> None:
     """Start a failed job's work anew.
 
-    The recording, detection, study or run that it was for goes back to where it began, with fresh jobs.
+    The recording, detection, analysis or run that it was for goes back to where it began, with fresh jobs.
     """
     with opened() as service, service.database.writing() as session:
         try:

@@ -17,10 +17,10 @@ from service.annotations.consensus import Consensus, Opinion, Outcome, agree, fa
 from service.annotations.progress_queries import opinions_of
 from service.detections.views import marked_corners
 from service.pairs.pair_files import Columns
+from service.platform.db.analyses import Analysis
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.fleets import RigCamera
 from service.platform.db.recordings import Recording, Sensor
-from service.platform.db.studies import Study
 from service.platform.http.problems import Problem
 
 # A walker's board moves by a millimetre in this time.
@@ -104,16 +104,22 @@ def _numbered(markers: Sequence[Sequence[UUID]]) -> list[list[int]]:
 def _clock_sigma_ms(session: Session, detection: Detection, camera: Sensor) -> float | None:
     """Of the estimate whose offset this detection's pairing used; None if it used none."""
     offset_ns = detection.pairing.get("offset_ns", 0)
-    studies = session.scalars(
-        select(Study)
-        .where(Study.recording_id == detection.recording_id, Study.kind == "clock_offset", Study.result.is_not(None))
-        .order_by(Study.created_at.desc())
+    analyses = session.scalars(
+        select(Analysis)
+        .where(
+            Analysis.recording_id == detection.recording_id,
+            Analysis.kind == "clock_offset",
+            Analysis.result.is_not(None),
+        )
+        .order_by(Analysis.created_at.desc())
     )
     return next(
         (
-            study.result["sigma_ns"] / 1e6
-            for study in studies
-            if study.result and study.result["offset_ns"] == offset_ns and study.asked["camera"] == camera.name
+            analysis.result["sigma_ns"] / 1e6
+            for analysis in analyses
+            if analysis.result
+            and analysis.result["offset_ns"] == offset_ns
+            and analysis.asked["camera"] == camera.name
         ),
         None,
     )

@@ -12,19 +12,19 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import VehicleState
 from service.calibration_runs.fleet_request_actions import drop_calibrations
+from service.platform.db.analyses import Analysis
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.detections import Detection
 from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.recordings import Recording, UploadPart
 from service.platform.db.reports import Report
-from service.platform.db.studies import Study
 from service.platform.db.validations import Validation
 from service.platform.http.problems import Problem
 from service.platform.jobs.queue import abandon
 from service.platform.storage.blobs import condemn
 from service.publications.actions import hold_publications
 from service.publications.queries import aliases_to
-from service.recordings.blob_queries import sensor_keys, study_keys
+from service.recordings.blob_queries import analysis_keys, sensor_keys
 
 
 def delete_recording(session: Session, recording_id: UUID, *, with_published: bool) -> None:
@@ -59,7 +59,7 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     keys = [
         *session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)),
         *sensor_keys(session, recording_id),
-        *study_keys(session, recording_id),
+        *analysis_keys(session, recording_id),
         *_reports(session, calibrations, Report.blob_key),
     ]
     condemn(session, keys)
@@ -88,7 +88,7 @@ def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
     runs = select(CalibrationRun.id).where(CalibrationRun.calibration_id.in_(calibrations))
     return [
         recording_id,
-        *session.scalars(select(Study.id).where(Study.recording_id == recording_id)),
+        *session.scalars(select(Analysis.id).where(Analysis.recording_id == recording_id)),
         *session.scalars(select(Validation.id).where(Validation.recording_id == recording_id)),
         *session.scalars(
             select(Validation.id)

@@ -7,14 +7,14 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.recordings import PackedSweeps, Sensor
-from service.platform.db.studies import Study, StudyFile
 
 
-def study_keys(session: Session, recording_id: UUID) -> list[str]:
-    """The keys of the files that a recording's studies made."""
-    copies = select(StudyFile.blob_key).join(Study, Study.id == StudyFile.study_id)
-    return list(session.scalars(copies.where(Study.recording_id == recording_id)))
+def analysis_keys(session: Session, recording_id: UUID) -> list[str]:
+    """The keys of the files that a recording's analyses made."""
+    copies = select(AnalysisFile.blob_key).join(Analysis, Analysis.id == AnalysisFile.analysis_id)
+    return list(session.scalars(copies.where(Analysis.recording_id == recording_id)))
 
 
 def sensor_keys(session: Session, recording_id: UUID) -> list[str]:

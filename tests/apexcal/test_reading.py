@@ -9,9 +9,9 @@ from apexcal.commands.clock_offset import _outcome
 from apexcal.commands.detect import _board
 from apexcal.commands.detect import _outcome as _detected
 from apexcal.commands.recordings import candidates_of, merged_reading, reading_of
+from apexcal.documents.analyses import ClockOffset
 from apexcal.documents.detections import DetectionCounts, DetectionView, Pairing, SizeSeen
 from apexcal.documents.detectors import sentences_of
-from apexcal.documents.studies import ClockOffset
 
 
 def test_topics_become_the_reading():

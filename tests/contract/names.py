@@ -71,7 +71,7 @@ SAY_NOTHING = frozenset(
 # How often each room may use them. Later changes lower these numbers.
 CEILINGS = {
     "apexcal": 66,
-    "service": 369,
+    "service": 360,
     "service/platform": 139,
     "workers": 22,
     "workers/geometry": 10,

@@ -33,7 +33,7 @@ UNTYPED = {
     "get /v1/recordings/{id}/cameras/{camera}/frames/{index}",
     "get /v1/recordings/{id}/sweeps/{index}",
     "get /v1/recordings/{id}/original",
-    "get /v1/calibrated-copies/{copy_id}/file",
+    "get /v1/analyses/{analysis_id}/file",
     "get /v1/results/{result_id}/report",
     "Provenance.request",
 }

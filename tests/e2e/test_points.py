@@ -12,7 +12,7 @@ from playwright.sync_api import Locator, Page, expect
 from sqlalchemy import delete, select
 
 from apexcal.sweeps import Points, unpack
-from service.platform.db.models import PackedSweep, PackedSweeps, Sensor, Study
+from service.platform.db.models import Analysis, PackedSweep, PackedSweeps, Sensor
 from service.platform.db.session import Database
 from service.platform.storage.blobs import condemn
 from tests.e2e.conftest import Track
@@ -198,5 +198,5 @@ def forget_packing(served: dict[str, Any], recording_id: str) -> None:
         condemn(session, session.scalars(select(PackedSweeps.blob_key).where(PackedSweeps.sensor_id == sensor_id)))
         for table in (PackedSweep, PackedSweeps):
             session.execute(delete(table).where(table.sensor_id == sensor_id))
-        session.execute(delete(Study).where(Study.recording_id == UUID(recording_id)))
+        session.execute(delete(Analysis).where(Analysis.recording_id == UUID(recording_id)))
     database.close()

@@ -9,14 +9,14 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.recordings import Recording, UploadPart
-from service.platform.db.studies import Study
 from service.platform.jobs.claims import Claim, Lease
 from workers.readers.limited import write_limited
+from workers.tasks.analysis_files import keeping, store_file
 from workers.tasks.context import Context
 from workers.tasks.originals import join_parts, reading_limits
-from workers.tasks.study_files import keeping, store_file
 from workers.tasks.viewing import viewer_file
 
 _EDITS = ("lidar_frame", "cameras", "poses")
@@ -25,9 +25,9 @@ _EDITS = ("lidar_frame", "cameras", "poses")
 def calibrated_copy(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
     """Write the file in a limited child, and store it."""
     with context.database.reading() as session:
-        study = session.get_one(Study, held.subject_id)
-        recording = session.get_one(Recording, study.recording_id)
-    asked = study.asked
+        analysis = session.get_one(Analysis, held.subject_id)
+        recording = session.get_one(Recording, analysis.recording_id)
+    asked = analysis.asked
     write_file, ending = (viewer_file, "for-viewers") if asked.get("for_viewers") else (_copy, "calibrated")
     with context.scratch() as folder:
         made = write_file(context, recording, asked, folder, lease)

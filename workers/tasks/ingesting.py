@@ -10,6 +10,7 @@ from typing import Any, cast
 from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import Session
 
+from service.analyses.jobs import queue_packing
 from service.platform.db.base import Json
 from service.platform.db.fleets import RigCamera
 from service.platform.db.models import Rig
@@ -20,7 +21,6 @@ from service.platform.storage.blobs import condemn, keep, reserve
 from service.platform.storage.quota import QuotaExceededError, copied, take
 from service.recordings.blob_queries import sensor_keys
 from service.recordings.jobs import begin_ingestion
-from service.studies.jobs import queue_packing
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError, legible

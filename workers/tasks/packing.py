@@ -9,10 +9,10 @@ from uuid import UUID
 from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
+from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.recordings import PackedSweep, PackedSweeps, Recording, Sensor
 from service.platform.db.repeating import repeated
-from service.platform.db.studies import Study
 from service.platform.jobs.claims import Claim, Lease, require_mine
 from service.platform.storage.blobs import keep, reserve
 from service.platform.storage.quota import QuotaExceededError, counted, take
@@ -26,7 +26,7 @@ from workers.tasks.loading import open_lidar, require_room, watched
 def packing(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
     """Pack all sweeps into one file, unless they are packed already."""
     with context.database.reading() as session:
-        recording_id = session.get_one(Study, held.subject_id).recording_id
+        recording_id = session.get_one(Analysis, held.subject_id).recording_id
         of_recording = Sensor.recording_id == recording_id
         lidar = session.scalars(select(Sensor).where(of_recording, Sensor.kind == "lidar")).one()
         packed = session.get(PackedSweeps, lidar.id) is not None
@@ -94,8 +94,8 @@ def _reserve(context: Context, held: Claim, recording_id: UUID, size: int) -> st
 
 
 def _tell(session: Session, held: Claim) -> None:
-    """Sets the study's result from the rows."""
-    study = session.get_one(Study, held.subject_id)
+    """Sets the analysis's result from the rows."""
+    analysis = session.get_one(Analysis, held.subject_id)
     count, points, size = session.execute(
         select(
             func.count(),
@@ -103,6 +103,6 @@ def _tell(session: Session, held: Claim) -> None:
             func.coalesce(func.sum(PackedSweep.length), 0),
         )
         .join(Sensor, Sensor.id == PackedSweep.sensor_id)
-        .where(Sensor.recording_id == study.recording_id)
+        .where(Sensor.recording_id == analysis.recording_id)
     ).one()
-    study.result = {"sweeps": count, "points": int(points), "bytes": int(size)}
+    analysis.result = {"sweeps": count, "points": int(points), "bytes": int(size)}

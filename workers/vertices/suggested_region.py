@@ -31,7 +31,7 @@ _MOST_POSTS: Final = 16
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """A region document (see `region_document`), and what it rests on (apexcal.documents.studies.SuggestionFacts)."""
+    """A region document (see `region_document`), and what it rests on (``SuggestionFacts`` of the documents)."""
 
     document: Document
     facts: Document

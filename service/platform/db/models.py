@@ -2,6 +2,7 @@
 # ruff: noqa: F401
 # pyright: reportUnusedImport=false
 
+from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.annotations import (
     Answer,
     Disclosure,
@@ -34,5 +35,4 @@ from service.platform.db.recordings import (
     UploadPart,
 )
 from service.platform.db.reports import Report
-from service.platform.db.studies import Study, StudyFile
 from service.platform.db.validations import Validation

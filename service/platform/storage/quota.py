@@ -13,10 +13,10 @@ from uuid import UUID
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.fleets import Fleet
 from service.platform.db.recordings import Blob, PackedSweeps, Recording, Sensor, UploadPart
 from service.platform.db.reports import Report
-from service.platform.db.studies import Study, StudyFile
 
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
 
@@ -110,13 +110,13 @@ def counted(session: Session, recording: Recording, *, besides: int | None) -> i
 
 
 def copied(session: Session, recording_id: UUID) -> int:
-    """Bytes of the files that a recording's studies made."""
+    """Bytes of the files that a recording's analyses made."""
     copies = (
         select(func.sum(Blob.size))
-        .join(StudyFile, StudyFile.blob_key == Blob.key)
-        .join(Study, Study.id == StudyFile.study_id)
+        .join(AnalysisFile, AnalysisFile.blob_key == Blob.key)
+        .join(Analysis, Analysis.id == AnalysisFile.analysis_id)
     )
-    return int(session.scalar(copies.where(Study.recording_id == recording_id)) or 0)
+    return int(session.scalar(copies.where(Analysis.recording_id == recording_id)) or 0)
 
 
 def coming(session: Session, recording: Recording) -> int:

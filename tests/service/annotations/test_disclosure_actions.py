@@ -53,7 +53,7 @@ def everything_readable(person, seed, **ids):
         *(f"{detection}{end}" for end in ("", "/vertices", "/progress?camera=front", "/tally?camera=front")),
         f"{detection}/own-pairs?camera=front",
         *(f"{detection}/marks?camera=front", f"{detection}/marks?camera=front&limit=1"),
-        *(f"{recording}{end}" for end in ("", "/detections", "/clock-offsets", "/cameras/front/frames")),
+        *(f"{recording}{end}" for end in ("", "/detections", "/analyses", "/cameras/front/frames")),
         *(f"{recording}/cameras/front/frames/{index}/mark" for index in range(2)),
         *(f"/vehicles/{seed.vehicle_id}/calibrations", f"/rigs/{seed.rig_id}/correspondence-sets"),
         *(f"/correspondence-sets/{ids['set']}", f"/calibrations/{ids['calibration']}", f"/results/{ids['result']}"),

@@ -8,10 +8,10 @@ from sqlalchemy import select
 
 from apexcal.documents.states import WorkState
 from service.calibrations.pair_rules import common_errors
+from service.platform.db.analyses import Analysis
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.detections import Detection, VertexFrame
 from service.platform.db.recordings import Recording, Sensor
-from service.platform.db.studies import Study
 from tests.service.detections.seeding import (
     Seed,
     seed_answer,
@@ -90,7 +90,7 @@ def test_pairs_state_the_deviation_of_the_clock_offset_that_they_were_made_with(
             ("front", 5, 8),
         ):
             found = {"offset_ns": offset_ns, "sigma_ns": sigma_ns}
-            session.add(Study(**common, asked={"camera": camera}, state=WorkState.DONE, result=found))
+            session.add(Analysis(**common, asked={"camera": camera}, state=WorkState.DONE, result=found))
     made = build(engineer, seed).json()
     pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
     assert [pair["sigma_clock_ms"] for pair in pairs] == [1.1, 1.1]

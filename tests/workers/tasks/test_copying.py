@@ -12,7 +12,7 @@ from sqlalchemy import func, select
 from apexcal.geometry.se3 import from_document
 from service.exports.urdf_tree import read_joints
 from service.imports.drafting import urdf_tree
-from service.platform.db.models import Blob, Fleet, Recording, Study, StudyFile
+from service.platform.db.models import Analysis, AnalysisFile, Blob, Fleet, Recording
 from service.platform.db.recordings import CameraFrame
 from service.platform.db.recordings import Recording as Row
 from service.platform.jobs.sweep import sweep
@@ -49,7 +49,7 @@ def recorded(api, fleet, context: Context, tmp_path):
 
 
 def ask(engineer, recording, **body):
-    return engineer.post(f"/recordings/{recording}/calibrated-copies", body)
+    return engineer.post(f"/recordings/{recording}/analyses", {"kind": "calibrated_copy"} | body)
 
 
 def taken(api, recording) -> tuple[int, int]:
@@ -64,8 +64,8 @@ def test_the_copy_holds_the_published_calibration(api, engineer, recorded, conte
     assert asked.status_code == 202, asked.text
     (pose,) = asked.json()["poses"]
     assert (pose["parent"], pose["child"], pose["is_new"]) == ("base_link", "mount", False)
-    address = f"/calibrated-copies/{asked.json()['id']}"
-    assert engineer.get(f"{address}/file").json()["code"] == "copy_not_ready"
+    address = f"/analyses/{asked.json()['id']}"
+    assert engineer.get(f"{address}/file").json()["code"] == "no_file"
     work(context)
     made = engineer.get(address).json()
     assert made["state"] == "done", made
@@ -87,7 +87,7 @@ def test_the_copy_holds_the_published_calibration(api, engineer, recorded, conte
     assert poses["mount"].quaternion_xyzw == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-12)
     assert poses["velodyne"].translation_m == LIDAR[2] and poses["camera"].translation_m == OPTICAL[2]
     assert taken(api, recorded)[0] == taken(api, recorded)[1]
-    (listed,) = engineer.get(f"/recordings/{recorded}/calibrated-copies").json()["items"]
+    (listed,) = engineer.get(f"/recordings/{recorded}/analyses", params={"kind": "calibrated_copy"}).json()["items"]
     assert listed["id"] == asked.json()["id"]
 
 
@@ -107,16 +107,16 @@ def test_a_deleted_copy_and_a_deleted_recording_leave_nothing(api, engineer, rec
     first, second = (ask(engineer, recorded).json()["id"] for _ in range(2))
     work(context)
     before, _ = taken(api, recorded)
-    assert engineer.delete(f"/calibrated-copies/{first}").status_code == 204
-    assert engineer.get(f"/calibrated-copies/{first}").status_code == 404
+    assert engineer.delete(f"/analyses/{first}").status_code == 204
+    assert engineer.get(f"/analyses/{first}").status_code == 404
     with api.database.reading() as session:
-        size = session.scalar(select(Blob.size).join(StudyFile, StudyFile.blob_key == Blob.key))
+        size = session.scalar(select(Blob.size).join(AnalysisFile, AnalysisFile.blob_key == Blob.key))
     assert taken(api, recorded) == (before - size, before - size)
     deleted = engineer.delete(f"/recordings/{recorded}")
     assert deleted.status_code == 204, deleted.text
     sweep(api.database, context.store)
     with api.database.reading() as session:
-        assert session.scalars(select(Blob)).all() == [] and session.scalars(select(Study)).all() == []
+        assert session.scalars(select(Blob)).all() == [] and session.scalars(select(Analysis)).all() == []
     assert second
 
 
@@ -127,7 +127,7 @@ def test_a_fleet_without_room_hears_why(api, engineer, recorded, context):
         fleet.quota_bytes = before + 10
     asked = ask(engineer, recorded).json()["id"]
     work(context)
-    row = engineer.get(f"/calibrated-copies/{asked}").json()
+    row = engineer.get(f"/analyses/{asked}").json()
     assert (row["state"], row["problem"]["code"]) == ("failed", "fleet_quota_exceeded")
     assert taken(api, recorded)[0] == before
 
@@ -209,13 +209,13 @@ def test_any_recording_has_a_file_for_viewers(api, fleet, engineer, context, tmp
     asked = ask(engineer, recording.id, for_viewers=True)
     assert asked.status_code == 202 and asked.json()["for_viewers"], asked.text
     work(context)
-    made = engineer.get(f"/calibrated-copies/{asked.json()['id']}").json()
+    made = engineer.get(f"/analyses/{asked.json()['id']}").json()
     assert made["state"] == "done", made
     assert made["result"]["file_name"] == "drive-for-viewers.mcap"
     sweeps = made["result"]["copied"] - 4
     assert sweeps >= 4 and made["result"]["left_out"] == 0 and made["result"]["added"] == 3 * 4 + sweeps
     file = tmp_path / "seen.mcap"
-    file.write_bytes(engineer.get(f"/calibrated-copies/{made['id']}/file").content)
+    file.write_bytes(engineer.get(f"/analyses/{made['id']}/file").content)
     with api.database.reading() as session:
         stamps = session.scalars(select(CameraFrame.stamp_ns).order_by(CameraFrame.index)).all()
     assert [at for _, at, _ in messages(file, "/front/raw/image")] == stamps

@@ -7,11 +7,11 @@ import pytest
 from sqlalchemy import func, select
 
 from apexcal.sweeps import unpack
-from service.platform.db.models import Blob, Fleet, PackedSweep, PackedSweeps, Recording, Sensor, Study
+from service.analyses.jobs import queue_packing
+from service.platform.db.models import Analysis, Blob, Fleet, PackedSweep, PackedSweeps, Recording, Sensor
 from service.platform.db.session import Database
 from service.platform.jobs.sweep import sweep
 from service.platform.storage.quota import take
-from service.studies.jobs import queue_packing
 from tests.service.detections.seeding import seed_rig
 from tests.service.platform.jobs.support import make_fleet
 from tests.support.work import work
@@ -34,15 +34,15 @@ def ingested(context: Context, database: Database, tmp_path) -> UUID:
     return recording.id
 
 
-def studies(database: Database) -> list[Study]:
+def analyses(database: Database) -> list[Analysis]:
     with database.reading() as session:
-        return list(session.scalars(select(Study).order_by(Study.created_at, Study.id)))
+        return list(session.scalars(select(Analysis).order_by(Analysis.created_at, Analysis.id)))
 
 
 def test_every_sweep_lies_where_its_row_says(context, database, tmp_path):
     recording_id = ingested(context, database, tmp_path)
-    (study,) = studies(database)
-    assert (study.kind, study.state, study.problem) == ("packing", "done", None)
+    (analysis,) = analyses(database)
+    assert (analysis.kind, analysis.state, analysis.problem) == ("packing", "done", None)
     with database.reading() as session:
         lidar = session.scalars(
             select(Sensor).where(Sensor.recording_id == recording_id, Sensor.kind == "lidar")
@@ -53,7 +53,7 @@ def test_every_sweep_lies_where_its_row_says(context, database, tmp_path):
         assert session.get_one(Recording, recording_id).taken_bytes == sizes
         assert session.get_one(Blob, packed.blob_key).state == "stored"
     whole = b"".join(context.store.stream(packed.blob_key))
-    assert study.result == {"sweeps": 4, "points": sum(row.points for row in rows), "bytes": len(whole)}
+    assert analysis.result == {"sweeps": 4, "points": sum(row.points for row in rows), "bytes": len(whole)}
     with LidarFile(context.store.local_path(lidar.blob_key)) as file:
         assert [row.stamp_ns for row in rows] == file.stamps_ns.tolist()
         for row in rows:
@@ -70,7 +70,7 @@ def test_packing_again_changes_nothing(context, database, tmp_path):
         before = session.scalars(select(PackedSweeps.blob_key)).one()
         queue_packing(session, session.get_one(Recording, recording_id))
     work(context)
-    first, second = studies(database)
+    first, second = analyses(database)
     assert second.state == "done" and second.result == first.result
     with database.reading() as session:
         assert session.scalars(select(PackedSweeps.blob_key)).one() == before
@@ -85,8 +85,8 @@ def test_a_fleet_without_room_keeps_its_recording_and_hears_why(context, databas
 
     monkeypatch.setattr("workers.tasks.packing.take", full)
     recording_id = ingested(context, database, tmp_path)
-    (study,) = studies(database)
-    assert (study.state, study.problem["code"]) == ("failed", "fleet_quota_exceeded")
+    (analysis,) = analyses(database)
+    assert (analysis.state, analysis.problem["code"]) == ("failed", "fleet_quota_exceeded")
     sweep(database, context.store)
     with database.reading() as session:
         row = session.get_one(Recording, recording_id)

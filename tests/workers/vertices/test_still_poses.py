@@ -10,7 +10,7 @@ from apexcal.documents.detectors import DETECTORS
 from apexcal.documents.errors import InputError
 from tests.support.scenes.still import SETTINGS, drive, still_poses
 from tests.workers.vertices.refined_walks import walk
-from workers.tasks.studying import must_move
+from workers.tasks.analysing import must_move
 from workers.vertices import backdrop
 from workers.vertices.detectors import detect_range
 from workers.vertices.pose_detection import fixed_place, one_of

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from apexcal.documents.analyses import SuggestionFacts
 from apexcal.documents.errors import InputError
 from apexcal.documents.simulation import Disturbances
-from apexcal.documents.studies import SuggestionFacts
 from tests.support.scenes.drawn import draw_street
 from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions

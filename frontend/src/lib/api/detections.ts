@@ -1,70 +1,9 @@
-/** Regions of interest, detection runs and their vertices, and the offset between the clocks. */
+/** Detection runs and their vertices. */
 
-import { bodyOf, client, once } from "./http.ts";
+import { client, once } from "./http.ts";
 import type { Corner } from "../corners.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import {
-  isUnderWay,
-  type ClockOffset,
-  type Detection,
-  type DetectionRequest,
-  type RegionNode,
-  type RegionPreview,
-  type RegionSuggestion,
-  type Vertex,
-  type VertexDetails,
-} from "./types.ts";
-
-const POLL_MS = 400;
-
-export const createPreview = (recording_id: string, region: RegionNode): Promise<RegionPreview> =>
-  bodyOf(
-    client.POST("/v1/recordings/{recording_id}/region-previews", {
-      params: { path: { recording_id } },
-      body: { region },
-      ...once(),
-    }),
-  );
-
-export const preview = (id: string): Promise<RegionPreview> =>
-  bodyOf(client.GET("/v1/region-previews/{preview_id}", { params: { path: { preview_id: id } } }));
-
-export const createSuggestion = (recording_id: string): Promise<RegionSuggestion> =>
-  bodyOf(
-    client.POST("/v1/recordings/{recording_id}/region-suggestions", {
-      params: { path: { recording_id } },
-      body: {},
-      ...once(),
-    }),
-  );
-
-export const suggestion = (id: string): Promise<RegionSuggestion> =>
-  bodyOf(client.GET("/v1/region-suggestions/{suggestion_id}", { params: { path: { suggestion_id: id } } }));
-
-export const createOffset = (recording_id: string, detection_id: string, camera: string): Promise<ClockOffset> =>
-  bodyOf(
-    client.POST("/v1/recordings/{recording_id}/clock-offsets", {
-      params: { path: { recording_id } },
-      body: { detection_id, camera },
-      ...once(),
-    }),
-  );
-
-export const offset = (id: string): Promise<ClockOffset> =>
-  bodyOf(client.GET("/v1/clock-offsets/{offset_id}", { params: { path: { offset_id: id } } }));
-
-/** Reads a study until it has ended, and tells of each reading. */
-export async function untilEnded<S extends { id: string; state: string }>(
-  asked: S,
-  read: (id: string) => Promise<S>,
-  tell: (study: S) => void,
-): Promise<S> {
-  for (let study = asked; ; study = await read(study.id)) {
-    tell(study);
-    if (!isUnderWay(study)) return study;
-    await new Promise((resolve) => setTimeout(resolve, POLL_MS));
-  }
-}
+import { isUnderWay, type Detection, type DetectionRequest, type Vertex, type VertexDetails } from "./types.ts";
 
 export const createDetection = (recording_id: string, body: DetectionRequest): Promise<unknown> =>
   client.POST("/v1/recordings/{recording_id}/detections", {

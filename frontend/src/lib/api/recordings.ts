@@ -6,10 +6,8 @@ import {
   isUnderWay,
   type FramePlace,
   type NewRecording,
-  type Packing,
   type Recording,
   type RecordingChange,
-  type RecordingCopy,
   type RecordingSummary,
   type SweepPlace,
   type UploadedParts,
@@ -68,35 +66,4 @@ export const sweeps = (id: string | undefined): Read<SweepPlace[]> =>
 export const frames = (id: string | undefined, camera: string): Read<FramePlace[]> =>
   readAll("/v1/recordings/{id}/cameras/{camera}/frames", { id, camera }, { limit: 5000 }, undefined, 200_000);
 
-/** The packings of a recording's sweeps, the newest first. */
-export const packings = (id: string | undefined): Read<Packing[]> =>
-  readAll(
-    "/v1/recordings/{recording_id}/sweep-packings",
-    { recording_id: id },
-    {},
-    (found) => found.some(isUnderWay),
-    1,
-  );
-
-export const packSweeps = (id: string): Promise<unknown> =>
-  client.POST("/v1/recordings/{recording_id}/sweep-packings", { params: { path: { recording_id: id } }, ...once() });
-
 export const sweepUrl = (id: string, index: number): string => `/v1/recordings/${id}/sweeps/${index}`;
-
-/** The copies of a recording with its calibration, the newest first. */
-export const copies = (id: string): Read<RecordingCopy[]> =>
-  readAll("/v1/recordings/{recording_id}/calibrated-copies", { recording_id: id }, {}, (found) =>
-    found.some(isUnderWay),
-  );
-
-export const makeCopy = (recording_id: string, for_viewers: boolean): Promise<unknown> =>
-  client.POST("/v1/recordings/{recording_id}/calibrated-copies", {
-    params: { path: { recording_id } },
-    body: { for_viewers },
-    ...once(),
-  });
-
-export const deleteCopy = (copy_id: string): Promise<unknown> =>
-  client.DELETE("/v1/calibrated-copies/{copy_id}", { params: { path: { copy_id } } });
-
-export const copyUrl = (id: string): string => `/v1/calibrated-copies/${id}/file`;

@@ -1,6 +1,6 @@
 /** What the service takes and answers, by the names that the pages use. */
 
-import type { components } from "./schema.ts";
+import type { components, paths } from "./schema.ts";
 
 type Schemas = components["schemas"];
 
@@ -43,8 +43,6 @@ export type Sensor = Schemas["SensorView"];
 export type UploadedParts = Schemas["Parts"];
 export type SweepPlace = Schemas["SweepView"];
 export type FramePlace = Schemas["FrameView"];
-export type Packing = Schemas["PackingView"];
-export type RecordingCopy = Schemas["CopyView"];
 export type BlobAddress = Schemas["BlobAddress"];
 
 export type Validations = Schemas["Page_ValidationView_"];
@@ -68,6 +66,9 @@ export type Detection = Schemas["DetectionView"];
 export type PairingMode = NonNullable<Schemas["Pairing"]["mode"]>;
 export type Vertex = Schemas["VertexSummary"];
 export type VertexDetails = Schemas["VertexView"];
+export type Analysis = Schemas["AnalysisPage"]["items"][number];
+export type AnalysisRequest =
+  paths["/v1/recordings/{recording_id}/analyses"]["post"]["requestBody"]["content"]["application/json"];
 export type RegionPreview = Schemas["PreviewView"];
 export type RegionCounts = Schemas["RegionPreview"];
 export type RegionSuggestion = Schemas["SuggestionView"];

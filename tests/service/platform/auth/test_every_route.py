@@ -9,6 +9,7 @@ from apexcal.documents.roles import ROLES
 from service.platform.db.clock import utc_now
 from service.platform.db.ids import new_id
 from service.platform.db.models import (
+    Analysis,
     Apex,
     ApiToken,
     Base,
@@ -28,7 +29,6 @@ from service.platform.db.models import (
     Result,
     Rig,
     Sensor,
-    Study,
     Validation,
     Vehicle,
     Vertex,
@@ -62,8 +62,7 @@ BODIES = {
     "/detections/{detection_id}/correspondence-sets": {"camera": "front"},
     "/rigs/{rig_id}/correspondence-sets": {"pairs": [{"x": 1.0, "y": 0.0, "z": 0.0, "u": 10.0, "v": 10.0}]},
     "/detections": {"region": {"quantity": "x", "op": ">", "value": 0}},
-    "/region-previews": {"region": {"quantity": "x", "op": ">", "value": 0}},
-    "/region-suggestions": {},
+    "/analyses": {"kind": "suggestion"},
     "/fleet-requests": {"vehicles": {}},
     "/validations": {"kind": "pairs", "camera": "front", "set_id": WORTHLESS},
     "/address": {"size": 1, "sha256": "0" * 64},
@@ -154,14 +153,14 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         content_hash="0",
         state="done",
     )
-    preview = Study(
+    preview = Analysis(
         id=new_id(), **owned, kind="preview", asked={"region": {"quantity": "x", "op": ">", "value": 0.0}}
     )
-    suggestion = Study(id=new_id(), **owned, kind="suggestion", asked={})
-    offset = Study(id=new_id(), **owned, kind="clock_offset", detection_id=detection.id)
+    suggestion = Analysis(id=new_id(), **owned, kind="suggestion", asked={})
+    offset = Analysis(id=new_id(), **owned, kind="clock_offset", detection_id=detection.id)
     offset.asked = {"camera": "front", "marks": {"stamp_ns": [], "u": [], "v": []}}
-    packing = Study(id=new_id(), **owned, kind="packing", asked={})
-    copy = Study(id=new_id(), **owned, kind="calibrated_copy", asked={"results": {}, "poses": []})
+    packing = Analysis(id=new_id(), **owned, kind="packing", asked={})
+    copy = Analysis(id=new_id(), **owned, kind="calibrated_copy", asked={"results": {}, "poses": []})
     apex = Apex(id=new_id(), recording_id=recording.id, sweep_index=0, x=1, y=0, z=0)
     vertex = Vertex(
         id=new_id(), detection_id=detection.id, apex_id=apex.id, rank=0, sweep_index=0, time_ns=0, x=1, y=0, z=0
@@ -228,11 +227,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         session.flush()
     return {
         "detections": detection.id,
-        "region-previews": preview.id,
-        "region-suggestions": suggestion.id,
-        "clock-offsets": offset.id,
-        "sweep-packings": packing.id,
-        "calibrated-copies": copy.id,
+        "analyses": copy.id,
         "vertices": vertex.id,
         "correspondence-sets": pairs.id,
         "calibrations": calibration.id,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from service.studies.viewer_plan import viewer_file
+from service.analyses.viewer_plan import viewer_file
 from tests.service.exports.rigs import HEIGHT, LENSES, WIDTH, ours, rig_of, seen
 from tests.workers.readers.making_recordings import START_NS, clouds, images, interleaved, write_bag
 from tests.workers.readers.viewing.reading_viewer_files import chain, distorted, messages, rectified, stamp_ns

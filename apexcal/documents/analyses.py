@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated
+from typing import Annotated, Literal
 from uuid import UUID
 
 from pydantic import Field
@@ -17,16 +17,20 @@ from apexcal.documents.states import WorkState
 class PreviewRequest(Received):
     """Ask what a region keeps."""
 
+    kind: Literal["preview"]
     region: Region
 
 
 class SuggestionRequest(Received):
-    """Ask for a region computed from what moves against the still background; there is nothing to say."""
+    """Ask for a region computed from what moves against the still background."""
+
+    kind: Literal["suggestion"]
 
 
 class OffsetRequest(Received):
     """Ask how far the camera's clock is from the LiDAR's, by a detection's vertices and their marks."""
 
+    kind: Literal["clock_offset"]
     detection_id: UUID
     camera: Annotated[str, Field(max_length=200)]
     model: Annotated[str, Field(max_length=50, description="the camera model that is fitted with the offset")] = (
@@ -34,8 +38,8 @@ class OffsetRequest(Received):
     )
 
 
-class StudyView(Sent):
-    """What all of these have: ``result`` is there when it is done, ``problem`` when it failed."""
+class AnalysisView(Sent):
+    """What all kinds have: ``result`` is there when it is done, ``problem`` when it failed."""
 
     id: UUID
     recording_id: UUID
@@ -68,9 +72,10 @@ class RegionPreview(Document):
     per_ring: list[RingCount]
 
 
-class PreviewView(StudyView):
+class PreviewView(AnalysisView):
     """What a region keeps."""
 
+    kind: Literal["preview"]
     region: KeptRegion
     result: Stored[RegionPreview | None]
 
@@ -103,9 +108,10 @@ class SuggestedRegion(Document):
     facts: SuggestionFacts
 
 
-class SuggestionView(StudyView):
+class SuggestionView(AnalysisView):
     """A suggested region."""
 
+    kind: Literal["suggestion"]
     result: Stored[SuggestedRegion | None]
 
 
@@ -126,9 +132,10 @@ class ClockOffset(Document):
     message: str
 
 
-class OffsetView(StudyView):
+class OffsetView(AnalysisView):
     """A clock offset; ``hint`` says how to use it."""
 
+    kind: Literal["clock_offset"]
     result: Stored[ClockOffset | None]
     detection_id: UUID
     camera: str

@@ -1,4 +1,4 @@
-"""Studies of a recording: what a region keeps, which region to take, how the two clocks differ."""
+"""Analyses of a recording: what a region keeps, which region to take, how the two clocks differ."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from sqlalchemy.orm import Session
 from apexcal.documents.corners import TOP
 from apexcal.documents.errors import InputError
 from apexcal.documents.fit_requests import FitRequest
+from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex
-from service.platform.db.studies import Study
 from service.platform.jobs.claims import Claim, Lease
 from workers.solver.clock_offset import estimate_offset
 from workers.tasks.context import Context
@@ -45,8 +45,8 @@ def preview(context: Context, held: Claim, lease: Lease) -> Callable[[Session], 
 def suggestion(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
     """A region around what moves."""
     with context.database.reading() as session:
-        study = session.get_one(Study, held.subject_id)
-        key, still = lidar_key(session, study.recording_id), said_still(session, study.recording_id)
+        analysis = session.get_one(Analysis, held.subject_id)
+        key, still = lidar_key(session, analysis.recording_id), said_still(session, analysis.recording_id)
     calls = count(1)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
         # Each of the sweeps that it looks at is read twice.
@@ -63,19 +63,19 @@ def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Sessi
     """The offset between the clocks, from a detection's vertices and what people marked."""
     lease.report(0.0, "fitting the camera and its clock")
     with context.database.reading() as session:
-        study = session.get_one(Study, held.subject_id)
-        vertices = _vertices(session, study.detection_id)
-        poses = said_still(session, study.recording_id) or bool(
-            session.get_one(Detection, study.detection_id).counts.get("poses")
+        analysis = session.get_one(Analysis, held.subject_id)
+        vertices = _vertices(session, analysis.detection_id)
+        poses = said_still(session, analysis.recording_id) or bool(
+            session.get_one(Detection, analysis.detection_id).counts.get("poses")
         )
-        paired_under_ns = session.get_one(Detection, study.detection_id).pairing["offset_ns"]
+        paired_under_ns = session.get_one(Detection, analysis.detection_id).pairing["offset_ns"]
     must_move(vertices, poses)
-    marks = study.asked["marks"]
+    marks = analysis.asked["marks"]
     estimate = estimate_offset(
         Track.of(vertices),
         np.array(marks["stamp_ns"], np.int64),
         np.column_stack([marks["u"], marks["v"]]).astype(np.float64),
-        FitRequest.model_validate(study.asked["problem"]),
+        FitRequest.model_validate(analysis.asked["problem"]),
         stop=lease,
         about_ns=paired_under_ns,  # marks exist only on frames that were paired under it
     )
@@ -93,10 +93,10 @@ def must_move(vertices: Sequence[Found], poses: bool) -> None:
 
 
 def _asked(context: Context, held: Claim) -> tuple[Json, str]:
-    """What a study asks, and where its recording's LiDAR is."""
+    """What an analysis asks, and where its recording's LiDAR is."""
     with context.database.reading() as session:
-        study = session.get_one(Study, held.subject_id)
-        return study.asked, lidar_key(session, study.recording_id)
+        analysis = session.get_one(Analysis, held.subject_id)
+        return analysis.asked, lidar_key(session, analysis.recording_id)
 
 
 def _vertices(session: Session, detection_id: UUID | None) -> list[Found]:
@@ -127,6 +127,6 @@ def _covariance(lines: list[list[float]] | None) -> Covariance | None:
 
 def _writing(held: Claim, result: dict[str, Any]) -> Callable[[Session], None]:
     def write(session: Session) -> None:
-        session.get_one(Study, held.subject_id).result = result
+        session.get_one(Analysis, held.subject_id).result = result
 
     return write

@@ -1,4 +1,4 @@
-"""Files that studies make: stored below their recording, and counted to the fleet's quota."""
+"""Files that analyses make: stored below their recording, and counted to the fleet's quota."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from uuid import UUID
 
 from sqlalchemy.orm import Session
 
+from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.base import Json
 from service.platform.db.recordings import Recording
 from service.platform.db.repeating import repeated
-from service.platform.db.studies import Study, StudyFile
 from service.platform.jobs.claims import Claim, require_mine
 from service.platform.storage.blobs import keep, reserve
 from service.platform.storage.quota import QuotaExceededError, counted, take
@@ -49,15 +49,15 @@ def store_file(context: Context, held: Claim, recording_id: UUID, file: Path, fo
 
 
 def keeping(held: Claim, recording_id: UUID, file: StoredFile, name: str, told: Json) -> Callable[[Session], None]:
-    """What ends the study with its file, called ``name``; ``told`` stands beside it in the result."""
+    """What ends the analysis with its file, called ``name``; ``told`` stands beside it in the result."""
 
     def write(session: Session) -> None:
         row = session.get_one(Recording, recording_id, with_for_update=True)
         keep(session, file.key, size=file.size, sha256=file.sha256)
-        session.add(StudyFile(study_id=held.subject_id, blob_key=file.key, file_name=name))
+        session.add(AnalysisFile(analysis_id=held.subject_id, blob_key=file.key, file_name=name))
         session.flush()
         row.taken_bytes = counted(session, row, besides=held.job_id)
-        session.get_one(Study, held.subject_id).result = {
+        session.get_one(Analysis, held.subject_id).result = {
             "file_name": name,
             "size": file.size,
             "sha256": file.sha256,

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.copies import CopyRequest
 from apexcal.geometry.se3 import SE3
+from service.analyses.copy_plan import frame_of, recorded_cameras
 from service.exports.calibrated import CalibratedCamera
 from service.exports.numbers import numbers
 from service.platform.db.base import Json
@@ -16,7 +17,6 @@ from service.platform.db.fleets import Vehicle
 from service.platform.db.recordings import Recording
 from service.publications.camera_queries import published_cameras
 from service.publications.selection import Selection
-from service.studies.copy_plan import frame_of, recorded_cameras
 
 
 def plan_viewer_file(session: Session, recording: Recording, wanted: CopyRequest) -> Json:

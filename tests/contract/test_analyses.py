@@ -1,4 +1,4 @@
-"""What the service writes down of a study is what the workers answer."""
+"""What the service writes down of an analysis is what the workers answer."""
 
 from dataclasses import fields
 
@@ -56,12 +56,12 @@ def test_the_offset_between_the_clocks_is_found_from_a_walk_and_its_marks(api, c
     with api.database.reading() as session:
         assert session.query(Vertex).count() == FRAMES
     asked = engineer.post(
-        f"/recordings/{recording_id}/clock-offsets",
-        {"detection_id": str(detection_id), "camera": "front", "model": "pinhole"},
+        f"/recordings/{recording_id}/analyses",
+        {"kind": "clock_offset", "detection_id": str(detection_id), "camera": "front", "model": "pinhole"},
     )
     assert asked.status_code == 202, asked.text
     work(context)
-    done = engineer.get(f"/clock-offsets/{asked.json()['id']}").json()
+    done = engineer.get(f"/analyses/{asked.json()['id']}").json()
     assert (done["state"], done["problem"]) == ("done", None)
     assert set(done["result"]) == {field.name for field in fields(OffsetEstimate)}
     off = abs(done["result"]["offset_ns"] / SECOND - OFFSET_S)
@@ -75,11 +75,11 @@ def test_who_stands_still_is_told_that_nothing_can_be_told(api, context):
     engineer = api.member(fleet, "engineer")
     recording_id, detection_id = seed_walk(api.database, fleet, engineer.person_id, moving=False)
     asked = engineer.post(
-        f"/recordings/{recording_id}/clock-offsets",
-        {"detection_id": str(detection_id), "camera": "front", "model": "pinhole"},
+        f"/recordings/{recording_id}/analyses",
+        {"kind": "clock_offset", "detection_id": str(detection_id), "camera": "front", "model": "pinhole"},
     ).json()
     work(context)
-    failed = engineer.get(f"/clock-offsets/{asked['id']}").json()
+    failed = engineer.get(f"/analyses/{asked['id']}").json()
     assert (failed["state"], failed["result"], failed["hint"]) == ("failed", None, None)
     assert failed["problem"]["code"] == "offset_not_determined"
     assert failed["problem"]["detail"] and failed["problem"]["hint"]

@@ -1,4 +1,4 @@
-"""Jobs that answer a study: one for each."""
+"""Jobs that answer an analysis: one for each."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
 from service.platform.broker.hints import hint
+from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Recording
-from service.platform.db.studies import Study
 from service.platform.jobs.kinds import Kind, failed_subject
 from service.platform.jobs.queue import enqueue
 from service.platform.storage.quota import counted
@@ -21,23 +21,23 @@ from service.platform.storage.quota import counted
 _WRITING = ("packing", "calibrated_copy")
 
 
-def queue_study(session: Session, row: Study) -> Job:
-    """Queue the one job of a study whose row is there."""
+def queue_analysis(session: Session, row: Analysis) -> Job:
+    """Queue the one job of an analysis whose row is there."""
     job = enqueue(session, kind=row.kind, fleet_id=row.fleet_id, subject_id=row.id)
     row.state, row.problem, row.job_id = WorkState.QUEUED, None, job.id
     return job
 
 
-def queue_packing(session: Session, recording: Recording) -> tuple[Study, Job]:
+def queue_packing(session: Session, recording: Recording) -> tuple[Analysis, Job]:
     """Ask for a recording's sweeps to be packed."""
-    row = Study(fleet_id=recording.fleet_id, recording_id=recording.id, kind="packing", asked={})
+    row = Analysis(fleet_id=recording.fleet_id, recording_id=recording.id, kind="packing", asked={})
     session.add(row)
     session.flush()
-    return row, queue_study(session, row)
+    return row, queue_analysis(session, row)
 
 
-def _end(session: Session, study_id: UUID, state: WorkState, problem: Json | None) -> None:
-    row = session.get(Study, study_id)
+def _end(session: Session, analysis_id: UUID, state: WorkState, problem: Json | None) -> None:
+    row = session.get(Analysis, analysis_id)
     if row is None:
         return
     row.state, row.problem = state, problem
@@ -49,13 +49,13 @@ def _end(session: Session, study_id: UUID, state: WorkState, problem: Json | Non
 
 
 def _retry(session: Session, job: Job) -> Sequence[Job]:
-    row = failed_subject(session, job, Study, "study")
+    row = failed_subject(session, job, Analysis, "analysis")
     hint(session, row.fleet_id, "recording", row.recording_id)
-    return [queue_study(session, row)]
+    return [queue_analysis(session, row)]
 
 
 KINDS = tuple(
-    Kind(name, queue, _end, _retry, shown_by=Study.job_id)
+    Kind(name, queue, _end, _retry, shown_by=Analysis.job_id)
     for name, queue in (
         ("preview", "detect"),
         ("suggestion", "detect"),

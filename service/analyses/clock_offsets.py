@@ -1,30 +1,61 @@
-"""Inputs of a clock-offset estimate: the agreed marks, and the camera's rough mount."""
+"""Clock offsets: estimated from the agreed marks and the camera's rough mount, with a hint how to use them."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.analyses import OffsetRequest, OffsetView
 from apexcal.documents.camera_models import parse_model
 from apexcal.documents.corners import TOP
 from apexcal.documents.schedules import PRESETS
+from service.analyses.plan import Plan
 from service.annotations.consensus import agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.calibrations.resolve import camera_request
 from service.calibrations.work_rules import check_job
+from service.detections.queries import done_detection, find_camera
 from service.fleets.queries import rig_camera
+from service.platform.auth.access import Access
+from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.fleets import Rig
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, not_found
 from service.platform.jobs.costs import run_cost
 
 # Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.
 _MARK_US = 2500.0
+# An offset within so many of its standard deviations is no reason to move anything.
+_CERTAIN = 2.0
 
 
-def what_is_known(session: Session, recording: Recording, detection: Detection, camera: Sensor, model: str) -> Json:
+def plan(access: Access, recording: Recording, request: OffsetRequest) -> Plan:
+    """The camera and its marks. Raises :class:`Problem` 404, 409 ``nothing_marked``, 422 ``work_too_long``."""
+    detection = done_detection(access, request.detection_id, "engineer")
+    if detection.recording_id != recording.id:
+        raise not_found()
+    camera = find_camera(access.session, recording.id, request.camera)
+    return Plan(_camera_and_marks(access.session, recording, detection, camera, request.model), detection.id)
+
+
+def view(row: Analysis, members: Json) -> OffsetView:
+    """A clock offset as answers show it."""
+    return OffsetView(
+        **members,
+        detection_id=row.detection_id,  # pyright: ignore[reportArgumentType] - an offset always has one
+        camera=row.asked["camera"],
+        marks=len(row.asked["marks"]["u"]),
+        hint=_how_to_use(row.result, row.asked["camera"]) if row.result else None,
+    )
+
+
+def _camera_and_marks(
+    session: Session, recording: Recording, detection: Detection, camera: Sensor, model: str
+) -> Json:
     """The camera as its rig describes it, and every mark that people agree on with its frame's own stamp.
 
     Which vertex a frame was paired with does not matter: the estimate looks up where the board's tip was.
@@ -65,3 +96,19 @@ def what_is_known(session: Session, recording: Recording, detection: Detection, 
         "problem": camera_request(of_rig, parse_model(model)).model_dump(mode="json"),
         "marks": {name: list(column) for name, column in columns},
     }
+
+
+def _how_to_use(result: dict[str, Any], camera: str) -> str:
+    offset, sigma = result["offset_ns"] / 1e6, result["sigma_ns"] / 1e6
+    shows = (
+        f"The camera's clock is {abs(offset):.1f} ms {'ahead of' if offset >= 0 else 'behind'} the LiDAR's, "
+        f"with a standard deviation of {sigma:.1f} ms"
+    )
+    if abs(offset) < _CERTAIN * sigma:
+        return f"{shows}: the clocks agree within the error, and pairing.offset_ns = 0 will do."
+    return (
+        f"{shows}. Detect again with pairing.offset_ns = {result['offset_ns']}; "
+        'pairing.mode = "interpolate" then moves each vertex to the very time of its frame. Marks are kept. '
+        f"The offset is that of {camera} and goes for every camera: where their clocks differ, make one detection "
+        "for each of them."
+    )

@@ -1,4 +1,4 @@
-"""The table of studies: region previews, region suggestions, clock offsets, packings of sweeps, calibrated copies."""
+"""The table of analyses, and that of the files that they make."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from apexcal.documents.states import WorkState
 from service.platform.db.base import Base, Created, Json, RowId, belongs_to
 
 
-class Study(Base):
+class Analysis(Base):
     """One question and its answer. ``kind`` is ``preview``, ``suggestion``, ``clock_offset``, ``packing`` or
     ``calibrated_copy``, as its job's.
 
     ``asked`` holds all that the worker needs besides the recording (and, for ``clock_offset``, the detection);
-    ``result`` is the answer. Nothing refers to a study, and what is asked anew is another row.
+    ``result`` is the answer. Nothing refers to an analysis, and what is asked anew is another row.
     """
 
-    __tablename__ = "study"
-    __table_args__ = (Index("ix_study_recording_id_kind", "recording_id", "kind"),)
+    __tablename__ = "analysis"
+    __table_args__ = (Index("ix_analysis_recording_id_kind", "recording_id", "kind"),)
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
@@ -35,11 +35,11 @@ class Study(Base):
     created_at: Mapped[Created]
 
 
-class StudyFile(Base):
+class AnalysisFile(Base):
     """The file that a ``calibrated_copy`` made, and its name for whoever takes it."""
 
-    __tablename__ = "calibrated_copy"
+    __tablename__ = "analysis_file"
 
-    study_id: Mapped[UUID] = belongs_to("study.id", primary_key=True, index=False)
+    analysis_id: Mapped[UUID] = belongs_to("analysis.id", primary_key=True, index=False)
     blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"), index=True)
     file_name: Mapped[str] = mapped_column(String(300))

@@ -1,0 +1,31 @@
+"""Every kind of analysis, told apart by ``kind``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from apexcal.documents.analyses import (
+    OffsetRequest,
+    OffsetView,
+    PreviewRequest,
+    PreviewView,
+    SuggestionRequest,
+    SuggestionView,
+)
+from apexcal.documents.base import Page
+from apexcal.documents.copies import CopyRequest, CopyView
+from apexcal.documents.sweeps import PackingRequest, PackingView
+
+AnalysisKind = Literal["preview", "suggestion", "clock_offset", "packing", "calibrated_copy"]
+AnalysisRequest = Annotated[
+    PreviewRequest | SuggestionRequest | OffsetRequest | PackingRequest | CopyRequest, Field(discriminator="kind")
+]
+AnyAnalysis = Annotated[
+    PreviewView | SuggestionView | OffsetView | PackingView | CopyView, Field(discriminator="kind")
+]
+
+
+class AnalysisPage(Page[AnyAnalysis]):
+    """Analyses of a recording."""

@@ -1,1 +1,0 @@
-"""Questions about a recording: region previews, region suggestions, the offset between clocks."""
