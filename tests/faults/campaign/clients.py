@@ -15,7 +15,7 @@ from apexcal.documents.marking import MarkView
 from apexcal.documents.recordings import RecordingSummary
 from apexcal.errors import ApiError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
-from apexcal.resources.detections import Detections
+from apexcal.resources.detections import DetectionRuns
 from apexcal.resources.fleets import Fleets, Vehicles
 from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
@@ -109,7 +109,7 @@ class Engineer:
             time.sleep(_PAUSE_S)
             row = recordings.get(row.id)
         if row.state == "ready":
-            found = Detections(self._http).create(row.id, REGION_OF_WALKS, detector="tolerant")
+            found = DetectionRuns(self._http).create(row.id, REGION_OF_WALKS, detector="tolerant")
             with self._ledger.lock:
                 self._ledger.detections[found.id] = name
         return recording_id
