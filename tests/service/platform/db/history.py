@@ -15,7 +15,7 @@ from service.platform.db.session import Database
 # Rows of one kind begin here, so that no two tables share an id.
 FLEET, PERSON, VEHICLE, RIG = (UUID(int=kind << 96) for kind in range(1, 5))
 _CAMERA, _SET, _CALIBRATION, _RUN, _RESULT, _PUBLICATION, _REQUEST, _ASKED, _OTHER = range(5, 14)
-_RECORDING, _SENSOR, _DETECTION, _APEX, _VERTEX, _VERDICT, _TASK, _KEY, _QUIET_FLEET = range(14, 23)
+_RECORDING, _SENSOR, _DETECTION, _APEX, _VERTEX, _ANSWER, _TASK, _KEY, _QUIET_FLEET = range(14, 23)
 
 QUIET_FLEET = UUID(int=_QUIET_FLEET << 96)
 RECORDING, CAMERA, DETECTION = (UUID(int=kind << 96) for kind in (_RECORDING, _SENSOR, _DETECTION))
@@ -410,22 +410,26 @@ def _marking(filler: _Filler, size: Size) -> None:
         },
     )
     mine = {"person_id": filler.id(2, "0")}
-    answer = {
-        "recording_id": filler.id(_RECORDING, "0"),
-        "reviewed": filler.bool(False),
-        "version": "1",
-        "created_at": at,
-        "updated_at": at,
-    }
     filler.fill(
-        "verdict",
+        "answer",
         size.answered,
-        {"id": filler.id(_VERDICT), "apex_id": filler.id(_APEX), **mine, "verdict": "'confirmed'", **answer},
-    )
-    filler.fill(
-        "mark",
-        size.answered,
-        {"id": filler.id(_OTHER), **camera, **mine, "frame_index": "n", "u": "1.0", "v": "1.0", **tip, **answer},
+        {
+            "id": filler.id(_ANSWER),
+            "recording_id": filler.id(_RECORDING, "0"),
+            "apex_id": filler.id(_APEX),
+            **camera,
+            **mine,
+            **tip,
+            "frame_index": "n",
+            "verdict": "'confirmed'",
+            "u": "1.0",
+            "v": "1.0",
+            "reviewed": filler.bool(False),
+            "is_mark": filler.bool(True),
+            "is_verdict": filler.bool(True),
+            "version": "1",
+            "created_at": at,
+        },
     )
     filler.fill(
         "marking_task",
