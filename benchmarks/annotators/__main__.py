@@ -140,6 +140,10 @@ def measure(
             spent = _cpu_s(child.pid) - before
             found = json.loads(ran.stdout)
             accepted = found["accepted"]
+            if not accepted:
+                raise RuntimeError(
+                    f"No answer was accepted: {found['statuses']}\n{(folder.logs / 'api.log').read_text()[-2000:]}"
+                )
             is_drained = seconds >= 1e6
             return {
                 "database": kind, "annotators": annotators, "pages": pages,
