@@ -44,7 +44,6 @@ TWICE = frozenset(
         "Way",
         "Window",
         "Sight",
-        "Source",
     ]
 )
 

@@ -14,7 +14,7 @@ from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, S
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class TreePart:
     """A recording in a tree.
 
     Attributes:
@@ -38,7 +38,7 @@ class Composite(Recording):
         ReadError: ``sensors_alike``.
     """
 
-    def __init__(self, parts: Sequence[Source]) -> None:
+    def __init__(self, parts: Sequence[TreePart]) -> None:
         self._recordings = [part.recording for part in parts]
         self.format = "+".join(sorted({recording.format for recording in self._recordings}))
         self._inner: dict[str, tuple[Recording, Sensor]] = {}
@@ -115,7 +115,7 @@ class Composite(Recording):
             part.close()
 
 
-def _name(part: Source, sensor: Sensor) -> str:
+def _name(part: TreePart, sensor: Sensor) -> str:
     if part.named or sensor.name.startswith("/"):
         return sensor.name
     return part.label if len(part.recording.sensors) == 1 else f"{part.label}:{sensor.name}"

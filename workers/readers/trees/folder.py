@@ -12,7 +12,7 @@ from typing import Final
 from workers.readers.detect import HEAD_BYTES, TREE, FileFormat, format_of
 from workers.readers.recording import ReadError, ReadOptions, Recording
 from workers.readers.trees.cloud_files import is_cloud_table
-from workers.readers.trees.composite import Composite, Source
+from workers.readers.trees.composite import Composite, TreePart
 from workers.readers.trees.file_series import FileSeries
 from workers.readers.trees.file_times import (
     CSV_NAME,
@@ -65,7 +65,7 @@ class FolderRecording(Composite):
         self._tree = open_tree(path)
         self._others: list[str] = []
         self._warnings: list[str] = []
-        parts: list[Source] = []
+        parts: list[TreePart] = []
         try:
             contents = look_into(self._tree)
             self._others = contents.others
@@ -162,7 +162,7 @@ def _look_inside(tree: FileTree, path: str, contents: TreeContents, sensor_files
 
 
 def _open_parts(
-    tree: FileTree, contents: TreeContents, options: ReadOptions, parts: list[Source], warnings: list[str]
+    tree: FileTree, contents: TreeContents, options: ReadOptions, parts: list[TreePart], warnings: list[str]
 ) -> None:
     """Open all sources; ``parts`` holds what is open although one of them cannot be read."""
     tables = {path: read_file(tree, path) for path in contents.tables}
@@ -172,7 +172,7 @@ def _open_parts(
             recording = _open_video(tree, path, options, tables)
         else:
             recording = known.open(tree.on_disk(path), options)
-        parts.append(Source(recording, _below(path, top)))
+        parts.append(TreePart(recording, _below(path, top)))
     for series in contents.series:
         series.name = _series_name(series, top)
     parts += _open_series(tree, contents.series, tables, options, parts, warnings)
@@ -184,9 +184,9 @@ def _open_series(
     every: Sequence[Series],
     tables: Mapping[str, bytes],
     options: ReadOptions,
-    parts: Sequence[Source],
+    parts: Sequence[TreePart],
     warnings: list[str],
-) -> list[Source]:
+) -> list[TreePart]:
     """The sensors whose messages are files; none where they have no times and the other sources suffice."""
     known = frozenset(tree.paths)
     kitti = {series.name: _kitti_tables(tree, series, known) for series in every}
@@ -209,7 +209,7 @@ def _open_series(
             "File names hold numbers and no times: files of equal number are taken as simultaneous, and the times, "
             "0.1 s from number to number, are made up."
         )
-    return [Source(FileSeries(tree, one, kitti[one.name], options), ".", named=True) for one in every]
+    return [TreePart(FileSeries(tree, one, kitti[one.name], options), ".", named=True) for one in every]
 
 
 def _kitti_tables(tree: FileTree, series: Series, known: Collection[str]) -> dict[str, bytes]:
@@ -222,9 +222,9 @@ def _kitti_tables(tree: FileTree, series: Series, known: Collection[str]) -> dic
     return {}
 
 
-def _join_split(parts: Sequence[Source], options: ReadOptions) -> list[Source]:
+def _join_split(parts: Sequence[TreePart], options: ReadOptions) -> list[TreePart]:
     """Bags that were split while they were recorded (``walk_0.bag``, ``walk_1.bag``) as one."""
-    series: dict[object, list[Source]] = {}
+    series: dict[object, list[TreePart]] = {}
     for part in parts:
         sensors = part.recording.sensors
         stem, number = stem_and_number(part.label)
@@ -232,12 +232,12 @@ def _join_split(parts: Sequence[Source], options: ReadOptions) -> list[Source]:
         split = number and topics and all(sensor.name.startswith("/") for sensor in sensors)
         key = (posixpath.dirname(part.label), stem, part.recording.format, topics) if split else part
         series.setdefault(key, []).append(part)
-    joined: list[Source] = []
+    joined: list[TreePart] = []
     for group in series.values():
         group.sort(key=lambda part: (len(part.label), part.label))
         if len(group) > 1:
             split = import_module("workers.readers.ros.topics").SplitBag([part.recording for part in group], options)
-            group[0] = Source(split, group[0].label)
+            group[0] = TreePart(split, group[0].label)
         joined.append(group[0])
     return joined
 
