@@ -32,7 +32,7 @@ _PAIRED = _vertex, _frame, _detection = aliased(Vertex), aliased(VertexFrame), a
 Place = Literal["marks", "tally", "pairs", "result", "calibration"]
 
 
-class Sight(NamedTuple):
+class DisclosureKey(NamedTuple):
     """What others' answers are about: a corner of the board in a frame, and in the sweep paired with it."""
 
     frame_index: int
@@ -56,14 +56,14 @@ def is_told(person_id: Any, sensor_id: Any, frame_index: Any, corner: Any) -> Co
     return or_(of_frame.correlate_except(Disclosure), of_sweep.correlate_except(*_PAIRED, Disclosure))
 
 
-def answered_by_others(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[Sight]:
+def answered_by_others(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[DisclosureKey]:
     """What of a detection somebody else has answered in a camera."""
     columns = (VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner)
     statement = answers_of(detection_id, sensor_id, *columns).where(VERDICT.person_id != person_id)
-    return {Sight(*row) for row in session.execute(statement.distinct())}
+    return {DisclosureKey(*row) for row in session.execute(statement.distinct())}
 
 
-def keep(session: Session, person_id: UUID, camera: Sensor, sights: Iterable[Sight], told_in: Place) -> None:
+def keep(session: Session, person_id: UUID, camera: Sensor, keys: Iterable[DisclosureKey], told_in: Place) -> None:
     """Record that these are disclosed, in a session that writes. Earlier disclosures stay as they are."""
     # Under the person's lock nobody inserts the same rows between the look and the insert.
     lock_person(session, person_id)
@@ -71,20 +71,20 @@ def keep(session: Session, person_id: UUID, camera: Sensor, sights: Iterable[Sig
         raise not_found()
     common = {"recording_id": camera.recording_id, "person_id": person_id, "sensor_id": camera.id}
     common |= {"told_in": told_in, "told_at": utc_now()}
-    news = sorted(_news(session, person_id, camera.id, sights))
+    news = sorted(_news(session, person_id, camera.id, keys))
     if news:
         session.execute(insert(Disclosure), [common | one._asdict() for one in news])
 
 
-def tell(access: Access, database: Database, camera: Sensor, sights: Iterable[Sight], told_in: Place) -> None:
+def tell(access: Access, database: Database, camera: Sensor, keys: Iterable[DisclosureKey], told_in: Place) -> None:
     """The same for a request that reads: call it after reading, before the answer goes out."""
-    sights = set(sights)
-    if not _news(access.session, access.person.id, camera.id, sights):
+    keys = set(keys)
+    if not _news(access.session, access.person.id, camera.id, keys):
         return
     # Its connection goes back first: a request that held two could wait for others that do the same.
     access.session.close()
     with database.writing() as session:
-        keep(session, access.person.id, camera, sights, told_in)
+        keep(session, access.person.id, camera, keys, told_in)
 
 
 def tell_pairs(access: Access, database: Database, pairs: CorrespondenceSet, told_in: Place) -> None:
@@ -100,17 +100,17 @@ def tell_pairs(access: Access, database: Database, pairs: CorrespondenceSet, tol
         tell(access, database, camera, answered_by_others(*whose) | _ever_answered(*whose), told_in)
 
 
-def _ever_answered(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[Sight]:
+def _ever_answered(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[DisclosureKey]:
     rows = session.execute(
         select(Answer.frame_index, Vertex.sweep_index, Vertex.corner)
         .join(Vertex, Vertex.apex_id == Answer.apex_id)
         .where(Vertex.detection_id == detection_id, Answer.sensor_id == sensor_id, Answer.person_id != person_id)
     )
-    return {Sight(*row) for row in rows}
+    return {DisclosureKey(*row) for row in rows}
 
 
-def _news(session: Session, person_id: UUID, sensor_id: UUID, sights: Iterable[Sight]) -> set[Sight]:
+def _news(session: Session, person_id: UUID, sensor_id: UUID, keys: Iterable[DisclosureKey]) -> set[DisclosureKey]:
     told = select(Disclosure.frame_index, Disclosure.sweep_index, Disclosure.corner).where(
         Disclosure.person_id == person_id, Disclosure.sensor_id == sensor_id
     )
-    return set(sights) - {Sight(*row) for row in session.execute(told)}
+    return set(keys) - {DisclosureKey(*row) for row in session.execute(told)}

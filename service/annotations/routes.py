@@ -22,7 +22,7 @@ from apexcal.documents.marking import (
 from apexcal.documents.roles import rank
 from service.annotations.answer_actions import give, undo
 from service.annotations.answer_queries import VERDICT
-from service.annotations.disclosure_actions import Sight, answered_by_others, tell
+from service.annotations.disclosure_actions import DisclosureKey, answered_by_others, tell
 from service.annotations.locks import lock_person
 from service.annotations.progress_actions import read_progress
 from service.annotations.progress_queries import own_pairs, tally, visible_answers
@@ -139,6 +139,6 @@ def list_marks(
         )
         for verdict, vertex_id, frame_index, mark, name, reviewed, told_at, _, corner in rows
     ]
-    others = {Sight(row[2], *row[7:]) for row, item in zip(rows, items, strict=True) if not item.own}
+    others = {DisclosureKey(row[2], *row[7:]) for row, item in zip(rows, items, strict=True) if not item.own}
     tell(access, request.app.state.database, sensor, others, "marks")
     return Page(items=items, next=following)

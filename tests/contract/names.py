@@ -43,7 +43,6 @@ TWICE = frozenset(
         "Watched",
         "Way",
         "Window",
-        "Sight",
     ]
 )
 
