@@ -1,11 +1,13 @@
 """What waits for a row's lock holds up nobody else: each route is one call of one thread, and readers have theirs."""
 
+import subprocess
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from inspect import iscoroutinefunction, unwrap
+from pathlib import Path
 from typing import Any
 from uuid import UUID, uuid4
 
@@ -182,12 +184,9 @@ def test_one_try_waits_for_a_lock_as_long_as_is_said(api: Api) -> None:
         assert waits.scalar() == (LOCK_S * 1000 if is_sqlite else f"{LOCK_S * 1000:g}ms")
 
 
-def test_a_full_database_file_is_named_and_loses_nothing(api: Api) -> None:
-    if api.database.engine.dialect.name != "sqlite":
-        pytest.skip("a file of its own")
-    fleet, owner = api.fleet(), api.owner()
-    with api.database.reading() as session:
-        pages = session.connection().exec_driver_sql("PRAGMA page_count").scalar_one()
+@contextmanager
+def _a_full_file(api: Api) -> Iterator[Callable[[], None]]:
+    """SQLite's file may not grow, until the given function is called."""
 
     def limit(most: int) -> None:
         held = [api.database.engine.connect() for _ in range(CONNECTIONS)]
@@ -195,14 +194,49 @@ def test_a_full_database_file_is_named_and_loses_nothing(api: Api) -> None:
             one.exec_driver_sql(f"PRAGMA max_page_count={most}")
             one.close()
 
+    with api.database.reading() as session:
+        pages = session.connection().exec_driver_sql("PRAGMA page_count").scalar_one()
     limit(pages)
-    made = 0
-    while (answer := owner.post(f"/fleets/{fleet}/vehicles", {"name": f"{made} " + "x" * 150})).status_code == 201:
-        made += 1
-        assert made < 400
-    assert (answer.status_code, answer.json()["code"]) == (503, "database_full")
-    assert owner.get(f"/fleets/{fleet}/vehicles").status_code == 200
-    limit(2**30)
-    assert owner.post(f"/fleets/{fleet}/vehicles", {"name": "one more"}).status_code == 201
+    yield lambda: limit(2**30)
+
+
+@contextmanager
+def _a_full_disk(api: Api) -> Iterator[Callable[[], None]]:
+    """PostgreSQL's table of vehicles lies on a disk of one MiB, nearly full until the given function is called."""
+    url = api.database.engine.url
+    host = str(url.query["host"])
+    small = Path(host, f"small-{uuid4().hex}")
+    small.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size=1m,uid={Path(host).stat().st_uid},mode=700", "tmpfs", str(small)]
+    if subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("mounting a small file system takes root")
+    ballast = small / "ballast"
+    with ExitStack() as stack:
+        stack.callback(subprocess.run, ["umount", str(small)], check=True)
+        admin = stack.enter_context(
+            psycopg.connect(f"host={host} user=postgres dbname={url.database}", autocommit=True)
+        )
+        admin.execute(f"CREATE TABLESPACE small LOCATION '{small}'".encode())
+        stack.callback(admin.execute, "DROP TABLESPACE small")
+        admin.execute("ALTER TABLE vehicle SET TABLESPACE small")
+        stack.callback(admin.execute, "ALTER TABLE vehicle SET TABLESPACE pg_default")
+        ballast.write_bytes(bytes(900_000))
+        yield ballast.unlink
+
+
+def test_a_full_database_is_named_and_loses_nothing(api: Api) -> None:
+    fleet, owner = api.fleet(), api.owner()
+    full = _a_full_file if api.database.engine.dialect.name == "sqlite" else _a_full_disk
+    with full(api) as make_room:
+        made = 0
+        while (
+            answer := owner.post(f"/fleets/{fleet}/vehicles", {"name": f"{made} " + "x" * 150})
+        ).status_code == 201:
+            made += 1
+            assert made < 1000
+        assert (answer.status_code, answer.json()["code"]) == (503, "database_full")
+        assert owner.get(f"/fleets/{fleet}/vehicles").status_code == 200
+        make_room()
+        assert owner.post(f"/fleets/{fleet}/vehicles", {"name": "one more"}).status_code == 201
     with api.database.reading() as session:
         assert len(session.scalars(select(Vehicle.id)).all()) == made + 1
