@@ -73,8 +73,7 @@ def backup(
     with opened() as service:
         manifest = back_up(service.database, service.store, target.resolve(), report=_reporter(quiet))
     if not quiet:
-        rows = sum(table.rows for table in manifest.tables)
-        print(f"{target}: {rows} rows, {manifest.blobs} objects, {manifest.blob_bytes} bytes.")
+        print(f"{target}: {sum(manifest.rows.values())} rows, {manifest.blobs} objects, {manifest.blob_bytes} bytes.")
     if _name_damaged(manifest):
         print(
             "All else is backed up. Bring these objects back from an earlier backup, or delete their recordings.",
@@ -99,7 +98,9 @@ def restore(
         manifest, blobs = verify(source.resolve())
         if not quiet:
             how = "holds what could be backed up" if manifest.damaged else "is whole"
-            print(f"{source} {how}: {len(manifest.tables)} tables, {len(blobs)} objects, made {manifest.made_at}.")
+            print(
+                f"{source} {how}: {sum(manifest.rows.values())} rows, {len(blobs)} objects, made {manifest.made_at}."
+            )
         if _name_damaged(manifest):
             raise typer.Exit(FAILED)
         return

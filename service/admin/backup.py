@@ -10,14 +10,12 @@ names it.
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import shutil
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import mkdtemp
@@ -27,12 +25,11 @@ from sqlalchemy import Connection, select
 
 from service.admin.blob_hold import holding
 from service.admin.errors import AdminError
-from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, TABLES, BlobFile, Damaged, Manifest, table_path
+from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, ROWS, BlobFile, Damaged, Manifest, digest
 from service.admin.retries import retried
-from service.admin.rows import TableFile, digest, write_table
+from service.admin.rows import write_rows
 from service.platform.db.clock import now, utc_now
 from service.platform.db.jobs import Heartbeat
-from service.platform.db.models import Base
 from service.platform.db.recordings import Blob
 from service.platform.db.revisions import newest
 from service.platform.db.session import Database
@@ -40,8 +37,6 @@ from service.platform.db.upserts import put
 from service.platform.storage.errors import MissingBlobError, StoreUnavailableError
 from service.platform.storage.store import Store
 
-# What only says how the service is at this moment.
-TRANSIENT = frozenset(("heartbeat", "worker", "blob_hold"))
 _COPIES_AT_ONCE = 4
 # So many unreadable objects in a row are no bad sectors: the store is away, and a backup of the rest is none.
 _AWAY = 8
@@ -85,21 +80,22 @@ def back_up(database: Database, store: Store, target: Path, *, report: Report = 
 
 
 def _write(database: Database, store: Store, target: Path, staged: Path, report: Report) -> Manifest:
-    (staged / TABLES).mkdir()
     with holding(database, f"backup to {target}"[:100]) as check:
-        tables, named = _rows(database, staged, report)
+        rows, named = _rows(database, staged / ROWS)
+        for name, count in rows.items():
+            report(f"{name}: {count} rows")
         blobs, damaged = _copy(store, named, staged, report)
         check()
-    (staged / BLOB_LIST).write_text("".join(json.dumps(asdict(blob)) + "\n" for blob in blobs))
+    (staged / BLOB_LIST).write_text("".join(blob.model_dump_json() + "\n" for blob in blobs))
     manifest = Manifest(
         format=FORMAT,
         made_at=utc_now().isoformat(),
         version=version("apexcal"),
-        schema=newest(),
-        tables=tables,
+        schema_revision=newest(),
+        rows=rows,
+        files={name: digest(staged / name) for name in (ROWS, BLOB_LIST)},
         blobs=len(blobs),
         blob_bytes=sum(blob.size for blob in blobs),
-        blob_list=digest(staged / BLOB_LIST),
         damaged=damaged,
     )
     manifest.write(staged)
@@ -115,17 +111,12 @@ def _snapshot(database: Database) -> Iterator[Connection]:
         yield connection
 
 
-def _rows(database: Database, staged: Path, report: Report) -> tuple[list[TableFile], list[_Named]]:
+def _rows(database: Database, file: Path) -> tuple[dict[str, int], list[_Named]]:
     with _snapshot(database) as connection:
         # The first statement fixes the moment.
         asked = select(Blob.key, Blob.size, Blob.sha256).where(Blob.state == "stored").order_by(Blob.key)
         named = [_Named(key, size, sha256) for key, size, sha256 in connection.execute(asked)]
-        written: list[TableFile] = []
-        for table in Base.metadata.sorted_tables:
-            if table.name not in TRANSIENT:
-                written.append(write_table(connection, table, table_path(staged, table.name)))
-                report(f"{table.name}: {written[-1].rows} rows")
-    return written, named
+        return write_rows(connection, file), named
 
 
 def _copy(store: Store, named: list[_Named], staged: Path, report: Report) -> tuple[list[BlobFile], list[Damaged]]:
@@ -136,7 +127,7 @@ def _copy(store: Store, named: list[_Named], staged: Path, report: Report) -> tu
     if named and copies.unreadable == len(named):
         raise StoreUnavailableError
     files = [one.file for one in copied if one.file]
-    damaged = [Damaged(blob.key, one.damage) for blob, one in zip(named, copied, strict=True) if one.damage]
+    damaged = [Damaged(key=blob.key, what=one.damage) for blob, one in zip(named, copied, strict=True) if one.damage]
     report(f"{len(files)} objects, {sum(file.size for file in files)} bytes")
     return files, damaged
 
@@ -156,7 +147,7 @@ class _Copies:
 
         Raises :class:`StoreUnavailableError` where nothing has been readable for a while.
         """
-        path = BlobFile(named.key, named.size, "").path(self._staged)
+        path = BlobFile(key=named.key, size=named.size, sha256="").path(self._staged)
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             sha256 = retried(lambda: _fetch(self._store, named.key, path))
@@ -166,7 +157,7 @@ class _Copies:
         except StoreUnavailableError:
             path.unlink(missing_ok=True)
             return self._counted(_Copied(None, "not readable: the store fails on it"), readable=False)
-        return self._counted(_compared(named, BlobFile(named.key, path.stat().st_size, sha256)))
+        return self._counted(_compared(named, BlobFile(key=named.key, size=path.stat().st_size, sha256=sha256)))
 
     def _counted(self, copied: _Copied, *, readable: bool = True) -> _Copied:
         with self._guard:
@@ -198,7 +189,7 @@ def _compared(named: _Named, copied: BlobFile) -> _Copied:
 
 
 def _make_durable(folder: Path) -> None:
-    for path in (*(one for one in folder.rglob("*") if one.is_dir()), *(folder / TABLES).iterdir(), folder):
+    for path in (*(one for one in folder.rglob("*") if one.is_dir()), *folder.iterdir(), folder):
         descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)

@@ -2,51 +2,29 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, field
+import hashlib
 from pathlib import Path
-from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from service.admin.errors import AdminError
-from service.admin.rows import TableFile, digest, lines_of
 
 FORMAT = 1
-MANIFEST, BLOBS, BLOB_LIST, TABLES = "manifest.json", "blobs", "blobs.jsonl", "tables"
+MANIFEST, BLOBS, BLOB_LIST, ROWS = "manifest.json", "blobs", "blobs.jsonl", "rows.sqlite"
 
 
-@dataclass(frozen=True)
-class Damaged:
+class _Written(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Damaged(_Written):
     """An object that is not what its row says: the store had lost, changed or could not read it for the backup."""
 
     key: str
     what: str
 
 
-@dataclass(frozen=True)
-class Manifest:
-    """``schema`` is the revision of the rows; ``blob_list`` the SHA-256 of the list of objects.
-
-    ``damaged`` are those that are missing or were unreadable, or are in the backup as they were found.
-    """
-
-    format: int
-    made_at: str
-    version: str
-    schema: str
-    tables: list[TableFile]
-    blobs: int
-    blob_bytes: int
-    blob_list: str
-    damaged: list[Damaged] = field(default_factory=list[Damaged])
-
-    def write(self, folder: Path) -> None:
-        """Write the manifest, the last file of a backup: a backup without it does not count."""
-        document = {**asdict(self), "tables": [table._asdict() for table in self.tables]}
-        (folder / MANIFEST).write_text(json.dumps(document, indent=1) + "\n")
-
-
-@dataclass(frozen=True)
-class BlobFile:
+class BlobFile(_Written):
     """A copied object."""
 
     key: str
@@ -61,27 +39,41 @@ class BlobFile:
         return path
 
 
-def table_path(folder: Path, name: str) -> Path:
-    """Where a table's rows lie."""
-    return folder / TABLES / f"{name}.jsonl.gz"
+class Manifest(_Written):
+    """``schema_revision`` is that of the rows, ``rows`` their number by table; ``files`` the SHA-256 of the others.
+
+    ``damaged`` are those that are missing or were unreadable, or are in the backup as they were found.
+    """
+
+    format: int
+    made_at: str
+    version: str
+    schema_revision: str
+    rows: dict[str, int]
+    files: dict[str, str]
+    blobs: int
+    blob_bytes: int
+    damaged: list[Damaged]
+
+    def write(self, folder: Path) -> None:
+        """Write the manifest, the last file of a backup: a backup without it does not count."""
+        (folder / MANIFEST).write_text(self.model_dump_json(indent=1) + "\n")
 
 
 def read_manifest(folder: Path) -> Manifest:
     """A backup's manifest. Raises :class:`AdminError` where there is none, or one of another format."""
     try:
-        document: dict[str, Any] = json.loads((folder / MANIFEST).read_text())
-        tables = [
-            TableFile(one["name"], [(name, kind) for name, kind in one["columns"]], one["rows"], one["sha256"])
-            for one in document["tables"]
-        ]
-        damaged = [Damaged(**one) for one in document.get("damaged", [])]
-        found = Manifest(**{**document, "tables": tables, "damaged": damaged})
+        found = Manifest.model_validate_json((folder / MANIFEST).read_bytes())
     except FileNotFoundError:
         raise AdminError(
             f"{folder} is no finished backup: it has no {MANIFEST}", "Name the folder that `backup` printed."
         ) from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise AdminError(f"{folder / MANIFEST} cannot be read: {error}", "Use another backup.") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"])) or "all of it"
+        raise AdminError(
+            f"{folder / MANIFEST} cannot be read: {where}: {first['msg']}", "Use another backup."
+        ) from None
     if found.format != FORMAT:
         raise AdminError(
             f"this is a backup of format {found.format}; this version reads format {FORMAT}",
@@ -93,13 +85,18 @@ def read_manifest(folder: Path) -> Manifest:
 def verify(folder: Path) -> tuple[Manifest, list[BlobFile]]:
     """Check every file of a backup against its SHA-256. Raises :class:`AdminError` naming the first that differs."""
     manifest = read_manifest(folder)
-    for table in manifest.tables:
-        _check(table_path(folder, table.name), table.sha256)
-    _check(folder / BLOB_LIST, manifest.blob_list)
-    blobs = [BlobFile(**line) for line in lines_of(folder / BLOB_LIST)]
+    for name in (ROWS, BLOB_LIST):
+        _check(folder / name, manifest.files.get(name, "none"))
+    blobs = [BlobFile.model_validate_json(line) for line in (folder / BLOB_LIST).read_text().splitlines()]
     for blob in blobs:
         _check(blob.path(folder), blob.sha256)
     return manifest, blobs
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _check(path: Path, sha256: str) -> None:
