@@ -12,9 +12,6 @@ from workers.solver.problem import FitProblem
 from workers.solver.schedule import State
 from workers.solver.uncertainty import Uncertainty
 
-# Relative difference in loss from which two searches have ended in different places.
-_SLOTS_DIFFER: Final = 0.02
-_SLOTS_DIFFER_PX: Final = 0.01
 _BASELINE_BETTER: Final = 1e-3
 _EXACT_PX: Final = 1e-4
 # Share of the image's diagonal: no marking, and no lens model that is roughly right, leaves half of the pairs there.
@@ -48,12 +45,6 @@ def several_optima(
     if is_determined(problem, np.array(polished.parameters), spread):
         ends = [*state.first_slot_parameters[:MOST_SLOTS], *(fit.parameters for fit, _ in plain.values())]
         found += optimum_sentences(problem, polished, other_optima(problem, polished, ends))
-    low, high = min(state.slot_losses), max(state.slot_losses)
-    if high > low + max(_SLOTS_DIFFER * low, _SLOTS_DIFFER_PX):
-        found.append(
-            f"The slots of the last iteration disagree: their losses go from {low:.3f} to {high:.3f} px. "
-            "There may be several optima."
-        )
     for words, (fit, relative_cost) in plain.items():
         if relative_cost < 1.0 - _BASELINE_BETTER and fit.rms_px < polished.rms_px - _EXACT_PX:
             found.append(

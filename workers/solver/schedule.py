@@ -23,8 +23,8 @@ class State:
 
     iteration: how many are done. best_loss (px, infinite before the first) never rises. half_width: the box's
     half-widths before clipping to the initial bounds. stalled: iterations since the last relative decrease above
-    the tolerance. slot_losses: those of the last iteration, in slot order; first_slot_parameters: the bests of the
-    first slots of the first iteration, which looked everywhere. history: best_loss after each iteration.
+    the tolerance. first_slot_parameters: the bests of the first slots of the first iteration, which looked
+    everywhere. history: best_loss after each iteration.
     """
 
     iteration: int
@@ -33,8 +33,6 @@ class State:
     half_width: tuple[float, ...]
     stalled: int
     evaluations: int
-    slot_losses: tuple[float, ...]
-    first_slot_losses: tuple[float, ...]
     history: tuple[float, ...]
     stopped: Stopped | None
     first_slot_parameters: tuple[tuple[float, ...], ...] = ()
@@ -50,8 +48,6 @@ def start(problem: FitProblem) -> State:
         half_width=tuple((0.5 * (upper - lower)).tolist()),
         stalled=0,
         evaluations=0,
-        slot_losses=(),
-        first_slot_losses=(),
         history=(),
         stopped=None,
     )
@@ -84,7 +80,6 @@ def advance(problem: FitProblem, state: State, outcomes: Sequence[SlotOutcome]) 
         if outcome.loss < best_loss or not best_parameters:
             best_loss, best_parameters = outcome.loss, outcome.parameters
     decreased = state.iteration == 0 or state.best_loss - best_loss > schedule.tolerance * abs(state.best_loss)
-    losses = tuple(outcome.loss for outcome in outcomes)
     return _stop(
         problem,
         replace(
@@ -95,8 +90,6 @@ def advance(problem: FitProblem, state: State, outcomes: Sequence[SlotOutcome]) 
             half_width=tuple(schedule.scale * half for half in state.half_width),
             stalled=0 if decreased else state.stalled + 1,
             evaluations=state.evaluations + sum(outcome.evaluations for outcome in outcomes),
-            slot_losses=losses,
-            first_slot_losses=state.first_slot_losses or losses,
             first_slot_parameters=state.first_slot_parameters
             or tuple(outcome.parameters for outcome in outcomes[:MOST_SLOTS]),
             history=(*state.history, best_loss),
@@ -125,8 +118,6 @@ def to_document(state: State) -> dict[str, Any]:
         "half_width": list(state.half_width),
         "stalled": state.stalled,
         "evaluations": state.evaluations,
-        "slot_losses": list(state.slot_losses),
-        "first_slot_losses": list(state.first_slot_losses),
         "first_slot_parameters": [list(parameters) for parameters in state.first_slot_parameters],
         "history": list(state.history),
         "stopped": state.stopped,
@@ -147,13 +138,10 @@ def from_document(document: Mapping[str, Any]) -> State:
         half_width=numbers("half_width"),
         stalled=int(document["stalled"]),
         evaluations=int(document["evaluations"]),
-        slot_losses=numbers("slot_losses"),
-        first_slot_losses=numbers("first_slot_losses"),
         history=numbers("history"),
         stopped=next((reason for reason in _REASONS if reason == document["stopped"]), None),
-        # States from before it was kept have none.
         first_slot_parameters=tuple(
-            tuple(float(value) for value in one) for one in document.get("first_slot_parameters", ())
+            tuple(float(value) for value in one) for one in document["first_slot_parameters"]
         ),
     )
 

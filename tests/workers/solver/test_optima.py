@@ -1,6 +1,5 @@
 """Problems with two optima are called that, whichever of them a search found; others are not."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from workers.solver.folds import folds
 from workers.solver.optima import other_optima
 from workers.solver.polish import distances, mean_and_rms, polish, weighted_residuals
 from workers.solver.problem import fit_problem
-from workers.solver.schedule import from_document, run_schedule, start, to_document
+from workers.solver.schedule import run_schedule, start
 
 LENS = {"f_x": 700.0, "f_y": 700.0, "c_x": 640.0, "c_y": 480.0}
 
@@ -104,7 +103,7 @@ def test_slots_that_stopped_short_in_one_basin_are_one_optimum(model):
     assert abs(losses[0] - losses[1]) < 0.006 * polished.mean_px
     assert other_optima(problem, polished, ends) == []
     assert other_optima(problem, polish(problem, ends[0]), [polished.parameters, ends[1]]) == []
-    state = replace(start(problem), iteration=1, stopped="converged", history=losses[:1], slot_losses=losses)
+    state = replace(start(problem), iteration=1, stopped="converged", history=losses[:1])
     state = replace(state, best_parameters=ends[0], best_loss=losses[0], first_slot_parameters=tuple(ends))
     assert finish_plain(problem, state)["several_optima"] == []
 
@@ -136,18 +135,6 @@ def test_a_valley_is_one_place():
     far = replace(problem, points=np.tile(problem.points[:1], (40, 1)), pixels=np.tile(problem.pixels[:1], (40, 1)))
     starts = [tuple((truth * factor).tolist()) for factor in (0.9, 1.0, 1.1)]
     assert other_optima(far, polish(far, truth), starts) == []
-
-
-def test_a_state_from_before_the_slots_were_kept_is_read():
-    problem, _ = simulated(
-        "pinhole", 6, schedule={"slots": 2, "population": 64, "generations": 4, "max_iterations": 2}
-    )
-    state, iterations = run_schedule(problem)
-    assert state.first_slot_parameters == tuple(outcome.parameters for outcome in iterations[0])
-    document = json.loads(json.dumps(to_document(state)))
-    assert from_document(document) == state
-    del document["first_slot_parameters"]
-    assert from_document(document).first_slot_parameters == ()
 
 
 def test_blocks_of_time_expose_what_single_frames_hide():

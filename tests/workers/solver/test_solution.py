@@ -84,7 +84,7 @@ def test_pairs_left_out_say_nothing_against_the_search():
     spoiled = replace(problem, pixels=marks)
 
     def said(parameters):
-        searched = {"best_parameters": tuple(parameters), "best_loss": 8.0, "slot_losses": (8.0,), "history": (8.0,)}
+        searched = {"best_parameters": tuple(parameters), "best_loss": 8.0, "history": (8.0,)}
         return finish_plain(spoiled, replace(start(spoiled), iteration=1, **searched))
 
     near = said(truth)

@@ -52,7 +52,7 @@ def walked(seed, turned_deg=0.0, model="pinhole", **request):
 
 def ended(problem, parameters):
     """The end of a search that came to these parameters: estimate and result."""
-    searched = {"best_parameters": tuple(parameters), "best_loss": 2.0, "slot_losses": (2.0,), "history": (2.0,)}
+    searched = {"best_parameters": tuple(parameters), "best_loss": 2.0, "history": (2.0,)}
     return finished(problem, replace(start(problem), iteration=1, stopped="converged", **searched))
 
 
