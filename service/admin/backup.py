@@ -23,10 +23,9 @@ from typing import NamedTuple
 
 from sqlalchemy import Connection, select
 
-from service.admin.blob_hold import holding
 from service.admin.errors import AdminError
 from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, ROWS, BlobFile, Damaged, Manifest, digest
-from service.admin.retries import retried
+from service.admin.objects import holding, retried
 from service.admin.rows import write_rows
 from service.platform.db.clock import now, utc_now
 from service.platform.db.jobs import Heartbeat

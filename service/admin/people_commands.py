@@ -12,9 +12,9 @@ import typer
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.served_folder import is_served, read_status
 from service.admin.context import JsonOption, as_id, command, opened, spoken, table
 from service.admin.errors import AdminError
-from service.admin.served import served_url
 from service.platform.auth.credential_actions import end_credentials, revoke
 from service.platform.auth.session_actions import make_link
 from service.platform.db.clock import utc_now
@@ -133,8 +133,8 @@ def public_url(settings: Settings) -> tuple[str, bool]:
     """
     if settings.database_url or "public_url" in settings.model_fields_set:
         return settings.public_url, True
-    address = served_url(settings.data_dir)
-    return (address, True) if address else (settings.public_url, False)
+    address = read_status(settings.data_dir).get("public_url") if is_served(settings.data_dir) else None
+    return (str(address), True) if address else (settings.public_url, False)
 
 
 def _state(token: ApiToken, moment: Any) -> str:

@@ -12,7 +12,7 @@ from sqlalchemy import inspect, select
 
 from service.admin.errors import AdminError
 from service.admin.manifest import ROWS, BlobFile, Manifest, verify
-from service.admin.retries import retried
+from service.admin.objects import retried
 from service.admin.rows import KEPT, copy_rows, url_of
 from service.platform.db.migrate import upgrade
 from service.platform.db.revisions import known, newest

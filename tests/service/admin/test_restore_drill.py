@@ -287,14 +287,14 @@ def test_what_cannot_be_read_is_tried_again_then_named(settings: Settings, tmp_p
                 whole.write_bytes(b"x")
                 whole.replace(file)
 
-    monkeypatch.setattr("service.admin.retries.time.sleep", pause)
+    monkeypatch.setattr("service.admin.objects.time.sleep", pause)
     found = back_up(database, store, tmp_path / "two")
     assert [(one.key, one.what) for one in found.damaged] == [(keys[0], "not readable: the store fails on it")]
     assert found.blobs == len(verify(tmp_path / "two")[1]) == 20
     for file in files:
         file.unlink()
         file.symlink_to(file)
-    monkeypatch.setattr("service.admin.retries.time.sleep", lambda seconds: None)
+    monkeypatch.setattr("service.admin.objects.time.sleep", lambda seconds: None)
     with pytest.raises(StoreUnavailableError):  # so many in a row are no bad sectors
         back_up(database, store, tmp_path / "three")
     database.close()

@@ -62,7 +62,7 @@ def test_programs_end_with_a_sentence_where_settings_cannot_be_used(program: str
 def test_a_store_that_is_away_is_no_disk(database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with database.writing() as session:
         session.add(Blob(key="recordings/x", state="stored", size=1))
-    monkeypatch.setattr("service.admin.retries.PAUSES_S", (0.0,))
+    monkeypatch.setattr("service.admin.objects.PAUSES_S", (0.0,))
     monkeypatch.setenv("APEXCAL_BLOB_URL", "s3://bucket")
     monkeypatch.setenv("APEXCAL_S3_ENDPOINT", f"http://127.0.0.1:{free_port()}")
     monkeypatch.setenv("APEXCAL_S3_ACCESS_KEY_ID", "a")

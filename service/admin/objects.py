@@ -1,11 +1,13 @@
-"""A hold on removals from the store, so that no object is removed before a backup has copied it."""
+"""How a backup and a restore treat the store: removals are held until all is copied, and a failure is tried again."""
 
 from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 from sqlalchemy import delete, select, update
 from sqlalchemy.exc import SQLAlchemyError
@@ -15,10 +17,15 @@ from service.platform.db.clock import now
 from service.platform.db.ids import new_id
 from service.platform.db.recordings import BlobHold
 from service.platform.db.session import Database
+from service.platform.storage.errors import StoreUnavailableError
 
 # A backup that was killed holds the store for this long and no longer.
 HOLD_S = 120.0
 _RENEW_S = 20.0
+# Seconds between the tries of an operation, each of which has the store's own time limit.
+PAUSES_S = (0.5, 2.0)
+
+T = TypeVar("T")
 
 log = logging.getLogger(__name__)
 
@@ -65,3 +72,13 @@ def holding(database: Database, reason: str) -> Iterator[Callable[[], None]]:
         renewing.join()
         with database.writing() as session:
             session.execute(delete(BlobHold).where(BlobHold.id == hold_id))
+
+
+def retried(attempt: Callable[[], T]) -> T:
+    """What ``attempt`` returns. Raises :class:`StoreUnavailableError` where the last try fails too."""
+    for pause in PAUSES_S:
+        try:
+            return attempt()
+        except StoreUnavailableError:
+            time.sleep(pause)
+    return attempt()
