@@ -1,11 +1,10 @@
 """No placed or saved mark is lost or replaced in silence: offline, reload, Back, undo, tabs, other people."""
 
-import re
 from collections.abc import Callable
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import Page, expect
 
 from tests.e2e.conftest import Track
 from tests.e2e.marking import Marker
@@ -191,52 +190,40 @@ CLICK_AFTER_ENTER = """async (pause) => {
 }"""
 
 
+def change_person(page: Page, to: Page) -> Page:
+    """Sign the browser of a page in as the person of another one, in one step, and return a page that shows it."""
+    page.context.add_cookies([{**cookie} for cookie in to.context.cookies()])  # pyright: ignore[reportArgumentType] - what it gave
+    return page.context.new_page()
+
+
 def test_answers_are_never_sent_as_somebody_else(sign_in: SignIn, track: Track) -> None:
-    pia = marker(sign_in, track, "Pia")
+    pia, quin = marker(sign_in, track, "Pia"), sign_in("Quin", "annotator")
     vertex, placed = pia.vertex, pia.click(0.3, 0.4)
     context = pia.page.context
     context.route("**/answer", lambda route: route.abort())
     pia.page.keyboard.press("Enter")
     pia.page.get_by_test_id("unsent").wait_for()
     pias = context.cookies()
-    context.clear_cookies()
-    other = context.new_page()
-    other.goto(track.owner.fleets.invite(track.fleet_id, "Quin", "annotator").link)
-    other.get_by_role("button", name="Sign in").click()
-    other.get_by_role("link", name="Van 7").wait_for()
+    other = change_person(pia.page, quin)
+    other.goto(track.url)
     context.unroute("**/answer")
     # Pia's page sends now, if its own timer did not come first, with the cookie that has become Quin's.
     pia.page.evaluate("window.dispatchEvent(new Event('online'))")
     for page in (pia.page, other):
         expect(page.get_by_test_id("of-others")).to_contain_text("until Pia signs in again")
         expect(page.get_by_text("Quin", exact=True)).to_be_visible()
-    quins = Marker(other, track)
-    assert quins.own_marks() == {}
-    context.clear_cookies()
+    assert Marker(other, track).own_marks() == {}
     context.add_cookies([{**cookie} for cookie in pias])  # pyright: ignore[reportArgumentType] - what it gave
-    quins.page.goto(track.url)
-    wait_for_mark(quins, vertex, placed)
+    other.goto(track.url)
+    wait_for_mark(Marker(other, track), vertex, placed)
 
 
 def test_a_page_whose_browser_became_somebody_elses_is_theirs_from_then_on(sign_in: SignIn, track: Track) -> None:
-    uma = marker(sign_in, track, "Uma")
-    context = uma.page.context
-    umas = context.cookies()
-    # Nobody is signed in for a moment. What her page asks in it waits for its end.
-    waiting: list[Route] = []
-    uma.page.route(re.compile("/v1/"), lambda route: waiting.append(route))
-    context.clear_cookies()
-    other = context.new_page()
-    other.goto(track.owner.fleets.invite(track.fleet_id, "Vic", "annotator").link)
-    other.get_by_role("button", name="Sign in").click()
-    other.get_by_role("link", name="Van 7").wait_for()
-    uma.page.unroute(re.compile("/v1/"))
-    for route in waiting:
-        route.continue_()
+    uma, vic = marker(sign_in, track, "Uma"), sign_in("Vic", "annotator")
+    change_person(uma.page, vic).goto(track.url)
     uma.page.keyboard.press("s")
     expect(uma.page.get_by_text("Vic", exact=True)).to_be_visible()
     uma.ready()
-    assert umas
     uma.save("r")
     assert [item["person"] for item in uma.own_marks().values()] == ["Vic"]
 
