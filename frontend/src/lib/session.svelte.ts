@@ -10,9 +10,14 @@ class Session {
   state = $state<"loading" | "in" | "out" | "unreachable">("loading");
   problem = $state.raw<ApiProblem | null>(null);
 
+  private readonly tabs = new BroadcastChannel("apexcal-session");
+
   constructor() {
     onSignedOut(() => {
       this.end();
+    });
+    this.tabs.addEventListener("message", () => {
+      if (this.state === "out") void this.load();
     });
   }
 
@@ -28,6 +33,8 @@ class Session {
   enter(me: Me): void {
     // Somebody else may see other things.
     if (this.me && this.me.id !== me.id) void cache.resetQueries();
+    // Tabs that say "not signed in" look again.
+    if (this.me?.id !== me.id) this.tabs.postMessage("entered");
     this.me = me;
     this.state = "in";
     this.problem = null;
