@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -40,12 +41,15 @@ def tells_motion(stamps_ns: Sequence[int], corners: Sequence[str] | None = None)
 
 def _near_others(times: Sequence[int]) -> int:
     """How many of these ascending times have another one near."""
-    known = 0
-    for place, at in enumerate(times):
-        others = (*range(place - 1, place - 1 - NEIGHBOURS, -1), *range(place + 1, place + 1 + NEIGHBOURS))
-        gaps = (abs(times[one] - at) for one in others if 0 <= one < len(times))
-        known += any(_MOMENT_NS <= gap <= REACH_NS for gap in gaps)
-    return known
+    count = 0
+    for index, at in enumerate(times):
+        first, stop = max(index - NEIGHBOURS, 0), min(index + NEIGHBOURS + 1, len(times))
+        before = bisect_right(times, at - _MOMENT_NS, first, index) - 1
+        after = bisect_left(times, at + _MOMENT_NS, index + 1, stop)
+        count += (before >= first and at - times[before] <= REACH_NS) or (
+            after < stop and times[after] - at <= REACH_NS
+        )
+    return count
 
 
 def held_together(pairs: Mapping[str, Any]) -> Sequence[Any]:

@@ -79,7 +79,8 @@ def _consensus(
         share = best[0][0] / n
         failing = min(max(1.0 - share**size, 1e-12), 1.0 - 1e-12)
         needed = min(_MOST_SAMPLES, int(log(1.0 - _CONFIDENCE) / log(failing)) + 1)
-    return [mask for count, mask in best if count > size]
+    # Cameras that the same pairs fit are one.
+    return list({mask.tobytes(): mask for count, mask in best if count > size}.values())
 
 
 def _sampled(

@@ -43,8 +43,8 @@ def several_optima(
     """
     found: list[str] = []
     if is_determined(problem, np.array(polished.parameters), spread):
-        ends = [*state.first_slot_parameters[:MOST_SLOTS], *(fit.parameters for fit, _ in plain.values())]
-        found += optimum_sentences(problem, polished, other_optima(problem, polished, ends))
+        starts, ends = state.first_slot_parameters[:MOST_SLOTS], [fit for fit, _ in plain.values()]
+        found += optimum_sentences(problem, polished, other_optima(problem, polished, starts, ends))
     for words, (fit, relative_cost) in plain.items():
         if relative_cost < 1.0 - _BASELINE_BETTER and fit.rms_px < polished.rms_px - _EXACT_PX:
             found.append(

@@ -16,7 +16,7 @@ from workers.solver.lens_priors import lens_priors
 from workers.solver.outcomes import Outcome
 from workers.solver.outliers import judge, without
 from workers.solver.people import with_people
-from workers.solver.polish import Fit, polish
+from workers.solver.polish import Fit, polish, refine
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.shared_errors import shared_errors
@@ -86,23 +86,24 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
     there are priors fit and noise are repeated until the noise settles. Distortion that the pairs hardly hold is
     fitted once more, with weak priors.
     """
-    found = _settled(problem, start)
+    found = _settled(problem, polish(problem, start))
     weak = lens_priors(problem, found.parameters, found.spread)
     if weak and found.spread.sigma_px > 0.0:
         held = problem.priors | {name: (0.0, sigma) for name, sigma in weak.items()}
         scale = found.spread.sigma_px / _stated_px(found)
         again = replace(problem, priors=held, noise_scale=scale)
-        found = replace(_settled(again, _held(problem, found.parameters, weak)), weak=weak)
+        found = replace(_settled(again, polish(again, _held(problem, found.parameters, weak))), weak=weak)
     return _with_shared_errors(found)
 
 
-def _settled(problem: FitProblem, start: Floats) -> Estimate:
-    found = _once(problem, start)
+def _settled(problem: FitProblem, fit: Fit) -> Estimate:
+    found = _once(problem, fit)
     for _ in range(_ROUNDS if problem.priors else 0):
         scale = found.spread.sigma_px / _stated_px(found)
         if abs(scale - found.fitted.noise_scale) <= _SETTLED * scale:
             break
-        found = _once(replace(problem, noise_scale=scale), found.parameters)
+        again = replace(problem, noise_scale=scale)
+        found = _once(again, refine(again, found.parameters))
     return found
 
 
@@ -115,24 +116,23 @@ def _held(problem: FitProblem, p: Floats, weak: Mapping[str, float]) -> Floats:
     return start
 
 
-def _once(problem: FitProblem, start: Floats) -> Estimate:
-    fit = polish(problem, start)
-    judged = judge(problem, np.array(fit.parameters))
-    outliers = judged.outliers
+def _once(problem: FitProblem, fit: Fit) -> Estimate:
+    judged = judge(problem, np.array(fit.parameters), fit if problem.loss == "saturating" else None)
+    outliers, outcome = judged.outliers, _worse(fit.outcome, judged.fit.outcome)
     if not outliers and (problem.outliers == "keep" or problem.loss == "mean"):
         spread = uncertainty(problem, np.array(fit.parameters))
-        return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, problem, problem, spread)
+        return Estimate(fit, outcome, outliers, problem, problem, spread)
     # Without gross errors plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
     kept = without(replace(problem, loss="mean"), outliers)
     of_kept: Fit | None = None
     if problem.outliers == "exclude":
-        fit, fitted = polish(kept, fit.parameters), kept
+        fit, fitted = judged.fit, kept
     else:
         fitted = problem
         # A saturating loss gives outliers next to no say.
-        of_kept = polish(kept, fit.parameters) if problem.loss == "mean" else None
+        of_kept = judged.fit if problem.loss == "mean" else None
     spread = uncertainty(kept, np.array((of_kept or fit).parameters))
-    return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, fitted, kept, spread, of_kept)
+    return Estimate(fit, outcome, outliers, fitted, kept, spread, of_kept)
 
 
 def _worse(fit: Outcome, judged: Outcome) -> Outcome:

@@ -16,7 +16,7 @@ from apexcal.documents.precision import Halves
 from apexcal.geometry.rotations import vector_from_rotation
 from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.estimate import Estimate
-from workers.solver.polish import polish
+from workers.solver.polish import refine
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian, transform_of
 from workers.solver.shared_errors import shared_errors
@@ -142,7 +142,7 @@ def _ratios(errors: ErrorModel, rows: Floats, first: Used, second: Used) -> tupl
 
 
 def _fitted(problem: FitProblem, p: Floats, half: Used) -> Floats:
-    return np.array(polish(replace(problem, weights=problem.weights * half), p).parameters)
+    return np.array(refine(replace(problem, weights=problem.weights * half), p).parameters)
 
 
 def _turned(found: Estimate, errors: ErrorModel, first: Used) -> tuple[float, _Ratio]:

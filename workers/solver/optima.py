@@ -1,6 +1,7 @@
 """Looks for other optima nearly as deep, from where the search's slots and the baselines ended."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -24,12 +25,15 @@ _ELSEWHERE_SIGMAS: Final = 5.0
 """Distance, root mean square over the parameters in standard deviations, from which another end is another place."""
 
 
-def other_optima(problem: FitProblem, polished: Fit, starts: Iterable[tuple[float, ...]]) -> list[Fit]:
+def other_optima(
+    problem: FitProblem, polished: Fit, starts: Iterable[tuple[float, ...]], ends: Iterable[Fit] = ()
+) -> list[Fit]:
     """Fits that ended far from `polished` and nearly as low, the lowest first, one for each place.
 
     starts: parameter vectors (D,) to descend from, such as the bests of the first iteration's slots, each of which
-    looked in the whole bounds. Distances count in the polished fit's standard deviations. None where the pairs leave
-    a direction open: the ends of such a valley are one place, however far apart.
+    looked in the whole bounds; ends: further fits of the problem. Depths count under the weights at the polished fit,
+    distances in its standard deviations. None where the pairs leave a direction open: the ends of such a valley are
+    one place, however far apart.
     """
     best = np.array(polished.parameters)
     if uncertainty(problem, best).rank < len(problem.free):
@@ -39,8 +43,7 @@ def other_optima(problem: FitProblem, polished: Fit, starts: Iterable[tuple[floa
     freedom = max(2 * int(np.count_nonzero(problem.weights)) - len(problem.free), 1)
     sigma = max(float(np.sqrt(polished.cost / freedom)), _EXACT_PX)
     places: list[tuple[float, Fit]] = []
-    for start in starts:
-        fit = polish(problem, start)
+    for fit in (*(polish(replace(here, covariances=None), start) for start in starts), *ends):
         cost = cost_of(here, fit.parameters, polished.scale_px)
         # A descent that ran out of steps has not reached its optimum, which may be this one.
         if not fit.outcome.converged:

@@ -9,8 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.results import Outlier
-from workers.solver.outcomes import Outcome
-from workers.solver.polish import distances, polish, robust_sigma_px, standard_distances, weighted_residuals
+from workers.solver.polish import (
+    Fit,
+    distances,
+    polish,
+    refine,
+    robust_sigma_px,
+    standard_distances,
+    weighted_residuals,
+)
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict
 from workers.solver.weighting import whitened
@@ -34,24 +41,24 @@ def without(problem: FitProblem, outliers: Sequence[Outlier]) -> FitProblem:
 
 
 class Judged(NamedTuple):
-    """The pairs that the fit of the others rejects, the worst first, and how that fit ended."""
+    """The pairs that the fit of the others rejects, the worst first, and that fit, by least squares."""
 
     outliers: list[Outlier]
-    outcome: Outcome
+    fit: Fit
 
 
-def judge(problem: FitProblem, start: Floats) -> Judged:
+def judge(problem: FitProblem, start: Floats, robust_fit: Fit | None = None) -> Judged:
     """The pairs that the fit of the others rejects.
 
-    start (D,): any fit of these pairs. A robust fit from there finds the clear ones; then the rest is fitted by
-    least squares and all pairs are judged again, until the same ones stand out twice. A pair's distance counts in
-    standard deviations of its own residual: one that alone holds a parameter has little of that (leverage), and
-    one left out has more.
+    start (D,): any fit of these pairs. A robust fit from there, if none is at hand, finds the clear ones; then the
+    rest is fitted by least squares and all pairs are judged again, until the same ones stand out twice. A pair's
+    distance counts in standard deviations of its own residual: one that alone holds a parameter has little of that
+    (leverage), and one left out has more.
     """
     # Only a saturating loss names a distance past which pairs are wrong; otherwise the median alone judges.
     saturation = problem.saturation_px if problem.loss == "saturating" else inf
     saturating = replace(problem, loss="saturating", saturation_px=saturation)
-    fit = polish(saturating, start)
+    fit = robust_fit or polish(saturating, start)
     robust = np.array(fit.parameters)
     here = whitened(saturating, robust)
     sigma = robust_sigma_px(here, robust)
@@ -62,9 +69,8 @@ def judge(problem: FitProblem, start: Floats) -> Judged:
     for _ in range(_ROUNDS):
         kept = np.where(out, 0.0, problem.weights)
         if np.count_nonzero(kept) < max(len(problem.free), 1):
-            return Judged([], fit.outcome)
-        reduced = replace(plain, weights=kept)
-        fit = polish(reduced, p)
+            return Judged([], polish(plain, robust))
+        fit = refine(replace(plain, weights=kept), p)
         p = np.array(fit.parameters)
         here = whitened(plain, p)
         scores = _scores(here, replace(here, weights=kept), p)
@@ -72,6 +78,8 @@ def judge(problem: FitProblem, start: Floats) -> Judged:
         if np.array_equal(again, out):
             break
         out = again
+    else:
+        fit = refine(replace(plain, weights=np.where(out, 0.0, problem.weights)), p)
     order = np.flatnonzero(out)[np.argsort(-scores[out], kind="stable")]
     d = distances(problem, p)
     pixels, violation = predict(problem, p)
@@ -85,7 +93,7 @@ def judge(problem: FitProblem, start: Floats) -> Judged:
         )
         for i in order.tolist()
     ]
-    return Judged(outliers, fit.outcome)
+    return Judged(outliers, fit)
 
 
 def _scores(problem: FitProblem, reduced: FitProblem, p: Floats) -> Floats:

@@ -12,6 +12,7 @@ from scipy import optimize
 
 from apexcal.geometry.rotations import shortest_vector
 from workers.geometry.projection import distances_px
+from workers.solver.newton import Quadratic, newton, quadratic, saturated
 from workers.solver.outcomes import Outcome
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian
@@ -29,6 +30,9 @@ MEDIAN_DISTANCE: Final = 1.1774100225154747
 """Median distance of unit Gaussian marks in the plane, sqrt(2 ln 2)."""
 _SCALE_FLOOR_PX: Final = 0.1
 _SCALE_ROUNDS: Final = 8
+_ENDS: Final = 1e-12
+_ON_THE_WAY: Final = 1e-5
+"""Relative gains of a step after which a descent ends, at a minimum or where another goes on from its end."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,6 @@ class Fit:
     rms_px: float
     minimised: str
     outcome: Outcome
-    evaluations: int
     cost: float = 0.0
     scale_px: float | None = None
 
@@ -60,18 +63,29 @@ def polish(problem: FitProblem, start: Sequence[float] | Floats) -> Fit:
 
     It descends twice and keeps the lower end: straight on, and over the continued formulas first, in which
     forbidden projections are no walls (from a far start walls would stop it at once). With covariances this is done
-    under rough weights, and then again from its end under those found there (iteratively reweighted).
+    under rough weights. From its end it goes on as `refine` does.
     """
     p = np.clip(np.asarray(start, dtype=np.float64), *_walls_of(problem))
-    if len(problem.free) == 0:
-        return _fit(problem, p, None, Outcome.NOTHING_FREE, 0)
-    robust = problem.loss == "saturating"
     rough = roughly_whitened(problem)
-    fit = _robust(rough, p) if robust else _plain(rough, p)
-    for _ in range(REWEIGHTED if problem.covariances is not None else 0):
-        again = whitened(problem, np.array(fit.parameters))
-        near = _descend(again, np.array(fit.parameters), _scale_at(again, fit) if robust else None)
-        fit = replace(_follow_scale(again, near) if robust else near, evaluations=fit.evaluations + near.evaluations)
+    if len(problem.free):
+        p = np.array((_robust(rough, p) if problem.loss == "saturating" else _plain(rough, p)).parameters)
+    return refine(problem, p)
+
+
+def refine(problem: FitProblem, start: Sequence[float] | Floats) -> Fit:
+    """Return the minimum that `polish` finds, from the end (D,) of a fit to most of these pairs.
+
+    It descends straight on, by steps of Newton as far as they lead down. With covariances it does so twice, each time
+    under the weights that hold where it begins (iteratively reweighted).
+    """
+    p = np.clip(np.asarray(start, dtype=np.float64), *_walls_of(problem))
+    fit = _fit(problem, p, None, Outcome.NOTHING_FREE)
+    for _ in range(0 if len(problem.free) == 0 else REWEIGHTED if problem.covariances is not None else 1):
+        here = whitened(problem, np.array(fit.parameters))
+        if problem.loss == "saturating":
+            fit = _follow_scale(here, replace(fit, scale_px=None))
+        else:
+            fit = _descend_near(here, np.array(fit.parameters), None)
     return fit
 
 
@@ -103,7 +117,7 @@ def cost_of(problem: FitProblem, p: Sequence[float] | Floats, scale_px: float | 
     """What the polish minimises, in px^2: squares, or the robust loss that is half saturated at scale_px."""
     residuals = weighted_residuals(problem, np.asarray(p, dtype=np.float64))[0]
     if scale_px is not None:
-        residuals = _saturated(residuals, None, 2 * len(problem.points), scale_px)[0]
+        residuals = saturated(residuals, None, 2 * len(problem.points), scale_px)[0]
     return float(residuals @ residuals)
 
 
@@ -157,8 +171,7 @@ def weighted_residuals(
 def _plain(problem: FitProblem, p: Floats) -> Fit:
     straight = _descend(problem, p, None)
     around = _descend(problem, np.array(_descend(problem, p, None, walls=False).parameters), None)
-    best = straight if straight.cost <= around.cost else around
-    return replace(best, evaluations=straight.evaluations + around.evaluations)
+    return straight if straight.cost <= around.cost else around
 
 
 def _robust(problem: FitProblem, p: Floats) -> Fit:
@@ -170,30 +183,25 @@ def _robust(problem: FitProblem, p: Floats) -> Fit:
         return fit
     near = _follow_scale(problem, _plain_or_robust(problem, p, most))
     scale = min(_known_scale(fit), _known_scale(near))
-    best = min((near, fit), key=lambda one: cost_of(problem, one.parameters, scale))
-    return replace(best, evaluations=fit.evaluations + near.evaluations)
+    return min((near, fit), key=lambda one: cost_of(problem, one.parameters, scale))
 
 
 def _narrowed(problem: FitProblem, fit: Fit) -> Fit:
     # Graduated non-convexity (Blake and Zisserman 1987): where the median does not take the scale below the
     # saturation, it goes there by halves, each descent from the last one's end.
-    evaluations = fit.evaluations
     most = problem.saturation_px
     while _known_scale(fit) > most and _median_scale(problem, fit.parameters) > most:
         fit = _descend(problem, np.array(fit.parameters), max(most, 0.5 * _known_scale(fit)))
-        evaluations += fit.evaluations
-    return replace(fit, evaluations=evaluations)
+    return fit
 
 
 def _follow_scale(problem: FitProblem, fit: Fit) -> Fit:
-    evaluations = fit.evaluations
     for _ in range(_SCALE_ROUNDS):
         scale = _scale_at(problem, fit)
         if fit.scale_px is not None and abs(scale - fit.scale_px) <= 1e-3 * scale:
             break
-        fit = _descend(problem, np.array(fit.parameters), scale)
-        evaluations += fit.evaluations
-    return replace(fit, evaluations=evaluations)
+        fit = _descend_near(problem, np.array(fit.parameters), scale)
+    return fit
 
 
 def _scale_at(problem: FitProblem, fit: Fit) -> float:
@@ -210,7 +218,25 @@ def _plain_or_robust(problem: FitProblem, p: Floats, scale: float) -> Fit:
     return straight if straight.cost <= around.cost else around
 
 
-def _descend(problem: FitProblem, start: Floats, scale: float | None, walls: bool = True) -> Fit:
+def _descend_near(problem: FitProblem, start: Floats, scale: float | None) -> Fit:
+    p, free = start.copy(), problem.free
+    lower, upper = (end[free] for end in _walls_of(problem))
+
+    def about(x: Floats) -> Quadratic:
+        problem.stop.check()
+        p[free] = x
+        return quadratic(*weighted_residuals(problem, p), 2 * len(problem.points), scale)
+
+    found = newton(about, start[free], lower, upper, MAX_EVALUATIONS)
+    if found is None:
+        return _descend(problem, start, scale, tolerance=_ENDS)
+    p[free] = found
+    return _ended(problem, p, scale, Outcome.CONVERGED)
+
+
+def _descend(
+    problem: FitProblem, start: Floats, scale: float | None, walls: bool = True, tolerance: float = _ON_THE_WAY
+) -> Fit:
     p, free = start.copy(), problem.free
     lower, upper = (end[free] for end in _walls_of(problem))
     count = 2 * len(problem.points)
@@ -224,50 +250,32 @@ def _descend(problem: FitProblem, start: Floats, scale: float | None, walls: boo
             problem.stop.check()
             at[:] = p[free] = x
             found = weighted_residuals(problem, p, walls=walls)
-            known = found if scale is None else _saturated(*found, count, scale)
+            known = found if scale is None else saturated(*found, count, scale)
         return known
-
-    def residuals_at(x: Floats) -> Floats:
-        return both(x)[0]
-
-    def jacobian_at(x: Floats) -> Floats:
-        return both(x)[1]
 
     # The solver wants a start strictly inside.
     margin = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
     found = _least_squares(
-        residuals_at,
+        lambda x: both(x)[0],
         np.clip(start[free], lower + margin, upper - margin),
-        jac=jacobian_at,
+        jac=lambda x: both(x)[1],
         bounds=(lower, upper),
         method="trf",
         x_scale="jac",
-        ftol=1e-12,
-        xtol=1e-12,
-        gtol=1e-12,
+        ftol=tolerance,
+        xtol=_ENDS,
+        gtol=_ENDS,
         max_nfev=MAX_EVALUATIONS,
     )
     p[free] = found.x
+    outcome = Outcome.CONVERGED if found.status > 0 else Outcome.OUT_OF_STEPS
+    return _ended(problem, p, scale, outcome)
+
+
+def _ended(problem: FitProblem, p: Floats, scale: float | None, outcome: Outcome) -> Fit:
     if problem.any_rotation:
         p[:3] = shortest_vector(p[:3])
-    return _fit(problem, p, scale, Outcome.CONVERGED if found.status > 0 else Outcome.OUT_OF_STEPS, int(found.nfev))
-
-
-def _saturated(residuals: Floats, jacobian: Floats | None, count: int, scale: float) -> tuple[Floats, Floats]:
-    # Each pair's two residuals r become r / sqrt(1 + |r|^2 / c^2), whose squares sum to the robust loss.
-    pairs = residuals[:count].reshape(-1, 2)
-    root = 1.0 / np.sqrt(1.0 + np.sum(pairs * pairs, axis=1) / scale**2)
-    bent = residuals.copy()
-    bent[:count] = (root[:, None] * pairs).ravel()
-    if jacobian is None:
-        return bent, np.empty((0, 0))
-    blocks = jacobian[:count].reshape(len(pairs), 2, -1)
-    along = np.einsum("nc,ncf->nf", pairs, blocks)
-    turned = jacobian.copy()
-    turned[:count] = (
-        root[:, None, None] * blocks - (root**3 / scale**2)[:, None, None] * pairs[:, :, None] * along[:, None, :]
-    ).reshape(count, -1)
-    return bent, turned
+    return _fit(problem, p, scale, outcome)
 
 
 def _walls_of(problem: FitProblem) -> tuple[Floats, Floats]:
@@ -277,7 +285,7 @@ def _walls_of(problem: FitProblem) -> tuple[Floats, Floats]:
     return lower, upper
 
 
-def _fit(problem: FitProblem, p: Floats, scale: float | None, outcome: Outcome, evaluations: int) -> Fit:
+def _fit(problem: FitProblem, p: Floats, scale: float | None, outcome: Outcome) -> Fit:
     mean, rms = mean_and_rms(problem, p)
     return Fit(
         parameters=tuple(p.tolist()),
@@ -285,7 +293,6 @@ def _fit(problem: FitProblem, p: Floats, scale: float | None, outcome: Outcome, 
         rms_px=rms,
         minimised=SQUARES if scale is None else ROBUST,
         outcome=outcome,
-        evaluations=evaluations,
         cost=cost_of(problem, p, scale),
         scale_px=scale,
     )

@@ -66,7 +66,7 @@ def finished(problem: FitProblem, state: State) -> Finished:
     p = found.parameters
     is_whole = problem.fold < 0
     halves = halves_of(found) if is_whole else []
-    # Nothing reads the baselines of a fit that holds pairs out.
+    # Nothing reads the baselines and other optima of a fit that holds pairs out.
     plain: dict[str, Fit | None] = {}
     if is_whole:
         plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
@@ -111,7 +111,7 @@ def finished(problem: FitProblem, state: State) -> Finished:
         residuals_px=distances(problem, p).tolist(),
         at_bounds=at_bounds(problem, p),
         checks=[],
-        several_optima=several_optima(kept, state, polished, compared, spread),
+        several_optima=several_optima(kept, state, polished, compared, spread) if is_whole else [],
         shared_errors=found.shared,
         common_errors=dict(problem.common_errors),
         person_bias=found.bias,

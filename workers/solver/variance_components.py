@@ -229,4 +229,4 @@ def _likelihood(sums: _Sums, fit: Linearised, at: _Solved) -> float:
 
 
 def _within(H: Floats, T: Floats, M: Floats) -> Floats:
-    return H - np.einsum("gif,gij,gjh->fh", T, M, T, optimize=True)
+    return H - T.reshape(-1, len(H)).T @ (M @ T).reshape(-1, len(H))

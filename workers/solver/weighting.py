@@ -5,7 +5,7 @@ derivative by the LiDAR point. Both forms of weight are relative to a typical pa
 that residuals stay in pixels: a typical pair's are as they are, a better one's count more.
 """
 
-from dataclasses import replace
+from copy import copy
 from typing import Final
 
 import numpy as np
@@ -59,7 +59,11 @@ def whitened(problem: FitProblem, p: Floats) -> FitProblem:
 def _with(problem: FitProblem, C: Floats) -> FitProblem:
     used = problem.weights > 0.0
     typical = float(np.sqrt(np.median(np.trace(C[used], axis1=1, axis2=2)) / 2.0))
-    return replace(problem, whitening=typical * np.linalg.inv(np.linalg.cholesky(C)), mark_sigma_px=typical)
+    # A copy, because a new problem would check its pairs and bounds once more.
+    here = copy(problem)
+    object.__setattr__(here, "whitening", typical * np.linalg.inv(np.linalg.cholesky(C)))
+    object.__setattr__(here, "mark_sigma_px", typical)
+    return here
 
 
 def _rough_variance(problem: FitProblem, covariances: Covariances) -> Floats:

@@ -87,7 +87,7 @@ def test_a_fit_that_runs_out_of_steps_says_so_and_is_no_result(monkeypatch):
     assert estimate(problem, truth).outcome.converged
     monkeypatch.setattr(polishing, "MAX_EVALUATIONS", 2)
     far = 0.5 * (problem.lower + problem.upper)
-    assert judge(problem, far).outcome is Outcome.OUT_OF_STEPS
+    assert judge(problem, far).fit.outcome is Outcome.OUT_OF_STEPS
     found = estimate(problem, far)
     assert found.outcome is Outcome.OUT_OF_STEPS
     assert "ran out" in found.outcome.sentence

@@ -12,6 +12,7 @@ from workers.solver.polish import (
     distances,
     mean_and_rms,
     polish,
+    refine,
     robust_sigma_px,
     weighted_residuals,
 )
@@ -61,6 +62,29 @@ def test_plain_baseline_reaches_the_optimum_of_a_roughly_known_mount(model):
     for seed in range(4):
         problem, truth = simulated(model, seed)
         assert baseline(problem).rms_px == pytest.approx(polish(problem, truth).rms_px, rel=1e-4)
+
+
+@pytest.mark.parametrize("loss", ["mean", "saturating"])
+@pytest.mark.parametrize("model", MODELS)
+def test_a_fit_of_most_pairs_refines_to_the_minimum_of_all(model, loss):
+    problem, truth = simulated(model, 7, loss=loss, outliers="keep")
+    most = replace(problem, weights=np.where(np.arange(len(problem.points)) % 5, 1.0, 0.0))
+    start = polish(most, truth)
+    whole, near = polish(problem, truth), refine(problem, start.parameters)
+    assert near.outcome.converged
+    ends = [predict(problem, np.array(fit.parameters))[0] for fit in (start, near, whole)]
+    # The scale of the robust loss settles to a thousandth.
+    assert np.abs(ends[1] - ends[2]).max() < (1e-5 if loss == "mean" else 1e-2)
+    assert np.abs(ends[0] - ends[2]).max() > 0.1
+
+
+def test_a_refinement_stops_at_a_bound():
+    problem, truth = simulated("pinhole", 7, **PLAIN)
+    focal = polish(problem, truth).parameters[6]
+    narrow = replace(problem, bounds=problem.bounds | {"f_x": (focal + 5.0, focal + 50.0)})
+    near, whole = refine(narrow, truth), polish(narrow, truth)
+    assert near.parameters[6] == pytest.approx(focal + 5.0, abs=1e-3)
+    assert near.cost == pytest.approx(whole.cost, rel=1e-6)
 
 
 def test_weights_leave_out_and_robust_polish_shrugs_off():
