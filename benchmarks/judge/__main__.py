@@ -99,13 +99,16 @@ def cases_table(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> str
 
 
 def checks_table(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> str:
-    """Each check as a line: the share of draws of each case in which it says look or stop."""
-    names = sorted({name for found in by_case.values() for one in found[:IN_TABLE] for name in one.failed})
-    head = " | ".join(case.name for case in cases)
-    rows = [f"| check | {head} |", f"|---|{'---|' * len(cases)}"]
-    for name in names:
-        shares = [np.mean([name in one.failed for one in by_case[case.name][:IN_TABLE]]) for case in cases]
-        rows.append(f"| `{name}` | {' | '.join(f'{share:.2f}' if share else '' for share in shares)} |")
+    """Each check as a line: of how many sound draws it says look or stop, and of which share of each other case."""
+    draws = {case: by_case[case.name][:IN_TABLE] for case in cases}
+    sound = [one for case in cases if case.is_sound for one in draws[case]]
+    faults = [case for case in cases if not case.is_sound]
+    rows = [f"| Check | Accuses, of {len(sound)} sound | Finds |", "|---|---|---|"]
+    for name in sorted({name for outcomes in draws.values() for one in outcomes for name in one.failed}):
+        shares = {case.name: float(np.mean([name in one.failed for one in draws[case]])) for case in faults}
+        named = sorted((case for case in shares if shares[case] >= 0.005), key=lambda case: -shares[case])
+        rest = "; ".join(f"{case} {shares[case]:.2f}" for case in named)
+        rows.append(f"| `{name}` | {sum(name in one.failed for one in sound)} | {rest} |")
     return "\n".join(rows)
 
 

@@ -16,4 +16,4 @@ def test_a_sound_walk_is_published_and_a_wrong_lens_model_is_not():
     # One of one: at least 0.025 by Clopper and Pearson.
     assert figures["sound_published_interval"] == [0.025, 1.0]
     assert "| wrong model | 1 | 0.000 (0.000-0.975) |" in cases_table(cases, by_case)
-    assert "| `lens_model` |  | 1.00 |" in checks_table(cases, by_case)
+    assert "| `lens_model` | 0 | wrong model 1.00 |" in checks_table(cases, by_case)
