@@ -9,7 +9,6 @@ from contextlib import asynccontextmanager
 from importlib.metadata import version
 
 from anyio.to_thread import current_default_thread_limiter
-from asgi_correlation_id import CorrelationIdMiddleware
 from fastapi import APIRouter, FastAPI
 from fastapi.concurrency import run_in_threadpool
 
@@ -37,25 +36,15 @@ from service.platform.events import routes as events
 from service.platform.events.fanout import Fanout
 from service.platform.health import metrics_routes
 from service.platform.health import routes as health
-from service.platform.http import (
-    bodies,
-    draining,
-    etags,
-    headers,
-    idempotency,
-    problems,
-    store_problems,
-    threads,
-    watching,
-    web,
-)
+from service.platform.http import draining, etags, idempotency, problems, store_problems, threads, web
+from service.platform.http.envelope import Envelope
 from service.platform.http.limits import ConcurrencyLimiter
 from service.platform.http.lookups import Lookups
 from service.platform.job_status import routes as job_status
 from service.platform.jobs.messages import COURIER as JOBS
 from service.platform.jobs.messages import Sender
 from service.platform.jobs.retention import forget_jobs
-from service.platform.observability import logs, request_ids
+from service.platform.observability import logs
 from service.platform.settings import Settings, settings_or_exit
 from service.platform.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
 from service.platform.storage.audit import audit_if_due
@@ -100,11 +89,6 @@ ROUTERS: tuple[APIRouter, ...] = (
     fleet_requests.router,
     validations.router,
 )
-
-# Included once: at every inclusion FastAPI derives again what each route takes and answers, 0.2 s for all routes.
-API = APIRouter()
-for _router in ROUTERS:
-    API.include_router(_router, prefix="/v1", max_body_size=bodies.DEFAULT)
 
 _UPKEEP_S = 600.0
 _UPKEEP_CONNECTIONS = 2
@@ -189,7 +173,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         lifespan=lifespan,
         openapi_url="/v1/openapi.json",
         separate_input_output_schemas=False,
-        # Requests are counted by `watching`; FastAPI asks the environment about OpenTelemetry at each of them.
+        # Requests are counted by `Envelope`; FastAPI asks the environment about OpenTelemetry at each of them.
         telemetry={"tracing": False, "metrics": False, "logs": False},
         docs_url=None,
         redoc_url=None,
@@ -214,17 +198,15 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
     for room in (problems, store_problems, etags, idempotency):
         room.install(app)
-    app.add_middleware(headers.SafeHeaders, stores=[app.state.store.origin] if app.state.store.signs else [])
-    app.add_middleware(draining.PoliteClosing, drain=drain)
-    app.add_middleware(watching.Watched, figures=metrics_routes.install(app, version("apexcal")))
     app.add_middleware(
-        CorrelationIdMiddleware,
-        header_name=request_ids.HEADER,
-        validator=request_ids.is_harmless,
-        transformer=request_ids.bound,
+        Envelope,
+        figures=metrics_routes.install(app, version("apexcal")),
+        drain=drain,
+        stores=[app.state.store.origin] if app.state.store.signs else [],
     )
     health.install(app)
-    app.router.routes += API.routes
+    # Not included: FastAPI would derive again what each route takes and answers, and match each request twice.
+    app.router.routes[:0] = [route for router in ROUTERS for route in router.routes]
     app.router.middleware_stack = Gate(app.router.middleware_stack)
     web.install(app)
     return app

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import func, select, update
+from sqlalchemy import bindparam, func, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.marking import Answer, AnswerView, Own, Undo
@@ -20,12 +20,17 @@ from service.annotations.views import Said, Subject, own_answer, own_version, su
 from service.platform.db.annotations import Answer as AnswerRow
 from service.platform.db.annotations import MarkingTask
 from service.platform.db.base import Json
-from service.platform.db.clock import now
+from service.platform.db.clock import now, now_plus
 from service.platform.http.problems import Problem
 
 # People correct themselves once or twice. Each answer stays in the history, so their number is bounded: this many
 # rows, and as many for taking them back.
 MOST_ANSWERS = 10
+
+_TASK: Any = MarkingTask.__table__
+_OF_TASK = update(_TASK).where(_TASK.c.id == bindparam("task"))
+_ANSWERED = _OF_TASK.values(answered_at=now())
+_LEASED_AGAIN = _OF_TASK.values(answered_at=None, leased_until=now_plus("lease_s"))
 
 
 def give(session: Session, found: Subject, said: Answer) -> AnswerView:
@@ -54,7 +59,7 @@ def give(session: Session, found: Subject, said: Answer) -> AnswerView:
             reopen(session, found.person_id, found.recording_id, found.apex_id)
         with _counted(session, found, found.frame.frame_index):
             _write(session, found, said, content, found.mark, found.verdict)
-            _change_task(session, found, answered_at=now())
+            session.connection().execute(_ANSWERED, {"task": found.task_id})
     progress = progress_of(session, found.person_id, found.detection_id, found.frame.sensor_id)
     return AnswerView(id=said.id, version=version, verdict=verdict, mark=mark, reviewed=reviewed, progress=progress)
 
@@ -80,7 +85,7 @@ def undo(session: Session, found: Subject, said: Undo, lease_s: float) -> Subjec
                 let_stand(session, mark.id, is_mark=False)
             _restore_verdict(session, found)
             _write(session, found, said, {"verdict": None, "u": last.u, "v": last.v}, last, None)
-            _change_task(session, found, answered_at=None, leased_until=now(lease_s))
+            session.connection().execute(_LEASED_AGAIN, {"task": found.task_id, "lease_s": lease_s})
     return subjects(session, found.person_id, task_id=found.task_id)[0]
 
 
@@ -168,8 +173,3 @@ def _write(
     row = {"id": said.id, "version": said.version + 1, "corner": found.vertex.corner, "reviewed": bool(found.told)}
     if not write_answer(session, row | whose | frame | content, mark, verdict):
         raise _id_used(said.id)
-
-
-def _change_task(session: Session, found: Subject, **columns: Any) -> None:
-    task: Any = MarkingTask.__table__
-    session.connection().execute(update(task).where(task.c.id == found.task_id).values(**columns))

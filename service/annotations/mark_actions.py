@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 from uuid import UUID
 
@@ -56,8 +57,13 @@ def write_answer(session: Session, row: Json, mark: Answer | Said | None, verdic
     for name, before in (("is_mark", mark), ("is_verdict", verdict)):
         if before is not None and takes[name]:
             let_stand(session, before.id, **{name: False})
-    new = upserting(session.get_bind().dialect.name, _ANSWER).on_conflict_do_nothing(index_elements=["id"])
-    return session.connection().scalar(new.returning(_ANSWER.c.id), row | takes) is not None
+    return session.connection().scalar(_new_answer(session.get_bind().dialect.name), row | takes) is not None
+
+
+@cache
+def _new_answer(dialect: str) -> Any:
+    row = upserting(dialect, _ANSWER).on_conflict_do_nothing(index_elements=["id"])
+    return row.returning(_ANSWER.c.id)
 
 
 def let_stand(session: Session, answer_id: UUID, **stands: bool) -> None:

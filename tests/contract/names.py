@@ -40,7 +40,6 @@ TWICE = frozenset(
         "Seen",
         "Track",
         "TrackPoints",
-        "Watched",
         "Way",
         "Window",
     ]

@@ -21,7 +21,6 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from sqlalchemy import ColumnElement, Select, bindparam, select
 from sqlalchemy.orm import Session
-from starlette.types import Scope
 
 from apexcal.documents.roles import Role, least, rank
 from service.platform.auth.origins import check_origin
@@ -29,7 +28,6 @@ from service.platform.auth.secrets import TOKEN_PREFIX, secret_hash
 from service.platform.db.clock import now
 from service.platform.db.fleets import Fleet
 from service.platform.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person
-from service.platform.db.session import Database
 from service.platform.http.idempotency import RequestKey, kept_answer, of_caller, repeat, request_key
 from service.platform.http.lookups import Lookups
 from service.platform.http.problems import Problem, not_found
@@ -210,10 +208,13 @@ class Access:
 
 
 async def identified(request: Request) -> Identity:
-    """Who sends this request. It waits for no lock and behind nobody who does.
+    """Who sends this request, looked up once for all who ask. It waits for no lock and behind nobody who does.
 
     Raises :class:`Problem` 401 ``not_signed_in``.
     """
+    identity: Identity | None = request.scope.get(_SCOPE)
+    if identity is not None:
+        return identity
     kind, _, bearer = request.headers.get("authorization", "").partition(" ")
     is_token = kind.lower() == "bearer" and bearer.startswith(TOKEN_PREFIX)
     secret = bearer if is_token else request.cookies.get(COOKIE)
@@ -222,7 +223,9 @@ async def identified(request: Request) -> Identity:
     if not is_token:
         check_origin(request, request.app.state.settings.public_url)
     lookups: Lookups = request.app.state.lookups
-    return _identity_of(await lookups.rows(_valid(is_token=is_token), _named(secret)), secret, is_token=is_token)
+    rows = await lookups.rows(_valid(is_token=is_token), _named(secret))
+    identity = request.scope[_SCOPE] = _identity_of(rows, secret, is_token=is_token)
+    return identity
 
 
 def renewed(session: Session, identity: Identity) -> Identity | None:
@@ -231,16 +234,6 @@ def renewed(session: Session, identity: Identity) -> Identity | None:
         return _look_up(session, identity.credential, is_token=identity.token is not None)
     except Problem:
         return None
-
-
-def keep_identity(scope: Scope, identity: Identity) -> None:
-    """Note on the request who sends it, so that nobody looks it up again."""
-    scope[_SCOPE] = identity
-
-
-async def _identity(request: Request) -> Identity:
-    known: Identity | None = request.scope.get(_SCOPE)
-    return known or await identified(request)
 
 
 def _look_up(session: Session, secret: str, *, is_token: bool) -> Identity:
@@ -290,7 +283,7 @@ def _not_signed_in(detail: str) -> Problem:
     )
 
 
-CurrentIdentity = Annotated[Identity, Depends(_identity)]
+CurrentIdentity = Annotated[Identity, Depends(identified)]
 
 
 @contextmanager
@@ -301,15 +294,14 @@ def _accessing(
         yield Access(session, identity, asked)
 
 
-async def _read_access(request: Request, identity: CurrentIdentity) -> Transaction:
-    database: Database = request.app.state.database
+# Each dependency of a dependency is solved by itself, at a cost, so these call what they need.
+async def _read_access(request: Request) -> Transaction:
+    identity, database = await identified(request), request.app.state.database
     return Transaction(partial(_accessing, database.reading, identity), writes=False, caller=identity.person.id)
 
 
-async def _write_access(
-    request: Request, identity: CurrentIdentity, asked: Annotated[RequestKey | None, Depends(request_key)]
-) -> Transaction:
-    database: Database = request.app.state.database
+async def _write_access(request: Request) -> Transaction:
+    identity, database, asked = await identified(request), request.app.state.database, await request_key(request)
     if asked:
         asked = of_caller(asked, secret_hash(identity.credential), identity.only_fleet, identity.only_role)
     return Transaction(partial(_accessing, database.writing, identity, asked), writes=True, caller=identity.person.id)

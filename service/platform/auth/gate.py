@@ -11,15 +11,16 @@ from uuid import UUID
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.platform.auth.access import identified, keep_identity
+from service.platform.auth.access import identified
 from service.platform.http.problems import Problem
 
 # No request with one of these methods has its body read.
 _WITHOUT_BODY = frozenset(("GET", "HEAD", "OPTIONS"))
 # Who signs in has no credentials yet; the route itself limits the body to a few KiB.
 _OPEN = frozenset((("POST", "/v1/sign-in"),))
-# Seconds for a stranger's body of 4 KiB, and how many may be on their way in a process; the oldest makes room.
-STRANGER_S = 5.0
+# Seconds for a stranger's body of 4 KiB, and how many may be on their way in a process; the oldest makes room. A
+# thousand that come at once wait for a second to be taken, and shall all have ended within 5 s.
+STRANGER_S = 3.0
 STRANGERS = 64
 # A body may come slowly. Each holds a connection, of which a process takes a thousand, and a part of an upload holds
 # room on the disk. A program that sends parts and asks for work has a dozen requests under way.
@@ -43,7 +44,6 @@ class Gate:
             await self._serve_stranger(scope, receive, send)
             return
         identity = await identified(Request(scope))
-        keep_identity(scope, identity)
         with self._counted(identity.person.id):
             await self._app(scope, receive, send)
 
@@ -94,7 +94,7 @@ def _too_slow() -> Problem:
     return Problem(
         408,
         "body_too_slow",
-        f"The request's body did not arrive within {STRANGER_S:.0f} s, or others came meanwhile.",
+        f"The request's body did not arrive within {STRANGER_S:g} s, or others came meanwhile.",
         "Send the request again, with its whole body.",
         headers={"Connection": "close"},
     )

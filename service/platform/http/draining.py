@@ -17,9 +17,6 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from starlette.datastructures import MutableHeaders
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
 log = logging.getLogger(__name__)
 
 
@@ -68,21 +65,3 @@ class Drain:
 def _call(handler: Any, number: int) -> None:
     if callable(handler):
         handler(number, None)
-
-
-class PoliteClosing:
-    """While draining, tell every client to open another connection for its next request."""
-
-    def __init__(self, app: ASGIApp, drain: Drain) -> None:
-        self._app = app
-        self._drain = drain
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one connection."""
-
-        async def send_closing(message: Message) -> None:
-            if self._drain.asked and message["type"] == "http.response.start":
-                MutableHeaders(scope=message)["Connection"] = "close"
-            await send(message)
-
-        await self._app(scope, receive, send_closing if scope["type"] == "http" else send)

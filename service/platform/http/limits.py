@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from asyncio import Semaphore, timeout
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from uuid import UUID
 from weakref import WeakValueDictionary
-
-from anyio import CapacityLimiter, fail_after
 
 from service.platform.http.problems import Problem
 
@@ -29,10 +28,10 @@ class ConcurrencyLimiter:
     """``total`` requests at once in this process, of which one person has ``each`` at most. Of one event loop."""
 
     def __init__(self, total: int, each: int | None = None, wait_s: float = 0.0) -> None:
-        self._total = CapacityLimiter(total)
+        self._total = Semaphore(total)
         self._each = each
         self._wait_s = wait_s
-        self._of_persons: WeakValueDictionary[UUID, CapacityLimiter] = WeakValueDictionary()
+        self._of_persons: WeakValueDictionary[UUID, Semaphore] = WeakValueDictionary()
 
     @asynccontextmanager
     async def take(self, person_id: UUID | None, wait_s: float | None = None) -> AsyncIterator[None]:
@@ -40,9 +39,9 @@ class ConcurrencyLimiter:
         wait_s = self._wait_s if wait_s is None else wait_s
         async with AsyncExitStack() as stack:
             try:
-                with fail_after(wait_s):
+                async with timeout(wait_s):
                     if self._each is not None and person_id is not None:
-                        own = self._of_persons.setdefault(person_id, CapacityLimiter(self._each))
+                        own = self._of_persons.setdefault(person_id, Semaphore(self._each))
                         await stack.enter_async_context(own)
                     await stack.enter_async_context(self._total)
             except TimeoutError:

@@ -14,9 +14,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError, ProgrammingError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
-from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from apexcal.documents.errors import DocumentError
 from service.platform.observability import request_ids
@@ -135,29 +133,8 @@ def is_locked(error: OperationalError) -> bool:
     return _failure_of(error)[0] == _LOCKED
 
 
-class TooLargeAsProblem:
-    """Makes a problem of the plain text with which the framework refuses a body of too many bytes."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one connection."""
-        replaced = False
-
-        async def send_problem(message: Message) -> None:
-            nonlocal replaced
-            if message["type"] == "http.response.start" and message["status"] == 413:
-                replaced = Headers(scope=message).get("content-type") != MEDIA_TYPE
-                if replaced:
-                    await _too_large().response()(scope, receive, send)
-            if not replaced:
-                await send(message)
-
-        await self._app(scope, receive, send_problem)
-
-
-def _too_large() -> Problem:
+def too_large() -> Problem:
+    """A body of more bytes than its route takes."""
     return Problem(
         413, "body_too_large", "The request's body is too large.", "Upload recordings in parts; send less at once."
     )
@@ -165,8 +142,6 @@ def _too_large() -> Problem:
 
 def install(app: FastAPI) -> None:
     """Answer everything that goes wrong in ``app`` with a problem document."""
-
-    app.add_middleware(TooLargeAsProblem)
 
     @app.exception_handler(Problem)
     async def on_problem(request: Request, problem: Problem) -> JSONResponse:
@@ -249,7 +224,7 @@ def _of_status(request: Request, error: HTTPException) -> Problem:
             headers=headers,
         )
     if status == 413:
-        return _too_large()
+        return too_large()
     phrase = HTTPStatus(status).phrase
     return Problem(status, phrase.lower().replace(" ", "_").replace("-", "_"), str(error.detail), headers=headers)
 

@@ -11,15 +11,16 @@ import inspect
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.dependencies.utils import get_flat_params
 from fastapi.exceptions import ResponseValidationError
 from fastapi.params import Query
 from fastapi.routing import APIRoute
 
+from service.platform.http.bodies import DEFAULT
 from service.platform.http.problems import check_query
 from service.platform.http.threads import Lane, Threads
 
@@ -33,15 +34,6 @@ class Transaction:
     open: Callable[[], AbstractContextManager[Any]]
     writes: bool
     caller: UUID
-
-
-class _Exchange(NamedTuple):
-    request: Request
-    response: Response
-
-
-async def _exchange(request: Request, response: Response) -> _Exchange:
-    return _Exchange(request, response)
 
 
 class Route(APIRoute):
@@ -66,21 +58,29 @@ class Route(APIRoute):
         return checked
 
     def _in_one_call(self, endpoint: Callable[..., Any]) -> Callable[..., Any]:
+        signature = inspect.signature(endpoint, eval_str=True)
+        # FastAPI gives one parameter the request, and one the answer with what dependencies put on it.
+        names = {_name_of(kind, signature): kind for kind in (Request, Response)}
+        more = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind)
+            for name, kind in names.items()
+            if name not in signature.parameters
+        ]
+
         @functools.wraps(endpoint)
-        async def called(*, _exchange: _Exchange, **values: Any) -> Response:
-            threads: Threads = _exchange.request.app.state.threads
+        async def called(**values: Any) -> Response:
+            request, injected = (values[name] for name in names)
+            for one in more:
+                del values[one.name]
+            threads: Threads = request.app.state.threads
             sessions = [one for one in values.values() if isinstance(one, Transaction)]
-            reads = not any(one.writes for one in sessions) and (sessions or _exchange.request.method in _READS)
+            reads = not any(one.writes for one in sessions) and (sessions or request.method in _READS)
             lane: Lane = threads.reading if reads else getattr(threads, self.writers)
             caller = sessions[0].caller if sessions else None
-            return await lane.run(self._answer, endpoint, values, _exchange.response, caller=caller)
+            return await lane.run(self._answer, endpoint, values, injected, caller=caller)
 
-        signature = inspect.signature(endpoint)
-        extra = inspect.Parameter(
-            "_exchange", inspect.Parameter.KEYWORD_ONLY, annotation=Annotated[_Exchange, Depends(_exchange)]
-        )
         called.__signature__ = signature.replace(  # pyright: ignore[reportAttributeAccessIssue]
-            parameters=[*signature.parameters.values(), extra]
+            parameters=[*signature.parameters.values(), *more]
         )
         return called
 
@@ -107,6 +107,12 @@ class Route(APIRoute):
         return made
 
 
+def _name_of(kind: type, signature: inspect.Signature) -> str:
+    """The parameter of exactly this type, or the name of a new one."""
+    names = (name for name, one in signature.parameters.items() if one.annotation is kind)
+    return next(names, f"_{kind.__name__.lower()}")
+
+
 class MarkingRoute(Route):
     """A route of many people who mark at once; those that write have few threads of their own."""
 
@@ -114,7 +120,7 @@ class MarkingRoute(Route):
 
 
 class Router(APIRouter):
-    """A resource's router."""
+    """A resource's router. Its routes know their whole address, so that the application takes them as they are."""
 
     def __init__(self, *, tags: list[str], route_class: type[Route] = Route) -> None:
-        super().__init__(tags=[*tags], route_class=route_class)
+        super().__init__(prefix="/v1", tags=[*tags], route_class=route_class, max_body_size=DEFAULT)

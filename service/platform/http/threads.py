@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from asyncio import sleep
 from collections.abc import Callable
 from functools import partial
+from time import monotonic
 from typing import Any, TypeVar
 from uuid import UUID
 
-from anyio import CapacityLimiter, current_time, sleep
+from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 from sqlalchemy.exc import OperationalError
 
@@ -29,8 +31,9 @@ _LOCKED = 2
 OTHERS = 6
 # A connection for each thread: nobody waits for one.
 CONNECTIONS = _READERS + _WRITERS + _MARKING + _IDENTITY + _LOCKED + OTHERS
-# So long does a request wait for threads and locks together. Rows are locked for milliseconds.
-WAIT_S = 5.0
+# So long does a request wait for threads and locks together. Rows are locked for milliseconds. Sixty who wait for one
+# row ask within a second and hear within half a second, so that the last has its answer well before 6 s.
+WAIT_S = 4.0
 # So long does one try wait for one lock. PostgreSQL may let a statement wait twice for a row: behind others who wait,
 # then for its holder.
 LOCK_S = 0.1
@@ -70,15 +73,15 @@ class Lane:
             BusyProblem: no thread was free for ``wait_s`` seconds.
             OperationalError: a lock was held for so long, threads' waiting included; or what ``call`` raises.
         """
-        ends_at, lane, locked = current_time() + wait_s, self, None
+        ends_at, lane, locked = monotonic() + wait_s, self, None
         while True:
             try:
-                async with lane._limiter.take(caller, ends_at - current_time()):
+                async with lane._limiter.take(caller, ends_at - monotonic()):
                     return await run_sync(partial(call, *args, **named), limiter=_ANY)
             except BusyProblem:
                 raise locked or BusyProblem(wait_s) from None
             except OperationalError as error:
-                if not is_locked(error) or current_time() >= ends_at:
+                if not is_locked(error) or monotonic() >= ends_at:
                     raise
                 lane, locked = self._locked, error
             await sleep(_PAUSE_S)

@@ -101,5 +101,3 @@ def configure(form: str, level: int = logging.INFO) -> None:
     logging.getLogger("uvicorn.access").disabled = True
     for name in _CHATTY:
         logging.getLogger(name).setLevel(logging.WARNING)
-    # It warns of every id that it replaces, and a stranger may send any number of them.
-    logging.getLogger("asgi_correlation_id").setLevel(logging.ERROR)
