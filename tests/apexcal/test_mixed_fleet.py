@@ -10,7 +10,7 @@ import pytest
 
 from apexcal.client import Client
 from benchmarks.judge.cases import CASES, Draw
-from benchmarks.judge.judging import error_of
+from tests.apexcal.published import published
 from workers.simulation.camera import FRONT
 
 VEHICLES = 300
@@ -39,15 +39,10 @@ def test_of_300_mixed_vehicles_at_most_one_wrong_calibration_is_published(owner:
     request = owner.fleet_requests.create(fleet.id, models=["pinhole"], publish="recommended")
     ended = owner.wait(request, timeout_s=_HOURS_S)
     assert ended.counts.matched == VEHICLES and ended.counts.failed == 0
-    published = {
-        vehicle: owner.calibrations.result(current.result_id)
-        for vehicle in draws
-        for current in owner.calibrations.publications(vehicle, FRONT)
-    }
-    wrong = [vehicle for vehicle, result in published.items() if error_of(draws[vehicle], result)[1]]
-    print(f"seed {seed}: {len(published)} of {VEHICLES} published, {len(wrong)} of them wrong")
+    of_all, wrong = published(owner, draws)
+    print(f"seed {seed}: {len(of_all)} of {VEHICLES} published, {len(wrong)} of them wrong")
     # Two ninths have no fault but slips, and a third of these a pinhole camera: some 22.
-    assert len(published) >= 10
+    assert len(of_all) >= 10
     assert len(wrong) <= 1, [owner.vehicles.get(vehicle).name for vehicle in wrong]
 
 
