@@ -2,13 +2,16 @@
 """Newton's steps near a minimum of squares or of a robust loss."""
 
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
 Floats = NDArray[np.float64]
+# scipy publishes no types.
+_cho_factor: Callable[..., Any] = linalg.cho_factor
+_cho_solve: Callable[..., Floats] = linalg.cho_solve
 _MOST_STEPS: Final = 20
 _LEAST_DAMPING: Final = 1e-3
 _DAMPED: Final = 10.0
@@ -43,11 +46,11 @@ def newton(
             return None
         try:
             damped = curvature / unit / unit[:, None] + damping * np.eye(len(unit))
-            factor = linalg.cho_factor(damped, check_finite=False)
+            factor = _cho_factor(damped, check_finite=False)
         except linalg.LinAlgError:
             damping = max(_DAMPED * damping, _LEAST_DAMPING)
             continue
-        step = linalg.cho_solve(factor, slope / unit, check_finite=False) / unit
+        step = _cho_solve(factor, slope / unit, check_finite=False) / unit
         to = x.copy()
         to[inside] -= step
         to = np.clip(to, lower, upper)

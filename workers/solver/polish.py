@@ -231,7 +231,7 @@ def _descend_near(problem: FitProblem, start: Floats, scale: float | None) -> Fi
     if found is None:
         return _descend(problem, start, scale, tolerance=_ENDS)
     p[free] = found
-    return _ended(problem, p, scale, Outcome.CONVERGED)
+    return _fit(problem, p, scale, Outcome.CONVERGED)
 
 
 def _descend(
@@ -253,12 +253,18 @@ def _descend(
             known = found if scale is None else saturated(*found, count, scale)
         return known
 
+    def residuals_at(x: Floats) -> Floats:
+        return both(x)[0]
+
+    def jacobian_at(x: Floats) -> Floats:
+        return both(x)[1]
+
     # The solver wants a start strictly inside.
     margin = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
     found = _least_squares(
-        lambda x: both(x)[0],
+        residuals_at,
         np.clip(start[free], lower + margin, upper - margin),
-        jac=lambda x: both(x)[1],
+        jac=jacobian_at,
         bounds=(lower, upper),
         method="trf",
         x_scale="jac",
@@ -269,12 +275,6 @@ def _descend(
     )
     p[free] = found.x
     outcome = Outcome.CONVERGED if found.status > 0 else Outcome.OUT_OF_STEPS
-    return _ended(problem, p, scale, outcome)
-
-
-def _ended(problem: FitProblem, p: Floats, scale: float | None, outcome: Outcome) -> Fit:
-    if problem.any_rotation:
-        p[:3] = shortest_vector(p[:3])
     return _fit(problem, p, scale, outcome)
 
 
@@ -286,6 +286,8 @@ def _walls_of(problem: FitProblem) -> tuple[Floats, Floats]:
 
 
 def _fit(problem: FitProblem, p: Floats, scale: float | None, outcome: Outcome) -> Fit:
+    if problem.any_rotation:
+        p[:3] = shortest_vector(p[:3])
     mean, rms = mean_and_rms(problem, p)
     return Fit(
         parameters=tuple(p.tolist()),
