@@ -1,4 +1,4 @@
-"""`make bench-marks`: see the docstring of the package. SHORT=1 draws fewer scenes.
+"""`make bench-marks`: see the docstring of the package. SHORT=1 draws fewer scenes, FIRST is the first one's seed.
 
 The scenes of seeds from 0 on judge. Nothing was chosen by them: development drew seeds from 9000 on.
 """
@@ -45,9 +45,10 @@ def main() -> None:
     short = bool(os.environ.get("SHORT"))
     start = time.monotonic()
     scenes, chance = (16, 60) if short else (SCENES, _CHANCE)
+    first = int(os.environ.get("FIRST", "0"))
     with multiprocessing.get_context("spawn").Pool(2) as pool:
-        outcomes = [one for one in pool.imap_unordered(run_scene, range(scenes)) if one is not None]
-        offered = sum(pool.imap_unordered(offers_mount, range(chance), chunksize=5))
+        outcomes = [one for one in pool.imap_unordered(run_scene, range(first, first + scenes)) if one is not None]
+        offered = sum(pool.imap_unordered(offers_mount, range(first, first + chance), chunksize=5))
     print(f"{len(outcomes)} of {scenes} drawn scenes show the board in 8 frames or more\n")
     _tell("all", outcomes)
     for kind, holds in _KINDS.items():

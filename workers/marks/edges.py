@@ -5,93 +5,64 @@ A line is fitted to the offsets of the profiles' edges from the projected edge, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from workers.marks.profiles import (
+    SHARPEST_PX,
+    SHORTEST_PX,
+    SOFTEST_PX,
+    STEP_PX,
+    WIDEST_PX,
+    Crop,
+    Curve,
+    ProfileEdges,
+    TracedEdge,
+    find_edges,
+    trace_edge,
+)
 from workers.marks.sights import Floats, Image
 
-HALF_WIDTHS_PX: Final = (16.0, 8.0, 4.0, 3.0)
+HALF_WIDTHS_PX: Final = (WIDEST_PX, 8.0, 4.0, 3.0)
 AGREEING: Final = 0.35
 _BOTH_AGREEING: Final = 1.0  # of both edges together: mere texture reaches 0.8 (development scenes)
 FARTHEST_PX: Final = 30.0
-_TIP_PX: Final = 6.0  # left out at the corner, which is blunt; more for large boards
-_TIP_SHARE: Final = 0.05
-_END_SHARE: Final = 0.06  # left out at the far end
-_SHORTEST_PX: Final = 10.0  # of what is left
-_MOST_PROFILES: Final = 64
-_STEP_PX: Final = 0.5
-_CANDIDATES: Final = 3  # edges of a profile
-_NOISES: Final = 4.0
 _TOLERANCE_PX: Final = (1.5, 1.0, 0.5, 0.4)
-_SHARPEST_PX: Final = 1.0  # standard deviation of the derivative of a Gaussian
-_SOFTEST_PX: Final = 4.0
 _SOFT_SHARE: Final = 0.4
 _ROUNDS: Final = 5
 _HALVED_PX: Final = 4.0  # up to here the direction is known well
 _SLOPES: Final = 17
 _NEARNESS: Final = 0.3  # of a vote, lost at the window's rim
 _OUTER_SHARE: Final = 0.7
-_CROP_PX: Final = 24
 _AVERAGE: Final = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # of five profiles
 _AVERAGED: Final = float(np.linalg.norm(_AVERAGE))
 
-Curve = Callable[[Floats], Floats]
-"""Pixels (K, 2) of a board's edge at shares (K,) of its length from the corner."""
-
 
 class CornerFit(NamedTuple):
-    """The corner (2,) px, its covariance (2, 2) by the profiles' scatter, and how soft the edges are, px."""
+    """The corner (2,) px, its covariance (2, 2) by the profiles' scatter, and how soft the edges are, px.
+
+    `lines` (2, 2): offset and slope of both edges against their projections.
+    """
 
     pixel: Floats
     covariance: Floats
     softness_px: float
+    lines: Floats
 
 
 EdgeRefusal = Literal["outside", "few_pixels", "no_edge", "moved_far"]
 
 
-@dataclass(frozen=True, eq=False)
-class _Traced:
-    """An edge in the image at P places: pixels (P, 2), unit normals (P, 2), lengths along it from the corner (P,)."""
-
-    pixels: Floats
-    normals: Floats
-    along: Floats
-    length: float
-
-    def moved(self, offset: float, slope: float) -> _Traced:
-        pixels = self.pixels + (offset + slope * self.along)[:, None] * self.normals
-        return _Traced(pixels, self.normals, self.along, self.length)
-
-
 class _Line(NamedTuple):
-    """offset + slope * along, their covariance (2, 2), the share of agreeing profiles, and the edges' softness."""
+    """offset + slope * along, covariance (2, 2), share of agreeing profiles, softness."""
 
     offset: float
     slope: float
     covariance: Floats
     agreeing: float
     softness: float
-
-
-class _ProfileEdges(NamedTuple):
-    """The strongest edges of P profiles, C of each.
-
-    Attributes:
-        offsets: (P, C) px from the projection; not a number where a profile has fewer.
-        share: (P, C) root of the strength against the profile's strongest edge. A profile agrees with a line by
-            this share. Counting every edge alike, lines through mere texture reach `AGREEING` by chance.
-        curvature: (P, C) of the filter's response at its peak, relative to it, 1 / px^2.
-    """
-
-    offsets: Floats
-    share: Floats
-    curvature: Floats
 
 
 def measure_corner(
@@ -104,14 +75,14 @@ def measure_corner(
         first_half_width: one of `HALF_WIDTHS_PX`: those above are skipped.
         softness: standard deviation of the frame's blur, px, as far as it is known.
     """
-    pair: list[_Traced] = []
+    pair: list[TracedEdge] = []
     for curve in edges:
-        edge = _traced(curve, image.shape[1], image.shape[0])
-        if not isinstance(edge, _Traced):
+        edge = trace_edge(curve, image.shape[1], image.shape[0])
+        if not isinstance(edge, TracedEdge):
             return edge
         pair.append(edge)
-    inside = _inside(edges)
-    crop = _Crop.around(image, np.concatenate([edge.pixels for edge in pair]))
+    inside = inward(edges)
+    crop = Crop.around(image, np.concatenate([edge.pixels for edge in pair]))
     start = np.asarray(edges[0](np.zeros(1)), np.float64)[0]
     lines: list[_Line] = []
     total = np.zeros((2, 2))
@@ -126,7 +97,7 @@ def measure_corner(
         if len(lines) < 2 or min(line.agreeing for line in lines) < AGREEING:
             return "no_edge"
         total += [(line.offset, line.slope) for line in lines]
-        softness = float(np.clip(np.mean([line.softness for line in lines]), _SHARPEST_PX, _SOFTEST_PX))
+        softness = float(np.clip(np.mean([line.softness for line in lines]), SHARPEST_PX, SOFTEST_PX))
         corner = _intersection(edges, total)
         if corner is None:
             return "no_edge"
@@ -134,114 +105,30 @@ def measure_corner(
             return "moved_far"
     if sum(line.agreeing for line in lines) < _BOTH_AGREEING:
         return "no_edge"
-    return _with_covariance(edges, total, lines, softness)
-
-
-def _traced(curve: Curve, width: int, height: int) -> _Traced | Literal["outside", "few_pixels"]:
-    share = np.linspace(0.0, 1.0, 33)
-    pixels = curve(share)
-    if not np.all(np.isfinite(pixels[0])) or np.abs(pixels[0]).max() > 4.0 * (width + height):
-        return "outside"
-    good = np.flatnonzero(~np.isfinite(pixels).all(axis=1))
-    if good.size:
-        share, pixels = share[: good[0]], pixels[: good[0]]
-    if len(pixels) < 3:
-        return "outside"
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(pixels, axis=0).T))])
-    length = float(along[-1])
-    first, last = max(_TIP_PX, _TIP_SHARE * length), (1.0 - _END_SHARE) * length
-    if last - first < _SHORTEST_PX:
-        return "few_pixels"
-    count = int(min(_MOST_PROFILES, last - first)) + 1
-    places = np.linspace(first, last, count)
-    at = np.column_stack([np.interp(places, along, pixels[:, axis]) for axis in range(2)])
-    ahead = np.column_stack([np.interp(places + 1.0, along, pixels[:, axis]) for axis in range(2)])
-    behind = np.column_stack([np.interp(places - 1.0, along, pixels[:, axis]) for axis in range(2)])
-    tangent = ahead - behind
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
-    inside = np.all((at > 1.0) & (at < (width - 2.0, height - 2.0)), axis=1)
-    if inside.sum() < _SHORTEST_PX:
-        return "outside"
-    normals = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    return _Traced(at[inside], normals[inside], places[inside], length)
-
-
-@dataclass(frozen=True, eq=False)
-class _Crop:
-    """A part of a frame in single precision, its first pixel, and its white noise by Immerkaer's operator (1996)."""
-
-    image: NDArray[np.float32]
-    first: Floats
-    noise: float
-
-    @classmethod
-    def around(cls, image: Image, pixels: Floats) -> _Crop:
-        margin = HALF_WIDTHS_PX[0] + _CROP_PX
-        low = np.maximum(np.floor(pixels.min(axis=0) - margin), 0.0).astype(int)
-        high = np.ceil(pixels.max(axis=0) + margin).astype(int) + 1
-        part = image[low[1] : high[1], low[0] : high[0]].astype(np.float32)
-        laplacian = cv2.filter2D(part, -1, np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32))
-        # The operator's norm is 6; the median, because edges answer it too.
-        noise = float(np.median(np.abs(laplacian))) / 0.6745 / 6.0
-        return cls(part, low.astype(np.float64), max(noise, 0.2))
-
-    def sampled(self, places: Floats) -> Floats:
-        """Grey levels (...) at pixels (..., 2); not a number outside."""
-        at = (places - self.first).astype(np.float32)
-        values = cv2.remap(
-            self.image, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan
-        )
-        return np.asarray(values, np.float64)
+    return _with_covariance(edges, total, lines, float(np.mean([line.softness for line in lines])))
 
 
 def _fit(
-    crop: _Crop, edge: _Traced, half_width: float, tolerance: float, softness: float, inside: float
+    crop: Crop, edge: TracedEdge, half_width: float, tolerance: float, softness: float, inside: float
 ) -> _Line | None:
     """The outermost line that most profiles agree on; the sign of `inside` is that of offsets into the board."""
     wide = max(half_width, 2.5 * softness)
-    sigma = float(np.clip(softness, _SHARPEST_PX, _SOFTEST_PX))
-    pad = np.ceil(3.0 * sigma / _STEP_PX) * _STEP_PX
-    across = np.arange(-wide - pad, wide + pad + 0.5 * _STEP_PX, _STEP_PX)
+    sigma = float(np.clip(softness, SHARPEST_PX, SOFTEST_PX))
+    pad = np.ceil(3.0 * sigma / STEP_PX) * STEP_PX
+    across = np.arange(-wide - pad, wide + pad + 0.5 * STEP_PX, STEP_PX)
     profiles = crop.sampled(edge.pixels[:, None] + across[None, :, None] * edge.normals[:, None])
     usable = int(np.isfinite(profiles).all(axis=1).sum())
-    if usable < _SHORTEST_PX:
+    if usable < SHORTEST_PX:
         return None
     # Neighbouring profiles are averaged: their noise and the texture behind the board do not repeat along an edge.
     averaged = cv2.sepFilter2D(profiles, -1, np.ones(1), _AVERAGE, borderType=cv2.BORDER_REPLICATE)
-    found = _edges_of(np.asarray(averaged, np.float64), across, wide, sigma, _AVERAGED * crop.noise)
+    found = find_edges(np.asarray(averaged, np.float64), across, wide, sigma, _AVERAGED * crop.noise)
     tolerance = max(tolerance, _SOFT_SHARE * softness)
     start = _voted(found, edge.along, wide, tolerance, inside)
     return _refined(found, edge.along, start, tolerance, usable, sigma)
 
 
-def _edges_of(profiles: Floats, across: Floats, wide: float, sigma: float, noise: float) -> _ProfileEdges:
-    """The strongest edges of each profile (P, S) of grey levels at offsets (S,)."""
-    reach = int(np.ceil(3.0 * sigma / _STEP_PX))
-    taps: Floats = _STEP_PX * np.arange(-reach, reach + 1, dtype=np.float64)
-    kernel: Floats = taps / sigma**2 * np.exp(-0.5 * (taps / sigma) ** 2)
-    kernel /= np.sum(kernel * taps)  # a ramp of one level a pixel gives one
-    filled = np.where(np.isfinite(profiles), profiles, 0.0).astype(np.float32)
-    slope = cv2.filter2D(filled, cv2.CV_32F, kernel[None], borderType=cv2.BORDER_REPLICATE)
-    slope = np.where(np.isfinite(profiles).all(axis=1, keepdims=True), slope, 0.0)
-    size = np.abs(slope)
-    peak = (size[:, 1:-1] >= size[:, :-2]) & (size[:, 1:-1] > size[:, 2:])
-    # Neighbouring samples share pixels: the filter's noise is that of one sample for each pixel.
-    floor = _NOISES * noise * float(np.sqrt(np.sum(kernel**2) / _STEP_PX))
-    peak &= (np.abs(across[1:-1]) <= wide) & (size[:, 1:-1] > floor)
-    score = np.where(peak, size[:, 1:-1], 0.0)
-    order = np.argsort(-score, axis=1)[:, :_CANDIDATES]
-    rows = np.arange(len(score))[:, None]
-    strength = score[rows, order]
-    left, middle, right = (size[rows, order + k] for k in range(3))
-    bend = left - 2.0 * middle + right
-    shift = np.where(bend < 0.0, 0.5 * (left - right) / np.where(bend < 0.0, bend, -1.0), 0.0)
-    offsets = across[1:-1][order] + _STEP_PX * np.clip(shift, -0.5, 0.5)
-    curvature = -bend / _STEP_PX**2 / np.maximum(middle, 1e-9)
-    share = np.sqrt(strength / np.maximum(strength[:, :1], 1e-9))
-    return _ProfileEdges(np.where(strength > 0.0, offsets, np.nan), share, curvature)
-
-
-def _voted(found: _ProfileEdges, along: Floats, wide: float, tolerance: float, inside: float) -> tuple[float, float]:
+def _voted(found: ProfileEdges, along: Floats, wide: float, tolerance: float, inside: float) -> tuple[float, float]:
     """Offset and slope of a line that many profiles have an edge on, a Hough transform over both.
 
     A pattern has lines of its own, which may be the stronger ones: of lines with nearly as many profiles as the best
@@ -275,7 +162,7 @@ def _voted(found: _ProfileEdges, along: Floats, wide: float, tolerance: float, i
 
 
 def _refined(
-    profile_edges: _ProfileEdges,
+    profile_edges: ProfileEdges,
     along: Floats,
     start: tuple[float, float],
     tolerance: float,
@@ -337,7 +224,7 @@ def _tangents(edges: tuple[Curve, Curve]) -> tuple[Floats, Floats]:
     return ends[0][0], tangents / np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-12)
 
 
-def _inside(edges: tuple[Curve, Curve]) -> tuple[float, float]:
+def inward(edges: tuple[Curve, Curve]) -> tuple[float, float]:
     """For each edge, the component of the other one along its normal: the sign is that of offsets into the board."""
     tangents = _tangents(edges)[1]
     across = np.column_stack([-tangents[:, 1], tangents[:, 0]])
@@ -369,4 +256,4 @@ def _with_covariance(edges: tuple[Curve, Curve], lines: Floats, fits: list[_Line
     inverse = np.linalg.inv(normals)
     # At the corner a line's offset is what its own fit says there.
     variance = np.diag([float(fit.covariance[0, 0]) for fit in fits])
-    return CornerFit(corner + inverse @ offsets, inverse @ variance @ inverse.T, softness)
+    return CornerFit(corner + inverse @ offsets, inverse @ variance @ inverse.T, softness, lines)

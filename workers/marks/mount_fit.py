@@ -30,13 +30,16 @@ def fit_mount(
     """The camera that fits marks (N, 2) of points (N, 3) metres best, robustly; the start itself from too few.
 
     Args:
-        stated: the lens, which is kept; None: it is fitted, with weak priors on what few marks do not determine.
+        stated: the lens, which is kept; None: it is fitted, with weak priors on what few marks do
+            not determine; so few that they determine no lens keep that of the start.
         weights: (N,) of the marks.
     """
     model = start.lens.model
-    if len(points) < _FEWEST + (0 if stated is not None else 4):
-        return start
     names = INTRINSICS[model]
+    if len(points) < _FEWEST:
+        return start
+    if len(points) < _FEWEST + len(names):
+        stated = start.lens
     at = dict(zip(names, start.lens.intrinsics.tolist(), strict=True))
     bounds = preset_bounds("image-size", model, "rotation_vector", size, start.mount, _REACH_RAD)
     locked = at if stated is not None else {name: 0.0 for name in names if name == "skew"}

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import groupby
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from apexcal.documents.corners import CORNERS, CornerName
 from workers.geometry.models import ModelName
-from workers.marks.edges import CornerFit, Curve, EdgeRefusal, measure_corner
+from workers.marks.edges import CornerFit
+from workers.marks.measuring import MarkTask, Measured, OnSight, measure
 from workers.marks.mount_fit import fit_mount
 from workers.marks.mount_search import (
     INLIER_PX,
@@ -22,6 +21,7 @@ from workers.marks.mount_search import (
     SeedPairs,
     search_mounts,
 )
+from workers.marks.outer_edges import outer_distance_m
 from workers.marks.seeds import MOST_SEEDS, FrameSeeds, find_seeds, spread_over
 from workers.marks.sights import (
     Click,
@@ -36,6 +36,7 @@ from workers.marks.sights import (
     RecordingFailure,
     Sight,
 )
+from workers.marks.standing import is_in_one_place
 
 FLOOR_M: Final = 0.0008
 """Standard deviation of a corner in the board's plane: cut edges, rims and blunt tips.
@@ -44,29 +45,18 @@ On a tripod's chessboard six tips scattered by 0.5 px, 1 mm, about the pattern's
 therefore judges nothing). ISO 2768-1 m allows edges of this length 0.8 mm. Blind marks by hand do not exist yet.
 """
 _FLOOR_PX: Final = 0.05  # interpolation and rounding of pixels
+_SCATTER: Final = 2.5
+"""Variance of a mark against what its profiles' scatter tells: texture behind an edge, a pattern beside it and motion
+shift long parts of it alike. This and the next were chosen by 27 development scenes."""
+_SHIFT_SHARE: Final = 0.1  # of the edges' softness
 _SIDE_VARIANCE: Final = 4.0  # of a side corner against the tip
 _SHAPE_M: Final = 0.005  # shape and bending of a board, and the beam: what stated covariances of vertices lack
 _OFF_MOUNT: Final = 4.0  # standard scores
 _STEP_M: Final = 1e-3
 _FEWEST_SIGHTS: Final = 5  # whose edges confirm a mount: three marks determine it
+_STILL_CONFIRMED: Final = 0.8  # of the sights, by edges farther out
 _GAIN_STEP: Final = 0.3
 _ENOUGH_TIPS: Final = 0.5  # of the sights: with fewer, the other corners are measured for the mount too
-
-OnSight = Callable[[], None]
-Measured = dict[CornerName, CornerFit | EdgeRefusal]
-
-
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """What one recording's camera gives, and what is asked of it."""
-
-    frames: FrameSource
-    sights: Sequence[Sight]
-    size: tuple[int, int]
-    lens: Lens | None
-    model: ModelName
-    corners: Sequence[CornerName]
-    on_sight: OnSight
 
 
 def propose(
@@ -89,7 +79,7 @@ def propose(
         click: a person's pixel of one tip, after a failure: only mounts that see the tip there count.
         on_sight: called before each sight is looked at; it may raise to stop the work.
     """
-    task = _Task(frames, sights, size, lens, lens.model if lens else model, corners, on_sight)
+    task = MarkTask(frames, sights, size, lens, lens.model if lens else model, corners, on_sight)
     if len(sights) < LEAST_PAIRS:
         return _failed(task, "few_poses", f"{len(sights)} vertices have a frame; the machine needs {LEAST_PAIRS}.")
     chosen = spread_over([sight.frame for sight in sights])
@@ -97,12 +87,12 @@ def propose(
     pairs = _pairs(task, {one.frame: one for one in seeds}, click)
     candidates = search_mounts(pairs, lens, task.model, size)
     if not candidates:
-        return _failed(task, *_why_none(seeds, lens))
+        return _failed(task, *_why_none(seeds, lens, sights))
     return _from_candidates(task, set(chosen), pairs, candidates, click)
 
 
 def _from_candidates(
-    task: _Task, chosen: set[int], pairs: SeedPairs, candidates: Sequence[MountCandidate], click: Click | None
+    task: MarkTask, chosen: set[int], pairs: SeedPairs, candidates: Sequence[MountCandidate], click: Click | None
 ) -> MachineMarks:
     """Edges decide between mounts; two that the edges of many sights confirm are an ambiguity."""
     some = [index for index, sight in enumerate(task.sights) if sight.frame in chosen]
@@ -113,9 +103,9 @@ def _from_candidates(
             candidate.camera, task.lens, pairs.points[slots], pairs.seeds[slots, candidate.nearest[slots]],
             np.ones(len(slots)), task.size,
         )  # fmt: skip
-        measured = _measure(task, some, start, ("top",), 16.0, 1.0)
+        measured = measure(task, some, start, ("top",), 16.0, 1.0)
         if _marked(measured) < _ENOUGH_TIPS * len(some):
-            measured = _measure(task, some, start, CORNERS, 16.0, 1.0)
+            measured = measure(task, some, start, CORNERS, 16.0, 1.0)
         camera, softness = _refit(task, measured, start)
         tried.append((_confirmed(task, measured, camera), camera, softness))
     tried.sort(key=lambda one: -one[0])
@@ -130,12 +120,22 @@ def _from_candidates(
             f"Two mounts explain the frames, one {best} of them and another {rivals[0]}: does a second person "
             "walk along, or is the board's pattern repeated?",
         )
-    measured = _measure(task, range(len(task.sights)), camera, task.corners, 8.0, softness)
-    camera, _ = _refit(task, measured, camera)
+    everything = range(len(task.sights))
+    changes: list[Floats] = []
+    measured = measure(task, everything, camera, task.corners, 8.0, softness, changes=changes)
+    camera, softness = _refit(task, measured, camera)
+    outward_m = outer_distance_m(changes)
+    if outward_m > 0.0:
+        outer = measure(task, everything, camera, task.corners, 4.0, softness, outward_m=outward_m)
+        moved, softness = _refit(task, outer, camera)
+        outer = measure(task, everything, moved, task.corners, 4.0, softness)
+        moved, _ = _refit(task, outer, moved)
+        if _confirmed(task, outer, moved) >= _STILL_CONFIRMED * _confirmed(task, measured, camera):
+            measured, camera = outer, moved
     return MachineMarks(_answers(task, measured, camera), camera)
 
 
-def _pairs(task: _Task, seeds: dict[int, FrameSeeds], click: Click | None) -> SeedPairs:
+def _pairs(task: MarkTask, seeds: dict[int, FrameSeeds], click: Click | None) -> SeedPairs:
     points: list[Floats] = []
     places: list[Floats] = []
     owner: list[int] = []
@@ -168,52 +168,23 @@ def _pairs(task: _Task, seeds: dict[int, FrameSeeds], click: Click | None) -> Se
     )
 
 
-def _measure(
-    task: _Task,
-    indices: Sequence[int],
-    camera: MountedLens,
-    corners: Sequence[CornerName],
-    half_width: float,
-    softness: float,
-) -> dict[int, Measured]:
-    """The corners of these sights, frame by frame."""
-    found: dict[int, Measured] = {}
-    ordered = sorted(indices, key=lambda index: task.sights[index].frame)
-    for frame, of_frame in groupby(ordered, key=lambda index: task.sights[index].frame):
-        image = task.frames[frame]
-        for index in of_frame:
-            task.on_sight()
-            sight = task.sights[index]
-            found[index] = {}
-            for name in corners:
-                ends = sight.neighbours(name) if name in sight.corners else None
-                if ends is not None:
-                    edges = (_edge(camera, sight.corners[name], ends[0]), _edge(camera, sight.corners[name], ends[1]))
-                    found[index][name] = measure_corner(image, edges, half_width, softness)
-    return found
-
-
-def _edge(camera: MountedLens, start: Floats, end: Floats) -> Curve:
-    return lambda share: camera.pixels(start + share[:, None] * (end - start))
-
-
 def _marked(measured: dict[int, Measured]) -> int:
     return sum(any(isinstance(one, CornerFit) for one in corners.values()) for corners in measured.values())
 
 
-def _confirmed(task: _Task, measured: dict[int, Measured], camera: MountedLens) -> int:
+def _confirmed(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> int:
     """In how many sights a corner was measured where the mount sees it."""
     scores = _scores(task, measured, camera)
     return len({index for (index, _), score in scores.items() if score < _OFF_MOUNT})
 
 
-def _apart_px(task: _Task, camera: MountedLens, other: MountedLens) -> float:
+def _apart_px(task: MarkTask, camera: MountedLens, other: MountedLens) -> float:
     """Median distance of the tips' projections by two cameras."""
     tips = np.array([sight.corners["top"] for sight in task.sights])
     return float(np.nanmedian(np.hypot(*(camera.pixels(tips) - other.pixels(tips)).T)))
 
 
-def _refit(task: _Task, measured: dict[int, Measured], camera: MountedLens) -> tuple[MountedLens, float]:
+def _refit(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> tuple[MountedLens, float]:
     """The camera after its marks, and the median softness of the edges."""
     fits = [
         (task.sights[index].corners[name], fit, 1.0 if name == "top" else 1.0 / _SIDE_VARIANCE)
@@ -229,7 +200,7 @@ def _refit(task: _Task, measured: dict[int, Measured], camera: MountedLens) -> t
 
 
 def _answers(
-    task: _Task, measured: dict[int, Measured], camera: MountedLens
+    task: MarkTask, measured: dict[int, Measured], camera: MountedLens
 ) -> list[dict[CornerName, MarkProposal | MarkRefusal]]:
     """Proposals of the asked corners. A mark far from its mount's projection, as such marks go, is none."""
     scores = _scores(task, measured, camera)
@@ -253,9 +224,7 @@ def _proposal(sight: Sight, name: CornerName, fit: CornerFit, camera: MountedLen
     ends = sight.neighbours(name)
     assert ends is not None
     lengths = np.hypot(*(camera.pixels(ends) - fit.pixel).T)
-    return MarkProposal(
-        (u, v), _with_floor(fit.covariance, _by_point(sight.corners[name], camera)), float(lengths.min())
-    )
+    return MarkProposal((u, v), _stated_covariance(fit, _by_point(sight.corners[name], camera)), float(lengths.min()))
 
 
 def _by_point(point: Floats, camera: MountedLens) -> Floats:
@@ -264,12 +233,15 @@ def _by_point(point: Floats, camera: MountedLens) -> Floats:
     return (around[1:] - around[0]).T / _STEP_M
 
 
-def _with_floor(covariance: Floats, J: Floats) -> Floats:
+def _stated_covariance(fit: CornerFit, J: Floats) -> Floats:
     px_per_m = float(np.linalg.norm(J, 2))
-    return covariance + (_FLOOR_PX**2 + (FLOOR_M * px_per_m) ** 2) * np.eye(2)
+    floor = _FLOOR_PX**2 + (_SHIFT_SHARE * fit.softness_px) ** 2 + (FLOOR_M * px_per_m) ** 2
+    return _SCATTER * fit.covariance + floor * np.eye(2)
 
 
-def _scores(task: _Task, measured: dict[int, Measured], camera: MountedLens) -> dict[tuple[int, CornerName], float]:
+def _scores(
+    task: MarkTask, measured: dict[int, Measured], camera: MountedLens
+) -> dict[tuple[int, CornerName], float]:
     """Distances of the marks from the projections of their vertices, in standard deviations of both."""
     return {
         (index, name): _standard_score(task.sights[index], name, fit, camera)
@@ -285,13 +257,19 @@ def _standard_score(sight: Sight, name: CornerName, fit: CornerFit, camera: Moun
     rest = fit.pixel - camera.pixels(sight.corners[name][None])[0]
     if not np.all(np.isfinite(J)):
         return np.inf
-    spread = J @ lidar @ J.T + _with_floor(fit.covariance, J)
+    spread = J @ lidar @ J.T + _stated_covariance(fit, J)
     scaled: Floats = np.asarray(np.linalg.solve(spread, rest), np.float64)
     return float(np.sqrt(rest @ scaled))
 
 
-def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None) -> tuple[FailureReason, str]:
+def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None, sights: Sequence[Sight]) -> tuple[FailureReason, str]:
     """The likeliest reason for no consensus, in a sentence."""
+    if is_in_one_place(sights):
+        return (
+            "in_one_place",
+            "The board hides the same part of the background in more than half of the frames, so that the machine "
+            "cannot tell one from the other: move it by its own width between poses.",
+        )
     empty = sum(not one.pixels for one in seeds)
     if empty > (1.0 - LEAST_SHARE) * len(seeds):
         return (
@@ -311,8 +289,8 @@ def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None) -> tuple[FailureRe
     return "no_consensus", f"No mount explains where things move in {len(seeds)} frames.{others}{unknown}"
 
 
-def _failed(task: _Task, reason: FailureReason, sentence: str) -> MachineMarks:
+def _failed(task: MarkTask, reason: FailureReason, sentence: str) -> MachineMarks:
     asked: list[dict[CornerName, MarkProposal | MarkRefusal]] = [
         {name: MarkRefusal("no_mount") for name in task.corners if name in sight.corners} for sight in task.sights
     ]
-    return MachineMarks(asked, None, RecordingFailure(reason, sentence + " Click the tip in one frame."))
+    return MachineMarks(asked, None, RecordingFailure(reason, sentence + " Mark this recording by hand."))

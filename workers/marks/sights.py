@@ -28,6 +28,7 @@ NEIGHBOURS: Final[Mapping[CornerName, tuple[CornerName, CornerName]]] = {
 RefusalReason = Literal["no_mount", "outside", "few_pixels", "no_edge", "moved_far", "off_mount"]
 FailureReason = Literal[
     "few_poses",
+    "in_one_place",
     "background_colour",
     "exposure",
     "no_consensus",

@@ -1,0 +1,89 @@
+"""Corners of many sights measured in their frames, each frame read once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Final
+
+import numpy as np
+
+from apexcal.documents.corners import CornerName
+from workers.geometry.models import ModelName
+from workers.marks.edges import CornerFit, EdgeRefusal, measure_corner
+from workers.marks.outer_edges import changes_outside
+from workers.marks.profiles import Curve
+from workers.marks.sights import Floats, FrameSource, Lens, MountedLens, Sight
+
+_STEP_M: Final = 1e-2
+
+OnSight = Callable[[], None]
+Measured = dict[CornerName, CornerFit | EdgeRefusal]
+
+
+@dataclass(frozen=True, eq=False)
+class MarkTask:
+    """What one recording's camera gives, and what is asked of it."""
+
+    frames: FrameSource
+    sights: Sequence[Sight]
+    size: tuple[int, int]
+    lens: Lens | None
+    model: ModelName
+    corners: Sequence[CornerName]
+    on_sight: OnSight
+
+
+def measure(
+    task: MarkTask,
+    indices: Sequence[int],
+    camera: MountedLens,
+    corners: Sequence[CornerName],
+    half_width: float,
+    softness: float,
+    *,
+    outward_m: float = 0.0,
+    changes: list[Floats] | None = None,
+) -> dict[int, Measured]:
+    """The corners of these sights.
+
+    Args:
+        outward_m: how far outside of its own corners the camera sees the board's.
+        changes: gets what `changes_outside` says of each measured corner.
+    """
+    found: dict[int, Measured] = {}
+    ordered = sorted(indices, key=lambda index: task.sights[index].frame)
+    for frame, of_frame in groupby(ordered, key=lambda index: task.sights[index].frame):
+        image = task.frames[frame]
+        for index in of_frame:
+            task.on_sight()
+            sight = task.sights[index]
+            found[index] = {}
+            for name in corners:
+                ends = sight.neighbours(name) if name in sight.corners else None
+                if ends is None:
+                    continue
+                away = sight.corners[name] - ends
+                away = outward_m * away / np.linalg.norm(away, axis=1, keepdims=True)
+                corner = sight.corners[name] + away.sum(axis=0)
+                sides = (ends[0] + away[1], ends[1] + away[0])
+                edges = (_edge(camera, corner, sides[0]), _edge(camera, corner, sides[1]))
+                fit = measure_corner(image, edges, half_width, softness)
+                found[index][name] = fit
+                if changes is not None and isinstance(fit, CornerFit):
+                    scales = np.array([_px_per_m(camera, corner, *pair) for pair in (sides, sides[::-1])])
+                    changes.append(changes_outside(image, edges, fit, scales))
+    return found
+
+
+def _edge(camera: MountedLens, start: Floats, end: Floats) -> Curve:
+    return lambda share: camera.pixels(start + share[:, None] * (end - start))
+
+
+def _px_per_m(camera: MountedLens, corner: Floats, end: Floats, other: Floats) -> Floats:
+    """(2,) pixels across the edge from the corner to its end, for a metre outward: at the corner, at the end."""
+    outward = (corner - other) * _STEP_M / np.linalg.norm(corner - other)
+    pixels = camera.pixels(np.array([corner, end, corner + outward, end + outward]))
+    along = (pixels[1] - pixels[0]) / max(float(np.hypot(*(pixels[1] - pixels[0]))), 1e-9)
+    return np.abs((pixels[2:] - pixels[:2]) @ np.array([-along[1], along[0]])) / _STEP_M
