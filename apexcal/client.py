@@ -21,6 +21,7 @@ from apexcal.documents.copies import CopyView
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleet_requests import FleetRequestView
 from apexcal.documents.jobs import JobProgress, JobView
+from apexcal.documents.machine_marks import MarksView
 from apexcal.documents.people import Me
 from apexcal.documents.recordings import RecordingSummary, RecordingView
 from apexcal.documents.reports import ReportView
@@ -58,6 +59,7 @@ Work = TypeVar(
     CalibrationView,
     FleetRequestView,
     JobView,
+    MarksView,
     OffsetView,
     PackingView,
     PreviewView,
@@ -195,6 +197,7 @@ _FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     CalibrationView: ("calibrations", CalibrationView, "the calibration"),
     CopyView: ("analyses", CopyView, "the copy of the recording"),
     JobView: ("jobs", JobView, "job {0.id} ({0.kind})"),
+    MarksView: ("analyses", MarksView, "the machine's marks"),
     OffsetView: ("analyses", OffsetView, "the clock offset"),
     PackingView: ("analyses", PackingView, "the packing of the sweeps"),
     ReportView: ("reports", ReportView, "the report"),

@@ -47,6 +47,12 @@ def calibrate(
             metavar="FILE",
         ),
     ] = None,
+    machine_marks: Annotated[
+        bool,
+        typer.Option(
+            "--machine-marks", help="The machine's marks count as one more person's; unattended, if nobody marked."
+        ),
+    ] = False,
     vehicle: Annotated[str, typer.Option(help="Vehicle, by name or id (with --pairs).")] = "",
     rig: Annotated[str, typer.Option(help="Rig, by name or id (with --pairs).")] = "",
     camera: Annotated[
@@ -163,7 +169,7 @@ def calibrate(
     if pairs:
         of_cameras = pairs_of_files(client, pairs, vehicle, rig, cameras)
     else:
-        of_cameras = pairs_of_marks(client, detection, cameras)
+        of_cameras = pairs_of_marks(client, detection, cameras, machine_marks=machine_marks)
     request["intrinsics"] = lenses(client, intrinsics or [], [each.camera for each in of_cameras]) or None
     request["publish"] = "recommended" if publish else "none"
     sets: list[SetView] = []

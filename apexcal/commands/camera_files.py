@@ -52,13 +52,16 @@ def pairs_of_files(
     ]
 
 
-def pairs_of_marks(client: Client, detection_id: str, cameras: Sequence[str]) -> list[PairsOf]:
+def pairs_of_marks(
+    client: Client, detection_id: str, cameras: Sequence[str], *, machine_marks: bool
+) -> list[PairsOf]:
     """Each camera, and what makes pairs of the marks in it."""
     detection = client.detections.get(check_id(detection_id, "detection"))
     recording = client.recordings.get(detection.recording_id)
     with_rig = client.vehicles.rig(recording.rig_id)
     of = [find_camera([with_rig], camera) for camera in cameras or [""]]
-    return [PairsOf(camera, partial(client.correspondence_sets.build, detection_id, camera)) for camera in of]
+    build = partial(client.correspondence_sets.build, detection_id, machine_marks=machine_marks)
+    return [PairsOf(camera, partial(build, camera)) for camera in of]
 
 
 @contextmanager

@@ -16,14 +16,16 @@ from apexcal.documents.analyses import (
 )
 from apexcal.documents.base import Page
 from apexcal.documents.copies import CopyRequest, CopyView
+from apexcal.documents.machine_marks import MarksRequest, MarksView
 from apexcal.documents.sweeps import PackingRequest, PackingView
 
-AnalysisKind = Literal["preview", "suggestion", "clock_offset", "packing", "calibrated_copy"]
+AnalysisKind = Literal["preview", "suggestion", "clock_offset", "packing", "calibrated_copy", "machine_marks"]
 AnalysisRequest = Annotated[
-    PreviewRequest | SuggestionRequest | OffsetRequest | PackingRequest | CopyRequest, Field(discriminator="kind")
+    PreviewRequest | SuggestionRequest | OffsetRequest | PackingRequest | CopyRequest | MarksRequest,
+    Field(discriminator="kind"),
 ]
 AnyAnalysis = Annotated[
-    PreviewView | SuggestionView | OffsetView | PackingView | CopyView, Field(discriminator="kind")
+    PreviewView | SuggestionView | OffsetView | PackingView | CopyView | MarksView, Field(discriminator="kind")
 ]
 
 

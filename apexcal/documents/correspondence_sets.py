@@ -13,10 +13,14 @@ from apexcal.documents.corners import CornerName
 
 
 class BuildRequest(Received):
-    """Make pairs of what people marked; ``exclude_flagged`` leaves out vertices whose verdicts are tied."""
+    """Make pairs of what people marked; ``exclude_flagged`` leaves out vertices whose verdicts are tied.
+
+    With ``machine_marks`` the machine's marks count as those of one more person.
+    """
 
     camera: Annotated[str, Field(max_length=200)]
     exclude_flagged: bool = False
+    machine_marks: bool = False
 
 
 class SelectionRequest(Received):
@@ -46,7 +50,7 @@ class SetView(Sent):
 class PairView(Document):
     """A pair: a vertex (metres, LiDAR frame), its mark (pixels), and what else is known of them.
 
-    Without ``corner`` it is of the board's tip.
+    Without ``corner`` it is of the board's tip. ``machine``: no person marked it.
     """
 
     x: float
@@ -68,6 +72,7 @@ class PairView(Document):
     sigma_range_m: float | None = None
     sigma_px: float | None = None
     marked_by: list[int] | None = None
+    machine: bool | None = None
     sigma_clock_ms: float | None = None
     corner: CornerName | None = None
 

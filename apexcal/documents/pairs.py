@@ -13,6 +13,8 @@ MARK_SIGMA: Final = "sigma_px"
 # Whose marks a pair stands on: numbers of people, from 0, without names. The clock's: of the offset that was assumed.
 MARKED_BY: Final = "marked_by"
 CLOCK_SIGMA: Final = "sigma_clock_ms"
+# Whether a pair stands on the machine's mark alone.
+MACHINE: Final = "machine"
 # Which corner of the board a pair is of; all are of the tip where the column is missing.
 CORNER: Final = "corner"
 # How far to look from a pair for others that tell its velocity: in nanoseconds, and in pairs on either side. A sensor

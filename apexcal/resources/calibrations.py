@@ -22,9 +22,11 @@ from apexcal.transport import Resource, at, read
 class CorrespondenceSets(Resource):
     """``client.correspondence_sets``: immutable 3D-2D pairs of one camera."""
 
-    def build(self, detection_id: UUID | str, camera: str, *, exclude_flagged: bool = False) -> SetView:
-        """A set from the marks of a detection's vertices. The same content again answers the same set."""
-        body = {"camera": camera, "exclude_flagged": exclude_flagged}
+    def build(
+        self, detection_id: UUID | str, camera: str, *, exclude_flagged: bool = False, machine_marks: bool = False
+    ) -> SetView:
+        """A set from the marks of a detection's vertices, the machine's too. The same content is the same set."""
+        body = {"camera": camera, "exclude_flagged": exclude_flagged, "machine_marks": machine_marks}
         return self._http.post(at("detections", detection_id, "correspondence-sets"), SetView, body)
 
     def import_pairs(self, rig_id: UUID | str, camera: str, pairs: Sequence[Mapping[str, float]]) -> SetView:

@@ -10,6 +10,7 @@ from apexcal.documents.analyses import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.corners import CornerName
 from apexcal.documents.detections import DetectionView, VertexView
 from apexcal.documents.detectors import PairingMode
+from apexcal.documents.machine_marks import MachineMark, MarksList, MarksView
 from apexcal.transport import Resource, at
 
 
@@ -43,6 +44,19 @@ class DetectionRuns(Resource):
     def offsets(self, recording_id: UUID | str) -> Iterator[OffsetView]:
         """The clock offsets that were estimated of a recording, newest first."""
         return self._http.items(at("recordings", recording_id, "analyses"), OffsetView, kind="clock_offset")
+
+    def ask_marks(self, recording_id: UUID | str, detection_id: UUID | str, camera: str) -> MarksView:
+        """Have the machine mark a detection's vertices in one camera."""
+        body = {"kind": "machine_marks", "detection_id": str(detection_id), "camera": camera}
+        return self._http.post(at("recordings", recording_id, "analyses"), MarksView, body)
+
+    def machine_marks(self, recording_id: UUID | str) -> Iterator[MarksView]:
+        """What the machine was asked to mark in a recording, newest first."""
+        return self._http.items(at("recordings", recording_id, "analyses"), MarksView, kind="machine_marks")
+
+    def marks(self, analysis_id: UUID | str) -> list[MachineMark]:
+        """The machine's marks and reasons. What one answers on their vertices afterwards counts as reviewed."""
+        return self._http.get(at("analyses", analysis_id, "marks"), MarksList).marks
 
     def ask_corners(self, detection_id: UUID | str, corners: Sequence[CornerName]) -> DetectionView:
         """Have these corners of the board marked, of a finished detection that knows the board's size."""

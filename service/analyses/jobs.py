@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from uuid import UUID
 
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
 from service.platform.broker.hints import hint
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
+from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.jobs import Job
-from service.platform.db.recordings import Recording
+from service.platform.db.recordings import Recording, Sensor
 from service.platform.jobs.kinds import Kind, failed_subject
 from service.platform.jobs.queue import enqueue
 from service.platform.storage.quota import counted
@@ -34,6 +36,22 @@ def queue_packing(session: Session, recording: Recording) -> tuple[Analysis, Job
     session.add(row)
     session.flush()
     return row, queue_analysis(session, row)
+
+
+def queue_marks(session: Session, detection: Detection) -> None:
+    """Ask for the machine's marks in every camera in which the detection's vertices have frames."""
+    paired = select(VertexFrame.sensor_id).join(Vertex).where(Vertex.detection_id == detection.id)
+    for camera in session.scalars(select(Sensor.name).where(Sensor.id.in_(paired)).order_by(Sensor.name)):
+        row = Analysis(
+            fleet_id=detection.fleet_id,
+            recording_id=detection.recording_id,
+            detection_id=detection.id,
+            kind="machine_marks",
+            asked={"camera": camera, "model": "brown_conrady"},
+        )
+        session.add(row)
+        session.flush()
+        queue_analysis(session, row)
 
 
 def _end(session: Session, analysis_id: UUID, state: WorkState, problem: Json | None) -> None:
@@ -60,6 +78,7 @@ KINDS = tuple(
         ("preview", "detect"),
         ("suggestion", "detect"),
         ("clock_offset", "solve"),
+        ("machine_marks", "detect"),
         ("packing", "ingest"),
         ("calibrated_copy", "ingest"),
     )

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 from apexcal.documents.analyses import PreviewView, SuggestionView
 from apexcal.documents.analysis_kinds import AnalysisKind, AnalysisRequest, AnyAnalysis
 from apexcal.documents.sweeps import PackingView
-from service.analyses import clock_offsets, copies
+from service.analyses import clock_offsets, copies, machine_marks
 from service.analyses.plan import Plan
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
@@ -40,6 +40,7 @@ _KINDS: Final[Mapping[AnalysisKind, _Kind]] = {
     ),
     "clock_offset": _Kind(clock_offsets.plan, clock_offsets.view),
     "calibrated_copy": _Kind(copies.plan, copies.view),
+    "machine_marks": _Kind(machine_marks.plan, machine_marks.view),
 }
 
 

@@ -10,8 +10,10 @@ from fastapi import Body, Depends, Query, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
 
 from apexcal.documents.analysis_kinds import AnalysisKind, AnalysisPage, AnalysisRequest, AnyAnalysis
+from apexcal.documents.machine_marks import MarksList
 from service.analyses.actions import ask_analysis, delete_analysis
 from service.analyses.kinds import view_of
+from service.analyses.machine_marks import list_marks
 from service.analyses.queries import AnalysisDownload, analysis_file, job_of, list_analyses
 from service.detections.queries import ready_recording
 from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
@@ -33,6 +35,7 @@ def ask(recording_id: UUID, wanted: Annotated[AnalysisRequest, Body()], access: 
 
     `preview` counts what a region keeps. `suggestion` computes a region from what moves against the still background.
     `clock_offset` estimates from vertices and their marks how far the camera's clock is ahead of the LiDAR's.
+    `machine_marks` has the machine mark a detection's vertices in a camera; each detection asks for that by itself.
     `packing` packs the sweeps, so that they can be read. `calibrated_copy` copies the recording's own bag with
     CameraInfo and `/tf_static` as published; every other message stays, byte for byte. With `for_viewers` it is an
     MCAP file for Foxglove and Lichtblick, of any recording, with undistorted frames beside the recorded ones. The
@@ -65,6 +68,12 @@ def delete(analysis_id: UUID, access: WriteAccess) -> Response:
     """Delete an analysis with its file, or end its making. [engineer]"""
     delete_analysis(access, analysis_id)
     return Response(status_code=204)
+
+
+@router.get("/analyses/{analysis_id}/marks")
+def get_marks(request: Request, analysis_id: UUID, access: ReadAccess) -> MarksList:
+    """The machine's marks. [reviewer] What one answers on their vertices afterwards counts as reviewed."""
+    return list_marks(access, request.app.state.database, analysis_id)
 
 
 def _file(analysis_id: UUID, request: Request, identity: CurrentIdentity) -> AnalysisDownload:

@@ -12,10 +12,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
-from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MARKED_BY, SIGMAS
+from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MACHINE, MARK_SIGMA, MARKED_BY, SIGMAS
 from service.annotations.consensus import Consensus, Opinion, Outcome, agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.detections.views import marked_corners
+from service.pairs.machine_opinions import machine_opinions
 from service.pairs.pair_files import Columns
 from service.platform.db.analyses import Analysis
 from service.platform.db.detections import Detection, Vertex, VertexFrame
@@ -35,14 +36,17 @@ class Built:
     notes: list[str]
 
 
-def build(session: Session, detection: Detection, camera: Sensor, *, exclude_flagged: bool) -> Built:
+def build(
+    session: Session, detection: Detection, camera: Sensor, *, exclude_flagged: bool, machine_marks: bool = False
+) -> Built:
     """The pairs of a detection's vertices in one camera, ordered by time.
 
     x, y, z is where the vertex was at the frame's time, where the pairing interpolated. Columns besides x y z u v:
     stamp_ns (of the vertex as it was measured), gap_ns (frame minus vertex), sweep_index, frame_index, marks (how
     many independent ones), spread_px (of these), flagged (as many rejections as confirmations), reviewed (how many
     answers were given after something of others' was told; where there are such), marked_by (the people's numbers,
-    from 0), sigma_clock_ms (of the clocks' offset, if it was estimated), and sigma_azimuth_rad, sigma_elevation_rad,
+    from 0), machine (nobody but the machine marked it; where there are such), sigma_px (where all are such),
+    sigma_clock_ms (of the clocks' offset, if it was estimated), and sigma_azimuth_rad, sigma_elevation_rad,
     sigma_range_m where all vertices state a covariance. Where pairs are of other corners than the tip: corner, and
     group, because the corners of one sweep err together.
 
@@ -51,6 +55,14 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
     """
     wanted = session.get_one(Recording, detection.recording_id).marks_per_vertex
     opinions = opinions_of(session, detection.id, camera.id)
+    machine = machine_opinions(session, detection.id, camera.name) if machine_marks else {}
+    alone = {
+        vertex_id: mark.sigma_px
+        for vertex_id, mark in machine.items()
+        if not any(one.mark for one in opinions.get(vertex_id, []))
+    }
+    for vertex_id, mark in machine.items():
+        opinions.setdefault(vertex_id, []).append(mark.opinion)
     everything = session.execute(
         select(Vertex, VertexFrame)
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
@@ -62,8 +74,10 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
     vertices = [(one, frame) for one, frame in everything if one.corner in asked or one.id in opinions]
     apart_px = _apart_px(session, detection, camera)
     consensus = {vertex.id: agree(opinions.get(vertex.id, []), apart_px) for vertex, _ in vertices}
-    rows = [
-        _row(vertex, frame, consensus[vertex.id]) | {MARKED_BY: _markers(opinions[vertex.id])}
+    rows: list[dict[str, Any]] = [
+        _row(vertex, frame, consensus[vertex.id])
+        | {MARKED_BY: _markers(opinions[vertex.id]), MACHINE: vertex.id in alone}
+        | ({MARK_SIGMA: alone[vertex.id]} if vertex.id in alone else {})
         for vertex, frame in vertices
         if consensus[vertex.id].pixel and not (exclude_flagged and consensus[vertex.id].outcome is Outcome.TIED)
     ]
@@ -72,12 +86,15 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
             409,
             "nothing_marked",
             f"None of the {len(vertices)} vertices that have a frame of {camera.name} is confirmed and marked.",
-            "Mark vertices first: POST /v1/detections/{id}/tasks/next, or the recording's page.",
+            "Mark vertices first: POST /v1/detections/{id}/tasks/next, or the recording's page; or take the "
+            "machine's marks (machine_marks; --machine-marks).",
         )
     # A column is for all pairs or for none.
     common = [name for name in rows[0] if all(name in row for row in rows)]
     if not any(row["reviewed"] for row in rows):
         common.remove("reviewed")
+    if not any(row[MACHINE] for row in rows):
+        common.remove(MACHINE)
     columns = {name: [row[name] for row in rows] for name in common}
     columns[MARKED_BY] = _numbered(columns[MARKED_BY])
     if set(columns[CORNER]) == {TOP}:
@@ -88,6 +105,8 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
     if clock_ms is not None:
         columns[CLOCK_SIGMA] = [clock_ms] * len(rows)
     notes = _notes(consensus, wanted, apart_px, exclude_flagged=exclude_flagged)
+    if MACHINE in columns:
+        notes.append(f"{sum(columns[MACHINE])} of {len(rows)} pairs stand on the machine's mark alone.")
     return Built(columns, [*notes, *_pairing_note(detection, columns), *_clock_notes(session, detection)])
 
 

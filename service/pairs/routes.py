@@ -77,7 +77,13 @@ def build_set(detection_id: UUID, wanted: BuildRequest, access: WriteAccess) -> 
     detection = access.find(Detection, detection_id, "engineer")
     recording = access.find(Recording, detection.recording_id, "engineer")
     camera = find_camera(access.session, recording.id, wanted.camera)
-    built = build(access.session, detection, camera, exclude_flagged=wanted.exclude_flagged)
+    built = build(
+        access.session,
+        detection,
+        camera,
+        exclude_flagged=wanted.exclude_flagged,
+        machine_marks=wanted.machine_marks,
+    )
     # Its notes say what people answered.
     others = answered_by_others(access.session, detection.id, camera.id, access.person.id)
     keep(access.session, access.person.id, camera, others, "pairs")

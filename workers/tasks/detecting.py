@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP, nearest
 from apexcal.documents.states import UNENDED, WorkState
+from service.analyses.jobs import queue_marks
 from service.platform.db.base import Json
 from service.platform.db.clock import now
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
@@ -228,6 +229,8 @@ def _advance(session: Session, row: Detection, found: Detections) -> None:
         problem = _nothing_found(session, row, counts)
         if problem:
             row.state, row.problem, row.finished_at = WorkState.FAILED, problem, now()
+        elif counts["paired"]:
+            queue_marks(session, row)
     row.counts = counts
     session.flush()
 

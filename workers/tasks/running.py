@@ -60,6 +60,7 @@ _ROOMS = {
     "detect": "detecting",
     "corners": "cornering",
     "clock_offset": "analysing",
+    "machine_marks": "marking",
     "solve": "solving",
     "conclude": "concluding",
     "report": "reporting",

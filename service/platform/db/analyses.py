@@ -12,10 +12,11 @@ from service.platform.db.base import Base, Created, Json, RowId, belongs_to
 
 
 class Analysis(Base):
-    """One question and its answer. ``kind`` is ``preview``, ``suggestion``, ``clock_offset``, ``packing`` or
-    ``calibrated_copy``, as its job's.
+    """One question and its answer. ``kind`` is ``preview``, ``suggestion``, ``clock_offset``, ``packing``,
+    ``calibrated_copy`` or ``machine_marks``, as its job's.
 
-    ``asked`` holds all that the worker needs besides the recording (and, for ``clock_offset``, the detection);
+    ``asked`` holds all that the worker needs besides the recording (and, for ``clock_offset`` and
+    ``machine_marks``, the detection);
     ``result`` is the answer. Nothing refers to an analysis, and what is asked anew is another row.
     """
 

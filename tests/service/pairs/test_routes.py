@@ -99,6 +99,30 @@ def test_pairs_state_the_deviation_of_the_clock_offset_that_they_were_made_with(
     assert stated == {"elevation_deg": 0.1, "person_px": 0.289, "clock_ms": 1.1}
 
 
+def test_the_machine_counts_as_one_more_person_and_what_it_marked_alone_is_said(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=4)
+    say(api, seed, engineer, ("confirmed", (100.0, 50.0)), ("confirmed", (100.0, 50.0)))
+    marks = {
+        "vertex_id": [str(vertex) for vertex in seed.vertices[1:]], "corner": ["top"] * 3,
+        "u": [102.0, 60.0, None], "v": [50.0, 61.0, None], "sigma_u": [0.3, 0.3, None], "sigma_v": [0.4, 0.5, None],
+        "reason": [None, None, "no_edge"],
+    }  # fmt: skip
+    with api.database.writing() as session:
+        of = {"fleet_id": fleet, "recording_id": seed.recording_id, "detection_id": seed.detection_id}
+        of |= {"kind": "machine_marks", "state": WorkState.DONE}
+        session.add(Analysis(**of, asked={"camera": "front"}, result={"marks": marks}))
+        session.add(Analysis(**of, asked={"camera": "rear"}, result={"marks": marks | {"u": [1.0, 1.0, None]}}))
+    assert build(engineer, seed).json()["count"] == 2
+    made = build(engineer, seed, machine_marks=True).json()
+    assert made["notes"][-1] == "1 of 3 pairs stand on the machine's mark alone."
+    pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
+    told = [(pair["u"], pair["v"], pair["marks"], pair["machine"]) for pair in pairs]
+    assert told == [(100.0, 50.0, 1, False), (101.0, 50.0, 2, False), (60.0, 61.0, 1, True)]
+    person, both, machine = (set(pair["marked_by"]) for pair in pairs)
+    assert person | machine == both and not person & machine
+    assert "sigma_px" not in pairs[0], "a column is for all pairs or for none"
+
+
 def test_a_moved_vertex_is_paired_where_it_was_at_the_frames_time_with_its_deviations(api, fleet, engineer):
     seed = seed_marking(api.database, fleet, vertices=2)
     say(api, seed, api.member(fleet, "annotator"), *[("confirmed", (1.0, 2.0))] * 2)

@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import select
 
 from apexcal.documents.detections import DetectionCounts
-from service.platform.db.models import Apex, Detection, Vertex, VertexFrame
+from service.platform.db.models import Analysis, Apex, Detection, Job, Vertex, VertexFrame
 from service.platform.jobs.claims import claim, finishing
 from service.platform.jobs.queue import enqueue_all
 from tests.service.detections.seeding import seed_recording, seed_rig
@@ -105,6 +105,9 @@ def test_a_frame_belongs_to_the_vertex_nearest_in_time_also_across_shards(databa
         assert [tuple(row) for row in rows] == [(0, 3), (1, -10)]
         counts = session.get_one(Detection, run.id).counts
         assert (counts["accepted"], counts["paired"], counts["frame_taken"]) == (3, 2, 1)
+        marks = session.scalars(select(Analysis)).one()
+        assert (marks.kind, marks.detection_id, marks.asked["camera"]) == ("machine_marks", run.id, "front")
+        assert session.get_one(Job, marks.job_id).state == "queued"
 
 
 def test_a_moved_vertex_has_no_gap_and_yet_the_nearest_keeps_the_frame(database, recording):

@@ -1,0 +1,54 @@
+"""``apexcal marks``: the machine marks the board's corners in the frames."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from apexcal.commands.named import check_id, find_camera
+from apexcal.commands.options import CameraOption
+from apexcal.commands.session import Reply, Session
+from apexcal.documents.machine_marks import MachineMark, MarksFacts
+
+
+def marks(
+    session: Session,
+    detection: Annotated[str, typer.Argument(help="Id of a finished detection.")],
+    camera: CameraOption = "",
+) -> Reply:
+    """Have the machine mark a detection's corners in a camera's frames, or read its marks if it has.
+
+    `apexcal calibrate --detection DETECTION --machine-marks` uses them.
+    """
+    client = session.client
+    of = client.detections.get(check_id(detection, "detection"))
+    name = find_camera([client.vehicles.rig(client.recordings.get(of.recording_id).rig_id)], camera)
+    analyses = client.detections.machine_marks(of.recording_id)
+    analysis = next((each for each in analyses if (each.detection_id, each.camera) == (of.id, name)), None)
+    if analysis is None or analysis.state in ("failed", "cancelled"):
+        analysis = client.detections.ask_marks(of.recording_id, of.id, name)
+    view = session.wait(analysis, "Marking")
+    assert view.result is not None
+    answers = client.detections.marks(view.id)
+    document = {"analysis": view, "marks": answers}
+    sentence = _sentence(view.result, name)
+    return Reply(document, sentence if session.as_json else [_table(answers), sentence])
+
+
+def _sentence(facts: MarksFacts, camera: str) -> str:
+    if facts.refusal:
+        return f"The machine marks nothing in {camera}. {facts.refusal}"
+    others = "".join(f"\n  {count}: {reason.replace('_', ' ')}" for reason, count in facts.reasons.items())
+    sigma = f", with standard deviations about {facts.sigma_px:.2f} px" if facts.sigma_px else ""
+    return f"The machine marked {facts.marked} of {facts.corners} corners in {camera}{sigma}.{others}"
+
+
+def _table(answers: list[MachineMark]) -> Table:
+    table = Table("vertex", "corner", "u", "v", "sigma u", "sigma v", "why not")
+    for mark in answers:
+        values = (mark.u, mark.v, mark.sigma_u, mark.sigma_v)
+        numbers = [f"{value:.2f}" if value is not None else "" for value in values]
+        table.add_row(str(mark.vertex_id), mark.corner, *numbers, (mark.reason or "").replace("_", " "))
+    return table

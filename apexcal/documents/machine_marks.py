@@ -1,0 +1,66 @@
+"""What requests and answers about marks by the machine look like."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+from uuid import UUID
+
+from pydantic import Field
+
+from apexcal.documents.analyses import AnalysisView
+from apexcal.documents.base import Document, Received, Sent, Stored
+from apexcal.documents.corners import CornerName
+
+MOST_VERTICES = 300
+"""Of a detection, spread evenly: with more, marks are no longer what limits a calibration."""
+MarkReason = Literal[
+    "no_mount", "outside", "few_pixels", "no_edge", "moved_far", "off_mount", "no_corner", "no_frame"
+]
+
+
+class MarksRequest(Received):
+    """Ask for the machine's marks of a detection's vertices in one camera."""
+
+    kind: Literal["machine_marks"]
+    detection_id: UUID
+    camera: Annotated[str, Field(max_length=200)]
+    model: Annotated[str, Field(max_length=50, description="of the lens, where the recording states none")] = (
+        "brown_conrady"
+    )
+
+
+class MarksFacts(Document):
+    """How many corners there are and how many ``marked``, ``reasons`` of the others, and the median deviation."""
+
+    corners: int
+    marked: int
+    reasons: dict[str, int]
+    refusal: str | None
+    sigma_px: float | None
+
+
+class MarksView(AnalysisView):
+    """The machine's marks, in numbers; `GET /v1/analyses/{id}/marks` has them."""
+
+    kind: Literal["machine_marks"]
+    result: Stored[MarksFacts | None]
+    detection_id: UUID
+    camera: str
+
+
+class MachineMark(Sent):
+    """A vertex and its mark with standard deviations, pixels, or the ``reason`` why it has none."""
+
+    vertex_id: UUID
+    corner: CornerName
+    u: float | None = None
+    v: float | None = None
+    sigma_u: float | None = None
+    sigma_v: float | None = None
+    reason: MarkReason | None = None
+
+
+class MarksList(Sent):
+    """All that the machine says of a detection's vertices in one camera."""
+
+    marks: list[MachineMark]

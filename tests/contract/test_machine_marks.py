@@ -1,0 +1,119 @@
+"""The machine's marks of a rendered recording, from frames in the store to pairs."""
+
+import cv2
+import numpy as np
+import pytest
+
+from apexcal.documents.pairs import MACHINE, MARK_SIGMA
+from benchmarks.marks.scenes import Draw, Scene
+from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.platform.db.ids import new_id
+from service.platform.db.recordings import CameraFrame, Sensor
+from tests.service.detections.seeding import HEIGHT, WIDTH, seed_rig
+from tests.support.databases import one_database
+from tests.support.work import work
+from tests.workers.readers.making_recordings import PERIOD_NS, START_NS, clouds, compressed, interleaved, write_bag
+from tests.workers.tasks.test_ingesting import uploaded
+
+DRAW = Draw(
+    seed=4242, size=(WIDTH, HEIGHT), model="pinhole", lens_stated=True, still=True, count=14, board_m=(0.6, 0.9),
+    size_stated=True, pattern="plain", contrast=70.0, texture=5.0, blur_px=0.8, noise=1.5, motion_ms=0.0,
+    head_above_m=0.0, second="none", gain_step=1.0, tip_outside=False, thermal=False,
+)  # fmt: skip
+
+
+def bag_of(scene, path):
+    frames = []
+    for index in range(len(scene)):
+        stamp_ns = START_NS + index * PERIOD_NS
+        message = compressed(stamp_ns, cv2.imencode(".png", scene[index])[1].tobytes())
+        frames.append(("/camera/compressed", message.__msgtype__, stamp_ns, message))
+    return write_bag(path, interleaved(clouds(len(scene)), frames))
+
+
+def seed_sights(database, recording, scene):
+    """A finished detection with what the scene's LiDAR says; the camera states its lens. Returns its id."""
+    f_x, f_y, c_x, c_y = scene.camera.lens.intrinsics[:4].tolist()
+    K = [f_x, 0.0, c_x, 0.0, f_y, c_y, 0.0, 0.0, 1.0]
+    lens = {"model": "brown_conrady", "K": K, "D": [0.0] * 5, "width": WIDTH, "height": HEIGHT}
+    with database.writing() as session:
+        camera = session.query(Sensor).filter_by(recording_id=recording.id, kind="camera").one()
+        camera.facts = {**(camera.facts or {}), "camera_info": lens}
+        assert session.query(CameraFrame).filter_by(sensor_id=camera.id).count() == len(scene)
+        detection = Detection(
+            fleet_id=recording.fleet_id, recording_id=recording.id, region={"quantity": "x", "op": ">", "value": 0.0},
+            detector="refined", options={}, pairing={"mode": "nearest", "offset_ns": 0, "max_gap_ns": 50_000_000},
+            content_hash="0" * 64, state="done", remaining=0, counts={},
+        )  # fmt: skip
+        session.add(detection)
+        session.flush()
+        for index, sight in enumerate(scene.sights):
+            (x, y, z), apex, vertex = sight.corners["top"].tolist(), new_id(), new_id()
+            session.add(Apex(id=apex, recording_id=recording.id, sweep_index=index, x=x, y=y, z=z))
+            session.flush()
+            others = [
+                {
+                    "corner": name,
+                    **dict(zip("xyz", xyz.tolist(), strict=True)),
+                    "covariance": (1e-4 * np.eye(3)).tolist(),
+                }
+                for name, xyz in sight.corners.items()
+                if name != "top"
+            ]
+            session.add(
+                Vertex(
+                    id=vertex, detection_id=detection.id, apex_id=apex, rank=index, sweep_index=index,
+                    time_ns=START_NS + index * PERIOD_NS, x=x, y=y, z=z, ring=3, points=50, corners=others,
+                    covariance=np.diag([1e-6, 1e-6, 1e-4]).tolist(),
+                )
+            )  # fmt: skip
+            session.flush()
+            session.add(VertexFrame(vertex_id=vertex, sensor_id=camera.id, frame_index=index, gap_ns=0))
+        return detection.id
+
+
+@one_database
+@pytest.mark.usefixtures("broker")
+def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, tmp_path):
+    fleet = api.fleet()
+    engineer, annotator = api.member(fleet, "engineer"), api.member(fleet, "annotator")
+    scene = Scene(DRAW)
+    recording = uploaded(context, seed_rig(api.database, fleet), bag_of(scene, tmp_path / "walk.bag"))
+    work(context)
+    detection_id = seed_sights(api.database, recording, scene)
+    sets = f"/detections/{detection_id}/correspondence-sets"
+    unmarked = engineer.post(sets, {"camera": "front", "machine_marks": True})
+    assert (unmarked.status_code, unmarked.json()["code"]) == (409, "nothing_marked")
+    asked = engineer.post(
+        f"/recordings/{recording.id}/analyses",
+        {"kind": "machine_marks", "detection_id": str(detection_id), "camera": "front"},
+    )
+    assert asked.status_code == 202, asked.text
+    path = f"/analyses/{asked.json()['id']}"
+    assert engineer.get(f"{path}/marks").json()["code"] == "no_marks"
+    work(context)
+    done = engineer.get(path).json()
+    assert (done["state"], done["problem"], done["camera"]) == ("done", None, "front")
+    facts = done["result"]
+    assert set(facts) == {"corners", "marked", "reasons", "refusal", "sigma_px"}
+    assert (facts["corners"], facts["refusal"]) == (len(scene), None)
+    assert facts["marked"] >= 0.7 * len(scene)
+    assert facts["marked"] + sum(facts["reasons"].values()) == len(scene)
+
+    assert annotator.get(f"{path}/marks").status_code == 403
+    marks = engineer.get(f"{path}/marks").json()["marks"]
+    with api.database.reading() as session:
+        index_of = {str(vertex.id): vertex.sweep_index for vertex in session.query(Vertex)}
+    marked = [mark for mark in marks if mark["reason"] is None]
+    off = np.array([[mark["u"], mark["v"]] - scene.truth["top"][index_of[mark["vertex_id"]]] for mark in marked])
+    assert len(marked) == facts["marked"] and np.median(np.hypot(*off.T)) < 0.4
+    assert all(0.0 < mark["sigma_u"] < 3.0 for mark in marked)
+
+    without = engineer.post(sets, {"camera": "front"})
+    assert (without.status_code, without.json()["code"]) == (409, "nothing_marked")
+    made = engineer.post(sets, {"camera": "front", "machine_marks": True}).json()
+    assert made["count"] == facts["marked"]
+    assert f"{made['count']} of {made['count']} pairs stand on the machine's mark alone." in made["notes"]
+    pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
+    assert all(pair[MACHINE] and 0.0 < pair[MARK_SIGMA] < 3.0 for pair in pairs)
+    assert {(pair["u"], pair["v"]) for pair in pairs} == {(mark["u"], mark["v"]) for mark in marked}

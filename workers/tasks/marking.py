@@ -1,0 +1,185 @@
+"""The machine's marks of a detection's vertices in one camera."""
+
+from __future__ import annotations
+
+import shutil
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+from uuid import UUID
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
+from apexcal.documents.corners import CORNERS, TOP, CornerName
+from apexcal.documents.lenses import lens_of_images
+from apexcal.documents.machine_marks import MOST_VERTICES
+from service.detections.views import marked_corners
+from service.platform.db.analyses import Analysis
+from service.platform.db.base import Json
+from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.fleets import RigCamera
+from service.platform.db.recordings import CameraFrame, Recording, Sensor
+from service.platform.jobs.claims import Claim, Lease
+from workers.geometry.spherical import to_xyz
+from workers.marks.propose import propose
+from workers.marks.sights import Lens, MarkProposal, MarkRefusal, RecordingFailure, Sight
+from workers.readers.images.decoded_frames import decoded_frames
+from workers.tasks.context import Context
+from workers.tasks.loading import require_room
+
+# Of a vertex whose detector states none: the ring rules' errors (docs/decisions/0008).
+_UNSTATED: Final = np.diag([0.02, 0.02, 0.02]) ** 2
+Answers = Mapping[CornerName, MarkProposal | MarkRefusal]
+_WIDEST: Final = 1 << 14  # frames are marked as they are
+
+
+@dataclass(frozen=True, eq=False)
+class _MarkingWork:
+    """Sights with the vertex of each corner, and the camera's frames: offset, length of each by its index."""
+
+    camera_key: str
+    sights: list[Sight]
+    vertices: list[dict[str, UUID]]
+    frames: dict[int, tuple[int, int]]
+    corners: Sequence[CornerName]
+    lens: Lens | None
+    model: ModelName
+
+
+def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], None]:
+    """Mark the tips, and the other corners that are asked for, of at most `MOST_VERTICES` sweeps."""
+    with context.database.reading() as session:
+        work = _read(session, session.get_one(Analysis, claim.subject_id))
+    with context.scratch() as folder:
+        frames = _decoded(context, work, folder, lease)
+        usable = [number for number, sight in enumerate(work.sights) if sight.frame in frames]
+        sights = [work.sights[number] for number in usable]
+        height, width = frames[sights[0].frame].shape if sights else (1, 1)
+        lease.report(0.5, "looking for the board's edges")
+        proposals = propose(
+            frames,
+            sights,
+            (width, height),
+            lens=work.lens,
+            model=work.model,
+            corners=work.corners,
+            on_sight=lease.check,
+        )
+    result = _result(work, dict(zip(usable, proposals.answers, strict=True)), proposals.failure)
+
+    def write(session: Session) -> None:
+        session.get_one(Analysis, claim.subject_id).result = result
+
+    return write
+
+
+def _read(session: Session, analysis: Analysis) -> _MarkingWork:
+    detection = session.get_one(Detection, analysis.detection_id)
+    camera = session.scalars(
+        select(Sensor).where(Sensor.recording_id == detection.recording_id, Sensor.name == analysis.asked["camera"])
+    ).one()
+    corners = marked_corners(detection)
+    paired = (
+        select(Vertex, VertexFrame)
+        .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
+        .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id)
+    )
+    tips = session.execute(paired.where(Vertex.corner == TOP).order_by(Vertex.rank).limit(MOST_VERTICES)).all()
+    others: dict[int, dict[str, UUID]] = {}
+    for vertex, _ in session.execute(paired.where(Vertex.corner != TOP)):
+        others.setdefault(vertex.sweep_index, {})[vertex.corner] = vertex.id
+    roll = float(np.radians(detection.counts.get("roll", {}).get("mean_deg", 0.0)))
+    indices = {frame.frame_index for _, frame in tips}
+    columns = (CameraFrame.index, CameraFrame.offset, CameraFrame.length)
+    places = select(*columns).where(CameraFrame.sensor_id == camera.id)
+    return _MarkingWork(
+        camera.blob_key,
+        [_sight(vertex, frame, roll) for vertex, frame in tips],
+        [{TOP: vertex.id, **others.get(vertex.sweep_index, {})} for vertex, _ in tips],
+        {index: (offset, length) for index, offset, length in session.execute(places) if index in indices},
+        corners,
+        _stated_lens(session, camera),
+        analysis.asked["model"],
+    )
+
+
+def _stated_lens(session: Session, camera: Sensor) -> Lens | None:
+    """What the recording says of the lens (CameraInfo), if that is of the images that the rig has."""
+    rig_id = select(Recording.rig_id).where(Recording.id == camera.recording_id).scalar_subquery()
+    of_rig = session.scalar(select(RigCamera).where(RigCamera.rig_id == rig_id, RigCamera.name == camera.name))
+    facts = camera.facts or {}
+    if of_rig is None or not facts.get("camera_info"):
+        return None
+    stated = lens_of_images(facts["camera_info"], of_rig.images["kind"] if of_rig.images else facts.get("image_kind"))
+    size = (of_rig.image_width, of_rig.image_height)
+    if not stated or not stated["model"] or (stated["width"], stated["height"]) != size:
+        return None
+    model: ModelName = stated["model"]
+    f_x, s, c_x, _, f_y, c_y = stated["K"][:6]
+    values = {"f_x": f_x, "f_y": f_y, "c_x": c_x, "c_y": c_y, "skew": s / f_x}
+    values |= dict(zip(CAMERA_MODELS[model].distortion, stated["D"], strict=True))
+    return Lens(model, np.array([values[name] for name in INTRINSICS[model]], np.float64))
+
+
+def _sight(vertex: Vertex, frame: VertexFrame, roll: float) -> Sight:
+    """The board at the frame's time."""
+    at = vertex if frame.x is None else frame
+    xyz = np.array([at.x, at.y, at.z], np.float64)
+    corners: dict[CornerName, NDArray[np.float64]] = {TOP: xyz}
+    corners |= {other["corner"]: np.array([other[axis] for axis in "xyz"]) for other in at.corners or ()}
+    covariance = _UNSTATED if at.covariance is None else to_xyz(np.array([at.covariance]), xyz[None])[0]
+    return Sight(frame.frame_index, corners, covariance, roll)
+
+
+def _decoded(context: Context, work: _MarkingWork, folder: Path, lease: Lease) -> dict[int, NDArray[np.uint8]]:
+    """Grey frames by their index, in a file of the scratch folder; none that is damaged or of another size."""
+    camera, indices = context.fetch(work.camera_key, folder), sorted({sight.frame for sight in work.sights})
+    places = [work.frames[index] for index in indices]
+    images = decoded_frames(camera, places, folder, colour=False, widest=_WIDEST, must_stop=lease.check)
+    frames: dict[int, NDArray[np.uint8]] = {}
+    whole: NDArray[np.uint8] | None = None
+    for number, (index, image) in enumerate(zip(indices, images, strict=True)):
+        lease.report(0.5 * number / len(indices), "decoding frames")
+        if image is None:
+            continue
+        if whole is None:
+            require_room(context, shutil.disk_usage(folder).free, len(indices) * image.nbytes)
+            shape = (len(indices), *image.shape)
+            whole = np.lib.format.open_memmap(folder / "frames.npy", mode="w+", dtype=np.uint8, shape=shape)
+        if image.shape == whole.shape[1:]:
+            whole[number] = image
+            frames[index] = whole[number]
+    return frames
+
+
+def _result(work: _MarkingWork, answers_of: Mapping[int, Answers], failure: RecordingFailure | None) -> Json:
+    """Columns of all marks and reasons, and the marks in numbers."""
+    rows: list[dict[str, Any]] = []
+    for number, vertices in enumerate(work.vertices):
+        answers = answers_of.get(number, {})
+        for corner in CORNERS:
+            if corner not in work.corners or corner not in vertices:
+                continue
+            row: dict[str, Any] = dict.fromkeys(("u", "v", "sigma_u", "sigma_v", "reason"))
+            answer = answers.get(corner)
+            if isinstance(answer, MarkProposal):
+                deviations = np.sqrt(np.diag(answer.covariance)).tolist()
+                row |= dict(zip(("u", "v", "sigma_u", "sigma_v"), (*answer.pixel, *deviations), strict=True))
+            else:
+                row["reason"] = answer.reason if answer else "no_corner" if number in answers_of else "no_frame"
+            rows.append({"vertex_id": str(vertices[corner]), "corner": corner, **row})
+    sigmas = [row["sigma_u"] for row in rows if row["reason"] is None]
+    return {
+        "corners": len(rows),
+        "marked": len(sigmas),
+        "reasons": dict(Counter(row["reason"] for row in rows if row["reason"])),
+        "refusal": failure and failure.sentence,
+        "sigma_px": float(np.median(sigmas)) if sigmas else None,
+        "marks": {name: [row[name] for row in rows] for name in rows[0]} if rows else {},
+    }
