@@ -15,19 +15,15 @@ from uuid import UUID
 
 from pydantic import BaseModel
 
-from apexcal.documents.analyses import OffsetView, PreviewView, SuggestionView
+from apexcal.documents.analyses import AnalysisView
 from apexcal.documents.calibrations import CalibrationView, ProgressView
-from apexcal.documents.copies import CopyView
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleet_requests import FleetRequestView
 from apexcal.documents.jobs import JobProgress, JobView
-from apexcal.documents.machine_marks import MarksView
 from apexcal.documents.people import Me
 from apexcal.documents.recordings import RecordingSummary, RecordingView
-from apexcal.documents.reports import ReportView
-from apexcal.documents.sweeps import PackingView
-from apexcal.documents.validations import ValidationView
 from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
+from apexcal.resources.analyses import Analyses
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import DetectionRuns
 from apexcal.resources.exports import Exports
@@ -36,7 +32,6 @@ from apexcal.resources.fleets import Fleets, Vehicles
 from apexcal.resources.imports import Imports
 from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
-from apexcal.resources.validations import Validations
 from apexcal.transport import HttpTransport, at
 
 __all__ = [
@@ -52,21 +47,7 @@ __all__ = [
 
 Listener = Callable[[float, str], None]
 
-Work = TypeVar(
-    "Work",
-    CopyView,
-    DetectionView,
-    CalibrationView,
-    FleetRequestView,
-    JobView,
-    MarksView,
-    OffsetView,
-    PackingView,
-    PreviewView,
-    ReportView,
-    SuggestionView,
-    ValidationView,
-)
+Work = TypeVar("Work", bound=AnalysisView | DetectionView | CalibrationView | FleetRequestView | JobView)
 
 # A fleet request with failed vehicles has ended normally; its counts say how many failed.
 _ENDED_WELL = ("ready", "done", "done_with_failures")
@@ -91,7 +72,7 @@ class Client:
         self.exports = Exports(self._http)
         self.imports = Imports(self._http)
         self.fleet_requests = FleetRequests(self._http)
-        self.validations = Validations(self._http)
+        self.analyses = Analyses(self._http)
 
     @classmethod
     def sign_in(cls, link: str, base_url: str | None = None) -> Client:
@@ -195,20 +176,15 @@ _FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     DetectionView: ("detections", DetectionView, "the detection"),
     FleetRequestView: ("fleet-requests", FleetRequestView, "the fleet request"),
     CalibrationView: ("calibrations", CalibrationView, "the calibration"),
-    CopyView: ("analyses", CopyView, "the copy of the recording"),
     JobView: ("jobs", JobView, "job {0.id} ({0.kind})"),
-    MarksView: ("analyses", MarksView, "the machine's marks"),
-    OffsetView: ("analyses", OffsetView, "the clock offset"),
-    PackingView: ("analyses", PackingView, "the packing of the sweeps"),
-    ReportView: ("reports", ReportView, "the report"),
-    PreviewView: ("analyses", PreviewView, "the region preview"),
-    SuggestionView: ("analyses", SuggestionView, "the region suggestion"),
-    ValidationView: ("validations", ValidationView, "the validation"),
 }
 
 
 def _address(work: Any) -> tuple[str, type[BaseModel], str]:
     """The path of a resource, its kind and what to call it."""
+    if isinstance(work, AnalysisView):
+        # Each kind has its own view, whose `kind` says what it is.
+        return at("analyses", work.id), type(work), f"the {getattr(work, 'kind', 'analysis').replace('_', ' ')}"
     for known, (segment, kind, words) in _FOLLOWED.items():
         if isinstance(work, known):
             return at(segment, work.id), kind, words.format(work)

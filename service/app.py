@@ -12,8 +12,6 @@ from anyio.to_thread import current_default_thread_limiter
 from fastapi import APIRouter, FastAPI
 from fastapi.concurrency import run_in_threadpool
 
-import service.job_kinds  # noqa: F401  # known before the first request
-from service import imports_done
 from service.analyses import routes as analyses
 from service.annotations import mark_routes
 from service.annotations import routes as annotations
@@ -34,6 +32,7 @@ from service.platform.broker.hints import Publisher
 from service.platform.db.session import Database
 from service.platform.events import routes as events
 from service.platform.events.fanout import Fanout
+from service.platform.garbage import imports_done
 from service.platform.health import metrics_routes
 from service.platform.health import routes as health
 from service.platform.http import draining, etags, idempotency, problems, store_problems, threads, web
@@ -56,8 +55,6 @@ from service.publications.retrieval import Retrieval
 from service.recordings import frame_routes, original_routes, presigned_routes, sweep_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
-from service.reports import routes as reports
-from service.validations import routes as validations
 
 ROUTERS: tuple[APIRouter, ...] = (
     # First, because every vehicle asks it at every start.
@@ -84,10 +81,8 @@ ROUTERS: tuple[APIRouter, ...] = (
     publications.router,
     exports.router,
     imports.router,
-    reports.router,
     calibrations.router,
     fleet_requests.router,
-    validations.router,
 )
 
 _UPKEEP_S = 600.0

@@ -12,8 +12,8 @@ from celery import Celery
 from celery.signals import celeryd_init, setup_logging, worker_init
 from kombu.transport import TRANSPORT_ALIASES
 
-from service import imports_done
 from service.platform.broker.connection import CONSUMER
+from service.platform.garbage import imports_done
 from service.platform.jobs.queues import QUEUES
 from service.platform.observability import logs
 from service.platform.settings import get_settings, settings_or_exit

@@ -13,8 +13,7 @@ import time
 from dataclasses import replace
 from functools import cache
 
-import service.job_kinds  # noqa: F401  # the sweep asks every kind what its subjects need
-from service import imports_done
+from service.platform.garbage import imports_done
 from service.platform.jobs.sweep import sweep
 from service.platform.observability import logs
 from service.platform.settings import get_settings, settings_or_exit

@@ -42,7 +42,7 @@ def clock_offset(
     of = client.detections.get(check_id(detection, "detection"))
     recording = client.recordings.get(of.recording_id)
     name = find_camera([client.vehicles.rig(recording.rig_id)], camera)
-    request = client.detections.estimate_offset(recording.id, detection, name, model=model)
+    request = client.analyses.estimate_offset(detection, name, model=model)
     view = session.wait(request, "Estimating the offset")
     assert view.result is not None
     return Reply(view, _outcome(view.result, of, name))

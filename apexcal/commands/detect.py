@@ -49,7 +49,7 @@ def suggest(
     `apexcal detect RECORDING --region region.json --preview` shows what the region keeps. You may edit the file.
     """
     check_target(out, force)
-    request = session.client.detections.suggest(find_recording(session.client, recording).id)
+    request = session.client.analyses.suggest(find_recording(session.client, recording).id)
     view = session.wait(request, "Looking for what moves")
     assert view.result is not None
     write_content(out, json.dumps(view.result.region, indent=2) + "\n")
@@ -102,7 +102,7 @@ def detect(
     if of.state == "failed":
         raise FailedError(f"the recording {of.name!r}", "failed", of.problem)
     if preview:
-        view = session.wait(detections.preview(of.id, tree), "Counting")
+        view = session.wait(session.client.analyses.preview(of.id, tree), "Counting")
         counts = view.result
         assert counts is not None
         points = f"{counts.points_kept} of {counts.points} points"

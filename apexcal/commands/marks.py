@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
@@ -10,7 +11,7 @@ from rich.table import Table
 from apexcal.commands.named import check_id, find_camera
 from apexcal.commands.options import CameraOption
 from apexcal.commands.session import Reply, Session
-from apexcal.documents.machine_marks import MachineMark, MarksFacts
+from apexcal.documents.machine_marks import MachineMark, MarksFacts, MarksView
 
 
 def marks(
@@ -25,13 +26,13 @@ def marks(
     client = session.client
     of = client.detections.get(check_id(detection, "detection"))
     name = find_camera([client.vehicles.rig(client.recordings.get(of.recording_id).rig_id)], camera)
-    analyses = client.detections.machine_marks(of.recording_id)
+    analyses = client.analyses.list(MarksView, recording_id=of.recording_id)
     analysis = next((each for each in analyses if (each.detection_id, each.camera) == (of.id, name)), None)
     if analysis is None or analysis.state in ("failed", "cancelled"):
-        analysis = client.detections.ask_marks(of.recording_id, of.id, name)
+        analysis = client.analyses.mark(of.id, name)
     view = session.wait(analysis, "Marking")
     assert view.result is not None
-    answers = client.detections.marks(view.id)
+    answers = client.analyses.marks(view.id)
     document = {"analysis": view, "marks": answers}
     sentence = _sentence(view.result, name)
     return Reply(document, sentence if session.as_json else [_table(answers), sentence])
@@ -45,7 +46,7 @@ def _sentence(facts: MarksFacts, camera: str) -> str:
     return f"The machine marked {facts.marked} of {facts.corners} corners in {camera}{sigma}.{others}"
 
 
-def _table(answers: list[MachineMark]) -> Table:
+def _table(answers: Sequence[MachineMark]) -> Table:
     table = Table("vertex", "corner", "u", "v", "sigma u", "sigma v", "why not")
     for mark in answers:
         values = (mark.u, mark.v, mark.sigma_u, mark.sigma_v)

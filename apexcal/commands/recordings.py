@@ -135,15 +135,15 @@ def copy(
         usage("--joint does not go with --for-viewers: such a file replaces no pose", "Leave --joint out")
     if output:
         check_target(output, False)
-    recordings, of = session.client.recordings, find_recording(session.client, recording)
-    request = recordings.copy_calibrated(of.id, cameras=camera or [], joints=joints, for_viewers=for_viewers)
+    analyses, of = session.client.analyses, find_recording(session.client, recording)
+    request = analyses.copy_calibrated(of.id, cameras=camera or [], joints=joints, for_viewers=for_viewers)
     view = session.wait(request, "Copying")
     facts = view.result
     assert facts is not None
     target = output or Path(facts.file_name)
-    recordings.download_copy(view, target)
+    analyses.download(view, target)
     if not keep:
-        recordings.delete_copy(view.id)
+        analyses.delete(view.id)
     poses = ", ".join(f"{pose.child} in {pose.parent}" for pose in view.poses)
     more = f" Frames not undistorted, because damaged or of another size: {facts.left_out}." if facts.left_out else ""
     counts = f"{facts.replaced} messages replaced, {facts.added} added, {facts.copied} as they were"

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, cast, get_args
+from typing import Annotated
 
 import typer
 
 from apexcal.commands.calibrated import tables
-from apexcal.commands.named import check_id, find_recording, find_vehicle, find_vehicle_camera
+from apexcal.commands.named import check_id, find_camera, find_recording, find_vehicle, find_vehicle_camera
 from apexcal.commands.options import (
     CameraOption,
     FleetOption,
@@ -22,9 +22,9 @@ from apexcal.commands.options import (
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.stated_files import read_texts
 from apexcal.commands.terminal import check_target, usage, write_content
-from apexcal.documents.comparisons import ResultComparison, ResultDifference
+from apexcal.documents.comparisons import DriftStep, ResultComparison, ResultDifference
 from apexcal.documents.imports import StatedComparison
-from apexcal.documents.validations import DriftStep, RoadScore, ValidationKind
+from apexcal.documents.validations import RoadScore
 
 CameraNameOption = Annotated[str, typer.Option("--camera", help="Camera, by its name in the rig.")]
 
@@ -37,10 +37,11 @@ def report(
 ) -> Reply:
     """Make the report of a result: verdict, expected errors, residuals, error maps. It opens without a network."""
     check_target(output, force)
-    calibrations = session.client.calibrations
-    view = session.wait(calibrations.make_report(check_id(result, "result")), "Making the report")
-    write_content(output, calibrations.report(result))
-    return Reply(view, f"The report is in {output}. Its verdict: {view.verdict}.")
+    analyses = session.client.analyses
+    view = session.wait(analyses.report(check_id(result, "result")), "Making the report")
+    assert view.result is not None
+    write_content(output, analyses.read_file(view.id))
+    return Reply(view, f"The report is in {output}. Its verdict: {view.result.verdict}.")
 
 
 def compare(
@@ -79,31 +80,29 @@ def compare(
 
 def validate(
     session: Session,
-    vehicle: VehicleArgument,
     kind: Annotated[str, typer.Argument(help="pairs, lanes or edges.")],
     data_of: Annotated[
         str,
         typer.Argument(metavar="DATA", help="Id of a correspondence set for pairs; otherwise a recording."),
     ],
-    camera: CameraNameOption,
+    camera: CameraOption = "",
     result: ResultOption = "",
-    fleet: FleetOption = "",
 ) -> Reply:
     """Score a calibration without fitting it: on other pairs, on lane markers, or on edges of a drive.
 
     `pairs` compares the errors with what the calibration states. `lanes` asks whether the ground's bright points lie
     on bright pixels. `edges` asks whether depth steps lie on image gradients, and finds a camera that was knocked.
     """
-    if kind not in get_args(ValidationKind):
-        usage(f"{kind!r} is no kind of validation.", f"It is one of {', '.join(get_args(ValidationKind))}.")
-    request = session.client.validations.ask(
-        find_vehicle(session.client, fleet, vehicle).id,
-        cast("ValidationKind", kind),
-        camera,
-        set_id=check_id(data_of, "correspondence set") if kind == "pairs" else None,
-        recording_id=find_recording(session.client, data_of).id if kind != "pairs" else None,
-        result_id=check_id(result, "result") if result else None,
-    )
+    client, result_id = session.client, check_id(result, "result") if result else None
+    if kind == "pairs":
+        request = client.analyses.validate_on_pairs(check_id(data_of, "correspondence set"), result_id=result_id)
+    elif kind in ("lanes", "edges"):
+        recording = find_recording(client, data_of)
+        name = find_camera([client.vehicles.rig(recording.rig_id)], camera)
+        on = "lane" if kind == "lanes" else "edge"
+        request = client.analyses.validate_on_road(on, recording.id, name, result_id=result_id)
+    else:
+        usage(f"{kind!r} is no kind of validation.", "It is one of pairs, lanes, edges.")
     view = session.wait(request, "Validating")
     score = view.result
     assert score is not None
@@ -121,7 +120,7 @@ def drift(
     fleet: FleetOption = "",
 ) -> Reply:
     """Compare a camera's recommended results over time: how far the mount moved, and whether more than chance."""
-    view = session.client.validations.drift(find_vehicle(session.client, fleet, vehicle).id, camera, limit=limit)
+    view = session.client.calibrations.drift(find_vehicle(session.client, fleet, vehicle).id, camera, limit=limit)
     return Reply(view, "\n".join([view.sentence, *map(_drift_line, view.steps)]))
 
 

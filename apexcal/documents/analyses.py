@@ -1,4 +1,4 @@
-"""What requests and answers about region previews, region suggestions and clock offsets look like."""
+"""What every analysis has, and region previews, region suggestions and clock offsets."""
 
 from __future__ import annotations
 
@@ -14,14 +14,20 @@ from apexcal.documents.region_fields import KeptRegion, Region
 from apexcal.documents.states import WorkState
 
 
-class PreviewRequest(Received):
+class RecordingQuestion(Received):
+    """A question to a recording that is ready."""
+
+    recording_id: UUID
+
+
+class PreviewRequest(RecordingQuestion):
     """Ask what a region keeps."""
 
     kind: Literal["preview"]
     region: Region
 
 
-class SuggestionRequest(Received):
+class SuggestionRequest(RecordingQuestion):
     """Ask for a region computed from what moves against the still background."""
 
     kind: Literal["suggestion"]
@@ -39,14 +45,30 @@ class OffsetRequest(Received):
 
 
 class AnalysisView(Sent):
-    """What all kinds have: ``result`` is there when it is done, ``problem`` when it failed."""
+    """What all kinds have: ``result`` is there when it is done, ``problem`` when it failed.
+
+    The ids say what it is of. It is deleted with each of these.
+    """
 
     id: UUID
-    recording_id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    recording_id: UUID | None
+    detection_id: UUID | None
+    set_id: UUID | None
+    result_id: UUID | None
     state: WorkState
     problem: Stored[ProblemView | None]
     job: JobView | None
     created_at: datetime
+
+
+class StoredFile(Document):
+    """The file that an analysis made: its name, size in bytes and SHA-256."""
+
+    file_name: str
+    size: int
+    sha256: str
 
 
 class RingCount(Document):
@@ -137,7 +159,6 @@ class OffsetView(AnalysisView):
 
     kind: Literal["clock_offset"]
     result: Stored[ClockOffset | None]
-    detection_id: UUID
     camera: str
     marks: int
     hint: str | None

@@ -17,17 +17,52 @@ from apexcal.documents.analyses import (
 from apexcal.documents.base import Page
 from apexcal.documents.copies import CopyRequest, CopyView
 from apexcal.documents.machine_marks import MarksRequest, MarksView
+from apexcal.documents.reports import ReportRequest, ReportView
 from apexcal.documents.sweeps import PackingRequest, PackingView
+from apexcal.documents.validations import (
+    PairValidationRequest,
+    PairValidationView,
+    RoadValidationRequest,
+    RoadValidationView,
+)
 
-AnalysisKind = Literal["preview", "suggestion", "clock_offset", "packing", "calibrated_copy", "machine_marks"]
+AnalysisKind = Literal[
+    "preview",
+    "suggestion",
+    "clock_offset",
+    "packing",
+    "calibrated_copy",
+    "machine_marks",
+    "report",
+    "pair_validation",
+    "lane_validation",
+    "edge_validation",
+]
 AnalysisRequest = Annotated[
-    PreviewRequest | SuggestionRequest | OffsetRequest | PackingRequest | CopyRequest | MarksRequest,
+    PreviewRequest
+    | SuggestionRequest
+    | OffsetRequest
+    | PackingRequest
+    | CopyRequest
+    | MarksRequest
+    | ReportRequest
+    | PairValidationRequest
+    | RoadValidationRequest,
     Field(discriminator="kind"),
 ]
 AnyAnalysis = Annotated[
-    PreviewView | SuggestionView | OffsetView | PackingView | CopyView | MarksView, Field(discriminator="kind")
+    PreviewView
+    | SuggestionView
+    | OffsetView
+    | PackingView
+    | CopyView
+    | MarksView
+    | ReportView
+    | PairValidationView
+    | RoadValidationView,
+    Field(discriminator="kind"),
 ]
 
 
 class AnalysisPage(Page[AnyAnalysis]):
-    """Analyses of a recording."""
+    """Analyses, the newest first."""

@@ -1,11 +1,15 @@
-"""What the comparison of two results of one camera looks like."""
+"""How results of one camera differ: two of them, and all in the order of their pairs."""
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Literal
 from uuid import UUID
 
 from apexcal.documents.base import Document, Sent
+from apexcal.documents.precision import Deviations
+from apexcal.documents.publications import PublicationView
+from apexcal.documents.results import Intrinsics, SolvedTransform
 
 
 class ParameterDifference(Sent):
@@ -81,3 +85,38 @@ class ResultComparison(Sent):
     image_size: tuple[int, int] | None
     parameters: list[ParameterDifference]
     field: FieldDifference | None
+
+
+class DriftStep(Sent):
+    """A result of a camera, and how far it is from the one before it and from the first.
+
+    ``sigmas`` is the mount's difference in what both results state, root mean square; ``differs`` says that chance
+    makes such a difference once in 1000. Null where a result states no deviations. ``std`` are its own deviations,
+    with the spread between models. ``withdrawn`` is null unless its newest publication was withdrawn: then no later
+    result is compared with it.
+    """
+
+    result_id: UUID
+    calibration_id: UUID
+    model: str
+    at: datetime
+    intrinsics: Intrinsics
+    transform: SolvedTransform
+    std: Deviations
+    from_previous: ResultDifference | None
+    from_first: ResultDifference | None
+    withdrawn: PublicationView | None
+
+
+class Drift(Sent):
+    """A camera's recommended results, the oldest first, with what their order says in a sentence.
+
+    ``next`` is given as ``after`` to get the results before these, and is null if there are none. Each answer
+    compares with the first of its own results that was not withdrawn.
+    """
+
+    vehicle_id: UUID
+    camera: str
+    sentence: str
+    steps: list[DriftStep]
+    next: str | None = None

@@ -7,13 +7,13 @@ from uuid import UUID
 
 from pydantic import Field, model_validator
 
-from apexcal.documents.analyses import AnalysisView
-from apexcal.documents.base import Document, Name, Received, Stored
+from apexcal.documents.analyses import AnalysisView, RecordingQuestion, StoredFile
+from apexcal.documents.base import Document, Name, Stored
 from apexcal.documents.fleets import CameraName
 from apexcal.documents.publications import CURRENT
 
 
-class CopyRequest(Received):
+class CopyRequest(RecordingQuestion):
     """Ask for a recording's file with CameraInfo and ``/tf_static`` as calibrated.
 
     ``for_viewers``: instead an MCAP file of Foxglove's messages with undistorted frames beside the recorded ones, of
@@ -47,15 +47,12 @@ class PutPose(Document):
     is_new: bool
 
 
-class CopiedFile(Document):
-    """The copy: its name, size and SHA-256, and how many messages were copied, replaced and added.
+class CopiedFile(StoredFile):
+    """The copy, and how many messages were copied, replaced and added.
 
     ``left_out``: frames that were not undistorted, because they are damaged or of another size than the calibration.
     """
 
-    file_name: str
-    size: int
-    sha256: str
     copied: int
     replaced: int
     added: int

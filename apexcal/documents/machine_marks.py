@@ -44,7 +44,6 @@ class MarksView(AnalysisView):
 
     kind: Literal["machine_marks"]
     result: Stored[MarksFacts | None]
-    detection_id: UUID
     camera: str
 
 

@@ -1,29 +1,30 @@
-"""What answers about the reports of results look like."""
+"""What requests and answers about the reports of results look like."""
 
 from __future__ import annotations
 
-from datetime import datetime
+from typing import Literal
 from uuid import UUID
 
-from apexcal.documents.base import Sent, Stored
+from apexcal.documents.analyses import AnalysisView, StoredFile
+from apexcal.documents.base import Received, Stored
 from apexcal.documents.checks import CheckVerdict
-from apexcal.documents.jobs import JobView, ProblemView
-from apexcal.documents.states import WorkState
 
 
-class ReportView(Sent):
-    """A result's report: how far it is. ``made_at`` and ``bytes`` are of the newest one that was made.
+class ReportRequest(Received):
+    """Ask for the report of a result, which must be a fit to all pairs."""
 
-    ``verdict`` is the gravest of the checks that it shows, for the mount with its lens.
-    """
-
-    id: UUID
-    fleet_id: UUID
+    kind: Literal["report"]
     result_id: UUID
-    state: WorkState
-    problem: Stored[ProblemView | None]
-    job: JobView | None
-    verdict: CheckVerdict | None
-    bytes: int | None
-    made_at: datetime | None
-    created_at: datetime
+
+
+class ReportFile(StoredFile):
+    """The report. ``verdict`` is the gravest of the checks that it shows, for the mount with its lens."""
+
+    verdict: CheckVerdict
+
+
+class ReportView(AnalysisView):
+    """A result's report; when it is done, its file can be read."""
+
+    kind: Literal["report"]
+    result: Stored[ReportFile | None]

@@ -16,8 +16,8 @@ from __future__ import annotations
 import struct
 from typing import Final, Literal, NamedTuple, Self
 
-from apexcal.documents.analyses import AnalysisView
-from apexcal.documents.base import Document, Received, Sent, Stored
+from apexcal.documents.analyses import AnalysisView, RecordingQuestion
+from apexcal.documents.base import Document, Sent, Stored
 
 MEDIA_TYPE: Final = "application/vnd.apexcal.sweep+gzip"
 MAGIC: Final = b"APXS"
@@ -77,7 +77,7 @@ class Packing(Document):
     bytes: int
 
 
-class PackingRequest(Received):
+class PackingRequest(RecordingQuestion):
     """Ask for a recording's sweeps to be packed. A packed recording stays as it is."""
 
     kind: Literal["packing"]

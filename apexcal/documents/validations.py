@@ -2,80 +2,55 @@
 
 from __future__ import annotations
 
-from datetime import datetime
-from typing import Annotated, Literal, Self
+from typing import Final, Literal, Self
 from uuid import UUID
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from apexcal.documents.base import Document, Magnitude, Name, Received, Sent, Stored
-from apexcal.documents.bounds import LEAST_FOCAL_PX
-from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
-from apexcal.documents.comparisons import ResultDifference
-from apexcal.documents.jobs import JobView, ProblemView
-from apexcal.documents.precision import Deviations
-from apexcal.documents.publications import PublicationView
-from apexcal.documents.results import Intrinsics, SolvedTransform
-from apexcal.documents.states import WorkState
+from apexcal.documents.analyses import AnalysisView
+from apexcal.documents.base import Document, Name, Received, Stored
+from apexcal.documents.calibrations import GivenLens
 from apexcal.documents.transforms import Transform
 
 # Of a score of pairs: the columns with one value for each pair.
 SINGLE_PAIRS = ("u", "v", "residual_u", "residual_v", "is_wrong")
-ValidationKind = Literal["pairs", "lanes", "edges"]
+DATA_BY_KIND: Final = {"pair_validation": "pairs", "lane_validation": "lanes", "edge_validation": "edges"}
 Verdict = Literal["agrees", "disagrees", "unknown"]
 
 
-class GivenLens(Received):
-    """A lens by the names of our camera models, pixels."""
-
-    model: ModelName
-    parameters: dict[str, Magnitude]
-    image_size: tuple[Annotated[int, Field(ge=1, le=100_000)], Annotated[int, Field(ge=1, le=100_000)]]
-
-    @model_validator(mode="after")
-    def _has_its_parameters(self) -> Self:
-        known = CAMERA_MODELS[self.model].intrinsics
-        missing = [name for name in ("f_x", "f_y", "c_x", "c_y") if name not in self.parameters]
-        strange = sorted(set(self.parameters) - set(known))
-        if missing or strange:
-            raise ValueError(f"the parameters of {self.model} are {', '.join(known)}; f_x, f_y, c_x, c_y are needed")
-        for name in ("f_x", "f_y"):
-            if self.parameters[name] < LEAST_FOCAL_PX:
-                given = self.parameters[name]
-                raise ValueError(f"{name} is {given:g}; no camera has a focal length below {LEAST_FOCAL_PX:g} px")
-        return self
-
-
 class GivenCalibration(Received):
-    """A calibration that is not a result here: a lens and ``T_camera_lidar``."""
+    """A calibration that is not a result here: a lens as a CameraInfo says it, and ``T_camera_lidar``."""
 
     lens: GivenLens
     transform: Transform
 
 
 class ValidationRequest(Received):
-    """Test a camera's calibration on other data.
+    """What is tested: the calibration ``result_id``, or ``calibration``, or else what the camera is given now."""
 
-    ``pairs`` takes ``set_id``, any correspondence set of this camera; ``lanes`` and ``edges`` take ``recording_id``,
-    a drive. The calibration is ``result_id``, or ``calibration``, or else what the camera is given now.
-    """
-
-    kind: ValidationKind
-    camera: Name
-    set_id: UUID | None = None
-    recording_id: UUID | None = None
     result_id: UUID | None = None
     calibration: GivenCalibration | None = None
 
     @model_validator(mode="after")
-    def _says_what_is_needed(self) -> Self:
-        data = "set_id" if self.kind == "pairs" else "recording_id"
-        other = "recording_id" if self.kind == "pairs" else "set_id"
-        if getattr(self, data) is None or getattr(self, other) is not None:
-            raise ValueError(f"{self.kind} takes {data}, and no {other}")
+    def _names_one_calibration(self) -> Self:
         if self.result_id is not None and self.calibration is not None:
             raise ValueError("give result_id or calibration, not both")
         return self
+
+
+class PairValidationRequest(ValidationRequest):
+    """Test a camera's calibration on any correspondence set of this camera."""
+
+    kind: Literal["pair_validation"]
+    set_id: UUID
+
+
+class RoadValidationRequest(ValidationRequest):
+    """Test a camera's calibration on lane markers, or on depth edges, of a drive."""
+
+    kind: Literal["lane_validation", "edge_validation"]
+    recording_id: UUID
+    camera: Name
 
 
 class PairScore(Document):
@@ -103,11 +78,11 @@ class PairScore(Document):
     shift_mm: float | None = None
     sigmas: float | None = None
     probability: float | None = None
-    u: list[float]
-    v: list[float]
-    residual_u: list[float | None]
-    residual_v: list[float | None]
-    is_wrong: list[bool]
+    u: list[float] = []
+    v: list[float] = []
+    residual_u: list[float | None] = []
+    residual_v: list[float | None] = []
+    is_wrong: list[bool] = []
 
 
 class OffsetCurve(Document):
@@ -149,53 +124,17 @@ class RoadScore(Document):
     seconds_per_frame: float | None = None
 
 
-class ValidationView(Sent):
-    """A validation; ``result`` is there when it is done, ``problem`` when it failed."""
+class PairValidationView(AnalysisView):
+    """A validation on pairs. Only who may see single pairs, and reads it alone, gets the columns."""
 
-    id: UUID
-    vehicle_id: UUID
-    kind: ValidationKind
+    kind: Literal["pair_validation"]
     camera: str
-    set_id: UUID | None
-    recording_id: UUID | None
-    result_id: UUID | None
-    state: WorkState
-    result: Stored[PairScore | RoadScore | None]
-    problem: Stored[ProblemView | None]
-    job: JobView | None
-    created_at: datetime
+    result: Stored[PairScore | None]
 
 
-class DriftStep(Sent):
-    """A result of a camera, and how far it is from the one before it and from the first.
+class RoadValidationView(AnalysisView):
+    """A validation on a drive."""
 
-    ``sigmas`` is the mount's difference in what both results state, root mean square; ``differs`` says that chance
-    makes such a difference once in 1000. Null where a result states no deviations. ``std`` are its own deviations,
-    with the spread between models. ``withdrawn`` is null unless its newest publication was withdrawn: then no later
-    result is compared with it.
-    """
-
-    result_id: UUID
-    calibration_id: UUID
-    model: str
-    at: datetime
-    intrinsics: Intrinsics
-    transform: SolvedTransform
-    std: Deviations
-    from_previous: ResultDifference | None
-    from_first: ResultDifference | None
-    withdrawn: PublicationView | None
-
-
-class Drift(Sent):
-    """A camera's recommended results, the oldest first, with what their order says in a sentence.
-
-    ``next`` is given as ``after`` to get the results before these, and is null if there are none. Each answer
-    compares with the first of its own results that was not withdrawn.
-    """
-
-    vehicle_id: UUID
+    kind: Literal["lane_validation", "edge_validation"]
     camera: str
-    sentence: str
-    steps: list[DriftStep]
-    next: str | None = None
+    result: Stored[RoadScore | None]

@@ -8,11 +8,10 @@ from uuid import UUID
 
 from apexcal.documents.base import Page
 from apexcal.documents.calibrations import CalibrationTemplate, CalibrationView, SlotView
-from apexcal.documents.comparisons import ResultComparison
+from apexcal.documents.comparisons import Drift, ResultComparison
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
 from apexcal.documents.exports import VEHICLE_HEADER, VehicleCalibration
 from apexcal.documents.publications import CURRENT, PublicationView
-from apexcal.documents.reports import ReportView
 from apexcal.documents.results import ResultView
 from apexcal.documents.summaries import CurrentCalibration
 from apexcal.errors import ForeignAnswerError
@@ -107,13 +106,12 @@ class Calibrations(Resource):
         """How far a result is from another one of its camera: mount, lens, and pixels over the image."""
         return self._http.get(at("results", result_id, "comparison"), ResultComparison, other=str(other_id))
 
-    def make_report(self, result_id: UUID | str) -> ReportView:
-        """Ask for the report of a result, which must be a fit to all pairs. An existing report is replaced."""
-        return self._http.post(at("results", result_id, "report"), ReportView)
+    def drift(self, vehicle_id: UUID | str, camera: str, *, limit: int = 20, after: str | None = None) -> Drift:
+        """A camera's newest recommended results, oldest first, each compared with the one before and the first.
 
-    def report(self, result_id: UUID | str) -> bytes:
-        """The newest report of a result: one HTML file. Raises ApiError ``no_report``, ``report_not_ready``."""
-        return self._http.send("GET", at("results", result_id, "report")).content
+        ``after``: the ``next`` of an answer, to get the results before these.
+        """
+        return self._http.get(at("vehicles", vehicle_id, "drift"), Drift, camera=camera, limit=limit, after=after)
 
     def slots(self, calibration_id: UUID | str, camera: str, model: str, fold: int = -1) -> Iterator[SlotView]:
         """The GA slots of one run, with the worker that ran each."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from uuid import UUID
 
-from apexcal.documents.copies import CopyView
 from apexcal.documents.recordings import (
     AcceptedRecording,
     BlobAddress,
@@ -18,7 +17,7 @@ from apexcal.documents.recordings import (
     RecordingSummary,
     RecordingView,
 )
-from apexcal.documents.sweeps import MEDIA_TYPE, PackingView, SweepView
+from apexcal.documents.sweeps import MEDIA_TYPE, SweepView
 from apexcal.errors import ClientError
 from apexcal.presigned import EndedAddressError, PresignedStore
 from apexcal.transport import Resource, at
@@ -145,44 +144,6 @@ class Recordings(Resource):
         """One sweep's points, packed; :func:`apexcal.sweeps.unpack` makes arrays of them."""
         return self._range(at("recordings", recording_id, "sweeps", index), MEDIA_TYPE)
 
-    def pack(self, recording_id: UUID | str) -> PackingView:
-        """Pack the sweeps of a recording that an older version read; follow it with ``client.wait``."""
-        return self._http.post(at("recordings", recording_id, "analyses"), PackingView, {"kind": "packing"})
-
-    def packings(self, recording_id: UUID | str) -> Iterator[PackingView]:
-        """The packings of a recording's sweeps, newest first: a recording is packed right after it was read."""
-        return self._http.items(at("recordings", recording_id, "analyses"), PackingView, kind="packing")
-
-    def copy_calibrated(
-        self,
-        recording_id: UUID | str,
-        *,
-        cameras: Sequence[str] = (),
-        joints: Mapping[str, str] | None = None,
-        for_viewers: bool = False,
-    ) -> CopyView:
-        """Copy the recording's bag and write the published calibration into it; follow with ``client.wait``.
-
-        ``joints``: by camera, the frame whose pose is replaced. ``for_viewers``: instead an MCAP file for Foxglove
-        and Lichtblick with undistorted frames, of any kind of recording.
-        """
-        body: dict[str, Any] = {"kind": "calibrated_copy", "cameras": list(cameras), "joints": dict(joints or {})}
-        body["for_viewers"] = for_viewers
-        return self._http.post(at("recordings", recording_id, "analyses"), CopyView, body)
-
-    def calibrated_copies(self, recording_id: UUID | str) -> Iterator[CopyView]:
-        """The copies of a recording, newest first."""
-        return self._http.items(at("recordings", recording_id, "analyses"), CopyView, kind="calibrated_copy")
-
-    def delete_copy(self, copy_id: UUID | str) -> None:
-        """Delete a copy with its file."""
-        self._http.delete(at("analyses", copy_id))
-
-    def download_copy(self, copy: CopyView, target: Path) -> None:
-        """Write a copy's file to a new file, and compare its digest."""
-        with self._http.stream(at("analyses", copy.id, "file")) as response:
-            _write_new(target, response.iter_bytes(1 << 20), copy.result.sha256 if copy.result else "")
-
     def _range(self, path: str, media_type: str) -> bytes:
         """A byte range of a sensor's file, straight from the store where the service says so."""
         if not self._ranges_here:
@@ -195,7 +156,7 @@ class Recordings(Resource):
 
     def download(self, recording_id: UUID | str, target: Path) -> int:
         """Write the original to a new file and return its size in bytes."""
-        return _write_new(target, self._original(at("recordings", recording_id, "original")))
+        return write_new(target, self._original(at("recordings", recording_id, "original")))
 
     def _original(self, path: str) -> Iterator[bytes]:
         parts = self._http.get(f"{path}/parts", Original).parts
@@ -219,7 +180,7 @@ class Recordings(Resource):
                 yield data
 
 
-def _write_new(target: Path, chunks: Iterable[bytes], sha256: str | None = None) -> int:
+def write_new(target: Path, chunks: Iterable[bytes], sha256: str | None = None) -> int:
     """Write a file that does not exist yet, and return its size in bytes. Its digest is compared with a given one."""
     if target.exists():
         raise ClientError(f"{target} exists already", "Name a file that does not exist yet.")

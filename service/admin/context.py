@@ -16,7 +16,6 @@ import typer
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
-import service.job_kinds  # noqa: F401  # for what commands do to jobs
 from service.admin.errors import AdminError, WrongUsageError
 from service.platform.db.revisions import is_older, newest
 from service.platform.db.session import Database

@@ -1,1 +1,1 @@
-"""Analyses of a recording: region previews, region suggestions, clock offsets, packed sweeps, calibrated copies."""
+"""Analyses: what is asked of a recording, of pairs or of a result, and answered by one job."""

@@ -7,11 +7,10 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.analyses import OffsetRequest, OffsetView
+from apexcal.documents.analyses import OffsetRequest
 from apexcal.documents.camera_models import parse_model
 from apexcal.documents.corners import TOP
 from apexcal.documents.schedules import PRESETS
-from service.analyses.plan import Plan
 from service.annotations.consensus import agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.calibrations.resolve import camera_request
@@ -24,7 +23,7 @@ from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.fleets import Rig
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
-from service.platform.http.problems import Problem, not_found
+from service.platform.http.problems import Problem
 from service.platform.jobs.costs import run_cost
 
 # Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.
@@ -33,24 +32,24 @@ _MARK_US = 2500.0
 _CERTAIN = 2.0
 
 
-def plan(access: Access, recording: Recording, request: OffsetRequest) -> Plan:
+def plan(access: Access, request: OffsetRequest) -> Analysis:
     """The camera and its marks. Raises :class:`Problem` 404, 409 ``nothing_marked``, 422 ``work_too_long``."""
     detection = done_detection(access, request.detection_id, "engineer")
-    if detection.recording_id != recording.id:
-        raise not_found()
+    recording = access.session.get_one(Recording, detection.recording_id)
     camera = find_camera(access.session, recording.id, request.camera)
-    return Plan(_camera_and_marks(access.session, recording, detection, camera, request.model), detection.id)
-
-
-def view(row: Analysis, members: Json) -> OffsetView:
-    """A clock offset as answers show it."""
-    return OffsetView(
-        **members,
-        detection_id=row.detection_id,  # pyright: ignore[reportArgumentType] - an offset always has one
-        camera=row.asked["camera"],
-        marks=len(row.asked["marks"]["u"]),
-        hint=_how_to_use(row.result, row.asked["camera"]) if row.result else None,
+    return Analysis(
+        fleet_id=recording.fleet_id,
+        vehicle_id=recording.vehicle_id,
+        recording_id=recording.id,
+        detection_id=detection.id,
+        asked=_camera_and_marks(access.session, recording, detection, camera, request.model),
     )
+
+
+def members(row: Analysis) -> Json:
+    """What the answer has of its own."""
+    camera, marks = row.asked["camera"], len(row.asked["marks"]["u"])
+    return {"camera": camera, "marks": marks, "hint": _how_to_use(row.result, camera) if row.result else None}
 
 
 def _camera_and_marks(

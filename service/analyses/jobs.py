@@ -17,41 +17,58 @@ from service.platform.db.jobs import Job
 from service.platform.db.recordings import Recording, Sensor
 from service.platform.jobs.kinds import Kind, failed_subject
 from service.platform.jobs.queue import enqueue
-from service.platform.storage.quota import counted
+from service.platform.storage.quota import recounting
 
-# Kinds whose jobs write files that count towards the quota.
-_WRITING = ("packing", "calibrated_copy")
+# Scores of pairs take milliseconds: they must not wait behind drives.
+_QUEUES = {
+    "preview": "detect",
+    "suggestion": "detect",
+    "clock_offset": "solve",
+    "machine_marks": "detect",
+    "packing": "ingest",
+    "calibrated_copy": "ingest",
+    "report": "report",
+    "pair_validation": "report",
+    "lane_validation": "detect",
+    "edge_validation": "detect",
+}
 
 
 def queue_analysis(session: Session, row: Analysis) -> Job:
-    """Queue the one job of an analysis whose row is there."""
+    """Queue the one job of an analysis, which is written if it is new."""
+    session.add(row)
+    session.flush()
     job = enqueue(session, kind=row.kind, fleet_id=row.fleet_id, subject_id=row.id)
     row.state, row.problem, row.job_id = WorkState.QUEUED, None, job.id
+    tell_followers(session, row)
     return job
 
 
-def queue_packing(session: Session, recording: Recording) -> tuple[Analysis, Job]:
-    """Ask for a recording's sweeps to be packed."""
-    row = Analysis(fleet_id=recording.fleet_id, recording_id=recording.id, kind="packing", asked={})
-    session.add(row)
-    session.flush()
-    return row, queue_analysis(session, row)
+def queue_packing(session: Session, recording_id: UUID, recording: Recording) -> Job:
+    """Ask for the sweeps of a recording that was read to be packed."""
+    owned = {"fleet_id": recording.fleet_id, "vehicle_id": recording.vehicle_id}
+    return queue_analysis(session, Analysis(**owned, recording_id=recording_id, kind="packing", asked={}))
 
 
-def queue_marks(session: Session, detection: Detection) -> None:
+def tell_followers(session: Session, row: Analysis) -> None:
+    """Tell the fleet's followers that an analysis changed, and with it what its recording shows."""
+    hint(session, row.fleet_id, "analysis", row.id)
+    if row.recording_id is not None:
+        hint(session, row.fleet_id, "recording", row.recording_id)
+
+
+def queue_marks(session: Session, detection_id: UUID, detection: Detection) -> None:
     """Ask for the machine's marks in every camera in which the detection's vertices have frames."""
-    paired = select(VertexFrame.sensor_id).join(Vertex).where(Vertex.detection_id == detection.id)
+    recording = session.get_one(Recording, detection.recording_id)
+    of = {"fleet_id": recording.fleet_id, "vehicle_id": recording.vehicle_id, "recording_id": recording.id}
+    paired = select(VertexFrame.sensor_id).join(Vertex).where(Vertex.detection_id == detection_id)
     for camera in session.scalars(select(Sensor.name).where(Sensor.id.in_(paired)).order_by(Sensor.name)):
-        row = Analysis(
-            fleet_id=detection.fleet_id,
-            recording_id=detection.recording_id,
-            detection_id=detection.id,
-            kind="machine_marks",
-            asked={"camera": camera, "model": "brown_conrady"},
-        )
-        session.add(row)
-        session.flush()
-        queue_analysis(session, row)
+        asked = {"camera": camera, "model": "brown_conrady"}
+        queue_analysis(session, Analysis(**of, detection_id=detection_id, kind="machine_marks", asked=asked))
+
+
+def _take(session: Session, analysis_id: UUID, result: Json) -> None:
+    session.get_one(Analysis, analysis_id).result = result
 
 
 def _end(session: Session, analysis_id: UUID, state: WorkState, problem: Json | None) -> None:
@@ -59,27 +76,16 @@ def _end(session: Session, analysis_id: UUID, state: WorkState, problem: Json | 
     if row is None:
         return
     row.state, row.problem = state, problem
-    if state != WorkState.DONE and row.kind in _WRITING:
-        recording = session.get(Recording, row.recording_id, with_for_update=True)
-        if recording is not None:
-            recording.taken_bytes = counted(session, recording, besides=row.job_id)
-    hint(session, row.fleet_id, "recording", row.recording_id)
+    if state != WorkState.DONE:
+        with recounting(session, row.recording_id, besides=row.job_id):
+            """What the job had reserved counts no more."""
+    tell_followers(session, row)
 
 
 def _retry(session: Session, job: Job) -> Sequence[Job]:
-    row = failed_subject(session, job, Analysis, "analysis")
-    hint(session, row.fleet_id, "recording", row.recording_id)
-    return [queue_analysis(session, row)]
+    return [queue_analysis(session, failed_subject(session, job, Analysis, "analysis"))]
 
 
 KINDS = tuple(
-    Kind(name, queue, _end, _retry, shown_by=Analysis.job_id)
-    for name, queue in (
-        ("preview", "detect"),
-        ("suggestion", "detect"),
-        ("clock_offset", "solve"),
-        ("machine_marks", "detect"),
-        ("packing", "ingest"),
-        ("calibrated_copy", "ingest"),
-    )
+    Kind(name, queue, _end, _retry, shown_by=Analysis.job_id, take=_take) for name, queue in _QUEUES.items()
 )

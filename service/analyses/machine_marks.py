@@ -7,38 +7,37 @@ from uuid import UUID
 from sqlalchemy import select
 
 from apexcal.documents.camera_models import parse_model
-from apexcal.documents.machine_marks import MachineMark, MarksList, MarksRequest, MarksView
-from service.analyses.plan import Plan
+from apexcal.documents.machine_marks import MachineMark, MarksList, MarksRequest
 from service.annotations.disclosure_actions import DisclosureKey, tell
 from service.detections.queries import done_detection, find_camera
 from service.pairs.machine_opinions import marks_of
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
-from service.platform.db.detections import Vertex, VertexFrame
+from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.recordings import Recording
 from service.platform.db.session import Database
-from service.platform.http.problems import Problem, not_found
+from service.platform.http.problems import Problem
 
 
-def plan(access: Access, recording: Recording, request: MarksRequest) -> Plan:
+def plan(access: Access, request: MarksRequest) -> Analysis:
     """The camera, and the model of an unstated lens. Raises :class:`Problem` 404, 409 ``detection_not_done``."""
     detection = done_detection(access, request.detection_id, "engineer")
-    if detection.recording_id != recording.id:
-        raise not_found()
+    recording = access.session.get_one(Recording, detection.recording_id)
     camera = find_camera(access.session, recording.id, request.camera)
-    return Plan({"camera": camera.name, "model": parse_model(request.model)}, detection.id)
-
-
-def view(row: Analysis, members: Json) -> MarksView:
-    """The marks in numbers: whoever is told where they are does not mark blindly any more."""
-    if row.result:
-        members["result"] = {name: value for name, value in row.result.items() if name != "marks"}
-    return MarksView(
-        **members,
-        detection_id=row.detection_id,  # pyright: ignore[reportArgumentType] - such an analysis always has one
-        camera=row.asked["camera"],
+    return Analysis(
+        fleet_id=recording.fleet_id,
+        vehicle_id=recording.vehicle_id,
+        recording_id=recording.id,
+        detection_id=detection.id,
+        asked={"camera": camera.name, "model": parse_model(request.model)},
     )
+
+
+def members(row: Analysis) -> Json:
+    """The marks in numbers: whoever is told where they are does not mark blindly any more."""
+    numbers = {name: value for name, value in row.result.items() if name != "marks"} if row.result else None
+    return {"camera": row.asked["camera"], "result": numbers}
 
 
 def list_marks(access: Access, database: Database, analysis_id: UUID) -> MarksList:
@@ -53,7 +52,8 @@ def list_marks(access: Access, database: Database, analysis_id: UUID) -> MarksLi
             409, "no_marks", f"This analysis ({row.kind}) is {row.state}; it has no marks.", "Ask for machine_marks."
         )
     answer = MarksList(marks=[MachineMark(**mark) for mark in marks_of(row)])
-    camera = find_camera(access.session, row.recording_id, row.asked["camera"])
+    detection = access.session.get_one(Detection, row.detection_id)
+    camera = find_camera(access.session, detection.recording_id, row.asked["camera"])
     paired = select(VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner).join(Vertex)
     of_camera = paired.where(Vertex.detection_id == row.detection_id, VertexFrame.sensor_id == camera.id)
     tell(access, database, camera, {DisclosureKey(*key) for key in access.session.execute(of_camera)}, "marks")

@@ -1,4 +1,4 @@
-"""Analyses of a recording: each is asked for with POST, and read until its state is done or failed."""
+"""Analyses: each is asked for with POST, and read until its state is done or failed."""
 
 from __future__ import annotations
 
@@ -11,61 +11,83 @@ from fastapi.responses import JSONResponse, StreamingResponse
 
 from apexcal.documents.analysis_kinds import AnalysisKind, AnalysisPage, AnalysisRequest, AnyAnalysis
 from apexcal.documents.machine_marks import MarksList
-from service.analyses.actions import ask_analysis, delete_analysis
-from service.analyses.kinds import view_of
+from service.analyses.actions import delete_analysis
+from service.analyses.jobs import queue_analysis
+from service.analyses.kinds import plan_of, view_of
 from service.analyses.machine_marks import list_marks
-from service.analyses.queries import AnalysisDownload, analysis_file, job_of, list_analyses
-from service.detections.queries import ready_recording
+from service.analyses.queries import AnalysisDownload, analysis_file, job_of, list_analyses, shown_pairs
+from service.annotations.disclosure_actions import tell_pairs
 from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.platform.db.analyses import Analysis
 from service.platform.db.session import Database
 from service.platform.http.bodies import DOCUMENT
+from service.platform.http.etags import Conditional, content_etag
 from service.platform.http.pages import Paging
 from service.platform.http.router import Router
 from service.platform.storage.store import Store
 
 router = Router(tags=["analyses"])
 
-
-@router.post(
-    "/recordings/{recording_id}/analyses", status_code=202, response_model=AnyAnalysis, max_body_size=DOCUMENT
+# A report holds its own styles, script, pictures and data, and needs nothing else. In a sandbox without an origin it
+# reaches neither cookies nor the API, whatever stands in it.
+_PAGE_POLICY = (
+    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'; sandbox allow-scripts allow-downloads allow-popups "
+    "allow-popups-to-escape-sandbox"
 )
-def ask(recording_id: UUID, wanted: Annotated[AnalysisRequest, Body()], access: WriteAccess) -> JSONResponse:
-    """Ask something of a recording that a worker answers. [engineer]
+
+
+@router.post("/analyses", status_code=202, response_model=AnyAnalysis, max_body_size=DOCUMENT)
+def ask(wanted: Annotated[AnalysisRequest, Body()], access: WriteAccess) -> JSONResponse:
+    """Ask something that a worker answers. [engineer; reviewer for a report]
 
     `preview` counts what a region keeps. `suggestion` computes a region from what moves against the still background.
     `clock_offset` estimates from vertices and their marks how far the camera's clock is ahead of the LiDAR's.
     `machine_marks` has the machine mark a detection's vertices in a camera; each detection asks for that by itself.
     `packing` packs the sweeps, so that they can be read. `calibrated_copy` copies the recording's own bag with
     CameraInfo and `/tf_static` as published; every other message stays, byte for byte. With `for_viewers` it is an
-    MCAP file for Foxglove and Lichtblick, of any recording, with undistorted frames beside the recorded ones. The
-    copy counts towards the fleet's quota until it is deleted.
+    MCAP file for Foxglove and Lichtblick, of any recording, with undistorted frames beside the recorded ones.
+    `report` draws what is known of a result as one HTML file. `pair_validation`, `lane_validation` and
+    `edge_validation` test a calibration on pairs that it was not fitted to, or on a drive. Files count towards the
+    fleet's quota until they are deleted.
     """
-    recording = ready_recording(access, recording_id, "engineer")
-    return access.answer(view_of(*ask_analysis(access, recording, wanted)), 202)
+    row = plan_of(access, wanted)
+    return access.answer(view_of(row, queue_analysis(access.session, row)), 202)
 
 
-@router.get("/recordings/{recording_id}/analyses")
-def list_of_recording(
-    recording_id: UUID,
+@router.get("/analyses")
+def list_of_fleets(
     access: ReadAccess,
     window: Paging,
-    kind: Annotated[AnalysisKind | None, Query(description="only analyses of this kind")] = None,
+    fleet_id: UUID | None = None,
+    vehicle_id: UUID | None = None,
+    recording_id: UUID | None = None,
+    result_id: UUID | None = None,
+    kind: Annotated[list[AnalysisKind] | None, Query(description="only analyses of these kinds")] = None,
 ) -> AnalysisPage:
-    """The analyses of a recording, newest first."""
-    return list_analyses(access, recording_id, kind, window)
+    """The analyses of the person's fleets, newest first, without single pairs."""
+    of = {"vehicle_id": vehicle_id, "recording_id": recording_id, "result_id": result_id}
+    return list_analyses(access, fleet_id, of, kind or [], window)
 
 
 @router.get("/analyses/{analysis_id}", response_model=AnyAnalysis)
-def read(analysis_id: UUID, access: ReadAccess) -> AnyAnalysis:
-    """An analysis: `result` is there when it is done, `problem` when it failed."""
+def read(analysis_id: UUID, access: ReadAccess, request: Request) -> AnyAnalysis:
+    """An analysis: `result` is there when it is done, `problem` when it failed.
+
+    Of pairs made of marks only reviewers see single ones, and what they answer afterwards on their vertices counts as
+    reviewed.
+    """
     row = access.find(Analysis, analysis_id)
-    return view_of(row, job_of(access.session, row))
+    pairs = shown_pairs(access, row) if row.kind == "pair_validation" else None
+    view = view_of(row, job_of(access.session, row), with_pairs=pairs is not None)
+    if pairs is not None:
+        tell_pairs(access, request.app.state.database, pairs, "result")
+    return view
 
 
 @router.delete("/analyses/{analysis_id}", status_code=204)
 def delete(analysis_id: UUID, access: WriteAccess) -> Response:
-    """Delete an analysis with its file, or end its making. [engineer]"""
+    """Delete an analysis with its file, or end its making. [engineer; reviewer for a report]"""
     delete_analysis(access, analysis_id)
     return Response(status_code=204)
 
@@ -80,21 +102,33 @@ def _file(analysis_id: UUID, request: Request, identity: CurrentIdentity) -> Ana
     """The session ends here, before any byte is read."""
     database: Database = request.app.state.database
     with database.reading() as session:
-        return analysis_file(Access(session, identity), analysis_id)
+        return analysis_file(Access(session, identity), database, analysis_id)
 
 
 @router.get("/analyses/{analysis_id}/file", response_class=StreamingResponse)
-async def get_file(request: Request, file: Annotated[AnalysisDownload, Depends(_file)]) -> Response:
-    """The file of a calibrated copy. [engineer]"""
+async def get_file(
+    request: Request,
+    file: Annotated[AnalysisDownload, Depends(_file)],
+    conditions: Conditional,
+    download: Annotated[bool, Query(description="a report too as a file to save")] = False,
+) -> Response:
+    """The file of a calibrated copy [engineer] or of a report [reviewer, if its pairs are made of marks].
+
+    A report is one HTML file that needs nothing else. It shows single pairs: what one answers afterwards on their
+    vertices counts as reviewed.
+    """
+    etag = content_etag(file.key.rpartition("/")[2].partition(".")[0])
+    conditions.offer(etag)
     store: Store = request.app.state.store
     pieces = aiter(store.read_all(file.key))
     # The first piece is fetched before the answer begins, so that a store that fails is answered with a problem.
     first = await anext(pieces, b"")
-    return StreamingResponse(
-        _after(first, pieces),
-        media_type="application/octet-stream",
-        headers={"Content-Length": str(file.size), "Content-Disposition": file.disposition},
-    )
+    headers = {"ETag": etag, "Content-Length": str(file.size)}
+    headers["Content-Disposition"] = file.disposition(save=download or not file.is_page)
+    if file.is_page:
+        headers["Content-Security-Policy"] = _PAGE_POLICY
+    media_type = "text/html" if file.is_page else "application/octet-stream"
+    return StreamingResponse(_after(first, pieces), media_type=media_type, headers=headers)
 
 
 async def _after(first: bytes, rest: AsyncIterator[bytes]) -> AsyncIterator[bytes]:

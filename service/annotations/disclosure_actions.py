@@ -15,6 +15,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, and_, exists, insert, or_, select
 from sqlalchemy.orm import Session, aliased
 
+from apexcal.documents.roles import rank
 from service.annotations.answer_queries import VERDICT, answers_of
 from service.annotations.locks import lock_person
 from service.platform.auth.access import Access
@@ -98,6 +99,11 @@ def tell_pairs(access: Access, database: Database, pairs: CorrespondenceSet, tol
         whose = (access.session, pairs.detection_id, camera.id, access.person.id)
         # Pairs keep what was taken back since.
         tell(access, database, camera, answered_by_others(*whose) | _ever_answered(*whose), told_in)
+
+
+def may_see_pairs(access: Access, pairs: CorrespondenceSet) -> bool:
+    """Whether the person may see single pairs: of those made of marks only reviewers, to whom they are disclosed."""
+    return pairs.source == "import" or rank(access.role(pairs.fleet_id) or "") >= rank("reviewer")
 
 
 def _ever_answered(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[DisclosureKey]:

@@ -18,10 +18,9 @@ from sqlalchemy.orm import Session, aliased
 from apexcal.documents.marking import Progress
 from apexcal.documents.states import WorkState
 from service.annotations.answer_queries import VERDICT, answers_of, answers_of_others, has_answered
-from service.detections.views import marked_corners
 from service.platform.auth.access import Access
 from service.platform.db.annotations import MarkingProgress
-from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
 from service.platform.db.recordings import Recording, Sensor
 from service.platform.db.session import Database, upserting
 

@@ -18,9 +18,8 @@ from service.annotations.answer_queries import has_answered, is_live
 from service.annotations.locks import lock_person, lock_recording
 from service.annotations.task_queries import Seeker
 from service.annotations.views import Subject, subjects
-from service.detections.views import marked_corners
 from service.platform.db.annotations import MarkingFrontier, MarkingTask
-from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
 from service.platform.db.ids import new_id
 from service.platform.db.recordings import Sensor
 from service.platform.db.session import upserting

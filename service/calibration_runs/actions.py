@@ -10,15 +10,16 @@ from collections.abc import Sequence
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import bindparam, update
+from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
-from service.calibration_runs.conclusion import end_calibration, runs_of
+from service.calibration_runs.conclusion import end_calibration
 from service.platform.broker.hints import hint
 from service.platform.db.base import Json
-from service.platform.db.calibrations import FULL, Calibration, CalibrationRun
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, Slot
 from service.platform.db.clock import now
+from service.platform.handovers import SlotBundle
 from service.platform.jobs.bundles import cut
 from service.platform.jobs.queue import enqueue, enqueue_all, enqueue_each
 
@@ -41,6 +42,9 @@ _COUNT_RUN = (
     .where(Calibration.id == bindparam("calibration"), Calibration.state.in_(UNENDED))
     .values(remaining=Calibration.remaining - 1, state=WorkState.RUNNING)
     .returning(Calibration.remaining)
+)
+_RUNS = select(CalibrationRun.fold, CalibrationRun.state, CalibrationRun.failure).where(
+    CalibrationRun.calibration_id == bindparam("calibration")
 )
 
 
@@ -82,6 +86,23 @@ def count_down(session: Session, run_id: UUID) -> CalibrationRun | None:
     return session.get_one(CalibrationRun, run_id, populate_existing=True)
 
 
+def go_on(session: Session, run_id: UUID, bundle: SlotBundle) -> None:
+    """Take a bundle off its iteration; after the last narrow the bounds about the best slots, and go on or stop."""
+    run = count_down(session, run_id)
+    if run is None:
+        return
+    of_iteration = select(Slot).where(Slot.run_id == run.id, Slot.iteration == run.iteration).order_by(Slot.slot)
+    run.schedule, has_stopped = bundle.narrow(run.schedule, session.scalars(of_iteration).all())
+    run.iteration += 1
+    session.flush()
+    if run.cancel_requested:
+        end_run(session, run, WorkState.CANCELLED)
+    elif has_stopped:
+        start_finish(session, run)
+    else:
+        start_iteration(session, run)
+
+
 def end_run(
     session: Session,
     run: Any,
@@ -109,7 +130,8 @@ def end_run(
 
 def _end_runs(session: Session, calibration: Calibration) -> None:
     """Have a worker judge what the runs found. Without a fit to all pairs, or cancelled, the calibration ends now."""
-    runs = runs_of(session, calibration.id)
+    # As they stand in the database, whatever this session has loaded of them.
+    runs = session.connection().execute(_RUNS, {"calibration": calibration.id}).all()
     problem = next((run.failure for run in runs if run.failure), None)
     if any(run.state == WorkState.CANCELLED for run in runs):
         end_calibration(session, calibration, WorkState.CANCELLED, problem)

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from uuid import UUID
 
 from sqlalchemy import delete, exists, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
-from service.calibration_runs.actions import end_run, start_runs
+from service.calibration_runs.actions import end_run, go_on, start_runs
 from service.calibration_runs.conclusion import end_calibration
 from service.platform.broker.hints import hint
 from service.platform.db.base import Json, written
 from service.platform.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.jobs import Job
+from service.platform.handovers import Conclusion, RunEnd, SlotBundle
 from service.platform.jobs.kinds import CannotRetryError, Kind, failed_subject
 from service.platform.jobs.queue import enqueue
 
@@ -24,8 +25,15 @@ _CANCELLED_RUNS = select(CalibrationRun.id).where(
 )
 
 
+def _take_part(session: Session, run_id: UUID, part: SlotBundle | RunEnd) -> None:
+    if isinstance(part, RunEnd):
+        end_run(session, part.run, WorkState.DONE, schedule=part.schedule)
+    else:
+        go_on(session, run_id, part)
+
+
 def _end_part(session: Session, run_id: UUID, state: WorkState, problem: Json | None) -> None:
-    """A failed or cancelled job ends its run; a done one has said in its own transaction what comes next."""
+    """A failed or cancelled job ends its run; a done one was taken."""
     run = session.get(CalibrationRun, run_id) if state != WorkState.DONE else None
     if run:
         end_run(session, run, state, problem)
@@ -100,7 +108,9 @@ def _newest_job(session: Session, subject_id: UUID) -> int:
     return session.scalar(select(Job.id).where(Job.subject_id == subject_id).order_by(Job.id.desc()).limit(1)) or 0
 
 
-KINDS = (
-    Kind("solve", "solve", _end_part, _retry_run, cancelled=_CANCELLED_RUNS),
-    Kind("conclude", "report", _end_conclusion, _retry_conclusion),
-)
+def conclusions(take: Callable[[Session, UUID, Conclusion], object]) -> tuple[Kind, ...]:
+    """Return the kind of conclusions. ``take`` stores what one says, and publishes."""
+    return (Kind("conclude", "report", _end_conclusion, _retry_conclusion, take=take),)
+
+
+KINDS = (Kind("solve", "solve", _end_part, _retry_run, cancelled=_CANCELLED_RUNS, take=_take_part),)

@@ -20,10 +20,10 @@ from apexcal.documents.camera_models import (
 )
 from apexcal.documents.fit_requests import FitRequest, fit_request, in_radians
 from apexcal.documents.schedules import PRESETS, Schedule, schedule_of
+from apexcal.geometry.image_frames import T_images_camera
 from service.calibrations.lenses import Known, Lens, as_stated, check_size, lens_notes, take_over
 from service.calibrations.pair_rules import common_errors, weighing
 from service.calibrations.parameter_rules import check_camera_locks, check_locks, check_names, check_order
-from service.fleets.image_frames import T_images_camera
 from service.platform.db.base import Json
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.fleets import RigCamera

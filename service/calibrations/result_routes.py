@@ -1,23 +1,26 @@
-"""The route of a result."""
+"""A result, how far it is from another one, and how a camera's results drift."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 from uuid import UUID
 
-from fastapi import Request
+from fastapi import Query, Request
 from fastapi.responses import Response
 from sqlalchemy import select
 
-from apexcal.documents.base import Stored
+from apexcal.documents.base import Sought, Stored
+from apexcal.documents.comparisons import Drift, ResultComparison
 from apexcal.documents.results import ResultView
-from apexcal.documents.roles import rank
-from service.annotations.disclosure_actions import tell_pairs
+from service.annotations.disclosure_actions import may_see_pairs, tell_pairs
+from service.calibrations.comparison_queries import comparison_of
+from service.calibrations.drift_queries import drift_of
 from service.calibrations.views import result_document
 from service.exports.answers import WantedFormat, exported
 from service.exports.queries import of_result
 from service.platform.auth.access import ReadAccess
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.fleets import Vehicle
 from service.platform.http.etags import Conditional
 from service.platform.http.problems import not_found
 from service.platform.http.router import Router
@@ -49,9 +52,30 @@ def read_result(
         # Deleted at this moment.
         raise not_found()
     run, calibration, pairs = found
-    with_pairs = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
+    with_pairs = may_see_pairs(access, pairs)
     checks = checks_now(access.session, result) if result.fold == FULL else None
     document = result_document(result, run, calibration, pairs, checks, with_pairs=with_pairs)
     if with_pairs:
         tell_pairs(access, request.app.state.database, pairs, "result")
     return document
+
+
+@router.get("/results/{result_id}/comparison")
+def compare_results(
+    result_id: UUID, access: ReadAccess, other: Annotated[UUID, Query(description="the id of another result")]
+) -> ResultComparison:
+    """How far a result is from another one of its camera: the mount, the lens, and pixels over the image."""
+    return comparison_of(access.session, access.find(Result, result_id), access.find(Result, other))
+
+
+@router.get("/vehicles/{vehicle_id}/drift")
+def read_drift(
+    vehicle_id: UUID,
+    access: ReadAccess,
+    camera: Annotated[Sought, Query(description="a camera's name in the rig")],
+    limit: Annotated[int, Query(ge=2, le=100, description="how many of the newest results at most")] = 20,
+    after: Annotated[str | None, Query(max_length=200, description="the `next` of the answer before")] = None,
+) -> Drift:
+    """A camera's recommended results in their order, and how far each is from the one before and from the first."""
+    vehicle = access.find(Vehicle, vehicle_id)
+    return drift_of(access.session, vehicle.id, camera, limit, after)

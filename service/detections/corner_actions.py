@@ -13,9 +13,8 @@ from sqlalchemy.orm import Session
 from apexcal.documents.corners import CORNERS, TOP, CornerName
 from service.detections.corner_vertices import make_corners, named
 from service.detections.jobs import AT_ONCE, queue_corners
-from service.detections.views import marked_corners
 from service.platform.db.annotations import MarkingFrontier, MarkingProgress
-from service.platform.db.detections import Detection, Vertex
+from service.platform.db.detections import Detection, Vertex, marked_corners
 from service.platform.db.recordings import Recording
 from service.platform.http.problems import Problem
 

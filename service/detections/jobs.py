@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from uuid import UUID
 
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
+from service.detections.corner_vertices import make_corners
 from service.platform.broker.hints import hint
 from service.platform.db.base import Json
 from service.platform.db.clock import now
 from service.platform.db.detections import Detection, Vertex
 from service.platform.db.jobs import Job
-from service.platform.db.recordings import Sensor
+from service.platform.db.recordings import Recording, Sensor
 from service.platform.jobs.bundles import cut, shards
 from service.platform.jobs.kinds import CannotRetryError, Kind, failed_subject
 from service.platform.jobs.queue import enqueue_all
@@ -48,6 +49,14 @@ def _end_corners(session: Session, detection_id: UUID, state: WorkState, problem
     fleet_id = session.scalar(select(Detection.fleet_id).where(Detection.id == detection_id))
     if fleet_id is not None:
         hint(session, fleet_id, "detection", detection_id)
+
+
+def _take_corners(session: Session, detection_id: UUID, ranks: range) -> None:
+    """Make the vertices of the corners that are asked for now."""
+    recording = select(Detection.recording_id).where(Detection.id == detection_id).scalar_subquery()
+    lock = select(Recording.id).where(Recording.id == recording).with_for_update(key_share=True)
+    if session.execute(lock).one_or_none() is not None:
+        make_corners(session, session.get_one(Detection, detection_id, populate_existing=True), ranks)
 
 
 def _retry_corners(session: Session, job: Job) -> Sequence[Job]:
@@ -94,4 +103,9 @@ def _retry(session: Session, job: Job) -> Sequence[Job]:
     return enqueue_all(session, kind="detect", fleet_id=row.fleet_id, subject_id=row.id, payloads=payloads)
 
 
-KINDS = (Kind("detect", "detect", _end, _retry), Kind("corners", "detect", _end_corners, _retry_corners))
+def kinds(take: Callable[[Session, UUID, Detection], object]) -> tuple[Kind, ...]:
+    """Return the kinds of detections. ``take`` asks for what follows one whose vertices have frames."""
+    return (
+        Kind("detect", "detect", _end, _retry, take=take),
+        Kind("corners", "detect", _end_corners, _retry_corners, take=_take_corners),
+    )

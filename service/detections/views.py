@@ -9,11 +9,10 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.base import stored
-from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.detections import DetectionView, FrameOfVertex, Moved, VertexSummary, VertexView
 from apexcal.documents.detectors import sentences_of
 from apexcal.documents.states import WorkState
-from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Sensor
 from service.platform.job_status.views import job_view
@@ -41,11 +40,6 @@ def detection_view(row: Detection, job: Job | None) -> DetectionView:
         marked_corners=marked_corners(row),
         reasons=sentences_of(row.detector, row.counts.get("rejected", {})),
     )
-
-
-def marked_corners(row: Detection) -> list[CornerName]:
-    """The board's corners that people are to mark, in the order of `CORNERS`."""
-    return [name for name in CORNERS if name in (row.marked_corners or [TOP])]
 
 
 def vertex_views(

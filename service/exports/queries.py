@@ -11,7 +11,7 @@ from sqlalchemy import Select, and_, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import parse_model
-from service.fleets.image_frames import T_images_camera, joint_of_images
+from apexcal.geometry.image_frames import T_images_camera, joint_of_images
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.http.problems import not_found

@@ -15,11 +15,10 @@ from apexcal.documents.corners import TOP
 from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MACHINE, MARK_SIGMA, MARKED_BY, SIGMAS
 from service.annotations.consensus import Consensus, Opinion, Outcome, agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
-from service.detections.views import marked_corners
 from service.pairs.machine_opinions import machine_opinions
 from service.pairs.pair_files import Columns
 from service.platform.db.analyses import Analysis
-from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
 from service.platform.db.fleets import RigCamera
 from service.platform.db.recordings import Recording, Sensor
 from service.platform.http.problems import Problem

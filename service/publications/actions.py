@@ -16,8 +16,8 @@ from sqlalchemy.orm import Session
 from apexcal.documents.publications import CURRENT
 from service.platform.db.calibrations import Calibration, Result
 from service.platform.db.fleets import Vehicle
-from service.platform.db.publications import Publication
-from service.publications.queries import newest_publication, newest_publications
+from service.platform.db.publications import Publication, newest_publication
+from service.publications.queries import newest_publications
 
 _PASSED = "It was recommended and passed its checks."
 _LOOK = "It was recommended, and the publication policy publishes results of `look`."

@@ -14,9 +14,10 @@ from apexcal.documents.checks import Check, CheckTopic
 from apexcal.documents.policies import PublicationPolicy
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.fleets import Fleet, Rig, RigCamera
+from service.platform.db.publications import current_publication
 from service.publications.mounted_sensors import Calibrated, swapped_sensors
 from service.publications.policy_checks import policy_check
-from service.publications.queries import current_publication, withdrawals
+from service.publications.queries import withdrawals
 
 _CURRENT: Final = CheckTopic("current", "The vehicle's current calibration")
 _ENDED: Final = CheckTopic("ended", "End of the calibration")
@@ -39,14 +40,19 @@ def checks_now(session: Session, result: Result) -> list[Check]:
 
 def judged_now(session: Session, result: Result) -> JudgedResult:
     """Return the checks as :func:`checks_now`, with the policy by which the result is published."""
+    moment, policy = moment_checks(session, result)
+    names = {one.name for one in moment}
+    return JudgedResult([*(one for one in result.stored_checks if one.name not in names), *moment], policy)
+
+
+def moment_checks(session: Session, result: Result) -> JudgedResult:
+    """Return the checks that only the database tells now, in place of stored ones of the same names."""
     own = session.execute(_origin(result.id)).one()
     policy = PublicationPolicy.model_validate((own.fleet_policy or {}) | (own.rig_policy or {}))
-    stored = result.stored_checks
     published = current_publication(session, own.vehicle_id, result.camera)
     current = None if published is None or published.result_id is None else session.get(Result, published.result_id)
-    beside = next((one for one in stored if one.name == _CURRENT.name), None)
+    beside = next((one for one in result.stored_checks if one.name == _CURRENT.name), None)
     checks = [
-        *(one for one in stored if one.name != _CURRENT.name),
         _current(result, current, beside),
         _ended(result),
         _age(session, own, current if current is not None and current.id != result.id else None),

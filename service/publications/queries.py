@@ -10,24 +10,7 @@ from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.publications import CURRENT
 from service.platform.db.calibrations import Result
-from service.platform.db.publications import Publication
-
-
-def newest_publication(session: Session, vehicle_id: UUID, camera: str, alias: str = CURRENT) -> Publication | None:
-    """The last move of an alias, also one to nowhere; None before the first."""
-    return session.scalar(moves_of(vehicle_id, camera, alias).limit(1))
-
-
-def current_publication(session: Session, vehicle_id: UUID, camera: str, alias: str = CURRENT) -> Publication | None:
-    """The move by which an alias leads to a result now; None where it leads nowhere."""
-    newest = newest_publication(session, vehicle_id, camera, alias)
-    return newest if newest is not None and newest.result_id is not None else None
-
-
-def moves_of(vehicle_id: UUID, camera: str, alias: str) -> Select[Publication]:
-    """A query for an alias's moves, the newest first."""
-    of_alias = (Publication.vehicle_id == vehicle_id, Publication.camera == camera, Publication.alias == alias)
-    return select(Publication).where(*of_alias).order_by(Publication.number.desc())
+from service.platform.db.publications import Publication, moves_of
 
 
 def newest_publications(vehicle_id: UUID, camera: str) -> Select[Publication]:

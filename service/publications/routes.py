@@ -20,12 +20,12 @@ from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.calibrations import Result
 from service.platform.db.fleets import Vehicle
-from service.platform.db.publications import Publication
+from service.platform.db.publications import Publication, current_publication
 from service.platform.http.pages import Page, Paging
 from service.platform.http.problems import not_found
 from service.platform.http.router import Router
 from service.publications.actions import Grounds, hold_publications, hold_to_publish, publish, withdraw
-from service.publications.queries import current_publication, newest_publications, withdrawal_of
+from service.publications.queries import newest_publications, withdrawal_of
 from service.publications.rules import check_alias, check_current, check_publishable, grounds_of
 from service.publications.views import publication_page, publication_view, publication_views
 

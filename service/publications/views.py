@@ -10,10 +10,10 @@ from sqlalchemy.orm import Session
 from apexcal.documents.publications import OverrideView, PublicationView
 from service.platform.db.calibrations import Result
 from service.platform.db.people import Person
-from service.platform.db.publications import Publication
+from service.platform.db.publications import Publication, moves_of
 from service.platform.http.pages import Page, Window
 from service.platform.http.problems import Problem
-from service.publications.queries import is_newest, moves_of
+from service.publications.queries import is_newest
 
 
 def publication_page(

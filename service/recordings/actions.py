@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 from uuid import UUID
 
-from sqlalchemy import delete, select
-from sqlalchemy.orm import InstrumentedAttribute, Session
+from sqlalchemy import ColumnElement, delete, or_, select
+from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import VehicleState
 from service.calibration_runs.fleet_request_actions import drop_calibrations
-from service.platform.db.analyses import Analysis
+from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.detections import Detection
 from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.recordings import Recording, UploadPart
-from service.platform.db.reports import Report
-from service.platform.db.validations import Validation
 from service.platform.http.problems import Problem
 from service.platform.jobs.queue import abandon
-from service.platform.storage.blobs import condemn
+from service.platform.storage.blobs import condemn, sensor_keys
 from service.publications.actions import hold_publications
 from service.publications.queries import aliases_to
-from service.recordings.blob_queries import analysis_keys, sensor_keys
 
 
 def delete_recording(session: Session, recording_id: UUID, *, with_published: bool) -> None:
@@ -59,8 +55,11 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     keys = [
         *session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)),
         *sensor_keys(session, recording_id),
-        *analysis_keys(session, recording_id),
-        *_reports(session, calibrations, Report.blob_key),
+        *session.scalars(
+            select(AnalysisFile.blob_key)
+            .join(Analysis, Analysis.id == AnalysisFile.analysis_id)
+            .where(_goes_with(recording_id, calibrations))
+        ),
     ]
     condemn(session, keys)
     drop_calibrations(session, calibrations)
@@ -77,10 +76,11 @@ def _calibrations(session: Session, recording_id: UUID) -> Sequence[UUID]:
     ).all()
 
 
-def _reports(session: Session, calibrations: Sequence[UUID], column: InstrumentedAttribute[Any]) -> list[Any]:
-    """This column of the reports of these calibrations' results, where it is set."""
-    of_results = select(column).join(Result, Result.id == Report.result_id)
-    return list(session.scalars(of_results.where(Result.calibration_id.in_(calibrations), column.is_not(None))))
+def _goes_with(recording_id: UUID, calibrations: Sequence[UUID]) -> ColumnElement[bool]:
+    """Whether an analysis is of the recording, of its pairs, or of a result of these calibrations."""
+    sets = select(CorrespondenceSet.id).where(CorrespondenceSet.recording_id == recording_id)
+    results = select(Result.id).where(Result.calibration_id.in_(calibrations))
+    return or_(Analysis.recording_id == recording_id, Analysis.set_id.in_(sets), Analysis.result_id.in_(results))
 
 
 def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
@@ -88,17 +88,10 @@ def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
     runs = select(CalibrationRun.id).where(CalibrationRun.calibration_id.in_(calibrations))
     return [
         recording_id,
-        *session.scalars(select(Analysis.id).where(Analysis.recording_id == recording_id)),
-        *session.scalars(select(Validation.id).where(Validation.recording_id == recording_id)),
-        *session.scalars(
-            select(Validation.id)
-            .join(CorrespondenceSet, CorrespondenceSet.id == Validation.set_id)
-            .where(CorrespondenceSet.recording_id == recording_id)
-        ),
+        *session.scalars(select(Analysis.id).where(_goes_with(recording_id, calibrations))),
         *session.scalars(select(Detection.id).where(Detection.recording_id == recording_id)),
         *calibrations,
         *session.scalars(runs),
-        *_reports(session, calibrations, Report.id),
     ]
 
 

@@ -1,11 +1,10 @@
-"""Jobs that ingest an upload. Here, and where an upload expires, a recording's state changes."""
+"""Jobs that ingest an upload. Here, where one begins, and where an upload expires, a recording's state changes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from uuid import UUID
 
-from sqlalchemy import update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import RecordingState, WorkState
@@ -33,12 +32,6 @@ def queue_ingestion(session: Session, row: Recording) -> Job:
     return job
 
 
-def begin_ingestion(session: Session, recording_id: UUID) -> None:
-    """Say that a worker reads the upload."""
-    begun = update(Recording).where(Recording.id == recording_id).values(state=RecordingState.INGESTING)
-    session.execute(begun)
-
-
 def _end(session: Session, recording_id: UUID, state: WorkState, problem: Json | None) -> None:
     row = session.get(Recording, recording_id)
     if row is None:
@@ -57,4 +50,6 @@ def _retry(session: Session, job: Job) -> Sequence[Job]:
     return [queue_ingestion(session, row)]
 
 
-KINDS = (Kind("ingest", "ingest", _end, _retry, shown_by=Recording.job_id),)
+def kinds(take: Callable[[Session, UUID, Recording], object]) -> tuple[Kind, ...]:
+    """Return the kind of ingestions. ``take`` asks for what follows one."""
+    return (Kind("ingest", "ingest", _end, _retry, shown_by=Recording.job_id, take=take),)

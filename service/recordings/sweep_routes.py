@@ -61,7 +61,7 @@ def _packed(access: Access, recording: Recording) -> PackedSweeps:
         "not_packed",
         f"The sweeps of {recording.name!r} are not packed: only packed sweeps are sent.",
         "A recording is packed right after it was read: wait for its job. Ask for one of an older version with POST "
-        "/v1/recordings/{id}/analyses and the kind packing.",
+        "/v1/analyses and the kind packing.",
     )
 
 

@@ -6,6 +6,7 @@ from typer.testing import CliRunner
 
 from apexcal.cli import app
 from apexcal.client import Client
+from apexcal.documents.copies import CopyView
 from tests.apexcal.conftest import Embedded
 from tests.faults.jobs import LEVEL_RIG, pairs
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
@@ -37,7 +38,7 @@ def test_the_command_writes_the_copy(embedded: Embedded, owner: Client, tmp_path
     current = owner.calibrations.current(vehicle.id, "front").intrinsics
     assert camera.camera_info["K"][0] == current.f_x
     (found,) = list(owner.recordings.list(vehicle_id=vehicle.id))
-    assert list(owner.recordings.calibrated_copies(found.id)) == []
+    assert list(owner.analyses.list(CopyView, recording_id=found.id)) == []
     assert CliRunner().invoke(app, words).exit_code == 2, "it is there already"
     viewers = tmp_path / "seen.mcap"
     done = CliRunner().invoke(app, [*words[:2], "-o", str(viewers), "--for-viewers", *words[4:]])

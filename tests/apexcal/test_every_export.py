@@ -50,7 +50,7 @@ def results(embedded, tmp_path_factory):
         described["T_vehicle_lidar"] = ON_VEHICLE | {"from_frame": described["lidar"]["frame"]}
         rig = owner.vehicles.create_rig(vehicle.id, described)
         recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=120)
-        region = owner.wait(owner.detections.suggest(recording.id), timeout_s=120).result.region
+        region = owner.wait(owner.analyses.suggest(recording.id), timeout_s=120).result.region
         detection = owner.wait(owner.detections.create(recording.id, region), timeout_s=200)
         mark_everything(owner, fleet.id, detection, "front", Truth(folder / "truth.json"), lambda *said: None)
         pairs = owner.correspondence_sets.build(detection.id, "front")

@@ -36,6 +36,8 @@ def test_a_report_is_written_and_its_pairs_are_left_out(embedded: Embedded, tmp_
         assert [(one["name"], one["verdict"], one["sentence"], one["remedy"]) for one in data["checks"]] == [
             (one.name, one.verdict, one.sentence, one.remedy) for one in checks
         ]
+        tested = apexcal("validate", "pairs", str(of), "--result", result)
+        assert tested.exit_code == 0 and re.match("(agrees|disagrees|unknown): ", tested.output), tested.output
         shown = unescape(text.partition('<script type="application/json"')[0])
         assert all(one.sentence in shown for one in checks)
         assert apexcal("report", result, "-o", str(file)).exit_code == 2

@@ -26,7 +26,6 @@ TWICE = frozenset(
         "Field",
         "Fit",
         "Found",
-        "GivenLens",
         "HeldOut",
         "InputError",
         "Joint",

@@ -52,11 +52,11 @@ def seed_walk(database, fleet_id, person_id, *, moving=True):
 def test_the_offset_between_the_clocks_is_found_from_a_walk_and_its_marks(api, context):
     fleet = api.fleet()
     engineer = api.member(fleet, "engineer")
-    recording_id, detection_id = seed_walk(api.database, fleet, engineer.person_id)
+    _, detection_id = seed_walk(api.database, fleet, engineer.person_id)
     with api.database.reading() as session:
         assert session.query(Vertex).count() == FRAMES
     asked = engineer.post(
-        f"/recordings/{recording_id}/analyses",
+        "/analyses",
         {"kind": "clock_offset", "detection_id": str(detection_id), "camera": "front", "model": "pinhole"},
     )
     assert asked.status_code == 202, asked.text
@@ -73,9 +73,9 @@ def test_the_offset_between_the_clocks_is_found_from_a_walk_and_its_marks(api, c
 def test_who_stands_still_is_told_that_nothing_can_be_told(api, context):
     fleet = api.fleet()
     engineer = api.member(fleet, "engineer")
-    recording_id, detection_id = seed_walk(api.database, fleet, engineer.person_id, moving=False)
+    _, detection_id = seed_walk(api.database, fleet, engineer.person_id, moving=False)
     asked = engineer.post(
-        f"/recordings/{recording_id}/analyses",
+        "/analyses",
         {"kind": "clock_offset", "detection_id": str(detection_id), "camera": "front", "model": "pinhole"},
     ).json()
     work(context)

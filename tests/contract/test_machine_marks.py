@@ -85,7 +85,7 @@ def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, 
     unmarked = engineer.post(sets, {"camera": "front", "machine_marks": True})
     assert (unmarked.status_code, unmarked.json()["code"]) == (409, "nothing_marked")
     asked = engineer.post(
-        f"/recordings/{recording.id}/analyses",
+        "/analyses",
         {"kind": "machine_marks", "detection_id": str(detection_id), "camera": "front"},
     )
     assert asked.status_code == 202, asked.text

@@ -34,7 +34,6 @@ UNTYPED = {
     "get /v1/recordings/{id}/sweeps/{index}",
     "get /v1/recordings/{id}/original",
     "get /v1/analyses/{analysis_id}/file",
-    "get /v1/results/{result_id}/report",
     "Provenance.request",
 }
 

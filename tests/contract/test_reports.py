@@ -1,15 +1,16 @@
 """A report from the request to the file: made by a worker, read over HTTP, shown to whom it may be shown."""
 
+import hashlib
 import json
 import re
 
 import pytest
-from sqlalchemy import delete, select, update
+from sqlalchemy import select, update
 
 from apexcal.documents.reports import ReportView
 from service.platform.db.calibrations import CorrespondenceSet, Result
 from service.platform.db.fleets import Fleet
-from service.platform.db.models import Blob, Report
+from service.platform.db.models import Blob
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
@@ -35,27 +36,35 @@ def made(api, context):
     return engineer, done["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"], fleet
 
 
-def test_a_report_is_made_kept_and_replaced(api, context, made):
-    engineer, result, fleet = made
-    assert engineer.get(f"/results/{result}/report").json()["code"] == "no_report"
-    asked = engineer.post(f"/results/{result}/report")
+def ask(engineer, result):
+    """The address of a report that is asked for."""
+    asked = engineer.post("/analyses", {"kind": "report", "result_id": str(result)})
     assert asked.status_code == 202, asked.text
-    row = ReportView.model_validate_json(asked.content, extra="forbid")
-    assert engineer.get(f"/results/{result}/report").json()["code"] == "report_not_ready"
-    # Asked again while it waits, it is the same work.
-    assert engineer.post(f"/results/{result}/report").json()["job"]["id"] == row.job.id
+    return f"/analyses/{asked.json()['id']}"
+
+
+def data_of(text):
+    """The numbers within a report."""
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
+
+
+def test_a_report_shows_the_result_and_counts_to_the_quota(api, context, made):
+    engineer, result, fleet = made
+    before = engineer.get(f"/fleets/{fleet}").json()["taken_bytes"]
+    report = ask(engineer, result)
+    assert engineer.get(f"{report}/file").json()["code"] == "no_file"
     work(context)
-    ended = engineer.get(f"/reports/{row.id}").json()
-    assert (ended["state"], ended["problem"]) == ("done", None) and ended["made_at"]
-    answer = engineer.get(f"/results/{result}/report")
+    ended = ReportView.model_validate_json(engineer.get(report).content, extra="forbid")
+    assert (ended.state, ended.problem) == ("done", None)
+    answer = engineer.get(f"{report}/file")
     assert answer.status_code == 200 and answer.headers["content-type"].startswith("text/html")
     assert "sandbox" in answer.headers["content-security-policy"]
-    assert len(answer.content) == ended["bytes"]
-    data = json.loads(
-        re.search(r'<script type="application/json" id="data">(.*?)</script>', answer.text, re.DOTALL)[1]
-    )
+    assert len(answer.content) == ended.result.size
+    assert hashlib.sha256(answer.content).hexdigest() == ended.result.sha256
+    assert engineer.get(f"/fleets/{fleet}").json()["taken_bytes"] == before + ended.result.size
+    data = data_of(answer.text)
     stored = engineer.get(f"/results/{result}").json()
-    assert data["ids"]["result"] == result and data["verdict"]["level"] == ended["verdict"]
+    assert data["ids"]["result"] == result and data["verdict"]["level"] == ended.result.verdict
     assert data["pairs"]["error_px"] == pytest.approx(stored["residuals_px"], rel=1e-5)
     assert len(data["slots"]["loss_px"]) == 2 * stored["iterations"]
     held = [value for value in data["pairs"]["heldout_px"] if value is not None]
@@ -64,20 +73,28 @@ def test_a_report_is_made_kept_and_replaced(api, context, made):
     assert told == [(one["name"], one["verdict"], one["sentence"], one["remedy"]) for one in stored["checks"]]
     assert data["verdict"]["level"] == stored["verdict"]
     same = {"If-None-Match": answer.headers["etag"]}
-    assert engineer.get(f"/results/{result}/report", headers=same).status_code == 304
-    saved = engineer.get(f"/results/{result}/report", params={"download": "true"})
-    assert 'attachment; filename="front-pinhole-report.html"' in saved.headers["content-disposition"]
-    # Made anew, it takes the place of the one before, whose bytes go.
-    engineer.post(f"/results/{result}/report")
-    assert engineer.get(f"/results/{result}/report").content == answer.content
-    work(context)
-    again = engineer.get(f"/results/{result}/report", headers=same)
-    assert again.status_code == 200
+    assert engineer.get(f"{report}/file", headers=same).status_code == 304
+    assert answer.headers["content-disposition"].startswith("inline")
+    saved = engineer.get(f"{report}/file", params={"download": "true"})
+    assert saved.headers["content-disposition"] == "attachment; filename*=UTF-8''front-pinhole-report.html"
+    assert api.member(fleet, "viewer").get(f"{report}/file").status_code == 200
+    # What is deleted takes nothing.
+    assert api.member(fleet, "reviewer").delete(report).status_code == 204
+    assert engineer.get(f"/fleets/{fleet}").json()["taken_bytes"] == before
     with api.database.reading() as session:
-        states = dict(session.execute(select(Blob.key, Blob.state).where(Blob.key.startswith("reports/"))).all())
-        kept = session.scalars(select(Report.blob_key)).one()
-    assert sorted(states.values()) == ["condemned", "stored"] and states[kept] == "stored"
-    assert api.member(fleet, "viewer").get(f"/results/{result}/report").status_code == 200
+        states = session.scalars(select(Blob.state).where(Blob.key.startswith("reports/"))).all()
+    assert states == ["condemned"]
+
+
+@one_database
+def test_a_fleet_without_room_for_a_report_hears_why(api, context, made):
+    engineer, result, _ = made
+    with api.database.writing() as session:
+        session.execute(update(Fleet).values(quota_bytes=1000))
+    report = ask(engineer, result)
+    work(context)
+    row = engineer.get(report).json()
+    assert (row["state"], row["problem"]["code"]) == ("failed", "fleet_quota_exceeded")
 
 
 @one_database
@@ -91,12 +108,14 @@ def test_a_report_shows_what_other_data_say(api, context, made):
         brought = engineer.post(f"/rigs/{rig}/correspondence-sets", {"pairs": pairs}, params={"camera": "front"})
         sets.append(brought.json()["id"])
     for one in sets:
-        body = {"kind": "pairs", "camera": "front", "set_id": one, "result_id": result}
-        assert engineer.post(f"/vehicles/{found['vehicle_id']}/validations", body).status_code == 202
-    engineer.post(f"/results/{result}/report")
+        body = {"kind": "pair_validation", "set_id": one, "result_id": result}
+        assert engineer.post("/analyses", body).status_code == 202
+    # Reports are no validations.
+    ask(engineer, result)
     work(context)
-    text = engineer.get(f"/results/{result}/report").text
-    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
+    report = ask(engineer, result)
+    work(context)
+    data = data_of(engineer.get(f"{report}/file").text)
     # The set that was fitted to is no other data. The newest is first.
     assert [one["verdict"] for one in data["elsewhere"]] == ["disagrees", "agrees"]
     assert all("u" not in one for one in data["elsewhere"])
@@ -105,39 +124,21 @@ def test_a_report_shows_what_other_data_say(api, context, made):
     assert data["verdict"]["level"] == "stop"
 
 
-def test_reports_count_to_the_quota(api, context, made):
-    engineer, result, fleet = made
-    before = engineer.get(f"/fleets/{fleet}").json()["taken_bytes"]
-    engineer.post(f"/results/{result}/report")
-    work(context)
-    size = len(engineer.get(f"/results/{result}/report").content)
-    assert engineer.get(f"/fleets/{fleet}").json()["taken_bytes"] == before + size
-    with api.database.writing() as session:
-        session.execute(update(Fleet).values(quota_bytes=size))
-    # What is there may be made again; a first report needs room.
-    assert engineer.post(f"/results/{result}/report").status_code == 202
-    with api.database.writing() as session:
-        session.execute(delete(Report))
-    refused = engineer.post(f"/results/{result}/report")
-    assert (refused.status_code, refused.json()["code"]) == (403, "fleet_quota_exceeded")
-
-
 @one_database
 def test_of_marks_only_reviewers_see_it_and_only_of_a_whole_fit(api, context, made):
     engineer, result, fleet = made
-    engineer.post(f"/results/{result}/report")
+    report = ask(engineer, result)
     work(context)
     with api.database.writing() as session:
         session.execute(update(CorrespondenceSet).values(source="annotations"))
-    refused = api.member(fleet, "annotator").get(f"/results/{result}/report")
+    refused = api.member(fleet, "annotator").get(f"{report}/file")
     assert (refused.status_code, refused.json()["code"]) == (403, "role_too_low")
-    assert api.member(fleet, "reviewer").get(f"/results/{result}/report").status_code == 200
-    assert api.member(fleet, "annotator").post(f"/results/{result}/report").status_code == 403
-    outsider = api.member(api.fleet(), "admin")
-    assert outsider.get(f"/results/{result}/report").status_code == 404
+    assert api.member(fleet, "reviewer").get(f"{report}/file").status_code == 200
+    assert api.member(api.fleet(), "admin").get(f"{report}/file").status_code == 404
     with api.database.reading() as session:
         fold = session.scalars(select(Result.id).where(Result.fold == 0)).one()
-    assert engineer.post(f"/results/{fold}/report").json()["code"] == "not_a_fit_to_all_pairs"
+    refused = engineer.post("/analyses", {"kind": "report", "result_id": str(fold)})
+    assert refused.json()["code"] == "not_a_fit_to_all_pairs"
 
 
 @one_database

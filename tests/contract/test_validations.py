@@ -17,7 +17,8 @@ from tests.workers.validation.roads import camera
 from workers.simulation.sensors import SENSORS
 
 F, CX, CY = 420.0, 325.0, 236.0
-LENS = {"model": "pinhole", "parameters": {"f_x": F, "f_y": F, "c_x": CX, "c_y": CY}, "image_size": [640, 480]}
+K = [F, 0.0, CX, 0.0, F, CY, 0.0, 0.0, 1.0]
+LENS = {"width": 640, "height": 480, "distortion_model": "plumb_bob", "K": K, "D": []}
 
 
 def errors_of(points, marks):
@@ -36,12 +37,12 @@ def test_a_calibration_is_scored_on_pairs_that_it_never_saw(api, context):
     marks = rng.uniform(100, 400, (40, 2))
     pairs = [dict(zip("xyzuv", row, strict=True)) for row in np.hstack([points, marks]).tolist()]
     made = engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs}, params={"camera": "front"}).json()
-    body = {"kind": "pairs", "camera": "front", "set_id": made["id"]}
+    body = {"kind": "pair_validation", "set_id": made["id"]}
     body["calibration"] = {"lens": LENS, "transform": LEVEL}
-    asked = engineer.post(f"/vehicles/{rig.vehicle_id}/validations", body)
+    asked = engineer.post("/analyses", body)
     assert asked.status_code == 202, asked.text
     work(context)
-    done = engineer.get(f"/validations/{asked.json()['id']}").json()
+    done = engineer.get(f"/analyses/{asked.json()['id']}").json()
     assert (done["state"], done["problem"]) == ("done", None)
     score = PairScore.model_validate(done["result"])
     assert not score.model_extra
@@ -79,20 +80,22 @@ def test_a_drive_is_held_against_its_frames(api, context, tmp_path):
     recording = uploaded(context, rig, bag_of_a_drive(tmp_path / "drive.bag"))
     work(context)
     truth = camera(*SIZE)
-    lens = {"model": truth.model, "parameters": dict(truth.intrinsics), "image_size": SIZE}
+    K = [truth.intrinsics.get(name, 0.0) for name in ("f_x", "s", "c_x", "zero", "f_y", "c_y")] + [0.0, 0.0, 1.0]
+    lens = {"width": SIZE[0], "height": SIZE[1], "distortion_model": "plumb_bob", "K": K, "D": []}
     transform = to_document(truth.T_camera_lidar)
     body = {"camera": "front", "recording_id": str(recording.id)}
     body["calibration"] = {"lens": lens, "transform": transform}
-    path = f"/vehicles/{rig.vehicle_id}/validations"
-    ids = {kind: engineer.post(path, body | {"kind": kind}).json()["id"] for kind in ("lanes", "edges")}
-    small = body | {"kind": "edges", "calibration": {"lens": lens | {"image_size": [64, 48]}, "transform": transform}}
-    refused = engineer.post(path, small).json()["id"]
+    kinds = ("lane_validation", "edge_validation")
+    ids = {kind: engineer.post("/analyses", body | {"kind": kind}).json()["id"] for kind in kinds}
+    lens |= {"width": 64, "height": 48}
+    small = body | {"kind": "edge_validation", "calibration": {"lens": lens, "transform": transform}}
+    refused = engineer.post("/analyses", small).json()["id"]
     work(context)
     for validation in ids.values():
-        done = engineer.get(f"/validations/{validation}").json()
+        done = engineer.get(f"/analyses/{validation}").json()
         assert (done["state"], done["problem"]) == ("done", None)
         score = RoadScore.model_validate(done["result"])
         assert not score.model_extra
         assert (score.verdict, score.frames) == ("agrees", 3), score.sentence
-    failed = engineer.get(f"/validations/{refused}").json()
+    failed = engineer.get(f"/analyses/{refused}").json()
     assert (failed["state"], failed["problem"]["code"]) == ("failed", "image_size_differs")

@@ -118,7 +118,8 @@ def test_pairs_that_tell_little_are_solved_stored_read_and_reported(api, context
     result_id = done["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"]
     found = ResultView.model_validate_json(engineer.get(f"/results/{result_id}").content, extra="forbid")
     assert found.lens == "stated"
-    assert engineer.post(f"/results/{result_id}/report").status_code == 202
+    asked = engineer.post("/analyses", {"kind": "report", "result_id": result_id})
+    assert asked.status_code == 202, asked.text
     work(context)
-    report = engineer.get(f"/results/{result_id}/report")
+    report = engineer.get(f"/analyses/{asked.json()['id']}/file")
     assert report.status_code == 200, report.text

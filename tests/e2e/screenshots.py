@@ -40,7 +40,7 @@ def paths(track: Track) -> dict[str, str]:
         plain = {"models": ["brown_conrady"], "folds": 2}
         owner.wait(owner.calibrations.create(track.vehicle_id, [made.id], **plain), timeout_s=240)
     calibration = owner.wait(owner.calibrations.create(track.vehicle_id, [pairs.id], **wanted), timeout_s=240)
-    owner.wait(owner.validations.ask(track.vehicle_id, "pairs", "front", set_id=pairs.id), timeout_s=60)
+    owner.wait(owner.analyses.validate_on_pairs(pairs.id), timeout_s=60)
     request = owner.fleet_requests.create(track.fleet_id, models=["pinhole"], folds=0)
     owner.wait(request, timeout_s=120)
     owner.vehicles.create(track.fleet_id, "Van 8")

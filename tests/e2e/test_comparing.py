@@ -85,7 +85,7 @@ def test_drift_is_drawn(sign_in: SignIn, track: Track, results: list[ResultView]
     expect(shifts.locator("circle.target")).to_have_count(12)
     expect(shifts.locator(".jump")).to_have_count(1)
     page.get_by_text("The numbers").click()
-    drift = track.owner.validations.drift(vehicle, "front")
+    drift = track.owner.calibrations.drift(vehicle, "front")
     last = drift.steps[-1].from_first
     assert last and last.shift_mm
     expect(page.get_by_role("row").nth(1)).to_be_visible()

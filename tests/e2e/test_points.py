@@ -11,6 +11,7 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 from sqlalchemy import delete, select
 
+from apexcal.documents.sweeps import PackingView
 from apexcal.sweeps import Points, unpack
 from service.platform.db.models import Analysis, PackedSweep, PackedSweeps, Sensor
 from service.platform.db.session import Database
@@ -61,7 +62,8 @@ def dense(track: Track, tmp_path_factory: pytest.TempPathFactory) -> str:
     rig = track.owner.vehicles.create_rig(vehicle.id, RIG)
     file = write_dense(tmp_path_factory.mktemp("dense") / "dense.bag", *RIG["cameras"][0]["image_size"])
     recording = track.owner.wait(track.owner.recordings.upload(file, vehicle.id, rig.id), timeout_s=90)
-    packing = track.owner.wait(next(iter(track.owner.recordings.packings(recording.id))), timeout_s=60)
+    packings = track.owner.analyses.list(PackingView, recording_id=recording.id)
+    packing = track.owner.wait(next(packings), timeout_s=60)
     assert packing.result.points == 500_224
     return str(recording.id)
 

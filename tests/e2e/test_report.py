@@ -25,7 +25,7 @@ def test_a_report_is_read_and_pairs_are_left_out(
     done = track.owner.wait(done, timeout_s=90)
     assert done.summary
     result = str(done.summary.cameras["front"].models["pinhole"].result_id)
-    tested = track.owner.validations.ask(track.vehicle_id, "pairs", "front", set_id=pairs.id, result_id=result)
+    tested = track.owner.analyses.validate_on_pairs(pairs.id, result_id=result)
     track.owner.wait(tested, timeout_s=60)
 
     page = sign_in("Rita", "engineer")

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
+from apexcal.documents.sweeps import PackingView
 from tests.e2e.conftest import Track
 from tests.e2e.dense import write_dense
 from tests.e2e.marking import Marker
@@ -39,7 +40,7 @@ def test_the_overlay_of_a_large_sweep_is_drawn_at_once(sign_in: SignIn, track: T
     rig = owner.vehicles.create_rig(vehicle.id, RIG)
     file = write_dense(tmp_path / "dense.bag", *RIG["cameras"][0]["image_size"])
     recording = owner.wait(owner.recordings.upload(file, vehicle.id, rig.id), timeout_s=90)
-    owner.wait(next(iter(owner.recordings.packings(recording.id))), timeout_s=60)
+    owner.wait(next(iter(owner.analyses.list(PackingView, recording_id=recording.id))), timeout_s=60)
     made = owner.correspondence_sets.import_pairs(rig.id, RIG["cameras"][0]["name"], pairs(60))
     calibration = owner.calibrations.create(vehicle.id, [made.id], models=["pinhole"], folds=0)
     owner.wait(calibration, timeout_s=90)

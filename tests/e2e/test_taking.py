@@ -14,6 +14,7 @@ from playwright.sync_api import Page, expect
 from scipy.spatial.transform import Rotation
 from urdf_parser_py import urdf
 
+from apexcal.documents.copies import CopyView
 from apexcal.errors import ApiError
 from tests.e2e.conftest import Track
 from tests.e2e.looks import assert_looks
@@ -136,7 +137,7 @@ def test_a_copy_is_asked_for_downloaded_and_deleted(
     assert file.name == "coach-for-viewers.mcap" and len(messages(file, "/front/undistorted/image")) == 4
     page.get_by_role("button", name=re.compile("^Delete coach-for-viewers")).click()
     expect(link).to_have_count(0)
-    assert list(track.owner.recordings.calibrated_copies(given.recording)) == []
+    assert list(track.owner.analyses.list(CopyView, recording_id=given.recording)) == []
 
 
 def test_a_rig_of_the_recordings_tree_its_serials_and_gates(sign_in: SignIn, track: Track, given: Given) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import count
-from typing import Any
 from uuid import UUID
 
 import numpy as np
@@ -32,17 +31,18 @@ from workers.vertices.vertex import Vertex as Found
 _SAMPLES = 360
 
 
-def preview(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def preview(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
     """Count frames and points inside the region, per ring."""
     asked, key = _asked(context, held)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
         counts = count_kept(
             watched(lidar, range(len(lidar)), lease, "counting points"), Region.from_document(asked["region"])
         )
-    return _writing(held, dict(counts))
+    result: Json = dict(counts)
+    return lambda session: result
 
 
-def suggestion(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def suggestion(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
     """A region around what moves."""
     with context.database.reading() as session:
         analysis = session.get_one(Analysis, held.subject_id)
@@ -56,10 +56,11 @@ def suggestion(context: Context, held: Claim, lease: Lease) -> Callable[[Session
             lease.report(min(next(calls) / reads, 1.0), "looking for what moves")
 
         found = suggest_region(lidar, samples=_SAMPLES, on_sweep=report, still=still)
-    return _writing(held, {"region": found.document, "facts": dict(found.facts)})
+    result: Json = {"region": found.document, "facts": dict(found.facts)}
+    return lambda session: result
 
 
-def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
     """The offset between the clocks, from a detection's vertices and what people marked."""
     lease.report(0.0, "fitting the camera and its clock")
     with context.database.reading() as session:
@@ -79,7 +80,8 @@ def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Sessi
         stop=lease,
         about_ns=paired_under_ns,  # marks exist only on frames that were paired under it
     )
-    return _writing(held, estimate.to_document())
+    result: Json = estimate.to_document()
+    return lambda session: result
 
 
 def must_move(vertices: Sequence[Found], poses: bool) -> None:
@@ -123,10 +125,3 @@ def _covariance(lines: list[list[float]] | None) -> Covariance | None:
         return None
     first, second, third = ((a, b, c) for a, b, c in lines)
     return first, second, third
-
-
-def _writing(held: Claim, result: dict[str, Any]) -> Callable[[Session], None]:
-    def write(session: Session) -> None:
-        session.get_one(Analysis, held.subject_id).result = result
-
-    return write

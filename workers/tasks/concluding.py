@@ -1,4 +1,4 @@
-"""The last job of a calibration: its models compared, its cameras compared, its summary and its publications."""
+"""The last job of a calibration: its models compared, its cameras compared, its results judged."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 from uuid import UUID
 
 import numpy as np
-from sqlalchemy import bindparam, func, select, update
+from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.checks import Check, CheckScope, CheckVerdict, verdict_of
@@ -19,17 +19,15 @@ from apexcal.documents.jobs import ProblemView
 from apexcal.documents.results import FitResult
 from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import CameraSummary, ModelSummary, RigSummary, Summary
+from apexcal.geometry.image_frames import T_images_camera
 from apexcal.geometry.result_differences import compared
 from apexcal.geometry.se3 import from_document
-from service.calibration_runs.conclusion import end_calibration, runs_of
-from service.fleets.image_frames import T_images_camera
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.platform.db.fleets import Rig
-from service.platform.jobs.claims import Claim, Lease, StaleInputError
-from service.publications.actions import hold_publications, publish_by_itself
-from service.publications.check_queries import failing, judged_now
-from service.publications.queries import current_publication
+from service.platform.db.publications import current_publication
+from service.platform.handovers import Conclusion
+from service.platform.jobs.claims import Claim, Lease
 from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
 from workers.judge.validation_checks import elsewhere as other_data_check
@@ -72,22 +70,26 @@ class _Judged(NamedTuple):
     def verdict(self, scope: CheckScope) -> CheckVerdict:
         return verdict_of([*self.result.fit.checks, *self.checks], scope)
 
+    @property
+    def columns(self) -> Json:
+        """What is written of it."""
+        checks, verdict = [check.model_dump(mode="json") for check in self.checks], self.verdict("mount_with_lens")
+        return {"id": self.result.id, "checks": checks, "verdict": verdict, "compared_with": self.current_id}
 
-def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
-    """Summarise and judge a calibration whose runs have all ended; publish what passes, where that was asked for."""
+
+def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Conclusion]:
+    """Summarise and judge a calibration whose runs have all ended."""
     with context.database.reading() as session:
         calibration = session.get_one(Calibration, held.subject_id)
-        runs, results = runs_of(session, calibration.id), session.scalars(_RESULTS, {"calibration": calibration.id})
-        cameras = _by_camera(results.all())
+        cameras = _by_camera(session.scalars(_RESULTS, {"calibration": calibration.id}).all())
         fits = _fits(session, calibration.id, cameras)
         lease.report(0.0, "comparing the models")
         summaries = {camera: camera_summary(of_camera) for camera, of_camera in fits.items()}
         solved = _solved_cameras(session, calibration, cameras, summaries, lease)
         stated = _stated(session, calibration) if len(cameras) > 1 else []
-        of_runs = select(CalibrationRun.id, CalibrationRun.set_id).where(
-            CalibrationRun.calibration_id == calibration.id
-        )
-        sets = {row.id: row.set_id for row in session.execute(of_runs)}
+        of_runs = select(CalibrationRun.id, CalibrationRun.set_id, CalibrationRun.state, CalibrationRun.failure)
+        runs = session.execute(of_runs.where(CalibrationRun.calibration_id == calibration.id)).all()
+        sets = {run.id: run.set_id for run in runs}
         current = {camera: _current(session, calibration.vehicle_id, camera) for camera in cameras}
         elsewhere = other_data(session, [one for found in cameras.values() for one in found if one.fold == FULL])
     rig = _compared(solved, stated, summaries) if len(cameras) > 1 else None
@@ -105,25 +107,13 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
     for one in judged:
         model = summaries[one.result.camera].models[one.result.model]
         model.verdict, model.verdict_alone = one.verdict("mount_with_lens"), one.verdict("mount_alone")
-    whole = Summary(cameras=summaries, rig=rig)
-
-    def write(session: Session) -> None:
-        calibration = session.get_one(Calibration, held.subject_id, with_for_update=True)
-        _store_checks(session, judged)
-        # The calibration's row before the vehicle's: the order of all locks.
-        session.flush()
-        hold_publications(session, calibration.vehicle_id)
-        if calibration.publish == "recommended":
-            _check_unchanged(session, calibration.vehicle_id, current)
-        # The limits of a policy are of the summary too: of the one in memory, which is written once at the end.
-        calibration.summary = whole.model_dump(mode="json")
-        with session.no_autoflush:
-            for summary in summaries.values():
-                _publish(session, calibration, summary)
-        problem = next((run.failure for run in runs if run.failure), None)
-        end_calibration(session, calibration, WorkState.DONE, problem, whole.model_dump(mode="json"))
-
-    return write
+    conclusion = Conclusion(
+        Summary(cameras=summaries, rig=rig),
+        [one.columns for one in judged],
+        {camera: one and one.result.id for camera, one in current.items()},
+        next((run.failure for run in runs if run.failure), None),
+    )
+    return lambda session: conclusion
 
 
 def _judge(
@@ -170,41 +160,6 @@ def _current(session: Session, vehicle_id: UUID, camera: str) -> _Current | None
         return None
     result = session.get_one(Result, publication.result_id)
     return _Current(result, result.summary)
-
-
-def _store_checks(session: Session, judged: Sequence[_Judged]) -> None:
-    rows = [
-        {
-            "id": one.result.id,
-            "checks": [check.model_dump(mode="json") for check in one.checks],
-            "verdict": one.verdict("mount_with_lens"),
-            "compared_with": one.current_id,
-        }
-        for one in judged
-    ]
-    session.execute(update(Result), rows)
-
-
-def _check_unchanged(session: Session, vehicle_id: UUID, judged_beside: Mapping[str, _Current | None]) -> None:
-    """Raises :class:`StaleInputError` if a camera's current result is another one than results were judged beside."""
-    for camera, before in judged_beside.items():
-        publication = current_publication(session, vehicle_id, camera)
-        if (publication and publication.result_id) != (before and before.result.id):
-            raise StaleInputError
-
-
-def _publish(session: Session, calibration: Calibration, summary: CameraSummary) -> None:
-    """Add the checks of a camera's recommended result now; publish it, if that was asked and its policy does so."""
-    chosen = summary.models.get(summary.recommended or "")
-    is_asked = calibration.publish == "recommended"
-    summary.published = False if is_asked else None
-    if chosen is None:
-        return
-    result = session.get_one(Result, chosen.result_id, populate_existing=True)
-    summary.checks, policy = judged_now(session, result)
-    if is_asked and policy.publishes(verdict_of(summary.checks, "mount_with_lens")):
-        publish_by_itself(session, calibration, result, [one.sentence for one in failing(summary.checks)])
-        summary.published = True
 
 
 def _by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:

@@ -22,7 +22,7 @@ from workers.tasks.viewing import viewer_file
 _EDITS = ("lidar_frame", "cameras", "poses")
 
 
-def calibrated_copy(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def calibrated_copy(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
     """Write the file in a limited child, and store it."""
     with context.database.reading() as session:
         analysis = session.get_one(Analysis, held.subject_id)
@@ -32,10 +32,10 @@ def calibrated_copy(context: Context, held: Claim, lease: Lease) -> Callable[[Se
     with context.scratch() as folder:
         made = write_file(context, recording, asked, folder, lease)
         file = folder / "copy" / made["file"]
-        made_file = store_file(context, held, recording.id, file, "copies")
-    name = f"{_stem(recording.file_name)}-{ending}{file.suffix}"
-    counts = {one: made[one] for one in ("copied", "replaced", "added", "left_out") if one in made}
-    return keeping(held, recording.id, made_file, name, counts)
+        key = store_file(context, held, file, f"recordings/{recording.id}/copies")
+        name = f"{_stem(recording.file_name)}-{ending}{file.suffix}"
+        counts = {one: made[one] for one in ("copied", "replaced", "added", "left_out") if one in made}
+        return keeping(held, key, file, name, counts)
 
 
 def _copy(context: Context, recording: Recording, asked: Json, folder: Path, lease: Lease) -> dict[str, Any]:

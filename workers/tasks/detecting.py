@@ -14,7 +14,6 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP, nearest
 from apexcal.documents.states import UNENDED, WorkState
-from service.analyses.jobs import queue_marks
 from service.platform.db.base import Json
 from service.platform.db.clock import now
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
@@ -56,7 +55,7 @@ class Pair:
 Pairs = dict[UUID, list[Pair | None]]
 
 
-def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Detection | None]:
     """Detect in the sweeps ``first`` to ``stop`` of the payload, or in all of them."""
     with context.database.reading() as session:
         asked = session.get_one(Detection, held.subject_id)
@@ -79,10 +78,10 @@ def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
     return writing(asked, found, {sensor: _pair(found, stamps, asked.pairing) for sensor, stamps in cameras.items()})
 
 
-def writing(asked: Detection, found: Detections, pairs: Pairs) -> Callable[[Session], None]:
-    """What puts a shard's vertices and pairs into the finishing transaction."""
+def writing(asked: Detection, found: Detections, pairs: Pairs) -> Callable[[Session], Detection | None]:
+    """What puts a shard's vertices and pairs into the finishing transaction, and hands over what is to be marked."""
 
-    def write(session: Session) -> None:
+    def write(session: Session) -> Detection | None:
         # Runs of one recording share its apexes, so they write one after the other.
         of_recording = select(Recording.id).where(Recording.id == asked.recording_id)
         session.execute(of_recording.with_for_update(key_share=True))
@@ -90,6 +89,7 @@ def writing(asked: Detection, found: Detections, pairs: Pairs) -> Callable[[Sess
         if row.state in UNENDED:
             _write_vertices(session, asked, found, pairs)
             _advance(session, row, found)
+        return row if row.counts.get("paired") and row.state == WorkState.RUNNING else None
 
     return write
 
@@ -229,8 +229,6 @@ def _advance(session: Session, row: Detection, found: Detections) -> None:
         problem = _nothing_found(session, row, counts)
         if problem:
             row.state, row.problem, row.finished_at = WorkState.FAILED, problem, now()
-        elif counts["paired"]:
-            queue_marks(session, row)
     row.counts = counts
     session.flush()
 

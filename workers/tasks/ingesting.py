@@ -10,17 +10,15 @@ from typing import Any, cast
 from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import Session
 
-from service.analyses.jobs import queue_packing
+from apexcal.documents.states import RecordingState
 from service.platform.db.base import Json
 from service.platform.db.fleets import RigCamera
 from service.platform.db.models import Rig
 from service.platform.db.recordings import CameraFrame, Recording, Sensor, UploadPart
 from service.platform.db.repeating import repeated
 from service.platform.jobs.claims import Claim, Lease, require_mine
-from service.platform.storage.blobs import condemn, keep, reserve
+from service.platform.storage.blobs import condemn, keep, reserve, sensor_keys
 from service.platform.storage.quota import QuotaExceededError, copied, take
-from service.recordings.blob_queries import sensor_keys
-from service.recordings.jobs import begin_ingestion
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError, legible
@@ -32,12 +30,12 @@ from workers.tasks.originals import join_parts, reading_limits
 _OWN_COLUMNS = ("kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames")
 
 
-def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Recording]:
     """Normalise the upload into one MCAP file per sensor, and store these."""
     with context.database.writing() as session:
         require_mine(session, held)
-        begin_ingestion(session, held.subject_id)
         recording = session.get_one(Recording, held.subject_id)
+        recording.state = RecordingState.INGESTING
         parts = session.scalars(
             select(UploadPart).where(UploadPart.recording_id == recording.id).order_by(UploadPart.number)
         ).all()
@@ -66,7 +64,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
             _check_sizes(name, size, frames[name])
         stored = _store(context, held, {sensor.name: out / sensor.file for sensor in manifest.sensors})
 
-    def write(session: Session) -> None:
+    def write(session: Session) -> Recording:
         _forget_earlier(session, recording)
         row = session.get_one(Recording, recording.id)
         row.taken_bytes = row.size + sum(size for _, size in stored.values()) + copied(session, row.id)
@@ -81,7 +79,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
             rows = [{"sensor_id": sensor_row.id, **frame} for frame in frames[sensor.name]]
             if rows:
                 session.execute(insert(CameraFrame), rows)
-        queue_packing(session, row)
+        return row
 
     return write
 

@@ -18,14 +18,14 @@ from workers.tasks.context import Context
 _REPORT_EVERY = 50
 
 
-def lidar_key(session: Session, recording_id: UUID) -> str:
+def lidar_key(session: Session, recording_id: UUID | None) -> str:
     """Blob key of a recording's LiDAR."""
     return session.scalars(
         select(Sensor.blob_key).where(Sensor.recording_id == recording_id, Sensor.kind == "lidar")
     ).one()
 
 
-def said_still(session: Session, recording_id: UUID) -> bool:
+def said_still(session: Session, recording_id: UUID | None) -> bool:
     """Whether the owner said that a recording holds still poses."""
     return session.get_one(Recording, recording_id).reading.get("point_times") == "stamp_only"
 

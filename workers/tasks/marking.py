@@ -19,10 +19,9 @@ from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
 from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.lenses import lens_of_images
 from apexcal.documents.machine_marks import MOST_VERTICES
-from service.detections.views import marked_corners
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
-from service.platform.db.detections import Detection, Vertex, VertexFrame
+from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
 from service.platform.db.fleets import RigCamera
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.jobs.claims import Claim, Lease
@@ -52,7 +51,7 @@ class _MarkingWork:
     model: ModelName
 
 
-def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], None]:
+def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Json]:
     """Mark the tips, and the other corners that are asked for, of at most `MOST_VERTICES` sweeps."""
     with context.database.reading() as session:
         work = _read(session, session.get_one(Analysis, claim.subject_id))
@@ -72,11 +71,7 @@ def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Ses
             on_sight=lease.check,
         )
     result = _result(work, dict(zip(usable, proposals.answers, strict=True)), proposals.failure)
-
-    def write(session: Session) -> None:
-        session.get_one(Analysis, claim.subject_id).result = result
-
-    return write
+    return lambda session: result
 
 
 def _read(session: Session, analysis: Analysis) -> _MarkingWork:

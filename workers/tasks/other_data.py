@@ -11,11 +11,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.states import WorkState
-from apexcal.documents.validations import SINGLE_PAIRS
+from apexcal.documents.validations import DATA_BY_KIND
+from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.recordings import Recording
-from service.platform.db.validations import Validation
 
 # Validations of a result that are read, the newest first.
 _MOST: Final = 20
@@ -28,13 +28,14 @@ def other_data(session: Session, results: Sequence[Result]) -> dict[UUID, list[J
     """
     fitted = aliased(CorrespondenceSet)
     rows = session.execute(
-        select(Validation, CorrespondenceSet, fitted.id, fitted.recording_id)
-        .join(Result, Result.id == Validation.result_id)
+        select(Analysis, CorrespondenceSet, fitted.id, fitted.recording_id)
+        .join(Result, Result.id == Analysis.result_id)
         .join(CalibrationRun, CalibrationRun.id == Result.run_id)
         .join(fitted, fitted.id == CalibrationRun.set_id)
-        .outerjoin(CorrespondenceSet, CorrespondenceSet.id == Validation.set_id)
-        .where(Validation.result_id.in_([one.id for one in results]), Validation.state == WorkState.DONE)
-        .order_by(Validation.id.desc())
+        .outerjoin(CorrespondenceSet, CorrespondenceSet.id == Analysis.set_id)
+        .where(Analysis.result_id.in_([one.id for one in results]), Analysis.state == WorkState.DONE)
+        .where(Analysis.kind.in_(DATA_BY_KIND))
+        .order_by(Analysis.id.desc())
         .limit(_MOST * len(results))
     ).all()
     used = {row.recording_id or (pairs and pairs.recording_id) for row, pairs, *_ in rows}
@@ -47,8 +48,8 @@ def other_data(session: Session, results: Sequence[Result]) -> dict[UUID, list[J
         if is_fitted or row.result is None:
             continue
         data = names.get(row.recording_id or of_pairs) or f"pairs from {pairs.source if pairs else 'elsewhere'}"
-        found = {name: value for name, value in row.result.items() if name not in SINGLE_PAIRS}
-        found |= {"kind": row.kind, "data": data, "at": f"{row.created_at:%Y-%m-%d %H:%M} UTC", "id": str(row.id)}
+        at = f"{row.created_at:%Y-%m-%d %H:%M} UTC"
+        found = row.result | {"kind": DATA_BY_KIND[row.kind], "data": data, "at": at, "id": str(row.id)}
         assert row.result_id is not None
         told[row.result_id].setdefault((row.kind, row.set_id or row.recording_id), found)
     return {one.id: list(told[one.id].values()) for one in results}

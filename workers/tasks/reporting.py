@@ -10,26 +10,23 @@ from uuid import UUID
 from sqlalchemy import and_, select
 from sqlalchemy.orm import Session, aliased
 
+from apexcal.documents.checks import Check
 from apexcal.documents.corners import TOP
 from apexcal.documents.pairs import CORNER
+from service.platform.db.analyses import Analysis
 from service.platform.db.annotations import Answer
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
-from service.platform.db.clock import now
 from service.platform.db.detections import Vertex, VertexFrame
 from service.platform.db.fleets import Rig, Vehicle
 from service.platform.db.people import Person
 from service.platform.db.recordings import CameraFrame, Sensor
-from service.platform.db.repeating import repeated
-from service.platform.db.reports import Report
-from service.platform.jobs.claims import Claim, Lease, require_mine
-from service.platform.storage.blobs import condemn, keep, reserve
-from service.publications.check_queries import checks_now
+from service.platform.jobs.claims import Claim, Lease
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, FrameImage, Material, PersonMark
 from workers.solver.stopping import Stop
+from workers.tasks.analysis_files import keeping, store_file
 from workers.tasks.context import Context
-from workers.tasks.loading import require_room
 from workers.tasks.other_data import other_data
 from workers.tasks.solving import read_run
 
@@ -47,11 +44,15 @@ class _Place(NamedTuple):
     frame: CameraFrame
 
 
-def report(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
-    """Make the report, and put it in the place of the one before."""
+def report(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
+    """Make the report, and store it."""
     with context.database.reading() as session:
-        result = session.get_one(Result, session.get_one(Report, held.subject_id).result_id)
-        material = _material(session, result, lease)
+        analysis = session.get_one(Analysis, held.subject_id)
+        result = session.get_one(Result, analysis.result_id)
+        now = [Check.model_validate(one) for one in analysis.asked["checks"]]
+        names = {one.name for one in now}
+        checks = [*(one for one in result.stored_checks if one.name not in names), *now]
+        material = _material(session, result, checks, lease)
         places = _places(session, material, result)
     lease.report(0.1, "computing the report")
     frames = {place.pair: _image(context, place) for place in places}
@@ -61,21 +62,15 @@ def report(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
     # Imported here: matplotlib takes 0.4 s and 41 MB, and few workers draw.
     from workers.reports.page import page
 
-    data = page(document, frames).encode()
-    key = _store(context, held, result.id, data)
-
-    def write(session: Session) -> None:
-        row = session.get_one(Report, held.subject_id, with_for_update=True)
-        keep(session, key, size=len(data))
-        if row.blob_key is not None:
-            condemn(session, [row.blob_key])
-        row.blob_key, row.size, row.verdict = key, len(data), document["verdict"]["level"]
-        row.made_at = session.scalars(select(now())).one()
-
-    return write
+    with context.scratch() as folder:
+        file = folder / "report.html"
+        file.write_text(page(document, frames), encoding="utf-8")
+        key = store_file(context, held, file, f"reports/{result.id}")
+        name = f"{result.camera}-{result.model}-report.html"
+        return keeping(held, key, file, name, {"verdict": document["verdict"]["level"]})
 
 
-def _material(session: Session, result: Result, stop: Stop) -> Material:
+def _material(session: Session, result: Result, checks: Sequence[Check], stop: Stop) -> Material:
     run = session.get_one(CalibrationRun, result.run_id)
     pairs = session.get_one(CorrespondenceSet, run.set_id)
     calibration = session.get_one(Calibration, result.calibration_id)
@@ -96,7 +91,7 @@ def _material(session: Session, result: Result, stop: Stop) -> Material:
         chosen=next(one for one in models if one.result.model == result.model),
         models=models,
         pairs=pairs.columns,
-        checks=checks_now(session, result),
+        checks=checks,
         recommended=summary and summary.recommended,
         why=summary.why if summary else "",
         slots=[(int(i), int(slot), float(loss)) for i, slot, loss in session.execute(slots.order_by(*_BY_SLOT))],
@@ -189,19 +184,3 @@ def _image(context: Context, place: _Place) -> FrameImage:
     frame = place.frame
     data = context.store.get_range(place.key, frame.offset, frame.length)
     return FrameImage(frame.media_type, data, frame.width, frame.height)
-
-
-def _store(context: Context, held: Claim, result_id: UUID, data: bytes) -> str:
-    """Put the file into the store, and return its key. Raises :class:`ReadError` ``ingest_disk_full``."""
-    require_room(context, context.store.free_bytes(), len(data))
-
-    def reserved() -> str:
-        with context.database.writing() as session:
-            require_mine(session, held)
-            prefix, size = f"reports/{result_id}", len(data)
-            job_id, attempt = held.job_id, held.attempt
-            return reserve(session, prefix, suffix=".html", size=size, job_id=job_id, attempt=attempt)
-
-    key = repeated(reserved)
-    context.store.put_bytes(key, data)
-    return key

@@ -14,7 +14,6 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.errors import DocumentError
 from apexcal.documents.states import WorkState
-from service.job_kinds import KINDS
 from service.platform.db.base import Json
 from service.platform.jobs.claims import (
     CancelledError,
@@ -27,6 +26,7 @@ from service.platform.jobs.claims import (
     give_back,
     stumble,
 )
+from service.platform.jobs.kinds import kinds
 from service.platform.jobs.messages import Message
 from service.platform.observability.logs import about
 from service.platform.observability.request_ids import working_for
@@ -37,14 +37,16 @@ from workers.tasks.drain import DrainedError, interruptible, is_draining
 
 log = logging.getLogger(__name__)
 
-Work = Callable[[Context, Claim, Lease], Callable[[Session], None]]
-"""Does a job's work outside any transaction and returns what writes its results inside the finishing one."""
+Work = Callable[[Context, Claim, Lease], Callable[[Session], object]]
+"""Does a job's work outside any transaction and returns what writes its results inside the finishing one.
+
+What that returns is handed over to the resource (`service.platform.handovers`)."""
 
 
 def _of(room: str, kind: str) -> Work:
     """The function of this name. Its module is loaded by need: solver and detectors are half a worker's memory."""
 
-    def do(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    def do(context: Context, held: Claim, lease: Lease) -> Callable[[Session], object]:
         work: Work = getattr(import_module(f"workers.tasks.{room}"), kind)
         return work(context, held, lease)
 
@@ -64,9 +66,9 @@ _ROOMS = {
     "solve": "solving",
     "conclude": "concluding",
     "report": "reporting",
-    "score_pairs": "validating",
-    "check_lanes": "validating",
-    "check_edges": "validating",
+    "pair_validation": "validating",
+    "lane_validation": "validating",
+    "edge_validation": "validating",
 }
 WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
 # The modules that need no kernels.
@@ -88,7 +90,7 @@ _TRIES_WITHOUT_ROOM = 4
 
 def prepare(queues: Collection[str]) -> None:
     """Load what jobs of these queues need, and compile kernels: before the pool is forked, so that it shares them."""
-    rooms = {_ROOMS[kind.name] for kind in KINDS if kind.queue in queues}
+    rooms = {_ROOMS[kind.name] for kind in kinds() if kind.queue in queues}
     for room in sorted(rooms):
         import_module(f"workers.tasks.{room}")
     if rooms - _READING:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 from uuid import UUID
@@ -16,10 +16,10 @@ from sqlalchemy.orm import Session
 from apexcal.documents.fit_requests import FitRequest
 from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, held_together
 from apexcal.documents.results import FitResult, Provenance
-from apexcal.documents.states import UNENDED, WorkState
-from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
+from apexcal.documents.states import UNENDED
 from service.platform.db.base import Json
 from service.platform.db.calibrations import CalibrationRun, Result, Slot
+from service.platform.handovers import RunEnd, SlotBundle
 from service.platform.jobs.claims import CancelledError, Claim, Lease
 from workers.judge.fit_checks import checks_of_fit
 from workers.solver.blocks import blocks_of
@@ -47,7 +47,7 @@ from workers.solver.solution import finished
 from workers.solver.stopping import NEVER, Stop
 from workers.tasks.context import Context
 
-Write = Callable[[Session], None]
+Write = Callable[[Session], object]
 
 _RUN = select(
     *(CalibrationRun.id, CalibrationRun.fleet_id, CalibrationRun.calibration_id, CalibrationRun.set_id),
@@ -70,7 +70,7 @@ class RunInput:
 
 
 def solve(context: Context, held: Claim, lease: Lease) -> Write:
-    """Do one part of a run: see the payloads in :mod:`service.calibration_runs.actions`."""
+    """Do one part of a run: all of it, some slots of an iteration, or the finish."""
     with context.database.alone() as connection:
         run = connection.execute(_RUN, {"run": held.subject_id}).one()
     if run.state not in UNENDED or run.cancel_requested:
@@ -147,31 +147,16 @@ def _slots(context: Context, given: RunInput, run_id: UUID, schedule: Json | Non
         outcome = run_slot(given.problem, lower, upper, iteration, slot)
         rows.append(_slot_row(context, run_id, iteration, slot, outcome, time.perf_counter() - began))
 
-    def write(session: Session) -> None:
+    def narrow(schedule: Json | None, slots: Sequence[Slot]) -> tuple[Json, bool]:
+        outcomes = [SlotOutcome(row.loss, tuple(row.parameters), row.evaluations) for row in slots]
+        state = advance(given.problem, _state(schedule, given.problem), outcomes)
+        return to_document(state), state.stopped is not None
+
+    def write(session: Session) -> SlotBundle:
         session.connection().execute(_INSERT_SLOTS, rows)
-        last = count_down(session, run_id)
-        if last:
-            _next_iteration(session, last, given.problem)
+        return SlotBundle(narrow)
 
     return write
-
-
-def _next_iteration(session: Session, run: CalibrationRun, problem: FitProblem) -> None:
-    """Narrow the bounds about the best of all slots, and go on or stop. The caller took the last bundle."""
-    rows = session.scalars(
-        select(Slot).where(Slot.run_id == run.id, Slot.iteration == run.iteration).order_by(Slot.slot)
-    ).all()
-    outcomes = [SlotOutcome(row.loss, tuple(row.parameters), row.evaluations) for row in rows]
-    state = advance(problem, _state(run.schedule, problem), outcomes)
-    run.schedule = to_document(state)
-    run.iteration += 1
-    session.flush()
-    if run.cancel_requested:
-        end_run(session, run, WorkState.CANCELLED)
-    elif state.stopped:
-        start_finish(session, run)
-    else:
-        start_iteration(session, run)
 
 
 def _whole(context: Context, given: RunInput, run: Any, lease: Lease) -> Write:
@@ -191,9 +176,9 @@ def _whole(context: Context, given: RunInput, run: Any, lease: Lease) -> Write:
     state, _ = run_schedule(given.problem, on_slot, on_iteration)
     finish = _finish(given, run, state, schedule=(to_document(state), state.iteration))
 
-    def write(session: Session) -> None:
+    def write(session: Session) -> object:
         session.connection().execute(_INSERT_SLOTS, rows)
-        finish(session)
+        return finish(session)
 
     return write
 
@@ -208,7 +193,7 @@ def solved(given: RunInput, state: State) -> FitResult:
 
 
 def _finish(given: RunInput, run: Any, state: State, schedule: tuple[Json, int] | None = None) -> Write:
-    """The end of a run: its result, with what it was made of. ``schedule`` as :func:`end_run` has it."""
+    """The end of a run: its result, with what it was made of. ``schedule`` as :class:`RunEnd` has it."""
     began = time.perf_counter()
     result = solved(given, state)
     of_job = {
@@ -229,9 +214,9 @@ def _finish(given: RunInput, run: Any, state: State, schedule: tuple[Json, int] 
         "document": document,
     }
 
-    def write(session: Session) -> None:
+    def write(session: Session) -> RunEnd:
         session.connection().execute(_INSERT_RESULT, found)
-        end_run(session, run, WorkState.DONE, schedule=schedule)
+        return RunEnd(run, schedule)
 
     return write
 

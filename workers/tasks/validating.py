@@ -14,9 +14,9 @@ from sqlalchemy.orm import Session
 from apexcal.documents.checks import verdict_of
 from apexcal.documents.states import WorkState
 from apexcal.documents.validations import SINGLE_PAIRS
+from service.platform.db.analyses import Analysis
 from service.platform.db.calibrations import CorrespondenceSet, Result
 from service.platform.db.recordings import CameraFrame, Sensor
-from service.platform.db.validations import Validation
 from service.platform.jobs.claims import Claim, Lease
 from workers.judge.validation_checks import elsewhere
 from workers.readers.images.decoded_frames import decoded_frames
@@ -28,31 +28,31 @@ from workers.tasks.other_data import other_data
 from workers.validation.calibration import KnownCalibration
 from workers.validation.edge_check import EdgeCheck
 from workers.validation.lane_check import LaneCheck
-from workers.validation.pair_score import score_pairs as score
+from workers.validation.pair_score import score_pairs
 
 # Frames of a recording that are looked at.
 _FRAMES: Final = 30
 
 
-def score_pairs(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def pair_validation(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
     """Errors of a calibration on a set's pairs, without a fit."""
     lease.report(0.0, "scoring pairs")
     with context.database.reading() as session:
-        row = session.get_one(Validation, held.subject_id)
+        row = session.get_one(Analysis, held.subject_id)
         calibration = KnownCalibration.of(row.asked["calibration"])
         columns = session.get_one(CorrespondenceSet, row.set_id).columns
     points = np.column_stack([columns[name] for name in "xyz"]).astype(np.float64)
     marks = np.column_stack([columns[name] for name in "uv"]).astype(np.float64)
-    found = score(calibration, points, marks)
+    found = score_pairs(calibration, points, marks)
     return _writing(held, found, {name: found.pop(name) for name in SINGLE_PAIRS})
 
 
-def check_lanes(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def lane_validation(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
     """Lane markers of a drive against its frames."""
     return _check(context, held, lease, LaneCheck, colour=True)
 
 
-def check_edges(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def edge_validation(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
     """Depth edges of a drive against its frames."""
     return _check(context, held, lease, EdgeCheck, colour=False)
 
@@ -69,7 +69,7 @@ def _check(
     context: Context, held: Claim, lease: Lease, kind: type[LaneCheck | EdgeCheck], *, colour: bool
 ) -> Callable[[Session], None]:
     with context.database.reading() as session:
-        row = session.get_one(Validation, held.subject_id)
+        row = session.get_one(Analysis, held.subject_id)
         check = kind(KnownCalibration.of(row.asked["calibration"]))
         drive = _drive(session, row, check.calibration)
     began = time.process_time()
@@ -86,14 +86,14 @@ def _check(
     return _writing(held, found | {"seconds_per_frame": (time.process_time() - began) / max(found["frames"], 1)})
 
 
-def _drive(session: Session, row: Validation, calibration: KnownCalibration) -> _Drive:
+def _drive(session: Session, row: Analysis, calibration: KnownCalibration) -> _Drive:
     """The frames that are looked at, spread over the recording.
 
     Raises:
         ReadError: ``image_size_differs``.
     """
     camera = session.scalars(
-        select(Sensor).where(Sensor.recording_id == row.recording_id, Sensor.name == row.camera)
+        select(Sensor).where(Sensor.recording_id == row.recording_id, Sensor.name == row.asked["camera"])
     ).one()
     frames = session.scalars(
         select(CameraFrame).where(CameraFrame.sensor_id == camera.id).order_by(CameraFrame.index)
@@ -103,11 +103,10 @@ def _drive(session: Session, row: Validation, calibration: KnownCalibration) -> 
         width, height = calibration.image_size
         raise ReadError(
             "image_size_differs",
-            f"No frame of {row.camera} is {width} x {height} pixels large, as the calibration is.",
+            f"No frame of {camera.name} is {width} x {height} pixels large, as the calibration is.",
             "Validate a calibration of this camera in this mode.",
         )
     chosen = np.unique(np.linspace(0, len(wanted) - 1, _FRAMES).round().astype(int))
-    assert row.recording_id is not None
     places = [(one.stamp_ns, one.offset, one.length) for one in (wanted[place] for place in chosen)]
     return _Drive(lidar_key(session, row.recording_id), camera.blob_key, places)
 
@@ -125,7 +124,7 @@ def _writing(
     held: Claim, result: dict[str, Any], single_pairs: dict[str, Any] | None = None
 ) -> Callable[[Session], None]:
     def write(session: Session) -> None:
-        row = session.get_one(Validation, held.subject_id)
+        row = session.get_one(Analysis, held.subject_id)
         row.result, row.single_pairs, row.state = result, single_pairs, WorkState.DONE
         session.flush()
         if row.result_id is not None:

@@ -25,6 +25,8 @@ test("what changes with a thing is stale as well", () => {
   assert(says("calibration", "7", "vehicles", "1", "cameras", "front", "publications", { limit: 10 }));
   assert(says("detection", "7", "rigs", "1", "correspondence-sets"));
   assert(says("recording", "7", "fleets", "1"));
+  assert(says("analysis", "7", "fleets", "1"));
+  assert(says("analysis", "7", "analyses", { recording_id: "3" }));
   assert(says("recording", "7", "detections", "1", "progress", { camera: "front" }));
 });
 

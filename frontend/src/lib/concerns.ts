@@ -4,6 +4,7 @@ import type { Hint } from "./hints.ts";
 
 /** What changes with a thing, beside the thing itself, what lies below it and the listings of such things. */
 const ALSO: Record<string, readonly string[]> = {
+  analysis: ["analyses"],
   calibration: ["calibration", "publications", "drift"],
   detection: ["correspondence-sets"],
   marking: ["progress"],
@@ -18,7 +19,7 @@ export function concerns({ kind, id }: Hint, address: readonly unknown[]): boole
   const segments = address.filter((one) => typeof one === "string");
   const at = segments.indexOf(things);
   if (at >= 0) return at === segments.length - 1 || segments[at + 1] === id;
-  // The fleet says how many bytes its recordings take.
-  if (kind === "recording" && segments[0] === "fleets" && segments.length === 2) return true;
+  // The fleet says how many bytes its recordings and reports take.
+  if (["analysis", "recording"].includes(kind) && segments[0] === "fleets" && segments.length === 2) return true;
   return (ALSO[kind] ?? []).includes(segments.at(-1) ?? "");
 }

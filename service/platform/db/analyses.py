@@ -12,32 +12,38 @@ from service.platform.db.base import Base, Created, Json, RowId, belongs_to
 
 
 class Analysis(Base):
-    """One question and its answer. ``kind`` is ``preview``, ``suggestion``, ``clock_offset``, ``packing``,
-    ``calibrated_copy`` or ``machine_marks``, as its job's.
+    """One question and its answer. ``kind`` is that of ``AnalysisKind``, and its job's.
 
-    ``asked`` holds all that the worker needs besides the recording (and, for ``clock_offset`` and
-    ``machine_marks``, the detection);
-    ``result`` is the answer. Nothing refers to an analysis, and what is asked anew is another row.
+    ``asked`` holds all that the worker needs besides what the row names; ``result`` is the answer, ``single_pairs``
+    its columns with one value for each pair. Lists do not read these. Nothing refers to an analysis, and what is
+    asked anew is another row. It goes with each thing that it is of.
     """
 
     __tablename__ = "analysis"
-    __table_args__ = (Index("ix_analysis_recording_id_kind", "recording_id", "kind"),)
+    __table_args__ = (
+        Index("ix_analysis_recording_id_kind", "recording_id", "kind"),
+        Index("ix_analysis_vehicle_id_id", "vehicle_id", "id"),
+    )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
-    recording_id: Mapped[UUID] = belongs_to("recording.id", index=False)
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
+    recording_id: Mapped[UUID | None] = belongs_to("recording.id", nullable=True, index=False)
     detection_id: Mapped[UUID | None] = belongs_to("detection.id", nullable=True)
+    set_id: Mapped[UUID | None] = belongs_to("correspondence_set.id", nullable=True)
+    result_id: Mapped[UUID | None] = belongs_to("result.id", nullable=True)
     kind: Mapped[str] = mapped_column(String(20))
     asked: Mapped[Json] = mapped_column(default=dict)
     state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
     result: Mapped[Json | None]
+    single_pairs: Mapped[Json | None] = mapped_column(deferred=True)
     problem: Mapped[Json | None]
     job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
     created_at: Mapped[Created]
 
 
 class AnalysisFile(Base):
-    """The file that a ``calibrated_copy`` made, and its name for whoever takes it."""
+    """The file that an analysis made, and its name for whoever takes it."""
 
     __tablename__ = "analysis_file"
 

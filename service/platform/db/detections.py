@@ -9,6 +9,7 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
+from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.states import WorkState
 from service.platform.db.base import (
     Base,
@@ -125,3 +126,8 @@ class VertexFrame(Base):
     z: Mapped[float | None]
     covariance: Mapped[list[Any] | None]
     corners: Mapped[list[Any] | None]
+
+
+def marked_corners(row: Detection) -> list[CornerName]:
+    """The board's corners that people are to mark, in the order of `CORNERS`."""
+    return [name for name in CORNERS if name in (row.marked_corners or [TOP])]

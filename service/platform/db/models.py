@@ -34,5 +34,3 @@ from service.platform.db.recordings import (
     Sensor,
     UploadPart,
 )
-from service.platform.db.reports import Report
-from service.platform.db.validations import Validation

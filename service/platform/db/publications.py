@@ -1,13 +1,14 @@
-"""The table of publications."""
+"""The table of publications, and where aliases lead by it."""
 
 from __future__ import annotations
 
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Index, String
-from sqlalchemy.orm import Mapped, mapped_column
+from sqlalchemy import Index, Select, String, select
+from sqlalchemy.orm import Mapped, Session, mapped_column
 
+from apexcal.documents.publications import CURRENT
 from service.platform.db.base import Base, Created, Name, RowId, belongs_to, refers_to
 
 
@@ -35,3 +36,20 @@ class Publication(Base):
     reason: Mapped[str | None] = mapped_column(String(500))
     overridden: Mapped[list[Any] | None]
     created_at: Mapped[Created]
+
+
+def newest_publication(session: Session, vehicle_id: UUID, camera: str, alias: str = CURRENT) -> Publication | None:
+    """The last move of an alias, also one to nowhere; None before the first."""
+    return session.scalar(moves_of(vehicle_id, camera, alias).limit(1))
+
+
+def current_publication(session: Session, vehicle_id: UUID, camera: str, alias: str = CURRENT) -> Publication | None:
+    """The move by which an alias leads to a result now; None where it leads nowhere."""
+    newest = newest_publication(session, vehicle_id, camera, alias)
+    return newest if newest is not None and newest.result_id is not None else None
+
+
+def moves_of(vehicle_id: UUID, camera: str, alias: str) -> Select[Publication]:
+    """A query for an alias's moves, the newest first."""
+    of_alias = (Publication.vehicle_id == vehicle_id, Publication.camera == camera, Publication.alias == alias)
+    return select(Publication).where(*of_alias).order_by(Publication.number.desc())

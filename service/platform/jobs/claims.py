@@ -209,19 +209,22 @@ def finishing(
 def finish(
     database: Database,
     held: Claim,
-    write: Callable[[Session], None] | None = None,
+    write: Callable[[Session], object] | None = None,
     state: WorkState = WorkState.DONE,
     problem: Json | None = None,
 ) -> None:
     """End a job with what ``write`` puts into its last transaction; see :func:`finishing`.
 
-    A deadlock repeats the transaction and not the work, so ``write`` may be called several times.
+    What it returns is handed over to the kind's ``take``. A deadlock repeats the transaction and not the work, so
+    ``write`` may be called several times.
     """
 
     def once() -> None:
         with finishing(database, held, state, problem) as session:
-            if write:
-                write(session)
+            handed_over = write(session) if write else None
+            take = kind_of(held.kind).take
+            if take and handed_over is not None:
+                take(session, held.subject_id, handed_over)
 
     repeated(once)
 

@@ -1,13 +1,15 @@
 """Kinds of jobs. A resource says in its ``jobs.py`` what the end and the retry of its jobs mean.
 
-:mod:`service.job_kinds` registers them all; nothing here knows a resource.
+Nothing here knows a resource: one module, by name, registers the kinds of all when they are first looked up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from functools import cache
+from importlib import import_module
+from typing import Any, Final, Protocol, TypeVar
 from uuid import UUID
 
 from sqlalchemy import Select
@@ -56,8 +58,12 @@ class Kind:
     """The column in which subjects keep their job's id: such a job is not removed while its subject is there."""
     cancelled: Select[UUID] | None = None
     """Subjects that were cancelled and have not ended. The sweep cancels jobs that they got after that."""
+    take: Callable[[Session, UUID, Any], object] | None = None
+    """Goes on with what a worker hands over of a subject, in the transaction that ends its job as done."""
 
 
+# Imports every resource that has jobs.
+_REGISTRY: Final = "service.job_kinds"
 _KINDS: dict[str, Kind] = {}
 
 
@@ -70,9 +76,15 @@ def register(*kinds: Kind) -> None:
 
 def kind_of(name: str) -> Kind:
     """The kind of this name."""
-    return _KINDS[name]
+    return _registered()[name]
 
 
 def kinds() -> Collection[Kind]:
-    """All kinds that this process knows."""
-    return _KINDS.values()
+    """All kinds."""
+    return _registered().values()
+
+
+@cache
+def _registered() -> dict[str, Kind]:
+    import_module(_REGISTRY)
+    return _KINDS

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 from datetime import timedelta
+from uuid import UUID
 
 from sqlalchemy import and_, delete, exists, or_, select, update
 from sqlalchemy.orm import Session
@@ -16,7 +17,7 @@ from apexcal.documents.states import WorkState
 from service.platform.db.clock import now
 from service.platform.db.ids import new_id
 from service.platform.db.jobs import Job
-from service.platform.db.recordings import Blob, BlobHold
+from service.platform.db.recordings import Blob, BlobHold, PackedSweeps, Sensor
 from service.platform.storage.errors import ReservationEndedError
 
 # When an object that could not be removed is tried again: as after a store that was away for a moment, at last daily.
@@ -64,6 +65,15 @@ def keep(session: Session, key: str, *, size: int, sha256: str | None = None) ->
 def condemn(session: Session, keys: Iterable[str]) -> None:
     """Declare that nothing uses these objects any more; the sweep removes them."""
     session.execute(update(Blob).where(Blob.key.in_(list(keys))).values(state="condemned"))
+
+
+def sensor_keys(session: Session, recording_id: UUID) -> list[str]:
+    """The keys of a recording's sensors' files, and of its packed sweeps."""
+    packed = select(PackedSweeps.blob_key).join(Sensor, Sensor.id == PackedSweeps.sensor_id)
+    return [
+        *session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording_id)),
+        *session.scalars(packed.where(Sensor.recording_id == recording_id)),
+    ]
 
 
 def give_up(session: Session, key: str) -> None:

@@ -6,17 +6,17 @@ locks the fleet's row until the commit, so that many at once do not exceed the q
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 from uuid import UUID
 
-from sqlalchemy import func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import Select, func, select
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.fleets import Fleet
 from service.platform.db.recordings import Blob, PackedSweeps, Recording, Sensor, UploadPart
-from service.platform.db.reports import Report
 
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
 
@@ -56,9 +56,11 @@ def uses(session: Session, fleets: Iterable[Fleet], default: int) -> dict[UUID, 
     """What these fleets take and may take; ``default`` where a fleet has no quota of its own."""
     allowed = {fleet.id: fleet.quota_bytes for fleet in fleets}
     taken = dict.fromkeys(allowed, 0)
-    for owner, size in ((Recording.fleet_id, Recording.taken_bytes), (Report.fleet_id, Report.size)):
-        summed = select(owner, func.sum(size)).where(owner.in_(allowed)).group_by(owner)
-        for id, total in session.execute(summed):
+    of_recordings = select(Recording.fleet_id, func.sum(Recording.taken_bytes)).group_by(Recording.fleet_id)
+    # A recording's own bytes include the files of its analyses.
+    of_reports = _made(Analysis.fleet_id).where(Analysis.recording_id.is_(None)).group_by(Analysis.fleet_id)
+    for owner, statement in ((Recording.fleet_id, of_recordings), (Analysis.fleet_id, of_reports)):
+        for id, total in session.execute(statement.where(owner.in_(allowed))):
             taken[id] += int(total or 0)
     return {id: Use(taken[id], default if quota is None else quota) for id, quota in allowed.items()}
 
@@ -109,14 +111,30 @@ def counted(session: Session, recording: Recording, *, besides: int | None) -> i
     return recording.size + copied(session, recording.id) + sum(int(one or 0) for one in sums)
 
 
+@contextmanager
+def recounting(session: Session, recording_id: UUID | None, *, besides: int | None) -> Iterator[None]:
+    """Lock a recording, if there is one, before its files change, and count it afterwards."""
+    recording = recording_id and session.get(Recording, recording_id, with_for_update=True)
+    yield
+    if recording is not None:
+        session.flush()
+        recording.taken_bytes = counted(session, recording, besides=besides)
+
+
 def copied(session: Session, recording_id: UUID) -> int:
     """Bytes of the files that a recording's analyses made."""
-    copies = (
-        select(func.sum(Blob.size))
-        .join(AnalysisFile, AnalysisFile.blob_key == Blob.key)
+    of_recording = _made(Analysis.recording_id).where(Analysis.recording_id == recording_id)
+    return sum(int(total) for _, total in session.execute(of_recording.group_by(Analysis.recording_id)))
+
+
+def _made(owner: InstrumentedAttribute[Any]) -> Select[Any, Any]:
+    """Bytes of the files that analyses made, by their owner."""
+    return (
+        select(owner, func.sum(Blob.size))
+        .select_from(AnalysisFile)
+        .join(Blob, AnalysisFile.blob_key == Blob.key)
         .join(Analysis, Analysis.id == AnalysisFile.analysis_id)
     )
-    return int(session.scalar(copies.where(Analysis.recording_id == recording_id)) or 0)
 
 
 def coming(session: Session, recording: Recording) -> int:

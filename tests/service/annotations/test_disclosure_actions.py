@@ -1,8 +1,11 @@
 """Nobody is told another's mark before they may; who was told anything answers as a reviewer from then on."""
 
+from uuid import UUID
+
 import pytest
 from sqlalchemy import update
 
+from service.platform.db.analyses import Analysis
 from service.platform.db.annotations import Disclosure
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.ids import new_id
@@ -53,7 +56,8 @@ def everything_readable(person, seed, **ids):
         *(f"{detection}{end}" for end in ("", "/vertices", "/progress?camera=front", "/tally?camera=front")),
         f"{detection}/own-pairs?camera=front",
         *(f"{detection}/marks?camera=front", f"{detection}/marks?camera=front&limit=1"),
-        *(f"{recording}{end}" for end in ("", "/detections", "/analyses", "/cameras/front/frames")),
+        *(f"{recording}{end}" for end in ("", "/detections", "/cameras/front/frames")),
+        f"/analyses?recording_id={seed.recording_id}",
         *(f"{recording}/cameras/front/frames/{index}/mark" for index in range(2)),
         *(f"/vehicles/{seed.vehicle_id}/calibrations", f"/rigs/{seed.rig_id}/correspondence-sets"),
         *(f"/correspondence-sets/{ids['set']}", f"/calibrations/{ids['calibration']}", f"/results/{ids['result']}"),
@@ -168,7 +172,17 @@ def test_nothing_is_shown_of_a_vertex_that_waits_for_more_answers(api, fleet, se
     assert {name for name, _ in marks(two, seed)} == {"two"}
 
 
-@pytest.mark.parametrize("told_in", ["marks", "tally", "pairs", "build", "result", "calibration"])
+def validated(api, seed, set_id):
+    """A validation on pairs made of marks."""
+    of = {"fleet_id": seed.fleet_id, "vehicle_id": seed.vehicle_id, "set_id": UUID(str(set_id)), "state": "done"}
+    with api.database.writing() as session:
+        row = Analysis(**of, kind="pair_validation", asked={"camera": "front"}, result={}, single_pairs={"u": [1.0]})
+        session.add(row)
+        session.flush()
+        return row.id
+
+
+@pytest.mark.parametrize("told_in", ["marks", "tally", "pairs", "build", "result", "analysis", "calibration"])
 def test_who_looked_first_answers_as_a_reviewer_there_and_nowhere_else(api, fleet, seed, one, told_in):
     reply(one, ask(one, seed), mark=SECRET)
     ids = calibrated(api, fleet, seed)
@@ -179,6 +193,7 @@ def test_who_looked_first_answers_as_a_reviewer_there_and_nowhere_else(api, flee
         "tally": f"{detection}/tally?camera=front",
         "pairs": f"/correspondence-sets/{ids['set']}",
         "result": f"/results/{ids['result']}",
+        "analysis": f"/analyses/{validated(api, seed, ids['set'])}",
         "calibration": f"/calibrations/{ids['calibration']}",
     }
     for _ in range(2):
@@ -190,7 +205,7 @@ def test_who_looked_first_answers_as_a_reviewer_there_and_nowhere_else(api, flee
     with api.database.reading() as session:
         (kept,) = session.query(Disclosure).filter_by(person_id=engineer.person_id)
         assert (kept.sensor_id, kept.frame_index, kept.sweep_index, kept.corner) == (seed.camera_id, 0, 0, "top")
-        assert kept.told_in == ("pairs" if told_in == "build" else told_in)
+        assert kept.told_in == {"build": "pairs", "analysis": "result"}.get(told_in, told_in)
     task = ask(engineer, seed)
     assert task["vertex"]["id"] == str(seed.vertices[0])
     assert reply(engineer, task, mark=(5.0, 5.0)).json()["reviewed"] is True

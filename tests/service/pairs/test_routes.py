@@ -83,14 +83,14 @@ def test_pairs_state_the_deviation_of_the_clock_offset_that_they_were_made_with(
     with api.database.writing() as session:
         detection = session.get_one(Detection, seed.detection_id)
         detection.pairing = {**detection.pairing, "offset_ns": -30_200_000}
-        common = {"fleet_id": detection.fleet_id, "recording_id": seed.recording_id, "kind": "clock_offset"}
+        common = {"fleet_id": detection.fleet_id, "vehicle_id": seed.vehicle_id, "recording_id": seed.recording_id}
         for camera, offset_ns, sigma_ns in (
             ("front", -30_200_000, 1_100_000),
             ("rear", -30_200_000, 7),
             ("front", 5, 8),
         ):
-            found = {"offset_ns": offset_ns, "sigma_ns": sigma_ns}
-            session.add(Analysis(**common, asked={"camera": camera}, state=WorkState.DONE, result=found))
+            found = {"asked": {"camera": camera}, "result": {"offset_ns": offset_ns, "sigma_ns": sigma_ns}}
+            session.add(Analysis(**common, kind="clock_offset", state=WorkState.DONE, **found))
     made = build(engineer, seed).json()
     pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
     assert [pair["sigma_clock_ms"] for pair in pairs] == [1.1, 1.1]
@@ -108,8 +108,8 @@ def test_the_machine_counts_as_one_more_person_and_what_it_marked_alone_is_said(
         "reason": [None, None, "no_edge"],
     }  # fmt: skip
     with api.database.writing() as session:
-        of = {"fleet_id": fleet, "recording_id": seed.recording_id, "detection_id": seed.detection_id}
-        of |= {"kind": "machine_marks", "state": WorkState.DONE}
+        of = {"fleet_id": fleet, "vehicle_id": seed.vehicle_id, "recording_id": seed.recording_id}
+        of |= {"detection_id": seed.detection_id, "kind": "machine_marks", "state": WorkState.DONE}
         session.add(Analysis(**of, asked={"camera": "front"}, result={"marks": marks}))
         session.add(Analysis(**of, asked={"camera": "rear"}, result={"marks": marks | {"u": [1.0, 1.0, None]}}))
     assert build(engineer, seed).json()["count"] == 2

@@ -121,14 +121,14 @@ def test_the_transaction_that_ends_a_calibration_is_short(context):
         (job_id,) = session.scalars(select(Job.id))
     held = claim(context.database, job_id, "w")
     with Lease(context.database, held) as lease:
-        write = conclude(context, held, lease)
+        hand_over = conclude(context, held, lease)
+    take = kind_of("conclude").take
     with context.database.writing() as session, statements(context.database) as seen:
-        write(session)
+        take(session, calibration_id, hand_over(session))
         session.flush()
     # The calibration, locked; the results' checks; the vehicle, locked; the recommended result and its checks of now
     # (its origin, the current one, withdrawals, sensors); the end, and the fleet request.
     assert seen == ["SELECT", "UPDATE", *["SELECT"] * 6, "UPDATE", "UPDATE"]
-    assert calibration_id
 
 
 def test_a_model_of_which_nothing_was_held_out_is_not_judged(context, three_runs):

@@ -49,7 +49,7 @@ def recorded(api, fleet, context: Context, tmp_path):
 
 
 def ask(engineer, recording, **body):
-    return engineer.post(f"/recordings/{recording}/analyses", {"kind": "calibrated_copy"} | body)
+    return engineer.post("/analyses", {"kind": "calibrated_copy", "recording_id": str(recording)} | body)
 
 
 def taken(api, recording) -> tuple[int, int]:
@@ -87,8 +87,6 @@ def test_the_copy_holds_the_published_calibration(api, engineer, recorded, conte
     assert poses["mount"].quaternion_xyzw == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-12)
     assert poses["velodyne"].translation_m == LIDAR[2] and poses["camera"].translation_m == OPTICAL[2]
     assert taken(api, recorded)[0] == taken(api, recorded)[1]
-    (listed,) = engineer.get(f"/recordings/{recorded}/analyses", params={"kind": "calibrated_copy"}).json()["items"]
-    assert listed["id"] == asked.json()["id"]
 
 
 def test_a_named_joint_and_what_cannot_be_asked(api, engineer, recorded):

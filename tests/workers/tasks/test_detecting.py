@@ -9,6 +9,7 @@ from sqlalchemy import select
 from apexcal.documents.detections import DetectionCounts
 from service.platform.db.models import Analysis, Apex, Detection, Job, Vertex, VertexFrame
 from service.platform.jobs.claims import claim, finishing
+from service.platform.jobs.claims import finish as end_job
 from service.platform.jobs.queue import enqueue_all
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.platform.jobs.support import make_fleet
@@ -59,8 +60,7 @@ def finish(database, run, job_id, detections, pairs, *, wait=None):
     assert held
     if wait:
         wait()
-    with finishing(database, held) as session:
-        detecting.writing(run, detections, pairs)(session)
+    end_job(database, held, detecting.writing(run, detections, pairs))
 
 
 def test_a_run_with_a_failed_shard_stays_failed_when_the_others_finish(database, recording):

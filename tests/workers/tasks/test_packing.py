@@ -68,7 +68,7 @@ def test_packing_again_changes_nothing(context, database, tmp_path):
     recording_id = ingested(context, database, tmp_path)
     with database.writing() as session:
         before = session.scalars(select(PackedSweeps.blob_key)).one()
-        queue_packing(session, session.get_one(Recording, recording_id))
+        queue_packing(session, recording_id, session.get_one(Recording, recording_id))
     work(context)
     first, second = analyses(database)
     assert second.state == "done" and second.result == first.result
@@ -83,7 +83,7 @@ def test_a_fleet_without_room_keeps_its_recording_and_hears_why(context, databas
             fleet.quota_bytes = recording.taken_bytes
         take(session, recording, size, default)
 
-    monkeypatch.setattr("workers.tasks.packing.take", full)
+    monkeypatch.setattr("workers.tasks.analysis_files.take", full)
     recording_id = ingested(context, database, tmp_path)
     (analysis,) = analyses(database)
     assert (analysis.state, analysis.problem["code"]) == ("failed", "fleet_quota_exceeded")

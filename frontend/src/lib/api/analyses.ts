@@ -1,58 +1,58 @@
-/** Analyses of a recording: each is asked for, and read until it has ended. */
+/** Analyses: each is asked for, and read until it has ended. */
 
 import { bodyOf, client, once } from "./http.ts";
-import { readAll, type Read } from "./reads.ts";
-import { isUnderWay, type Analysis, type AnalysisRequest } from "./types.ts";
+import { read, readAll, type Read } from "./reads.ts";
+import { isUnderWay, type Analysis, type AnalysisPage, type AnalysisRequest } from "./types.ts";
 
 const POLL_MS = 400;
 
 type Kind = Analysis["kind"];
 type AnalysisOf<K extends Kind> = Extract<Analysis, { kind: K }>;
+/** What analyses are of. */
+type Subject = { recording_id: string } | { result_id: string };
 
-export const ask = (recording_id: string, body: AnalysisRequest): Promise<Analysis> =>
-  bodyOf(
-    client.POST("/v1/recordings/{recording_id}/analyses", { params: { path: { recording_id } }, body, ...once() }),
-  );
+export const ask = (body: AnalysisRequest): Promise<Analysis> =>
+  bodyOf(client.POST("/v1/analyses", { body, ...once() }));
 
 /** Asks, reads until the analysis has ended, and tells of each reading. */
 export async function analyse<K extends Kind>(
-  recording_id: string,
   body: AnalysisRequest & { kind: K },
   tell: (analysis: AnalysisOf<K>) => void,
 ): Promise<AnalysisOf<K>> {
-  // The service answers the kind that was asked for.
-  const asked = (await ask(recording_id, body)) as AnalysisOf<K>;
-  const again = async (analysis_id: string): Promise<AnalysisOf<K>> =>
-    (await bodyOf(client.GET("/v1/analyses/{analysis_id}", { params: { path: { analysis_id } } }))) as AnalysisOf<K>;
-  return untilEnded<AnalysisOf<K>>(asked, again, tell);
-}
-
-/** Reads work until it has ended, and tells of each reading. */
-export async function untilEnded<S extends { id: string; state: string }>(
-  asked: S,
-  read: (id: string) => Promise<S>,
-  tell: (work: S) => void,
-): Promise<S> {
-  for (let work = asked; ; work = await read(work.id)) {
-    tell(work);
-    if (!isUnderWay(work)) return work;
+  for (let work = await ask(body); ;) {
+    // The service answers the kind that was asked for.
+    tell(work as AnalysisOf<K>);
+    if (!isUnderWay(work)) return work as AnalysisOf<K>;
     await new Promise((resolve) => setTimeout(resolve, POLL_MS));
+    work = await bodyOf(client.GET("/v1/analyses/{analysis_id}", { params: { path: { analysis_id: work.id } } }));
   }
 }
 
-/** Those of a recording that are of one kind, the newest first. */
-export const analyses = <K extends Kind>(
-  recording_id: string | undefined,
-  kind: K,
-  most = 1000,
-): Read<AnalysisOf<K>[]> =>
+/** Those of a subject that are of one kind, the newest first. */
+export const analyses = <K extends Kind>(subject: Subject, kind: K, most = 1000): Read<AnalysisOf<K>[]> =>
   readAll(
-    "/v1/recordings/{recording_id}/analyses",
-    { recording_id },
-    { kind },
+    "/v1/analyses",
+    undefined,
+    { ...subject, kind: [kind] },
     (found) => found.some(isUnderWay),
     most,
   ) as unknown as Read<AnalysisOf<K>[]>;
+
+export const VALIDATIONS_PER_PAGE = 10;
+
+/** The validations of a vehicle, the newest first. */
+export const validations = (vehicle_id: string, after: string | undefined): Read<AnalysisPage> =>
+  read(
+    "/v1/analyses",
+    undefined,
+    {
+      vehicle_id,
+      kind: ["pair_validation", "lane_validation", "edge_validation"],
+      after,
+      limit: VALIDATIONS_PER_PAGE,
+    },
+    (page) => page.items.some(isUnderWay),
+  );
 
 export const deleteAnalysis = (analysis_id: string): Promise<unknown> =>
   client.DELETE("/v1/analyses/{analysis_id}", { params: { path: { analysis_id } } });

@@ -8,9 +8,9 @@ import {
   type CalibrationRequest,
   type CorrespondenceSet,
   type CurrentCalibration,
+  type Drift,
   type Publication,
   type ReadFiles,
-  type Report,
   type Result,
   type ResultComparison,
   type StatedComparison,
@@ -54,14 +54,10 @@ export const result = (result_id: string): Read<Result> => read("/v1/results/{re
 export const comparison = (result_id: string, other: string): Read<ResultComparison> =>
   read("/v1/results/{result_id}/comparison", { result_id: other ? result_id : "" }, { other });
 
-/** Has the report of a result made; it is followed with `report`. */
-export const makeReport = (result_id: string): Promise<Report> =>
-  bodyOf(client.POST("/v1/results/{result_id}/report", { params: { path: { result_id } }, ...once() }));
+export const DRIFT_PER_PAGE = 20;
 
-export const report = (report_id: string): Promise<Report> =>
-  bodyOf(client.GET("/v1/reports/{report_id}", { params: { path: { report_id } } }));
-
-export const reportUrl = (id: string): string => `/v1/results/${id}/report`;
+export const drift = (vehicle_id: string, camera: string, after: string | undefined): Read<Drift> =>
+  read("/v1/vehicles/{vehicle_id}/drift", { vehicle_id }, { camera, after, limit: DRIFT_PER_PAGE });
 
 /** Asks for a result's calibration again, without those of its pairs that have these numbers. */
 export async function calibrateWithout(found: Result, pairs: number[]): Promise<{ id: string }> {

@@ -45,7 +45,6 @@ export type SweepPlace = Schemas["SweepView"];
 export type FramePlace = Schemas["FrameView"];
 export type BlobAddress = Schemas["BlobAddress"];
 
-export type Validations = Schemas["Page_ValidationView_"];
 export type RoadScore = Schemas["RoadScore"];
 export type OffsetCurve = Schemas["OffsetCurve"];
 
@@ -66,9 +65,9 @@ export type Detection = Schemas["DetectionView"];
 export type PairingMode = NonNullable<Schemas["Pairing"]["mode"]>;
 export type Vertex = Schemas["VertexSummary"];
 export type VertexDetails = Schemas["VertexView"];
-export type Analysis = Schemas["AnalysisPage"]["items"][number];
-export type AnalysisRequest =
-  paths["/v1/recordings/{recording_id}/analyses"]["post"]["requestBody"]["content"]["application/json"];
+export type AnalysisPage = Schemas["AnalysisPage"];
+export type Analysis = AnalysisPage["items"][number];
+export type AnalysisRequest = paths["/v1/analyses"]["post"]["requestBody"]["content"]["application/json"];
 export type RegionPreview = Schemas["PreviewView"];
 export type RegionCounts = Schemas["RegionPreview"];
 export type RegionSuggestion = Schemas["SuggestionView"];
@@ -96,7 +95,6 @@ export type CameraPair = Schemas["CameraPair"];
 export type RigConsistency = Schemas["RigSummary"];
 export type Result = Schemas["ResultView"];
 export type Outlier = Schemas["Outlier"];
-export type Report = Schemas["ReportView"];
 export type Publication = Schemas["PublicationView"];
 export type StatedFiles = Schemas["CalibrationFiles"];
 export type ReadFiles = Schemas["ReadFiles"];

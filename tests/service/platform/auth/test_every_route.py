@@ -25,11 +25,9 @@ from service.platform.db.models import (
     Person,
     Publication,
     Recording,
-    Report,
     Result,
     Rig,
     Sensor,
-    Validation,
     Vehicle,
     Vertex,
 )
@@ -49,6 +47,7 @@ OF_ANYBODY = {
     ("post", "/v1/fleets"),
     ("get", "/v1/recordings"),
     ("get", "/v1/jobs"),
+    ("get", "/v1/analyses"),
     ("get", "/v1/workers"),
     ("get", "/v1/export-formats"),
     ("get", "/v1/calibration"),
@@ -62,9 +61,8 @@ BODIES = {
     "/detections/{detection_id}/correspondence-sets": {"camera": "front"},
     "/rigs/{rig_id}/correspondence-sets": {"pairs": [{"x": 1.0, "y": 0.0, "z": 0.0, "u": 10.0, "v": 10.0}]},
     "/detections": {"region": {"quantity": "x", "op": ">", "value": 0}},
-    "/analyses": {"kind": "suggestion"},
+    "/analyses": {"kind": "suggestion", "recording_id": WORTHLESS},
     "/fleet-requests": {"vehicles": {}},
-    "/validations": {"kind": "pairs", "camera": "front", "set_id": WORTHLESS},
     "/address": {"size": 1, "sha256": "0" * 64},
     "/calibration-files/reading": {"files": {"calib.txt": "P0: 1 0 0 0 0 1 0 0 0 0 1 0"}, "image_size": [64, 64]},
     "/recordings/{recording_id}/rig-drafts": {
@@ -153,14 +151,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         content_hash="0",
         state="done",
     )
-    preview = Analysis(
-        id=new_id(), **owned, kind="preview", asked={"region": {"quantity": "x", "op": ">", "value": 0.0}}
-    )
-    suggestion = Analysis(id=new_id(), **owned, kind="suggestion", asked={})
-    offset = Analysis(id=new_id(), **owned, kind="clock_offset", detection_id=detection.id)
-    offset.asked = {"camera": "front", "marks": {"stamp_ns": [], "u": [], "v": []}}
-    packing = Analysis(id=new_id(), **owned, kind="packing", asked={})
-    copy = Analysis(id=new_id(), **owned, kind="calibrated_copy", asked={"results": {}, "poses": []})
+    analysis = Analysis(id=new_id(), **owned, vehicle_id=rig.vehicle_id, kind="suggestion", asked={})
     apex = Apex(id=new_id(), recording_id=recording.id, sweep_index=0, x=1, y=0, z=0)
     vertex = Vertex(
         id=new_id(), detection_id=detection.id, apex_id=apex.id, rank=0, sweep_index=0, time_ns=0, x=1, y=0, z=0
@@ -180,7 +171,6 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     run.model, run.farm, run.slots, run.bundle, run.problem = "pinhole", "runs", 1, 1, {"seed": 1}
     result = Result(id=new_id(), fleet_id=rig.fleet_id, calibration_id=calibration.id, run_id=run.id, camera="front")
     result.model, result.fold, result.document = "pinhole", -1, DOCUMENT
-    report = Report(id=new_id(), fleet_id=rig.fleet_id, result_id=result.id, state="done")
     person = session.scalars(select(Person)).first()
     token = ApiToken(id=new_id(), secret_hash="0", name="t", person_id=person.id, fleet_id=rig.fleet_id)
     task = MarkingTask(
@@ -200,44 +190,33 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         id=new_id(), fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, camera="front", alias="current", number=1
     )
     publication.result_id = publication.led_to = result.id
-    validation = Validation(
-        id=new_id(), fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, kind="pairs", camera="front", set_id=pairs.id
-    )
     own = (
         detection,
-        preview,
-        suggestion,
-        offset,
-        packing,
-        copy,
+        analysis,
         apex,
         vertex,
         pairs,
         calibration,
         run,
         result,
-        report,
         publication,
         token,
         task,
-        validation,
     )
     for row in (*own, request):
         session.add(row)
         session.flush()
     return {
         "detections": detection.id,
-        "analyses": copy.id,
+        "analyses": analysis.id,
         "vertices": vertex.id,
         "correspondence-sets": pairs.id,
         "calibrations": calibration.id,
         "results": result.id,
-        "reports": report.id,
         "publications": publication.id,
         "tokens": token.id,
         "tasks": task.id,
         "fleet-requests": request.id,
-        "validations": validation.id,
     }
 
 
@@ -323,7 +302,7 @@ def test_another_fleets_rows_do_not_exist(api: Api) -> None:
         assert answer.status_code == 404, (method, path, answer.text)
         strange = send(api, outsider, method, path, operation, NOWHERE)
         assert strange.status_code == 404 and strange.json() == answer.json(), (method, path)
-    for path in ("/recordings", "/jobs", "/fleets"):
+    for path in ("/recordings", "/jobs", "/analyses", "/fleets"):
         assert theirs.hex not in outsider.get(path).text.replace("-", "")
         if path != "/fleets":
             assert outsider.get(path, params={"fleet_id": str(theirs)}).json()["items"] == []

@@ -21,6 +21,7 @@ from service.platform.auth.access import Access, Identity
 from service.platform.auth.retention import remove_ended
 from service.platform.db.clock import utc_now
 from service.platform.db.models import Detection, Person, Sensor, Vehicle
+from service.platform.db.publications import current_publication
 from service.platform.db.session import Database
 from service.platform.http.pages import Window
 from service.platform.job_status.routes import get_jobs
@@ -28,7 +29,6 @@ from service.platform.jobs.retention import forget_jobs
 from service.platform.jobs.sweep import sweep
 from service.platform.storage.store import Store
 from service.publications.camera_queries import published_cameras
-from service.publications.queries import current_publication
 from service.publications.selection import Selection
 from service.publications.state_queries import state_of_vehicle
 from service.recordings.retention import delete_overdue

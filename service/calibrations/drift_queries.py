@@ -9,12 +9,11 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, and_, func, or_, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.comparisons import ResultDifference
+from apexcal.documents.comparisons import Drift, DriftStep, ResultDifference
 from apexcal.documents.publications import PublicationView
 from apexcal.documents.results import ComparedResult
 from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import BetweenModels, Summary
-from apexcal.documents.validations import Drift, DriftStep
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.publications import Publication

@@ -1,4 +1,4 @@
-"""Validations and drift over HTTP, on both databases."""
+"""How results of a camera differ, two of them and over time, over HTTP and on both databases."""
 
 import re
 from contextlib import contextmanager
@@ -9,24 +9,15 @@ from uuid import UUID
 import pytest
 from sqlalchemy import event
 
-from apexcal.documents.validations import SINGLE_PAIRS
 from apexcal.geometry.se3 import from_document, to_document
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.platform.db.jobs import Job
-from service.platform.db.validations import Validation
-from tests.service.detections.seeding import LEVEL, seed_recording, seed_rig
+from tests.service.detections.seeding import LEVEL
 from tests.support.databases import one_database
 from tests.support.results import fit_result, model_summary, summary
 
 pytestmark = pytest.mark.usefixtures("broker")
 
-PAIRS = [{"x": 9.0, "y": 0.1 * i, "z": 0.2, "u": 300.0 + i, "v": 200.0, "group": i // 4} for i in range(12)]
-NO_FOCUS = {"f_x": 0, "f_y": 400, "c_x": 320, "c_y": 240}
 LENS = {"model": "pinhole", "parameters": {"f_x": 400, "f_y": 400, "c_x": 320, "c_y": 240}, "image_size": [640, 480]}
-GIVEN = {"lens": LENS, "transform": LEVEL}
-SCORE = {"verdict": "agrees", "sentence": "It holds.", "pairs": 1, "forbidden": 0, "wrong": 0, "mean_px": 1.0}
-SCORE |= {"rms_px": 1.0, "median_px": 1.0, "max_px": 1.0, "u": [1.0], "v": [2.0], "residual_u": [0.5]}
-SCORE |= {"residual_v": [None], "is_wrong": [False]}
 
 
 @contextmanager
@@ -40,82 +31,6 @@ def sql(database):
     event.listen(database.engine, "before_cursor_execute", note)
     yield sent
     event.remove(database.engine, "before_cursor_execute", note)
-
-
-def brought(engineer, rig):
-    return engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": PAIRS}, params={"camera": "front"}).json()
-
-
-def test_a_given_calibration_is_scored_on_any_set_of_the_camera(api, engineer, rig):
-    made = brought(engineer, rig)
-    path, body = f"/vehicles/{rig.vehicle_id}/validations", {"kind": "pairs", "camera": "front", "set_id": made["id"]}
-    nothing = engineer.post(path, body)
-    assert (nothing.status_code, nothing.json()["code"]) == (404, "no_calibration")
-    asked = engineer.post(path, body | {"calibration": GIVEN})
-    assert asked.status_code == 202, asked.text
-    said = asked.json()
-    assert (said["job"]["kind"], said["state"], said["result"]) == ("score_pairs", "queued", None)
-    with api.database.writing() as session:
-        row = session.query(Validation).one()
-        assert session.query(Job).one().subject_id == row.id
-        assert row.asked["calibration"]["intrinsics"]["f_x"] == 400
-        row.state, row.result = "done", {name: value for name, value in SCORE.items() if name not in SINGLE_PAIRS}
-        row.single_pairs = {name: SCORE[name] for name in SINGLE_PAIRS}
-    read = engineer.get(f"/validations/{said['id']}").json()
-    assert (read["state"], read["result"]) == ("done", SCORE)
-    with sql(api.database) as sent:
-        (listed,) = engineer.get(path).json()["items"]
-    assert (listed["result"]["mean_px"], listed["result"]["u"]) == (1.0, [])
-    assert not any("single_pairs" in one or "asked" in one for one in sent)
-
-
-def test_single_pairs_of_marks_are_for_reviewers(api, fleet, engineer, rig):
-    made = brought(engineer, rig)
-    body = {"kind": "pairs", "camera": "front", "set_id": made["id"], "calibration": GIVEN}
-    said = engineer.post(f"/vehicles/{rig.vehicle_id}/validations", body).json()
-    with api.database.writing() as session:
-        row = session.query(Validation).one()
-        row.result, row.single_pairs = SCORE, {name: SCORE[name] for name in SINGLE_PAIRS}
-        session.query(CorrespondenceSet).one().source = "annotations"
-    annotator = api.member(fleet, "annotator")
-    assert annotator.get(f"/validations/{said['id']}").json()["result"]["residual_u"] == []
-    assert engineer.get(f"/validations/{said['id']}").json()["result"]["residual_u"] == [0.5]
-    assert annotator.post(f"/vehicles/{rig.vehicle_id}/validations", body).status_code == 403
-
-
-def test_a_deleted_recording_ends_the_scores_of_its_pairs(api, engineer, rig):
-    made = brought(engineer, rig)
-    recording, _ = seed_recording(api.database, rig, 3)
-    body = {"kind": "pairs", "camera": "front", "set_id": made["id"], "calibration": GIVEN}
-    with api.database.writing() as session:
-        session.query(CorrespondenceSet).one().recording_id = recording
-    said = engineer.post(f"/vehicles/{rig.vehicle_id}/validations", body).json()
-    assert engineer.delete(f"/recordings/{recording}").status_code == 204
-    assert engineer.get(f"/validations/{said['id']}").status_code == 404
-    with api.database.reading() as session:
-        assert session.query(Job).filter(Job.kind == "score_pairs").one().state == "cancelled"
-
-
-def test_what_does_not_belong_together_is_refused(api, fleet, engineer, rig):
-    made, other = brought(engineer, rig), seed_rig(api.database, api.fleet())
-    recording, _ = seed_recording(api.database, rig, 3)
-    path = f"/vehicles/{rig.vehicle_id}/validations"
-    pairs = {"kind": "pairs", "camera": "front", "set_id": made["id"], "calibration": GIVEN}
-    lanes = {"kind": "lanes", "camera": "front", "recording_id": str(recording), "calibration": GIVEN}
-    assert engineer.post(path, lanes).json()["job"]["kind"] == "check_lanes"
-    assert engineer.post(path, lanes | {"kind": "edges"}).json()["job"]["kind"] == "check_edges"
-    for body, status, code in (
-        (pairs | {"camera": "rear"}, 422, "set_of_another_camera"),
-        (lanes | {"camera": "rear"}, 404, "unknown_camera"),
-        (lanes | {"kind": "pairs"}, 422, "invalid_request"),
-        (pairs | {"kind": "edges"}, 422, "invalid_request"),
-        (pairs | {"calibration": GIVEN | {"lens": LENS | {"parameters": {"f_x": 1}}}}, 422, "invalid_request"),
-        (pairs | {"calibration": GIVEN | {"lens": LENS | {"parameters": NO_FOCUS}}}, 422, "invalid_request"),
-    ):
-        answer = engineer.post(path, body)
-        assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
-    elsewhere = engineer.post(f"/vehicles/{other.vehicle_id}/validations", pairs)
-    assert elsewhere.status_code == 404
 
 
 def seed_results(api, rig, mounts, changes=()):

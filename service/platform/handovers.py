@@ -1,0 +1,43 @@
+"""What a worker hands over when it ends a job, so that the kind's ``take`` goes on with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+from uuid import UUID
+
+from apexcal.documents.summaries import Summary
+from service.platform.db.base import Json
+from service.platform.db.calibrations import Slot
+
+
+class SlotBundle(NamedTuple):
+    """Slots of a run's iteration, which are written.
+
+    ``narrow`` gets the run's schedule and all slots of the iteration. It returns the schedule after it, and whether
+    the search stops.
+    """
+
+    narrow: Callable[[Json | None, Sequence[Slot]], tuple[Json, bool]]
+
+
+class RunEnd(NamedTuple):
+    """The end of a run whose result is written. ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``.
+
+    ``schedule``: the state of the narrowing and the number of iterations, if they are not on record yet.
+    """
+
+    run: Any
+    schedule: tuple[Json, int] | None
+
+
+class Conclusion(NamedTuple):
+    """A calibration's summary, and the columns of its judged results with their ids.
+
+    ``current``: by camera, the vehicle's current result that these were judged beside. ``problem``: of a failed run.
+    """
+
+    summary: Summary
+    judged: Sequence[Json]
+    current: Mapping[str, UUID | None]
+    problem: Json | None

@@ -1,0 +1,62 @@
+"""The end of a calibration: checks and summary stored, and what passes published, if that was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from uuid import UUID
+
+from sqlalchemy import update
+from sqlalchemy.orm import Session
+
+from apexcal.documents.checks import verdict_of
+from apexcal.documents.states import WorkState
+from apexcal.documents.summaries import CameraSummary
+from service.calibration_runs.conclusion import end_calibration
+from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.publications import current_publication
+from service.platform.handovers import Conclusion
+from service.platform.jobs.claims import StaleInputError
+from service.publications.actions import hold_publications, publish_by_itself
+from service.publications.check_queries import failing, judged_now
+
+
+def publish_conclusion(session: Session, calibration_id: UUID, conclusion: Conclusion) -> None:
+    """Store what a worker concluded of a calibration, publish what passes, and end the calibration.
+
+    Raises :class:`StaleInputError` if results that shall be published were judged beside others than are current.
+    """
+    calibration = session.get_one(Calibration, calibration_id, with_for_update=True)
+    session.execute(update(Result), list(conclusion.judged))
+    # The calibration's row before the vehicle's: the order of all locks.
+    session.flush()
+    hold_publications(session, calibration.vehicle_id)
+    if calibration.publish == "recommended":
+        _check_unchanged(session, calibration.vehicle_id, conclusion.current)
+    # The limits of a policy are of the summary too: of the one in memory, which is written once at the end.
+    calibration.summary = conclusion.summary.model_dump(mode="json")
+    with session.no_autoflush:
+        for summary in conclusion.summary.cameras.values():
+            _publish(session, calibration, summary)
+    summary = conclusion.summary.model_dump(mode="json")
+    end_calibration(session, calibration, WorkState.DONE, conclusion.problem, summary)
+
+
+def _check_unchanged(session: Session, vehicle_id: UUID, judged_beside: Mapping[str, UUID | None]) -> None:
+    for camera, before in judged_beside.items():
+        publication = current_publication(session, vehicle_id, camera)
+        if (publication and publication.result_id) != before:
+            raise StaleInputError
+
+
+def _publish(session: Session, calibration: Calibration, summary: CameraSummary) -> None:
+    """Add the checks of a camera's recommended result now; publish it, if that was asked and its policy does so."""
+    chosen = summary.models.get(summary.recommended or "")
+    is_asked = calibration.publish == "recommended"
+    summary.published = False if is_asked else None
+    if chosen is None:
+        return
+    result = session.get_one(Result, chosen.result_id, populate_existing=True)
+    summary.checks, policy = judged_now(session, result)
+    if is_asked and policy.publishes(verdict_of(summary.checks, "mount_with_lens")):
+        publish_by_itself(session, calibration, result, [one.sentence for one in failing(summary.checks)])
+        summary.published = True

@@ -1,1 +1,0 @@
-"""Reports of results: a worker makes each as one HTML file."""

@@ -1,1 +1,0 @@
-"""Validations: calibrations tested on other pairs and drives, and a camera's results over time."""
