@@ -118,13 +118,15 @@ def measure(
         child = start(list(plans.api(folder, environment, "127.0.0.1", port).command), folder.logs / "api.log",
                       env=environment)  # fmt: skip
         try:
-            wait_until(lambda: _answers(port), "the start of the API", 120)
+            wait_until(lambda: _answers(child, port), "the start of the API", 120)
             # Not before: an API does not begin with rows whose recordings are nowhere.
             ours, other = _fleets(database)
             rows = seed_marking(database, ours, vertices=vertices, marks_per_vertex=_MARKS)
             tokens = _people(database, rows.fleet_id, annotators)
             readers = _people(database, rows.fleet_id, 1 + pages // _PAGES_OF_A_PERSON)
             (bystander,) = _people(database, other, 1)
+            if _asked(port, "/v1/me", bystander) != 200:
+                raise RuntimeError(f"Another program answers at port {port}.")
             plan = {
                 "port": port, "detection": str(rows.detection_id), "fleet": str(rows.fleet_id), "seconds": seconds,
                 "annotators": tokens, "pages": [readers[i % len(readers)] for i in range(pages)],
@@ -162,11 +164,17 @@ def measure(
                 postgres.close()
 
 
-def _answers(port: int) -> bool:
+def _answers(child: subprocess.Popen[bytes], port: int) -> bool:
+    assert child.poll() is None, "the API ended"
+    return _asked(port, "/healthz") == 200
+
+
+def _asked(port: int, path: str, token: str = "") -> int:
+    """The status of an answer; 0 where nobody listens."""
     try:
-        return httpx.get(f"http://127.0.0.1:{port}/healthz").status_code == 200
+        return httpx.get(f"http://127.0.0.1:{port}{path}", headers={"Authorization": f"Bearer {token}"}).status_code
     except httpx.TransportError:
-        return False
+        return 0
 
 
 def _percentiles(ms: list[float]) -> dict[str, float]:

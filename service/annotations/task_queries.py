@@ -17,13 +17,15 @@ from service.platform.db.base import Json
 from service.platform.db.detections import Apex, Vertex, VertexFrame
 from service.platform.db.upserts import put
 
-# The next open vertex is mostly within so many ranks; stretches that others have answered may be longer.
-_NEAR = 150
 # The frontier is written when it has moved so far; until then the search passes the vertices in between again.
-_STEP = 50
+_STEP = 30
+# The next open vertex is mostly within so many ranks of it: of 100 people with 3 vertices each the others hold 100 if
+# 3 marks are wanted, and answer 33 between two of one's own. Stretches that others have answered may be longer.
+_NEAR = 200
 
 _CAMERA, _PERSON = bindparam("camera", type_=Uuid()), bindparam("person", type_=Uuid())
 _WANTED = bindparam("wanted", type_=Integer())
+_LEASE = leases_of_others(_CAMERA, _PERSON)
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ class Seeker:
             if len(rows) < count:
                 names = self.names | {"tried": [*tried], "count": count - len(rows)}
                 rows += self.session.connection().execute(_new(is_near=is_near, wait=wait), names)
-        if rows and rows[0].rank - rows[0].frontier >= _STEP:
+        # Some in between are leased, the others closed by answers.
+        if rows and rows[0].rank - rows[0].frontier - rows[0].leased >= _STEP:
             self._advance(rows[0].frontier, rows[0].rank)
         if len(rows) < count:
             names = self.names | {"tried": [*tried, *self.passed], "count": count - len(rows)}
@@ -106,7 +109,8 @@ def _new(*, is_near: bool, wait: bool) -> Select[Any, Any, Any]:
     ranks = (Vertex.rank >= begin, Vertex.rank < begin + _NEAR) if is_near else (Vertex.rank >= begin + _NEAR,)
     # The corners of a sweep have its rank, so they come one after the other: top, right, left, bottom.
     new = _open().where(_had_no_task(), *ranks).order_by(Vertex.rank, Vertex.corner.desc())
-    return _locking(new.add_columns(begin.label("frontier")), wait=wait)
+    leased = select(func.count()).select_from(_LEASE).scalar_subquery()
+    return _locking(new.add_columns(begin.label("frontier"), leased.label("leased")), wait=wait)
 
 
 @cache
@@ -131,9 +135,8 @@ def _still_open() -> Select[Any, Any]:
 @cache
 def _open() -> Select[Any, Any]:
     """Id and rank of the vertices that take an answer of this person, and that others do not hold."""
-    lease = leases_of_others(_CAMERA, _PERSON)
-    rows = _paired(Vertex.id, Vertex.rank).outerjoin(lease, lease.c.apex_id == Vertex.apex_id)
-    return rows.where(answers_closing(_PERSON, _WANTED) + func.coalesce(lease.c.people, 0) < _WANTED)
+    rows = _paired(Vertex.id, Vertex.rank).outerjoin(_LEASE, _LEASE.c.apex_id == Vertex.apex_id)
+    return rows.where(answers_closing(_PERSON, _WANTED) + func.coalesce(_LEASE.c.people, 0) < _WANTED)
 
 
 @cache
