@@ -33,6 +33,8 @@ from benchmarks.judge.judging import Outcome, numbered  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
 IN_TABLE: Final = 60
+NAMED: Final = 0.05
+"""A case is named beside a check that finds this share of its draws."""
 
 
 def main() -> None:
@@ -106,7 +108,7 @@ def checks_table(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> st
     rows = [f"| Check | Accuses, of {len(sound)} sound | Finds |", "|---|---|---|"]
     for name in sorted({name for outcomes in draws.values() for one in outcomes for name in one.failed}):
         shares = {case.name: float(np.mean([name in one.failed for one in draws[case]])) for case in faults}
-        named = sorted((case for case in shares if shares[case] >= 0.005), key=lambda case: -shares[case])
+        named = sorted((case for case in shares if shares[case] >= NAMED), key=lambda case: -shares[case])
         rest = "; ".join(f"{case} {shares[case]:.2f}" for case in named)
         rows.append(f"| `{name}` | {sum(name in one.failed for one in sound)} | {rest} |")
     return "\n".join(rows)
