@@ -19,7 +19,7 @@ def read_archive(content: bytes) -> dict[str, bytes]:
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            names, size = archive.namelist(), sum(one.file_size for one in archive.infolist())
+            names, size = archive.namelist(), sum(entry.file_size for entry in archive.infolist())
             folders = {name[:end] for name in names for end in range(len(name)) if name[end] == "/"}
             odd = [name for name in names if not _PLAIN.fullmatch(name) or name in folders or names.count(name) > 1]
             if odd or not names:

@@ -185,7 +185,7 @@ def _address(work: Any) -> tuple[str, type[BaseModel], str]:
     if isinstance(work, AnalysisView):
         # Each kind has its own view, whose `kind` says what it is.
         return at("analyses", work.id), type(work), f"the {getattr(work, 'kind', 'analysis').replace('_', ' ')}"
-    for known, (segment, kind, words) in _FOLLOWED.items():
-        if isinstance(work, known):
+    for ending, (segment, kind, words) in _FOLLOWED.items():
+        if isinstance(work, ending):
             return at(segment, work.id), kind, words.format(work)
     raise ValueError(f"nothing to wait for: {type(work).__name__}")

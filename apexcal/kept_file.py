@@ -29,29 +29,29 @@ class KeptFile:
         self.path = path
         self._note = path.with_name(f".{path.name}.pulled")
 
-    def etag(self, asked: str) -> str | None:
+    def etag(self, question: str) -> str | None:
         """What the service called the content that lies there; None where that is unknown, or was asked otherwise."""
         note = self._read_note()
-        return note["etag"] if note is not None and note["asked"] == asked else None
+        return note["etag"] if note is not None and note["asked"] == question else None
 
     def is_whole(self) -> bool:
         """Whether the file is what was pulled last."""
         return self._read_note() is not None
 
-    def replace(self, content: bytes, etag: str, asked: str) -> None:
+    def replace(self, content: bytes, etag: str, question: str) -> None:
         """Raises OSError, and then the file is what it was."""
         self._clear()
-        coming = {"etag": etag, "asked": asked, "sha256": sha256(content).hexdigest()}
-        known = [one for one in (self._read_note(), coming) if one is not None]
-        self._put(self._note, json.dumps(known).encode())
+        coming = {"etag": etag, "asked": question, "sha256": sha256(content).hexdigest()}
+        notes = [note for note in (self._read_note(), coming) if note is not None]
+        self._put(self._note, json.dumps(notes).encode())
         self._put(self.path, content)
 
     def _read_note(self) -> dict[str, str] | None:
         """What is known of the file that lies there."""
         try:
             digest = sha256(self.path.read_bytes()).hexdigest()
-            known = [one for one in json.loads(self._note.read_bytes()) if one["sha256"] == digest]
-            return {name: str(known[-1][name]) for name in ("etag", "asked", "sha256")} if known else None
+            notes = [note for note in json.loads(self._note.read_bytes()) if note["sha256"] == digest]
+            return {name: str(notes[-1][name]) for name in ("etag", "asked", "sha256")} if notes else None
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
@@ -112,7 +112,7 @@ def replace_folder(link: Path, files: Mapping[str, bytes]) -> None:
 
 
 def _files(folder: Path) -> dict[str, bytes]:
-    return {str(one.relative_to(folder)): one.read_bytes() for one in folder.rglob("*") if one.is_file()}
+    return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
 def _literal(name: str) -> str:

@@ -104,6 +104,5 @@ class PresignedStore:
 def _unreachable(url: str, reason: str) -> UnreachableError:
     # The address itself stays out of sentences: whoever has it may use it.
     return UnreachableError(
-        f"the store at {urlsplit(url).netloc}, where the service keeps recordings, cannot be used: {reason}",
-        _CAN_IT,
+        f"the store at {urlsplit(url).netloc}, where the service keeps recordings, cannot be used: {reason}", _CAN_IT
     )

@@ -109,8 +109,7 @@ def calibrate(
         typer.Option(help="Whether stated errors weight the pairs. Otherwise auto: if all pairs state them."),
     ] = None,
     outliers: Annotated[
-        OutlierRule | None,
-        typer.Option(help="Whether pairs that do not belong stay in. Otherwise the preset's."),
+        OutlierRule | None, typer.Option(help="Whether pairs that do not belong stay in. Otherwise the preset's.")
     ] = None,
     line_time_us: Annotated[
         float | None,

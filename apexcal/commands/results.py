@@ -30,10 +30,7 @@ CameraNameOption = Annotated[str, typer.Option("--camera", help="Camera, by its 
 
 
 def report(
-    session: Session,
-    result: ResultArgument,
-    output: OutputOption = Path("report.html"),
-    force: ForceOption = False,
+    session: Session, result: ResultArgument, output: OutputOption = Path("report.html"), force: ForceOption = False
 ) -> Reply:
     """Make the report of a result: verdict, expected errors, residuals, error maps. It opens without a network."""
     check_target(output, force)
@@ -82,8 +79,7 @@ def validate(
     session: Session,
     kind: Annotated[str, typer.Argument(help="pairs, lanes or edges.")],
     data_of: Annotated[
-        str,
-        typer.Argument(metavar="DATA", help="Id of a correspondence set for pairs; otherwise a recording."),
+        str, typer.Argument(metavar="DATA", help="Id of a correspondence set for pairs; otherwise a recording.")
     ],
     camera: CameraOption = "",
     result: ResultOption = "",

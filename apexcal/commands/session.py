@@ -56,8 +56,7 @@ class Session:
         str, typer.Option("--url", envvar="APEXCAL_URL", help="Address of the service.", show_default=False)
     ] = ""
     token: Annotated[
-        str,
-        typer.Option("--token", envvar="APEXCAL_TOKEN", help="API token.", show_default=False, show_envvar=True),
+        str, typer.Option("--token", envvar="APEXCAL_TOKEN", help="API token.", show_default=False, show_envvar=True)
     ] = ""
     data: Annotated[Path, typer.Option("--data", help="Data folder of a service on this machine.")] = DEFAULT
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON, and no progress.")] = False

@@ -29,16 +29,16 @@ class Truth:
         self.R, self.t = rotation_and_translation(document["transform"])
         frames = document["frames"]
         self._frames: dict[int, tuple[Floats, list[float | None], bool]] = {
-            stamp: (np.array(xyz), uv, seen)
-            for stamp, xyz, uv, seen in zip(
+            stamp: (np.array(xyz), uv, is_visible)
+            for stamp, xyz, uv, is_visible in zip(
                 frames["stamp_ns"], frames["apex_xyz"], frames["apex_uv"], frames["apex_in_image"], strict=True
             )
         }
 
     def apex(self, frame_stamp_ns: int) -> tuple[Floats, tuple[float, float] | None]:
         """The vertex at a camera frame: metres in the LiDAR frame, and its pixel where the image shows it."""
-        xyz, uv, seen = self._frames[frame_stamp_ns]
-        if not seen or uv[0] is None or uv[1] is None:
+        xyz, uv, is_visible = self._frames[frame_stamp_ns]
+        if not is_visible or uv[0] is None or uv[1] is None:
             return xyz, None
         return xyz, (uv[0], uv[1])
 

@@ -30,20 +30,20 @@ _JOINERS = frozenset("\u200c\u200d")
 _BLANK = frozenset("\u034f\u115f\u1160\u2800\u3164\uffa0")
 
 
-def _composed(given: Any) -> Any:
+def _composed(value: Any) -> Any:
     # One spelling of each letter, or two names that look the same would be two.
-    return unicodedata.normalize("NFC", given) if isinstance(given, str) else given
+    return unicodedata.normalize("NFC", value) if isinstance(value, str) else value
 
 
-def seen(text: str) -> str:
+def legible_text(text: str) -> str:
     """The text, where it can be told from another by looking. Raises ValueError."""
-    for one in text:
-        if unicodedata.category(one) in _UNSEEN and one not in _JOINERS:
+    for letter in text:
+        if unicodedata.category(letter) in _UNSEEN and letter not in _JOINERS:
             raise ValueError(
-                f"holds U+{ord(one):04X}; line breaks, control characters, and characters that cannot be seen or "
+                f"holds U+{ord(letter):04X}; line breaks, control characters, and characters that cannot be seen or "
                 "change the direction of text are not allowed"
             )
-    if all(one in _BLANK or one in _JOINERS or one.isspace() for one in text):
+    if all(letter in _BLANK or letter in _JOINERS or letter.isspace() for letter in text):
         raise ValueError("holds nothing that can be seen")
     return text
 
@@ -52,34 +52,34 @@ Name = Annotated[
     str,
     BeforeValidator(_composed),
     StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
-    AfterValidator(seen),
+    AfterValidator(legible_text),
 ]
 # Letter by letter as the recording has it.
-Topic = Annotated[str, StringConstraints(min_length=1, max_length=300), AfterValidator(seen)]
+Topic = Annotated[str, StringConstraints(min_length=1, max_length=300), AfterValidator(legible_text)]
 # What is only looked for: a NUL is in no stored text, and PostgreSQL refuses it.
 Sought = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^\x00]*$")]
 # Pixels, metres, radians, degrees and coefficients are all far below; a square of more may be infinite.
 Magnitude = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 
 
-def check_texts(given: Any) -> None:
+def check_texts(document: Any) -> None:
     """Raises ValueError for a text or key, however deep, that no database keeps: with NUL, or half a surrogate pair.
 
     JSON can spell both (``\\u0000``, ``\\ud800``).
     """
-    left = [given]
+    left = [document]
     while left:
-        one = left.pop()
-        if isinstance(one, str):
-            if not one.isascii() and any("\ud800" <= letter <= "\udfff" for letter in one):
+        item = left.pop()
+        if isinstance(item, str):
+            if not item.isascii() and any("\ud800" <= letter <= "\udfff" for letter in item):
                 raise ValueError("holds half of a surrogate pair, which is no character")
-            if "\0" in one:
+            if "\0" in item:
                 raise ValueError("holds U+0000, a control character that no text has")
-        elif isinstance(one, Mapping):
-            left.extend(one)
-            left.extend(one.values())
-        elif isinstance(one, list):
-            left.extend(one)
+        elif isinstance(item, Mapping):
+            left.extend(item)
+            left.extend(item.values())
+        elif isinstance(item, list):
+            left.extend(item)
 
 
 class Received(BaseModel):
@@ -89,9 +89,9 @@ class Received(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _is_text(cls, given: Any) -> Any:
-        check_texts(given)
-        return given
+    def _is_text(cls, body: Any) -> Any:
+        check_texts(body)
+        return body
 
 
 class Sent(BaseModel):

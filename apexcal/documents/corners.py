@@ -21,13 +21,13 @@ _SAME_M: Final = 0.10
 _SAME_RAD: Final = radians(0.3)
 
 
-def how_far(known: Sequence[float], found: Sequence[float]) -> float | None:
+def how_far(place_a: Sequence[float], place_b: Sequence[float]) -> float | None:
     """Metres between two places of a corner in one sweep (LiDAR frame); None if they are two different ones."""
-    away = dist(known, found)
-    return away if away <= max(_SAME_M, _SAME_RAD * hypot(*found)) else None
+    away = dist(place_a, place_b)
+    return away if away <= max(_SAME_M, _SAME_RAD * hypot(*place_b)) else None
 
 
-def nearest(known: Iterable[tuple[Key, Sequence[float]]], found: Sequence[float]) -> Key | None:
+def nearest(candidates: Iterable[tuple[Key, Sequence[float]]], corner: Sequence[float]) -> Key | None:
     """Whose place in the same sweep is the same corner; the nearest one, or None."""
-    near = [(away, key) for key, place in known if (away := how_far(place, found)) is not None]
+    near = [(away, key) for key, position in candidates if (away := how_far(position, corner)) is not None]
     return min(near, key=lambda pair: pair[0])[1] if near else None

@@ -133,9 +133,9 @@ FLAGS: Final[Mapping[str, str]] = {
 
 def parse_detector(name: str) -> DetectorName:
     """The detector of that name. Raises DocumentError ``unknown_detector`` that lists the names there are."""
-    for known in DETECTORS:
-        if name == known:
-            return known
+    for detector in DETECTORS:
+        if name == detector:
+            return detector
     raise DocumentError(
         "unknown_detector",
         f"There is no detector {name!r}.",
@@ -146,11 +146,11 @@ def parse_detector(name: str) -> DetectorName:
 
 def sentences_of(detector: str, reasons: Iterable[str]) -> dict[str, str]:
     """What each of a detector's reasons says in words; those of older versions that are no more say nothing."""
-    known = next((words.reasons for name, words in DETECTORS.items() if name == detector), {})
-    return {reason: known[reason] for reason in reasons if reason in known}
+    sentences = next((words.reasons for name, words in DETECTORS.items() if name == detector), {})
+    return {reason: sentences[reason] for reason in reasons if reason in sentences}
 
 
-def resolve_options(detector: str, given: Mapping[str, Any] | None = None) -> dict[str, float]:
+def resolve_options(detector: str, overrides: Mapping[str, Any] | None = None) -> dict[str, float]:
     """All options of a detector: its defaults, overlaid with those given.
 
     Raises:
@@ -158,7 +158,7 @@ def resolve_options(detector: str, given: Mapping[str, Any] | None = None) -> di
     """
     options = DETECTORS[parse_detector(detector)].options
     resolved: dict[str, float] = {name: option.default for name, option in options.items()}
-    for name, value in (given or {}).items():
+    for name, value in (overrides or {}).items():
         if name not in options:
             raise DocumentError(
                 "invalid_options",

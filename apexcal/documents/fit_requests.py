@@ -110,9 +110,9 @@ def fit_request(
     """
     name, of = parse_model(model), parse_preset(preset)
     form = parse_search_form(search or of.search)
-    intervals, values, known = in_radians(bounds or {}), in_radians(locked or {}), in_radians(priors or {})
+    intervals, values, prior_values = in_radians(bounds or {}), in_radians(locked or {}), in_radians(priors or {})
     fixed = values.keys() | {name for name, ends in intervals.items() if len(set(ends)) == 1}
-    stated = intervals.keys() | fixed | known.keys()
+    stated = intervals.keys() | fixed | prior_values.keys()
     try:
         return FitRequest(
             camera=camera,
@@ -124,8 +124,10 @@ def fit_request(
             rotation_range_rad=radians(rotation_range_deg),
             bounds=intervals,
             locked=values,
-            priors={name: prior for name, prior in known.items() if name not in fixed},
-            unstated=[one for one in parameter_names(name, form) if of.weak_priors and one not in stated],
+            priors={name: prior for name, prior in prior_values.items() if name not in fixed},
+            unstated=[
+                parameter for parameter in parameter_names(name, form) if of.weak_priors and parameter not in stated
+            ],
             loss=loss or of.loss,
             saturation_px=saturation_px or _SATURATION_SHARE * hypot(*image_size),
             outliers=outliers or of.outliers,
@@ -141,13 +143,13 @@ def fit_request(
         )
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise DocumentError("bad_fit_request", f"`{place}` of the fit: {first['msg']}.", "") from error
+        path = ".".join(map(str, first["loc"]))
+        raise DocumentError("bad_fit_request", f"`{path}` of the fit: {first['msg']}.", "") from error
 
 
-def in_radians(given: Mapping[str, Any]) -> dict[str, Any]:
+def in_radians(values: Mapping[str, Any]) -> dict[str, Any]:
     """The same values under the parameters' own names: what is given in degrees becomes radians."""
-    return {bare_name(name): _radians(value) if bare_name(name) != name else value for name, value in given.items()}
+    return {bare_name(name): _radians(value) if bare_name(name) != name else value for name, value in values.items()}
 
 
 def _radians(value: Any) -> Any:

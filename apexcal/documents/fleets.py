@@ -8,9 +8,9 @@ from uuid import UUID
 
 from pydantic import AfterValidator, Field, StringConstraints, field_validator, model_validator
 
-from apexcal.documents.base import Magnitude, Name, Received, Sent, Stored, Topic, seen
+from apexcal.documents.base import Magnitude, Name, Received, Sent, Stored, Topic, legible_text
 from apexcal.documents.camera_models import ANGLES, EXTRINSICS, MODELS, all_names
-from apexcal.documents.policies import PublicationPolicy
+from apexcal.documents.publications import PublicationPolicy
 from apexcal.documents.readings import ImageKind
 from apexcal.documents.roles import Role
 from apexcal.documents.transforms import Matrix, Transform, check_frames
@@ -19,13 +19,15 @@ from apexcal.documents.transforms import Matrix, Transform, check_frames
 CameraName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 # A rig may serve every model and both forms of the search; angles are radians, or degrees with `_deg` behind.
 _BOUNDED = frozenset(name for form in EXTRINSICS for name in all_names(MODELS, form)) | {
-    f"{one}_deg" for one in ANGLES
+    f"{angle}_deg" for angle in ANGLES
 }
 Pixels = Annotated[int, Field(ge=16, le=32768)]
 
 
 # As it stands on the sensor.
-Serial = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200), AfterValidator(seen)]
+Serial = Annotated[
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200), AfterValidator(legible_text)
+]
 
 
 class Named(Received):
@@ -145,11 +147,11 @@ class NewRig(Received):
         if self.T_vehicle_lidar is not None:
             vehicle = self.T_vehicle_lidar
             check_frames(vehicle, "T_vehicle_lidar", vehicle.to_frame, self.lidar.frame)
-        for place, known in enumerate(self.camera_transforms):
-            named = known.transform
+        for index, edge in enumerate(self.camera_transforms):
+            named = edge.transform
             if named.to_frame == named.from_frame or not {named.to_frame, named.from_frame} <= set(frames):
                 raise ValueError(
-                    f"camera_transforms[{place}] leads from {named.from_frame!r} to {named.to_frame!r}; it takes the "
+                    f"camera_transforms[{index}] leads from {named.from_frame!r} to {named.to_frame!r}; it takes the "
                     f"frames of two of the rig's cameras: {', '.join(frames)}"
                 )
         return self

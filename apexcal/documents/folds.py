@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 ROUNDS: Final = 4
 
 
-class HeldOut(NamedTuple):
+class FoldCut(NamedTuple):
     """The fold that holds out each pair, and the block of neighbours that is held out with it."""
 
     fold: list[int]
@@ -31,7 +31,7 @@ def most_folds(different: int, pairs: int) -> int:
     return different // 2 if different == pairs else different
 
 
-def cut_folds(values: Sequence[Any], count: int) -> HeldOut:
+def cut_folds(values: Sequence[Any], count: int) -> FoldCut:
     """The folds of pairs with these values: stamps, or groups. ``count`` is at most `most_folds` of them.
 
     Pairs of equal value stay together. The values are cut in their order into up to `ROUNDS` blocks for each fold,
@@ -44,13 +44,13 @@ def cut_folds(values: Sequence[Any], count: int) -> HeldOut:
     smallest = 2 if 2 * len(sizes) > len(values) and len(sizes) >= 2 * count else 1
     blocks = count * min(ROUNDS, len(sizes) // (smallest * count))
     block_of = _cut([sizes[value] for value in ordered], blocks, smallest)
-    held = [0] * blocks
+    pairs_of_block = [0] * blocks
     for value, block in zip(ordered, block_of, strict=True):
-        held[block] += sizes[value]
-    fold_of = _take_turns(held, count)
+        pairs_of_block[block] += sizes[value]
+    fold_of = _take_turns(pairs_of_block, count)
     of_value = dict(zip(ordered, block_of, strict=True))
     block = [of_value[value] for value in values]
-    return HeldOut([fold_of[one] for one in block], block)
+    return FoldCut([fold_of[number] for number in block], block)
 
 
 def _cut(sizes: Sequence[int], count: int, smallest: int) -> list[int]:
@@ -59,9 +59,9 @@ def _cut(sizes: Sequence[int], count: int, smallest: int) -> list[int]:
     block: list[int] = []
     for index in range(count):
         last = len(sizes) - smallest * (count - index - 1)
-        wanted = ends[-1] * (index + 1) / count
+        target = ends[-1] * (index + 1) / count
         end = len(block) + smallest
-        while end < last and (index == count - 1 or abs(ends[end] - wanted) <= abs(ends[end - 1] - wanted)):
+        while end < last and (index == count - 1 or abs(ends[end] - target) <= abs(ends[end - 1] - target)):
             end += 1
         block += [index] * (end - len(block))
     return block
@@ -73,13 +73,13 @@ def _take_turns(sizes: Sequence[int], count: int) -> list[int]:
     If all are equal, the order shifts from round to round. Otherwise a walk in as many lanes gives each fold a lane.
     """
     shift = 2 if count > 3 else count - 2
-    held = [0] * count
+    pairs_of_fold = [0] * count
     fold_of = [0] * len(sizes)
     for first in range(0, len(sizes), count):
         part = sorted(range(first, min(first + count, len(sizes))), key=lambda block: -sizes[block])
         turn = [(fold - shift * (first // count)) % count for fold in range(count)]
-        order = sorted(range(count), key=lambda fold: (held[fold], turn[fold]))
+        order = sorted(range(count), key=lambda fold: (pairs_of_fold[fold], turn[fold]))
         for block, fold in zip(part, order, strict=False):
             fold_of[block] = fold
-            held[fold] += sizes[block]
+            pairs_of_fold[fold] += sizes[block]
     return fold_of

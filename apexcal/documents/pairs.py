@@ -36,9 +36,9 @@ def tells_motion(stamps_ns: Sequence[int], corners: Sequence[str] | None = None)
     after each pair are looked at. ``corners``: each pair's corner; then only pairs of the same corner count.
     """
     times: dict[str, list[int]] = {}
-    for place, stamp in enumerate(stamps_ns):
-        times.setdefault(corners[place] if corners else "", []).append(stamp)
-    return 2 * sum(_near_others(sorted(one)) for one in times.values()) >= len(stamps_ns) > 0
+    for index, stamp in enumerate(stamps_ns):
+        times.setdefault(corners[index] if corners else "", []).append(stamp)
+    return 2 * sum(_near_others(sorted(of_corner)) for of_corner in times.values()) >= len(stamps_ns) > 0
 
 
 def _near_others(times: Sequence[int]) -> int:

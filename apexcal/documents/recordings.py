@@ -8,42 +8,14 @@ from uuid import UUID
 
 from pydantic import Field
 
-from apexcal.documents.base import Document, Name, Received, Sent, Stored, Topic
+from apexcal.documents.base import Document, Name, Received, Sent, Stored
 from apexcal.documents.jobs import JobView, ProblemView
-from apexcal.documents.readings import ImageKind, LidarModel, PointTimes, StampConvention
+from apexcal.documents.readings import ImageKind, Reading, StampConvention
 from apexcal.documents.states import RecordingState
 
 MAX_PARTS = 100_000
 
 MarksPerVertex = Annotated[int, Field(ge=1, le=100)]
-
-
-class Topics(Received):
-    """Which topic, folder or file of this recording is the LiDAR and which is each camera, by its name in the rig.
-
-    They take precedence over the rig's topics. A sensor that is not named keeps the rig's topic, or is found.
-    """
-
-    lidar: Topic | None = None
-    cameras: Annotated[dict[Name, Topic], Field(default_factory=dict, max_length=64)]
-
-
-class Reading(Received):
-    """What the owner knows of the recording and its file does not say.
-
-    ``topics`` says which is which; ``point_times: stamp_only`` leaves the points' own times out, as for still poses
-    whose stamps were made up; ``stamp_convention`` says what a sweep's stamp means; ``rate_hz`` how often the LiDAR
-    turns in a second; ``lidar_model`` which sensor sent captured packets; ``rings`` how many rings to compute where
-    the file has none; ``camera_start_ns`` when a video's first frame was taken, where nothing else says it.
-    """
-
-    topics: Topics = Topics(cameras={})
-    point_times: PointTimes = "auto"
-    stamp_convention: StampConvention | None = None
-    rate_hz: Annotated[float, Field(ge=0.5, le=1000)] | None = None
-    lidar_model: LidarModel | None = None
-    rings: Annotated[int, Field(ge=2, le=256)] | None = None
-    camera_start_ns: Annotated[int, Field(ge=0, lt=2**31 * 10**9)] | None = None
 
 
 class NewRecording(Received):

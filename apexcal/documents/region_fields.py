@@ -77,8 +77,8 @@ _SAYS = Field(
 )
 
 
-def _checked(given: Any, _: Any) -> Any:
-    return check_region(given)
+def _checked(document: Any, _: Any) -> Any:
+    return check_region(document)
 
 
 Region = Annotated[RegionNode | Level, WrapValidator(_checked), PlainSerializer(lambda region: region), _SAYS]

@@ -57,9 +57,9 @@ def check_region(document: object) -> Document:
     return _node(document, "$", 1, count())
 
 
-def _up(given: object) -> list[float]:
+def _up(document: object) -> list[float]:
     hint = 'Write "up": [x, y, z], the direction of up in the LiDAR\'s frame.'
-    numbers = _list(given)
+    numbers = _list(document)
     if len(numbers) != 3:
         raise _fail("$.up", "it is no list of three numbers", hint)
     up = [_number(value, f"$.up[{i}]", MAX_METRES) for i, value in enumerate(numbers)]
@@ -72,11 +72,11 @@ def _fail(path: str, what: str, hint: str, code: str = "region_invalid") -> Regi
     return RegionError(code, f"region node {path}: {what}.", hint)
 
 
-def _node(node: object, path: str, depth: int, seen: Iterator[int]) -> Document:
+def _node(node: object, path: str, depth: int, counter: Iterator[int]) -> Document:
     if depth > MAX_DEPTH:
         what = f"the tree is deeper than {MAX_DEPTH} levels"
         raise _fail(path, what, "Merge nested and / or nodes.", "region_too_large")
-    if next(seen) >= MAX_NODES:
+    if next(counter) >= MAX_NODES:
         what = f"the tree is larger than {MAX_NODES} nodes"
         raise _fail(path, what, "Merge inequalities, or use a box or a polygon.", "region_too_large")
     if not isinstance(node, Mapping):
@@ -84,10 +84,10 @@ def _node(node: object, path: str, depth: int, seen: Iterator[int]) -> Document:
     tree = cast("Mapping[Any, object]", node)
     for name in ("and", "or"):
         if name in tree:
-            return {name: _children(tree, name, path, depth, seen)}
+            return {name: _children(tree, name, path, depth, counter)}
     if "not" in tree:
         _only(tree, ("not",), path)
-        return {"not": _node(tree["not"], f"{path}.not", depth + 1, seen)}
+        return {"not": _node(tree["not"], f"{path}.not", depth + 1, counter)}
     if "box" in tree:
         _only(tree, ("box",), path)
         return {"box": _box(tree["box"], f"{path}.box")}
@@ -99,12 +99,12 @@ def _node(node: object, path: str, depth: int, seen: Iterator[int]) -> Document:
     return _inequality(tree, path)
 
 
-def _children(node: Mapping[Any, object], name: str, path: str, depth: int, seen: Iterator[int]) -> list[Document]:
+def _children(node: Mapping[Any, object], name: str, path: str, depth: int, counter: Iterator[int]) -> list[Document]:
     _only(node, (name,), path)
     children = _list(node[name])
     if not children:
         raise _fail(f"{path}.{name}", "it is no list of at least one node", "Put boxes or inequalities in it.")
-    return [_node(child, f"{path}.{name}[{i}]", depth + 1, seen) for i, child in enumerate(children)]
+    return [_node(child, f"{path}.{name}[{i}]", depth + 1, counter) for i, child in enumerate(children)]
 
 
 def _inequality(node: Mapping[Any, object], path: str) -> Document:
@@ -124,20 +124,20 @@ def _box(box: object, path: str) -> Document:
     hint = 'Write {"min": [x, y, z], "max": [x, y, z]}, perhaps with "yaw_deg".'
     if not isinstance(box, Mapping):
         raise _fail(path, "it is no object", hint)
-    given = cast("Mapping[Any, object]", box)
-    _only(given, ("min", "max", "yaw_deg"), path)
+    members = cast("Mapping[Any, object]", box)
+    _only(members, ("min", "max", "yaw_deg"), path)
     corners: dict[str, list[float]] = {}
     for name in ("min", "max"):
-        numbers = _list(given.get(name))
+        numbers = _list(members.get(name))
         if len(numbers) != 3:
             raise _fail(f"{path}.{name}", "it is no list of three numbers", hint)
         corners[name] = [_number(value, f"{path}.{name}[{i}]", MAX_METRES) for i, value in enumerate(numbers)]
     for axis, low, high in zip("xyz", corners["min"], corners["max"], strict=True):
         if low >= high:
             raise _fail(path, f"min is not below max in {axis}", "Exchange them.")
-    if given.get("yaw_deg") is None:
+    if members.get("yaw_deg") is None:
         return {**corners}
-    return {**corners, "yaw_deg": _number(given["yaw_deg"], f"{path}.yaw_deg", 360.0)}
+    return {**corners, "yaw_deg": _number(members["yaw_deg"], f"{path}.yaw_deg", 360.0)}
 
 
 def _polygon(node: Mapping[Any, object], path: str) -> Document:
@@ -163,10 +163,10 @@ def _pair(value: object, path: str) -> list[float]:
     return [_number(number, f"{path}[{i}]", MAX_METRES) for i, number in enumerate(numbers)]
 
 
-def _only(node: Mapping[Any, object], known: tuple[str, ...], path: str) -> None:
-    unknown = sorted(str(key)[:60] for key in node if key not in known)
+def _only(node: Mapping[Any, object], names: tuple[str, ...], path: str) -> None:
+    unknown = sorted(str(key)[:60] for key in node if key not in names)
     if unknown:
-        raise _fail(path, f"it has {unknown[0]!r} beside", f"Possible here: {', '.join(known)}.")
+        raise _fail(path, f"it has {unknown[0]!r} beside", f"Possible here: {', '.join(names)}.")
 
 
 def _list(value: object) -> Sequence[object]:

@@ -14,8 +14,8 @@ def rank(role: str) -> int:
     return ROLES.index(role) if role in ROLES else -1
 
 
-def least(one: Role, other: str | None) -> Role:
+def least(role: Role, other: str | None) -> Role:
     """The lesser of two roles; None limits nothing."""
-    if other is None or rank(other) >= rank(one):
-        return one
+    if other is None or rank(other) >= rank(role):
+        return role
     return ROLES[max(rank(other), 0)]

@@ -91,10 +91,10 @@ def schedule_of(preset: Preset, overrides: Mapping[str, Any]) -> Schedule:
 
 
 def _replaced(schedule: Schedule, overrides: Mapping[str, Any]) -> Schedule:
-    known = sorted(field.name for field in fields(Schedule))
-    unknown = [name for name in overrides if name not in known]
+    names = sorted(field.name for field in fields(Schedule))
+    unknown = [name for name in overrides if name not in names]
     if unknown:
-        raise DocumentError("bad_schedule", f"`schedule` has no {unknown[0]!r}.", f"It has {', '.join(known)}.")
+        raise DocumentError("bad_schedule", f"`schedule` has no {unknown[0]!r}.", f"It has {', '.join(names)}.")
     try:
         numbers = {
             name: None if value is None else int(value) if name in _WHOLE else float(value)
@@ -112,6 +112,6 @@ def check_schedule(schedule: Schedule) -> Schedule:
         if value is None and name == "goal_px":
             continue
         if value == inf or not all(getattr(operator, how)(value, end) for how, end in limits.items()):
-            wanted = " and ".join(f"{_WORDS[how]} {end}" for how, end in limits.items())
-            raise DocumentError("bad_schedule", f"`{name}` is {value}.", f"It must be {wanted}.")
+            range_words = " and ".join(f"{_WORDS[how]} {end}" for how, end in limits.items())
+            raise DocumentError("bad_schedule", f"`{name}` is {value}.", f"It must be {range_words}.")
     return schedule

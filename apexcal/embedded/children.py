@@ -109,10 +109,10 @@ class Child:
         if not log.exists() or log.stat().st_size <= _LOG_BYTES:
             return
         # A full disk keeps nothing beside it.
-        with contextlib.suppress(OSError), log.open("rb") as full, log.with_suffix(".log.1").open("wb") as kept:
+        with contextlib.suppress(OSError), log.open("rb") as full, log.with_suffix(".log.1").open("wb") as rotated:
             full.seek(-_LOG_BYTES, os.SEEK_END)
             # No more than that, however fast the child writes meanwhile.
-            kept.write(full.read(_LOG_BYTES))
+            rotated.write(full.read(_LOG_BYTES))
         os.truncate(log, 0)
 
     def due_in(self) -> float:

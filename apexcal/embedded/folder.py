@@ -127,8 +127,8 @@ def _short_folder(root: Path) -> Path:
     folder = Path(tempfile.gettempdir()) / f"apexcal-{os.getuid()}-{digest}"
     with contextlib.suppress(FileExistsError):
         folder.mkdir(mode=0o700)
-    found = folder.lstat()
-    if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and found.st_mode & 0o077 == 0:
+    status = folder.lstat()
+    if stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and status.st_mode & 0o077 == 0:
         return folder
     # Another user made a folder of that name.
     return Path(tempfile.mkdtemp(prefix="apexcal-"))

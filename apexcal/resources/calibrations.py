@@ -71,7 +71,7 @@ class Calibrations(Resource):
         ``locked``, ``priors``, ``loss``, ``outliers``, ``weights``, ``common_errors``, ``line_time_us``, ``seed``,
         ``folds``, ``farm``, ``publish``.
         """
-        body = {"correspondence_set_ids": [str(one) for one in correspondence_set_ids], **request}
+        body = {"correspondence_set_ids": [str(set_id) for set_id in correspondence_set_ids], **request}
         if models is not None:
             body["models"] = list(models)
         return self._http.post(at("vehicles", vehicle_id, "calibrations"), CalibrationView, body)
@@ -82,9 +82,9 @@ class Calibrations(Resource):
         calibration = self.get(result.calibration_id)
         fewer = CorrespondenceSets(self._http).without(result.set_id, pairs)
         request = calibration.request.model_dump(mode="json", exclude_unset=True)
-        known = {name: value for name, value in request.items() if name in CalibrationTemplate.model_fields}
-        sets = [fewer.id if one == result.set_id else one for one in calibration.request.correspondence_set_ids]
-        return self.create(calibration.vehicle_id, sets, **known)
+        fields = {name: value for name, value in request.items() if name in CalibrationTemplate.model_fields}
+        sets = [fewer.id if old == result.set_id else old for old in calibration.request.correspondence_set_ids]
+        return self.create(calibration.vehicle_id, sets, **fields)
 
     def list(self, vehicle_id: UUID | str) -> Iterator[CalibrationView]:
         """The calibrations of a vehicle, newest first."""

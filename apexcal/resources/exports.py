@@ -33,7 +33,7 @@ class Exports(Resource):
 
     def formats(self) -> list[FormatView]:
         """The table of the formats: which way each one's transform leads, and what of a lens it carries."""
-        return [FormatView.model_validate(one) for one in self._http.send("GET", "/export-formats").json()]
+        return [FormatView.model_validate(view) for view in self._http.send("GET", "/export-formats").json()]
 
     def current(self, vehicle_id: UUID | str, camera: str, format: str, alias: str = CURRENT) -> ExportedFile:
         """A camera's current calibration, or what another alias leads to.

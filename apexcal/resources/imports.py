@@ -14,10 +14,7 @@ class Imports(Resource):
     """``client.imports``: what files of other programs hold. The service stores nothing of it."""
 
     def read(
-        self,
-        files: Mapping[str, str],
-        format: ImportFormat | None = None,
-        image_size: Sequence[int] | None = None,
+        self, files: Mapping[str, str], format: ImportFormat | None = None, image_size: Sequence[int] | None = None
     ) -> ReadFiles:
         """Lenses and mounts in files (texts by name) of ROS, OpenCV, Kalibr or KITTI."""
         return self._http.post("/calibration-files/reading", ReadFiles, _files(files, format, image_size))
@@ -39,13 +36,13 @@ class Imports(Resource):
         }
         return self._http.post(at("results", result_id, "comparison"), StatedComparison, body)
 
-    def draft_rig(self, urdf: str, **asked: Any) -> RigDraft:
-        """A rig from a URDF file. ``asked``: ``name``, ``lidar_link``, ``cameras``, and what else the route takes."""
-        return self._http.post("/rig-drafts", RigDraft, {"urdf": urdf, **asked})
+    def draft_rig(self, urdf: str, **options: Any) -> RigDraft:
+        """A rig from a URDF file. ``options``: ``name``, ``lidar_link``, ``cameras``, what else the route takes."""
+        return self._http.post("/rig-drafts", RigDraft, {"urdf": urdf, **options})
 
-    def draft_rig_of_recording(self, recording_id: UUID | str, **asked: Any) -> RigDraft:
+    def draft_rig_of_recording(self, recording_id: UUID | str, **options: Any) -> RigDraft:
         """A rig from what a recording's ``/tf_static`` says."""
-        return self._http.post(at("recordings", recording_id, "rig-drafts"), RigDraft, asked)
+        return self._http.post(at("recordings", recording_id, "rig-drafts"), RigDraft, options)
 
 
 def _files(files: Mapping[str, str], format: ImportFormat | None, image_size: Sequence[int] | None) -> dict[str, Any]:

@@ -100,11 +100,7 @@ class Recordings(Resource):
         return max(broken_off, key=lambda recording: recording.created_at, default=None)
 
     def list(
-        self,
-        *,
-        fleet_id: UUID | str | None = None,
-        vehicle_id: UUID | str | None = None,
-        state: str | None = None,
+        self, *, fleet_id: UUID | str | None = None, vehicle_id: UUID | str | None = None, state: str | None = None
     ) -> Iterator[RecordingSummary]:
         """Recordings of a fleet or a vehicle."""
         return self._http.items(

@@ -27,7 +27,7 @@ from service.calibrations.resolve import CameraPairs
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, CorrespondenceSet
 from service.platform.db.fleets import RigCamera
-from workers.models.summary import Fit, camera_summary
+from workers.models.summary import CameraFit, camera_summary
 from workers.simulation.camera import FRONT
 from workers.solver.problem import FitProblem
 from workers.solver.schedule import State, run_schedule
@@ -76,7 +76,7 @@ class Bench:
         """These pairs, calibrated as the request asks."""
         plan = planned(paired, known, request)
         states = self._states(paired, {fit.request.model for fit in plan.fits})
-        fits: list[Fit] = []
+        fits: list[CameraFit] = []
         problems: dict[str, FitProblem] = {}
         for fit in plan.fits:
             model = fit.request.model
@@ -84,7 +84,7 @@ class Bench:
                 given = read_run(fit.of_fold(fold), fold, known)
                 if fold == FULL:
                     problems[model] = given.problem
-                fits.append(Fit(uuid4(), None if fold == FULL else fold, solved(given, states[model])))
+                fits.append(CameraFit(uuid4(), None if fold == FULL else fold, solved(given, states[model])))
         summary = camera_summary(fits)
         full = {fit.result.model: fit.result for fit in fits if fit.heldout_fold is None}
         return Calibration(paired, errors, summary, full, known, problems)

@@ -136,16 +136,16 @@ def looked_at(walk: Walks, lidar: SimulatedLidar, seconds: float) -> Walked:
     for index in range(round(seconds * lidar.sensor.rate_hz)):
         start_s = index / lidar.sensor.rate_hz
         sweep, surface = lidar.labelled_sweep(index, start_s, _START_NS + round(start_s * 1e9))
-        apex = lidar.seen(walk.poses(np.array([start_s])).apex)[0]
+        apex = lidar.in_sensor_frame(walk.poses(np.array([start_s])).apex)[0]
         for _ in range(3):  # the apex moves while the sensor turns towards it
             looked_s = start_s + float(lidar.scan_seconds(np.arctan2(apex[1], apex[0])))
-            apex = lidar.seen(walk.poses(np.array([looked_s])).apex)[0]
+            apex = lidar.in_sensor_frame(walk.poses(np.array([looked_s])).apex)[0]
         sweeps.append(sweep)
         apexes.append(apex)
         rings.append(np.unique(sweep.ring[surface == BOARD]).size)
 
     def apex_at(time_ns: int) -> NDArray[np.float64]:
-        return lidar.seen(walk.poses(np.array([(time_ns - _START_NS) * 1e-9])).apex)[0]
+        return lidar.in_sensor_frame(walk.poses(np.array([(time_ns - _START_NS) * 1e-9])).apex)[0]
 
     return Walked(sweeps, np.array(apexes), np.array(rings), apex_at)
 

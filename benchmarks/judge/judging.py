@@ -19,7 +19,7 @@ from service.platform.http.problems import Problem
 from workers.judge.calibration_checks import checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
 from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD
-from workers.models.summary import Fit, camera_summary
+from workers.models.summary import CameraFit, camera_summary
 from workers.simulation.camera import FRONT
 from workers.solver.errors import SolveError
 from workers.solver.schedule import run_schedule
@@ -74,7 +74,9 @@ def calibrated(draw: Draw, with_folds: bool) -> tuple[FitResult, list[Check]]:
     if not with_folds and verdict_of(result.checks, "mount_with_lens") != "pass":
         return result, result.checks
     folds = [solved(read_run(fit.of_fold(fold), fold, draw.known), state) for fold in range(fit.request.folds)]
-    summary = camera_summary([Fit(uuid4(), None, result), *(Fit(uuid4(), *one) for one in enumerate(folds))])
+    summary = camera_summary(
+        [CameraFit(uuid4(), None, result), *(CameraFit(uuid4(), *one) for one in enumerate(folds))]
+    )
     pairs = held_out_pairs(result, folds, whole.problem.points)
     return result, result.checks + checks_of_calibration(
         result, camera=FRONT, summary=summary, ended_well=True, pairs=pairs

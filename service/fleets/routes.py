@@ -13,7 +13,7 @@ from sqlalchemy.orm import selectinload
 
 from apexcal.documents.base import stored
 from apexcal.documents.fleets import CameraImages, FleetOut, Named, NewRig, RigOut, SensorSerials, VehicleOut
-from apexcal.documents.policies import PublicationPolicy
+from apexcal.documents.publications import PublicationPolicy
 from service.fleets.queries import rig_camera
 from service.fleets.views import rig_view
 from service.platform.auth.access import Access, ReadAccess, WriteAccess

@@ -11,7 +11,7 @@ from sqlalchemy import Row, Select, and_, func, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.checks import Check, CheckTopic
-from apexcal.documents.policies import PublicationPolicy
+from apexcal.documents.publications import PublicationPolicy
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.fleets import Fleet, Rig, RigCamera
 from service.platform.db.publications import current_publication

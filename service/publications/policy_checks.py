@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import EXTRINSICS
 from apexcal.documents.checks import Check, CheckTopic, figure
-from apexcal.documents.policies import PublicationPolicy
+from apexcal.documents.publications import PublicationPolicy
 from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
 
 _POLICY = CheckTopic("policy", "Publication policy")

@@ -9,7 +9,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.recordings import Reading
+from apexcal.documents.readings import Reading
 from service.platform.auth.access import Access
 from service.platform.db.fleets import RigCamera
 from service.platform.db.recordings import Recording, Sensor, UploadPart

@@ -5,7 +5,7 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-from apexcal.documents.recordings import Reading
+from apexcal.documents.readings import Reading
 from tests.support.uploads import new_recording, upload
 from tests.support.work import work
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag

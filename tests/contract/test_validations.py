@@ -66,7 +66,7 @@ def bag_of_a_drive(path, frames=3):
         messages.append((topic, kind, stamp_ns, next(clouds(1, columns))[3]))
         messages[-1][3].header.stamp.sec, messages[-1][3].header.stamp.nanosec = divmod(stamp_ns, 10**9)
         data = cv2.imencode(".jpg", image)[1].tobytes()
-        message = compressed(stamp_ns, data, "jpeg")
+        message = compressed(stamp_ns, data)
         messages.append(("/camera/compressed", message.__msgtype__, stamp_ns, message))
     return write_bag(path, interleaved(messages))
 

@@ -91,8 +91,8 @@ def intrinsics_vector(model: ModelName, intrinsics: Mapping[str, float] | ArrayL
             raise GeometryError(
                 "missing_intrinsics", f"The intrinsics of {model} lack {', '.join(missing)}.", "Give them in pixels."
             )
-        given: Mapping[str, Any] = intrinsics
-        values = np.array([float(given.get(name, 0.0)) for name in names])
+        by_name: Mapping[str, Any] = intrinsics
+        values = np.array([float(by_name.get(name, 0.0)) for name in names])
     else:
         values = np.ascontiguousarray(intrinsics, dtype=np.float64)
     if values.shape != (len(names),) or not np.all(np.isfinite(values)):

@@ -10,7 +10,7 @@ from apexcal.documents.checks import Check, CheckTopic, CheckVerdict
 from apexcal.documents.comparisons import ResultDifference
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import CameraSummary, RigSummary
-from workers.judge.held_out_check import HeldOut, held_out
+from workers.judge.held_out_check import HeldOutPairs, held_out
 
 _MODELS: Final = CheckTopic("models", "Other lens models")
 _RUNS: Final = CheckTopic("runs", "Fits of the calibration")
@@ -43,7 +43,7 @@ def checks_of_calibration(
     camera: str,
     summary: CameraSummary,
     ended_well: bool,
-    pairs: HeldOut | None = None,
+    pairs: HeldOutPairs | None = None,
     rig: RigSummary | None = None,
     current: CurrentResult | None = None,
 ) -> list[Check]:

@@ -28,7 +28,7 @@ _FINE_PX: Final = 0.5
 _FEWEST: Final = 10  # pairs of one distance that are judged together
 
 
-class HeldOut(NamedTuple):
+class HeldOutPairs(NamedTuple):
     """Held-out pairs of all folds, (M,) each: distances from their marks in px of a typical pair's noise, by how much
     that whitening scales lengths, and distances from the camera, m.
     """
@@ -38,7 +38,7 @@ class HeldOut(NamedTuple):
     distances_m: Floats
 
 
-def held_out_pairs(result: FitResult, folds: Sequence[FitResult], points: ArrayLike) -> HeldOut | None:
+def held_out_pairs(result: FitResult, folds: Sequence[FitResult], points: ArrayLike) -> HeldOutPairs | None:
     """Return the held-out pairs that belong; None if nothing was held out.
 
     result: the fit to all pairs; folds: of its model; points (N, 3): of all pairs, metres, the LiDAR's frame.
@@ -53,10 +53,10 @@ def held_out_pairs(result: FitResult, folds: Sequence[FitResult], points: ArrayL
             errors[rows], stretch[rows] = heldout.standard_px, heldout.stretch
     errors[[one.index for one in result.outliers]] = np.nan
     judged = np.isfinite(errors)
-    return HeldOut(errors[judged], stretch[judged], far[judged])
+    return HeldOutPairs(errors[judged], stretch[judged], far[judged])
 
 
-def held_out(result: FitResult, summary: ModelSummary, pairs: HeldOut | None) -> Check:
+def held_out(result: FitResult, summary: ModelSummary, pairs: HeldOutPairs | None) -> Check:
     """Whether held-out pairs lie where the fit expects them, as well as its use needs.
 
     result: of the fit to all pairs; summary: of its model. A point's own error is what the pairs about its distance
@@ -93,7 +93,7 @@ def _limit_px(result: FitResult) -> float:
     return max(USE_LIMIT_PX, USE_LIMIT_RAD * float(np.sqrt(lens.f_x * lens.f_y)))
 
 
-def _by_distance(result: FitResult, pairs: HeldOut) -> list[tuple[float, float, float]]:
+def _by_distance(result: FitResult, pairs: HeldOutPairs) -> list[tuple[float, float, float]]:
     """Of each distance with enough pairs: metres, a typical point's RMS beyond the noise in px, and its probability.
 
     Half of the squares of a noise of 1 px are exponential; their median is ln 2, known to 1 / sqrt(M). One block that

@@ -49,7 +49,7 @@ class Choice:
 
 def choose(models: Mapping[str, Candidate], area_px2: float) -> Choice:
     """Recommend one of a camera's models. ``area_px2``: the image's."""
-    judged = {name: one.heldout for name, one in models.items() if one.heldout is not None}
+    judged = {name: candidate.heldout for name, candidate in models.items() if candidate.heldout is not None}
     if not judged:
         return _by_fitted(models, area_px2)
     common = np.array(sorted(set.intersection(*(set(pairs.number.tolist()) for pairs in judged.values()))), np.int64)
@@ -59,24 +59,24 @@ def choose(models: Mapping[str, Candidate], area_px2: float) -> Choice:
             "The models cannot be compared: no pair was held out of all of them, because of runs that failed or that "
             "leave parameters open.",
         )
-    found = weigh({name: pairs.of(common) for name, pairs in judged.items()}, area_px2)
-    return _by_heldout(models, {name: pairs.of(common) for name, pairs in judged.items()}, found)
+    evidence = weigh({name: pairs.of(common) for name, pairs in judged.items()}, area_px2)
+    return _by_heldout(models, {name: pairs.of(common) for name, pairs in judged.items()}, evidence)
 
 
-def _by_heldout(models: Mapping[str, Candidate], judged: Mapping[str, Pairs], found: Evidence) -> Choice:
-    behind = {name: _difference(name, judged, found) for name in judged if name != found.best}
-    alike = [found.best, *(name for name, one in behind.items() if one.within_noise)]
-    chosen = min(alike, key=lambda name: _rank(models[name], -found.total[name], name))
-    others = sorted(behind, key=lambda name: (-found.total[name], name))
+def _by_heldout(models: Mapping[str, Candidate], judged: Mapping[str, Pairs], evidence: Evidence) -> Choice:
+    behind = {name: _difference(name, judged, evidence) for name in judged if name != evidence.best}
+    alike = [evidence.best, *(name for name, gap in behind.items() if gap.within_noise)]
+    chosen = min(alike, key=lambda name: _rank(models[name], -evidence.total[name], name))
+    others = sorted(behind, key=lambda name: (-evidence.total[name], name))
     sentences = [
-        f"Held-out pairs are likeliest under {found.best}, with a noise of {found.sigma_px[found.best]:.2f} px per "
-        "coordinate.",
+        f"Held-out pairs are likeliest under {evidence.best}, with a noise of "
+        f"{evidence.sigma_px[evidence.best]:.2f} px per coordinate.",
         *(_behind(name, behind[name]) for name in others),
-        *_because(chosen, found.best, models),
-        *(_unjudged(name, one) for name, one in models.items() if name not in judged),
-        *_more_pairs(others, behind, len(found.belongs)),
+        *_because(chosen, evidence.best, models),
+        *(_unjudged(name, candidate) for name, candidate in models.items() if name not in judged),
+        *_more_pairs(others, behind, len(evidence.belongs)),
     ]
-    return Choice(chosen, " ".join(sentences), behind, found.weight, found.sigma_px)
+    return Choice(chosen, " ".join(sentences), behind, evidence.weight, evidence.sigma_px)
 
 
 def _rank(model: Candidate, by_error: float, name: str) -> tuple[object, ...]:
@@ -84,12 +84,12 @@ def _rank(model: Candidate, by_error: float, name: str) -> tuple[object, ...]:
     return not model.sound, bool(model.at_bounds), model.free_parameters, model.parameters, by_error, name
 
 
-def _difference(name: str, judged: Mapping[str, Pairs], found: Evidence) -> Behind:
-    pairs, best = judged[name], judged[found.best]
-    behind, deviation = found.behind(name, best.block)
-    belonging = max(float(found.belongs.sum()), 1e-9)
-    px = found.belongs * (pairs.errors_px - best.errors_px) / belonging
-    lowest = max(float(found.belongs @ best.errors_px) / belonging, 1e-9)
+def _difference(name: str, judged: Mapping[str, Pairs], evidence: Evidence) -> Behind:
+    pairs, best = judged[name], judged[evidence.best]
+    behind, deviation = evidence.behind(name, best.block)
+    belonging = max(float(evidence.belongs.sum()), 1e-9)
+    px = evidence.belongs * (pairs.errors_px - best.errors_px) / belonging
+    lowest = max(float(evidence.belongs @ best.errors_px) / belonging, 1e-9)
     mean, of_mean = float(px.sum()), standard_error(px, best.block)
     return Behind(
         px=mean,
@@ -102,10 +102,10 @@ def _difference(name: str, judged: Mapping[str, Pairs], found: Evidence) -> Behi
     )
 
 
-def _behind(name: str, one: Behind) -> str:
-    words = f"{name} is {one.log_likelihood:.1f} ± {one.standard_error_log_likelihood:.1f} behind in log likelihood"
-    noise = f", which decides nothing below {_ALIKE:g}" if one.within_noise else ""
-    return f"{words} ({one.px:+.2f} ± {one.standard_error_px:.2f} px){noise}."
+def _behind(name: str, gap: Behind) -> str:
+    words = f"{name} is {gap.log_likelihood:.1f} ± {gap.standard_error_log_likelihood:.1f} behind in log likelihood"
+    noise = f", which decides nothing below {_ALIKE:g}" if gap.within_noise else ""
+    return f"{words} ({gap.px:+.2f} ± {gap.standard_error_px:.2f} px){noise}."
 
 
 def _because(chosen: str, best: str, models: Mapping[str, Candidate]) -> list[str]:
@@ -151,16 +151,16 @@ def _rounded(number: float) -> int:
 
 def _by_fitted(models: Mapping[str, Candidate], area_px2: float) -> Choice:
     """Without held-out pairs: Schwarz's criterion (1978) on the errors of the fits."""
-    found = weigh({name: one.fitted for name, one in models.items()}, area_px2)
-    coordinates = 2.0 * len(found.belongs)
+    evidence = weigh({name: candidate.fitted for name, candidate in models.items()}, area_px2)
+    coordinates = 2.0 * len(evidence.belongs)
     cost = {
-        name: one.free_parameters * float(np.log(coordinates)) - 2.0 * found.total[name]
-        for name, one in models.items()
+        name: candidate.free_parameters * float(np.log(coordinates)) - 2.0 * evidence.total[name]
+        for name, candidate in models.items()
     }
     ranked = sorted(models, key=lambda name: (cost[name], models[name].parameters, name))
     alike = [name for name in ranked if cost[name] - cost[ranked[0]] < 2.0 * _ALIKE]
     chosen = min(alike, key=lambda name: _rank(models[name], cost[name], name))
-    means = {name: _mean(one.fitted.errors_px) for name, one in models.items()}
+    means = {name: _mean(candidate.fitted.errors_px) for name, candidate in models.items()}
     sentences = [
         f"{name} {means[name]:.2f} px with {models[name].free_parameters} free parameters" for name in ranked
     ]

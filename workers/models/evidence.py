@@ -39,8 +39,8 @@ class Pairs:
 
     def of(self, numbers: Integers) -> Pairs:
         """Only the pairs with these numbers."""
-        kept = np.isin(self.number, numbers)
-        return Pairs(*(getattr(self, name)[kept] for name in self.__dataclass_fields__))
+        is_common = np.isin(self.number, numbers)
+        return Pairs(*(getattr(self, name)[is_common] for name in self.__dataclass_fields__))
 
 
 class Evidence(NamedTuple):
@@ -69,10 +69,10 @@ def weigh(models: Mapping[str, Pairs], area_px2: float) -> Evidence:
     best = max(parts, key=lambda name: float(parts[name].log_likelihood.sum()))
     belongs = parts[best].belongs
     log_likelihood = {name: part.log_likelihood for name, part in parts.items()}
-    total = {name: float(belongs @ one) for name, one in log_likelihood.items()}
+    total = {name: float(belongs @ of_pair) for name, of_pair in log_likelihood.items()}
     best = max(total, key=lambda name: total[name])
     block = next(iter(models.values())).block
-    sums = np.array([_sums(belongs * one, block) for one in log_likelihood.values()])
+    sums = np.array([_sums(belongs * of_pair, block) for of_pair in log_likelihood.values()])
     weight = dict(zip(models, _weights(sums), strict=True))
     return Evidence(
         best, log_likelihood, total, weight, belongs, {name: part.sigma_px for name, part in parts.items()}
@@ -119,8 +119,8 @@ def _gaussian(square: Floats, stretch: Floats, variance: float, share: float) ->
 
 
 def _sums(values: Floats, block: Integers) -> Floats:
-    _, place = np.unique(block, return_inverse=True)
-    return np.bincount(place, weights=values).astype(np.float64)
+    _, index = np.unique(block, return_inverse=True)
+    return np.bincount(index, weights=values).astype(np.float64)
 
 
 def _weights(sums: Floats) -> list[float]:

@@ -37,7 +37,7 @@ def spread_of(model: str, results: Mapping[str, FitResult], weight: Mapping[str,
         return None
     differences = {name: difference(results[name], own) for name in weights if name != model}
     added = {
-        name: sum(weights[other] / whole * one[name] ** 2 for other, one in differences.items() if name in one)
+        name: sum(weights[other] / whole * apart[name] ** 2 for other, apart in differences.items() if name in apart)
         for name in own.std
     }
     std = {
@@ -59,8 +59,8 @@ def spread_sentence(model: str, results: Mapping[str, FitResult], spread: Betwee
     if spread is None:
         return None
     own = results[model]
-    told: list[str] = []
-    for name, share in sorted(spread.weights.items(), key=lambda one: -one[1]):
+    sentences: list[str] = []
+    for name, share in sorted(spread.weights.items(), key=lambda item: -item[1]):
         if name == model or share < 0.01:
             continue
         apart = difference(results[name], own)
@@ -68,10 +68,10 @@ def spread_sentence(model: str, results: Mapping[str, FitResult], spread: Betwee
         if sigmas > _SURPRISE:
             degrees = np.linalg.norm([apart[key] for key in TURNS])
             millimetres = 1000 * np.linalg.norm([apart[key] for key in MOUNT[3:]])
-            told.append(
+            sentences.append(
                 f"{name} (weight {share:.2f}) puts the mount {degrees:.2f} degrees and {millimetres:.0f} mm from "
                 f"where {model} does, {sigmas:.1f} deviations that {model} states"
             )
-    if not told:
+    if not sentences:
         return None
-    return f"{'; '.join(told)}: the pairs do not rule that out, so the published deviations include it."
+    return f"{'; '.join(sentences)}: the pairs do not rule that out, so the published deviations include it."

@@ -26,7 +26,7 @@ _OF_RESULT: Final = (
 )
 
 
-class Fit(NamedTuple):
+class CameraFit(NamedTuple):
     """A result of one camera. ``heldout_fold`` is None for a fit to all pairs."""
 
     result_id: UUID
@@ -36,7 +36,7 @@ class Fit(NamedTuple):
     workers: Sequence[str] = ()
 
 
-def camera_summary(fits: Sequence[Fit]) -> CameraSummary:
+def camera_summary(fits: Sequence[CameraFit]) -> CameraSummary:
     """Return the summary of one camera's fits. Its results are not judged yet: it has no checks and no verdicts."""
     choice, candidates = recommend(fits)
     full = {fit.result.model: fit for fit in fits if fit.heldout_fold is None}
@@ -69,7 +69,7 @@ def camera_summary(fits: Sequence[Fit]) -> CameraSummary:
     return CameraSummary(recommended=chosen, why=why, models=models, checks=[], published=None)
 
 
-def recommend(fits: Sequence[Fit]) -> tuple[Choice, dict[str, Candidate]]:
+def recommend(fits: Sequence[CameraFit]) -> tuple[Choice, dict[str, Candidate]]:
     """Choose the model to recommend from a camera's fits, and say why."""
     full = {fit.result.model: fit.result for fit in fits if fit.heldout_fold is None}
     folds: dict[str, dict[int, FitResult]] = {name: {} for name in full}
@@ -82,7 +82,7 @@ def recommend(fits: Sequence[Fit]) -> tuple[Choice, dict[str, Candidate]]:
 
 
 def _candidate(full: FitResult, folds: Mapping[int, FitResult]) -> Candidate:
-    determined = {fold: one.heldout for fold, one in sorted(folds.items()) if one.status != "not_determined"}
+    determined = {fold: result.heldout for fold, result in sorted(folds.items()) if result.status != "not_determined"}
     # If most folds leave a model open, the others cannot judge it.
     judged = determined.values() if 2 * len(determined) > len(folds) else []
     parts = [_pairs(heldout) for heldout in judged if heldout]
@@ -117,7 +117,7 @@ def _left_out_by_all(results: Mapping[str, FitResult]) -> set[int]:
     """Pairs that every model's fit left out as outliers. Pairs that only some leave out count: they may show that a
     model lacks the lens.
     """
-    left_out = [{one.index for one in result.outliers if one.excluded} for result in results.values()]
+    left_out = [{outlier.index for outlier in result.outliers if outlier.excluded} for result in results.values()]
     return set.intersection(*left_out) if left_out else set()
 
 

@@ -26,8 +26,7 @@ from workers.readers.confine import add_child_options, confine
 from workers.readers.isolation.isolate import isolate
 from workers.readers.normalised.normalise import normalise
 from workers.readers.output import OutputLimitError, ReserveError, bytes_written, limit_output
-from workers.readers.progress import IngestProgress, Pace
-from workers.readers.pulse import tell_beats
+from workers.readers.progress import IngestProgress, Pace, tell_beats
 from workers.readers.recording import ReadError, ReadOptions
 
 _OPTIONS: Final = (
@@ -40,7 +39,11 @@ _LIMITS: Final[dict[type[BaseException], str]] = {
     OutputLimitError: "ingest_output_limit",
     ReserveError: "ingest_disk_full",
 }
-_DISK: Final = {errno.EFBIG: "ingest_file_limit", errno.ENOSPC: "ingest_disk_full"}
+_SYSTEM: Final = {
+    errno.EFBIG: "ingest_file_limit",
+    errno.ENOSPC: "ingest_disk_full",
+    errno.ENOMEM: "ingest_memory_limit",
+}
 
 
 def _say(line: dict[str, Any]) -> None:
@@ -79,15 +82,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     _take_limits(arguments)
     request: dict[str, Any] = arguments.request
     try:
-        made = _room(request)(arguments, request)
+        answer = _room(request)(arguments, request)
     except ReadError as error:
         return _error(error.code, error.message, error.hint, error.fields)
     except (MemoryError, OutputLimitError, ReserveError, OSError) as error:
-        code = _LIMITS.get(type(error)) or _DISK.get(getattr(error, "errno", None) or 0)
+        code = _LIMITS.get(type(error)) or _SYSTEM.get(getattr(error, "errno", None) or 0)
         if code is None:
             raise
         return _error(code, "", "")
-    _say(made | {"used": _used()})
+    _say(answer | {"used": _used()})
     return 0
 
 

@@ -25,24 +25,24 @@ def guess_cameras(names: Sequence[str], topics: Sequence[Sensor], sizes: Sizes) 
         topics: the topics that belong to no camera yet, each of another name.
         sizes: (width, height) per camera where the rig says it.
     """
-    found: dict[str, Sensor] = {}
+    matched: dict[str, Sensor] = {}
     for source in (_topic_words, _frame_words):
         for count in sorted({len(telling(name)) for name in names}, reverse=True):
-            free = _not_in(topics, found)
-            said = {topic.name: source(topic) for topic in free}
+            free = _not_in(topics, matched)
+            words_of = {topic.name: source(topic) for topic in free}
             matches = {
-                name: _match(telling(name), [(t, said[t.name]) for t in _of_size(free, sizes.get(name))])
+                name: _match(telling(name), [(t, words_of[t.name]) for t in _of_size(free, sizes.get(name))])
                 for name in names
-                if name not in found and len(telling(name)) == count
+                if name not in matched and len(telling(name)) == count
             }
             picked = Counter(topic.name for topic in matches.values() if topic)
-            found |= {name: topic for name, topic in matches.items() if topic and picked[topic.name] == 1}
-    _leftovers(names, topics, sizes, found)
-    return found
+            matched |= {name: topic for name, topic in matches.items() if topic and picked[topic.name] == 1}
+    _leftovers(names, topics, sizes, matched)
+    return matched
 
 
-def _not_in(topics: Sequence[Sensor], found: Mapping[str, Sensor]) -> list[Sensor]:
-    taken = {topic.name for topic in found.values()}
+def _not_in(topics: Sequence[Sensor], matched: Mapping[str, Sensor]) -> list[Sensor]:
+    taken = {topic.name for topic in matched.values()}
     return [topic for topic in topics if topic.name not in taken]
 
 
@@ -54,8 +54,10 @@ def _frame_words(topic: Sensor) -> frozenset[str]:
     return words(topic.frame_id)
 
 
-def _match(wanted: frozenset[str], topics: Sequence[tuple[Sensor, frozenset[str]]]) -> Sensor | None:
-    holding = sorted(((len(said - wanted), i) for i, (_, said) in enumerate(topics) if wanted <= said))
+def _match(name_words: frozenset[str], topics: Sequence[tuple[Sensor, frozenset[str]]]) -> Sensor | None:
+    holding = sorted(
+        ((len(topic_words - name_words), i) for i, (_, topic_words) in enumerate(topics) if name_words <= topic_words)
+    )
     if not holding or (len(holding) > 1 and holding[0][0] == holding[1][0]):
         return None
     return topics[holding[0][1]][0]
@@ -73,19 +75,19 @@ def _size(topic: Sensor) -> tuple[int, int] | None:
     return (int(width), int(height)) if width.isdigit() and height.isdigit() else None
 
 
-def _leftovers(names: Sequence[str], topics: Sequence[Sensor], sizes: Sizes, found: dict[str, Sensor]) -> None:
+def _leftovers(names: Sequence[str], topics: Sequence[Sensor], sizes: Sizes, matched: dict[str, Sensor]) -> None:
     """Pair what is left: one camera and one topic, or the only camera and the only topic of a size."""
     while True:
-        left = [name for name in names if name not in found]
-        free = _not_in(topics, found)
+        left = [name for name in names if name not in matched]
+        free = _not_in(topics, matched)
         if len(left) == 1 and len(free) == 1:
-            found[left[0]] = free[0]
+            matched[left[0]] = free[0]
             return
         clear = {name: [t for t in free if _size(t) == sizes.get(name)] for name in left if sizes.get(name)}
         for name, fitting in clear.items():
             twins = [other for other in left if other != name and sizes.get(other, sizes[name]) == sizes[name]]
             if len(fitting) == 1 and not twins:
-                found[name] = fitting[0]
+                matched[name] = fitting[0]
                 break
         else:
             return

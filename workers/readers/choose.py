@@ -47,22 +47,22 @@ def choose_sensors(
         )
     chosen = {"lidar": _lidar(recording, lidar)}
     topics = [s for s in recording.sensors if s.kind == "camera" and s.count != 0]
-    wanted = _named_after(topics) if cameras is None else _wanted(cameras)
-    for name in wanted:
+    rig_topics = _named_after(topics) if cameras is None else _wanted(cameras)
+    for name in rig_topics:
         if not _CAMERA_NAME.fullmatch(name) or name == "lidar":
             raise ReadError(
                 "camera_name_invalid",
                 f"{name!r} cannot name a camera, because its files are named after it.",
                 "Use letters, digits, '_', '-' and '.', at most 64, and not 'lidar'.",
             )
-    chosen |= _cameras(recording, topics, wanted, sizes or {})
+    chosen |= _cameras(recording, topics, rig_topics, sizes or {})
     for name, count in Counter(sensor.name for sensor in chosen.values()).items():
         if count > 1:
             raise ReadError(
                 "ambiguous_cameras",
                 f"{name} was named for two cameras.",
                 "Give each its own topic.",
-                {"candidates": candidates(topics), "cameras": list(wanted)},
+                {"candidates": candidates(topics), "cameras": list(rig_topics)},
             )
     return chosen
 
@@ -71,14 +71,14 @@ def candidates(sensors: Sequence[Sensor]) -> list[dict[str, Any]]:
     """What a program may offer its user to choose from, plain data."""
     listed: list[dict[str, Any]] = []
     for sensor in sensors[:_MOST_LISTED]:
-        one: dict[str, Any] = {
+        entry: dict[str, Any] = {
             "name": sensor.name,
             "kind": sensor.kind,
             "count": sensor.count,
             "frame_id": sensor.frame_id,
         }
-        one |= {key: int(sensor.notes[key]) for key in ("width", "height") if sensor.notes.get(key, "").isdigit()}
-        listed.append(one | {key: sensor.notes[key] for key in ("fields", "rate_hz") if sensor.notes.get(key)})
+        entry |= {key: int(sensor.notes[key]) for key in ("width", "height") if sensor.notes.get(key, "").isdigit()}
+        listed.append(entry | {key: sensor.notes[key] for key in ("fields", "rate_hz") if sensor.notes.get(key)})
     return listed
 
 
@@ -98,8 +98,8 @@ def _named_after(topics: Sequence[Sensor]) -> dict[str, str | None]:
 
 
 def _contents(recording: Recording) -> str:
-    known = [f"{s.name} ({s.kind}, {s.count if s.count is not None else '?'} messages)" for s in recording.sensors]
-    listed = [*known, *recording.other_topics]
+    sensors = [f"{s.name} ({s.kind}, {s.count if s.count is not None else '?'} messages)" for s in recording.sensors]
+    listed = [*sensors, *recording.other_topics]
     more = [f"and {len(listed) - _MOST_LISTED} more"] if len(listed) > _MOST_LISTED else []
     return "It holds: " + (", ".join(listed[:_MOST_LISTED] + more) or "no messages") + "."
 
@@ -153,11 +153,11 @@ def _lidar(recording: Recording, name: str | None) -> Sensor:
 def _best_clouds(clouds: Sequence[Sensor]) -> list[Sensor]:
     """Those that come straight from a driver: with rings, then by their names, then, of one sensor, with times."""
     ringed = [s for s in clouds if _has(s, RING_FIELDS)] or list(clouds)
-    kept = primary(ringed)
-    if len({(s.frame_id, s.count) for s in kept}) == 1 and kept[0].frame_id:
-        timed = [s for s in kept if _has(s, TIME_FIELDS)]
-        return timed if len(timed) == 1 else kept
-    return kept
+    primary_topics = primary(ringed)
+    if len({(s.frame_id, s.count) for s in primary_topics}) == 1 and primary_topics[0].frame_id:
+        timed = [s for s in primary_topics if _has(s, TIME_FIELDS)]
+        return timed if len(timed) == 1 else primary_topics
+    return primary_topics
 
 
 def _has(sensor: Sensor, names: Sequence[str]) -> bool:
@@ -165,33 +165,33 @@ def _has(sensor: Sensor, names: Sequence[str]) -> bool:
 
 
 def _cameras(
-    recording: Recording, topics: Sequence[Sensor], wanted: Mapping[str, str | None], sizes: Sizes
+    recording: Recording, topics: Sequence[Sensor], rig_topics: Mapping[str, str | None], sizes: Sizes
 ) -> dict[str, Sensor]:
-    chosen = {name: _by_name(recording, "camera", topic) for name, topic in wanted.items() if topic is not None}
-    open_names = [name for name, topic in wanted.items() if topic is None]
+    chosen = {name: _by_name(recording, "camera", topic) for name, topic in rig_topics.items() if topic is not None}
+    open_names = [name for name, topic in rig_topics.items() if topic is None]
     taken = {sensor.name for sensor in chosen.values()}
     free = [topic for topic in primary(topics) if topic.name not in taken]
     if len(free) < len(open_names):  # rather a derived topic than none
         free = [topic for topic in topics if topic.name not in taken]
-    asked = {"candidates": candidates(free), "cameras": open_names}
+    fields = {"candidates": candidates(free), "cameras": open_names}
     if len(free) < len(open_names):
         raise ReadError(
             "ambiguous_cameras" if topics else "no_camera_topic",
-            f"The rig has {len(wanted)} cameras; the recording has topics for {len(free) + len(taken)}. "
+            f"The rig has {len(rig_topics)} cameras; the recording has topics for {len(free) + len(taken)}. "
             f"{_contents(recording)}",
             "Record every camera of the rig (images, compressed or raw, or a video), or leave a camera out.",
-            asked,
+            fields,
         )
     guessed = guess_cameras(open_names, free, sizes)
     missing = [name for name in open_names if name not in guessed]
     if missing:
-        given = {sensor.name for sensor in guessed.values()}
+        guessed_topics = {sensor.name for sensor in guessed.values()}
         raise ReadError(
             "ambiguous_cameras",
             f"Which topic belongs to which camera is not clear: cameras {', '.join(missing)}; "
-            f"topics {', '.join(t.name for t in free[:_MOST_LISTED] if t.name not in given)}.",
+            f"topics {', '.join(t.name for t in free[:_MOST_LISTED] if t.name not in guessed_topics)}.",
             "Name each camera's topic in the rig, or when uploading.",
-            asked,
+            fields,
         )
     chosen |= guessed
-    return {name: chosen[name] for name in wanted}
+    return {name: chosen[name] for name in rig_topics}

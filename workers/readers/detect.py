@@ -91,7 +91,7 @@ _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
 
 def format_of(head: bytes) -> FileFormat | None:
     """The format of a file that begins with these bytes; None for archives and for what is not known."""
-    return next((known for known in FILES if known.matches(head)), None)
+    return next((format_ for format_ in FILES if format_.matches(head)), None)
 
 
 def open_recording(path: str | Path, options: ReadOptions | None = None) -> Recording:
@@ -115,10 +115,10 @@ def open_recording(path: str | Path, options: ReadOptions | None = None) -> Reco
         head = file.read(HEAD_BYTES)
     if not head:
         raise ReadError("recording_empty", f"{path.name} holds no bytes.", "Copy or upload the file again.")
-    known = format_of(head) or (TREE if TREE.matches(head) else None)
-    if known is None:
+    format_ = format_of(head) or (TREE if TREE.matches(head) else None)
+    if format_ is None:
         raise _unknown(path, head)
-    return known.open(path, options)
+    return format_.open(path, options)
 
 
 def _unknown(path: Path, head: bytes) -> ReadError:

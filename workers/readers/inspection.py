@@ -69,6 +69,14 @@ def inspect_recording(
     )
 
 
+def _look(code: str, sensor: str, sentence: str, remedy: str) -> RecordingFault:
+    return RecordingFault(code=code, sensor=sensor, verdict="look", sentence=sentence, remedy=remedy)
+
+
+def _stop(code: str, sensor: str, sentence: str, remedy: str) -> RecordingFault:
+    return RecordingFault(code=code, sensor=sensor, verdict="stop", sentence=sentence, remedy=remedy)
+
+
 def _times(
     recording: Recording, chosen: Mapping[str, Sensor]
 ) -> tuple[dict[str, NDArray[np.int64]], dict[str, float]]:
@@ -125,21 +133,16 @@ def _lens(name: str, sensor: Sensor) -> list[RecordingFault]:
     stated, size = sensor.camera_info, _size(sensor)
     if stated is None and sensor.notes.get("camera_info") == "unusable":
         sentence = f"The CameraInfo of {name} states no lens: its K is 0 or holds what is no number."
-        return [RecordingFault(code="lens_not_stated", sensor=name, verdict="look", sentence=sentence, remedy=advice)]
+        return [_look("lens_not_stated", name, sentence, advice)]
     if stated is None:
-        sentence = f"No CameraInfo was recorded for {name}."
-        return [RecordingFault(code="no_camera_info", sensor=name, verdict="look", sentence=sentence, remedy=advice)]
+        return [_look("no_camera_info", name, f"No CameraInfo was recorded for {name}.", advice)]
     if size and (stated["width"], stated["height"]) != size:
         sentence = (
             f"The images of {name} have {size[0]} x {size[1]} pixels; its CameraInfo is of {stated['width']} x "
             f"{stated['height']}."
         )
-        remedy = (
-            "Record the full images, or the CameraInfo of these. Its lens does not hold for images of another size."
-        )
-        return [
-            RecordingFault(code="image_size_differs", sensor=name, verdict="stop", sentence=sentence, remedy=remedy)
-        ]
+        remedy = "Record the full images, or their own CameraInfo: a lens holds for images of one size."
+        return [_stop("image_size_differs", name, sentence, remedy)]
     K = stated["K"]
     bounds = preset_bounds(
         "image-size", "pinhole", "rotation_vector", size or (stated["width"], stated["height"]), (0.0, 0.0, 0.0)
@@ -148,9 +151,7 @@ def _lens(name: str, sensor: Sensor) -> list[RecordingFault]:
     odd = [f"{word} = {value:g}" for word, value in values.items() if not bounds[word][0] <= value <= bounds[word][1]]
     if odd:
         sentence = f"The CameraInfo of {name} states {', '.join(odd)} px, which no lens of such images has."
-        return [
-            RecordingFault(code="lens_not_plausible", sensor=name, verdict="look", sentence=sentence, remedy=advice)
-        ]
+        return [_look("lens_not_plausible", name, sentence, advice)]
     return []
 
 
@@ -163,26 +164,16 @@ def _time_faults(
         seconds, _ = shared_time(*spans)
         yield from _pauses(camera, lidar, times)
         if sentences := overlap_warning(camera.name, *spans):
-            yield RecordingFault(
-                code="no_overlap" if seconds == 0.0 else "little_overlap",
-                sensor=camera.name,
-                verdict="stop" if seconds == 0.0 else "look",
-                sentence=sentences[0],
-                remedy="Record both at the same time, from before the walk to after it.",
-            )
+            remedy = "Record both at the same time, from before the walk to after it."
+            fault = _stop if seconds == 0.0 else _look
+            yield fault("no_overlap" if seconds == 0.0 else "little_overlap", camera.name, sentences[0], remedy)
         elif lidar.delay_s is not None and camera.delay_s is not None:
             apart_s = lidar.delay_s - camera.delay_s
             if abs(apart_s) > _CLOCKS_APART_S:
-                yield RecordingFault(
-                    code="clocks_apart",
-                    sensor=camera.name,
-                    verdict="stop",
-                    sentence=(
-                        f"The clock of {camera.name} is {abs(apart_s):.1f} s "
-                        f"{'ahead of' if apart_s > 0 else 'behind'} the LiDAR's."
-                    ),
-                    remedy="Synchronise the clocks (PTP, or stamps of one host), and record again.",
-                )
+                side = "ahead of" if apart_s > 0 else "behind"
+                sentence = f"The clock of {camera.name} is {abs(apart_s):.1f} s {side} the LiDAR's."
+                remedy = "Synchronise the clocks (PTP, or stamps of one host), and record again."
+                yield _stop("clocks_apart", camera.name, sentence, remedy)
     for camera in cameras[:1]:
         yield from _pauses(lidar, camera, times)
 
@@ -190,34 +181,23 @@ def _time_faults(
 def _length_faults(sensors: Sequence[InspectedSensor], *, is_still: bool) -> Iterator[RecordingFault]:
     lidar, *cameras = sensors
     if not cameras:
-        yield RecordingFault(
-            code="no_camera",
-            sensor="",
-            verdict="stop",
-            sentence="The recording holds no images.",
-            remedy="Record the cameras together with the LiDAR, or put their images into one folder with its clouds.",
-        )
+        remedy = "Record the cameras together with the LiDAR, or put their images into one folder with its clouds."
+        yield _stop("no_camera", "", "The recording holds no images.", remedy)
     for sensor in sensors:
         if sensor.count < _FEWEST_PLACES:
-            yield RecordingFault(
-                code="too_few",
-                sensor=sensor.name,
-                verdict="stop",
-                sentence=f"{sensor.name} has {sensor.count} messages; a fit needs marks in {_FEWEST_PLACES} places.",
-                remedy="Walk with the board for two minutes, or record twenty still poses.",
-            )
+            sentence = f"{sensor.name} has {sensor.count} messages; a fit needs marks in {_FEWEST_PLACES} places."
+            remedy = "Walk with the board for two minutes, or record twenty still poses."
+            yield _stop("too_few", sensor.name, sentence, remedy)
     seconds = [(each.last_ns - each.first_ns) / 1e9 for each in sensors]
     longest_s = max((min(seconds[0], each) for each in seconds[1:]), default=0.0)
     is_walk = not is_still and lidar.count >= _FEWEST_PLACES and (lidar.rate_hz or 0.0) > _POSES_HZ
     if is_walk and 0.0 < longest_s < _SHORTEST_S:
-        yield RecordingFault(
-            code="too_short",
-            sensor="",
-            verdict="look",
-            sentence=f"LiDAR and cameras were recorded for {longest_s:.1f} s only.",
-            remedy="Walk with the board for two minutes, slowly, everywhere in view. Are these still poses? Say "
-            "--still.",
+        sentence = f"LiDAR and cameras were recorded for {longest_s:.1f} s only."
+        remedy = (
+            "Does the board stand still in every sweep? Then say --still, here and to `apexcal upload`. If not, walk "
+            "with the board for two minutes, slowly, everywhere in view."
         )
+        yield _look("too_short", "", sentence, remedy)
 
 
 def _pauses(
@@ -231,16 +211,11 @@ def _pauses(
     lost = [(after, end) for after, end in pauses if np.count_nonzero((others > after) & (others < end)) > 2]
     if lost:
         after, end = max(lost, key=lambda pause: pause[1] - pause[0])
-        yield RecordingFault(
-            code="gap",
-            sensor=sensor.name,
-            verdict="look",
-            sentence=(
-                f"{sensor.name} pauses for {(end - after) / 1e9:.1f} s after {(after - sensor.first_ns) / 1e9:.1f} s"
-                f"{f', and {len(lost) - 1} times more' if len(lost) > 1 else ''}."
-            ),
-            remedy="Look at the network and the disk of the recorder; nothing can be paired in a pause.",
-        )
+        more = f", and {len(lost) - 1} times more" if len(lost) > 1 else ""
+        begin_s = (after - sensor.first_ns) / 1e9
+        sentence = f"{sensor.name} pauses for {(end - after) / 1e9:.1f} s after {begin_s:.1f} s{more}."
+        remedy = "Look at the network and the disk of the recorder; nothing can be paired in a pause."
+        yield _look("gap", sensor.name, sentence, remedy)
 
 
 def _frame_faults(
@@ -251,16 +226,9 @@ def _frame_faults(
     parents = {each.child: each.parent for each in transforms}
     for camera in cameras if parents else ():
         if _root(parents, lidar.frame_id) != _root(parents, camera.frame_id):
-            yield RecordingFault(
-                code="frames_not_connected",
-                sensor=camera.name,
-                verdict="look",
-                sentence=(
-                    f"/tf_static does not lead from {lidar.frame_id or 'the LiDAR'} to "
-                    f"{camera.frame_id or camera.name}."
-                ),
-                remedy="Give the rig's mount by hand, or record the tree that joins both frames.",
-            )
+            ends = f"{lidar.frame_id or 'the LiDAR'} to {camera.frame_id or camera.name}"
+            remedy = "Give the rig's mount by hand, or record the tree that joins both frames."
+            yield _look("frames_not_connected", camera.name, f"/tf_static does not lead from {ends}.", remedy)
 
 
 def _root(parents: Mapping[str, str], frame: str) -> str:

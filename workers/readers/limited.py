@@ -165,8 +165,10 @@ def _renamed(message: str, source: str, name: str) -> str:
 def isolation_here() -> Isolation:
     """What isolates the children that read uploads on this machine; one child is started to find out."""
     command = [sys.executable, "-m", "workers.readers.isolation.isolate"]
-    said = subprocess.run(command, cwd=_ROOT, env=child_environment(), stdout=subprocess.PIPE, check=True, timeout=60)
-    return Isolation(**json.loads(said.stdout))
+    answer = subprocess.run(
+        command, cwd=_ROOT, env=child_environment(), stdout=subprocess.PIPE, check=True, timeout=60
+    )
+    return Isolation(**json.loads(answer.stdout))
 
 
 def child_environment() -> dict[str, str]:
@@ -223,13 +225,13 @@ class _Ingestion:
     def _take(self, line: bytes) -> None:
         """A line of the child: progress, a sign of life, or its last word."""
         try:
-            said: Any = json.loads(line) if line.startswith(b"{") else None
+            message: Any = json.loads(line) if line.startswith(b"{") else None
         except ValueError:
             return
-        if not isinstance(said, dict):  # what a library has to say
+        if not isinstance(message, dict):  # what a library has to say
             return
         self._heard = time.monotonic()
-        spoken = cast("dict[str, Any]", said)
+        spoken = cast("dict[str, Any]", message)
         if "progress" in spoken:
             if self._on_progress is not None:
                 self._on_progress(IngestProgress(**spoken["progress"]))
@@ -260,7 +262,7 @@ class _Ingestion:
     def _explain(self, code: int, error: Mapping[str, Any] | None, complaint: str) -> ReadError:
         if error and error["message"]:
             return ReadError(error["code"], error["message"], error["hint"], error["fields"])
-        if "MemoryError" in complaint or "std::bad_alloc" in complaint:
+        if any(word in complaint for word in ("MemoryError", "std::bad_alloc", "Cannot allocate memory")):
             return self._refused("ingest_memory_limit")
         how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         return self._refused(error["code"] if error else _SIGNALS.get(-code, "ingest_crashed"), how)
@@ -283,10 +285,10 @@ def _bytes_of(source: Path) -> int:
 def _stored(folder: Path) -> int:
     """Bytes that a folder takes on the disk; files come and go meanwhile."""
     count = 0
-    for place, _, files in os.walk(folder):
+    for parent, _, files in os.walk(folder):
         for name in files:
             try:
-                count += (Path(place) / name).lstat().st_blocks * 512
+                count += (Path(parent) / name).lstat().st_blocks * 512
             except FileNotFoundError:
                 continue
     return count

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final, cast
 
-from workers.readers.pulse import beat
+from workers.readers.progress import beat
 
 # The disk is asked how much is free after so many bytes: a tenth of the smallest reserve that makes sense.
 _LOOK_BYTES: Final = 4 * 1024**2

@@ -155,8 +155,8 @@ class ReadOptions:
         if self.rate_hz is not None and not 0.5 <= self.rate_hz <= 1000:
             raise ValueError(f"rate_hz lies between 0.5 and 1000, not at {self.rate_hz}")
         if self.lidar_model is not None and self.lidar_model not in get_args(LidarModel):
-            known = ", ".join(get_args(LidarModel))
-            raise ValueError(f"lidar_model is one of {known}, not {self.lidar_model!r}")
+            models = ", ".join(get_args(LidarModel))
+            raise ValueError(f"lidar_model is one of {models}, not {self.lidar_model!r}")
         if self.rings is not None and not _whole(self.rings, 2, 256):
             raise ValueError(f"rings is a whole number from 2 to 256, not {self.rings!r}")
         if self.camera_start_ns is not None and not _whole(self.camera_start_ns, 0, _MAX_NS - 1):

@@ -44,14 +44,14 @@ def primary(topics: Sequence[Sensor]) -> list[Sensor]:
     Where nothing but such topics is there, they stay.
     """
     names = {topic.name for topic in topics}
-    kept = [topic for topic in topics if f"{topic.name}/compressed" not in names]
-    kept = [topic for topic in kept if _DERIVED.isdisjoint(words(topic.name))] or kept
-    most = max((topic.count or 0 for topic in kept), default=0)
-    kept = [topic for topic in kept if topic.count is None or topic.count * 20 >= most]
+    left = [topic for topic in topics if f"{topic.name}/compressed" not in names]
+    left = [topic for topic in left if _DERIVED.isdisjoint(words(topic.name))] or left
+    most = max((topic.count or 0 for topic in left), default=0)
+    left = [topic for topic in left if topic.count is None or topic.count * 20 >= most]
     by_parent: dict[str, list[Sensor]] = {}
-    for topic in kept:
+    for topic in left:
         by_parent.setdefault(_split(topic)[0], []).append(topic)
-    return [topic for topic in kept if topic is _best(by_parent[_split(topic)[0]], topic)]
+    return [topic for topic in left if topic is _best(by_parent[_split(topic)[0]], topic)]
 
 
 def _split(topic: Sensor) -> tuple[str, str]:

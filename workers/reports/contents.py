@@ -34,7 +34,7 @@ def contents(material: Material) -> Json:
     result = material.chosen.result
     errors = pair_errors(result, material.chosen.problem.points, material.chosen.problem.pixels)
     used = material.chosen.problem.weights > 0.0
-    used[[one.index for one in result.outliers]] = False
+    used[[item.index for item in result.outliers]] = False
     field = field_of(material, errors)
     return tidy(
         {
@@ -43,7 +43,7 @@ def contents(material: Material) -> Json:
             "ids": dict(material.ids),
             "made_at": material.made_at,
             "verdict": sentence_of(result, material.checks)._asdict(),
-            "checks": [one.model_dump() for one in material.checks],
+            "checks": [item.model_dump() for item in material.checks],
             "rings": rings_of(errors, used),
             "result": result.model_dump(include=_SHOWN_OF_RESULT, exclude_unset=True),
             "recommended": material.recommended,
@@ -85,22 +85,22 @@ def _pairs(material: Material, errors: PairErrors) -> Json:
 
 def _models(material: Material) -> Json:
     """By model: errors of each pair, and stated deviations over the ground and the image."""
-    made: Json = {}
+    documents: Json = {}
     count = len(material.pairs["x"])
     for model in material.models:
         errors = pair_errors(model.result, model.problem.points, model.problem.pixels)
-        held = held_out_px(model.heldout, count)
-        measured = np.where(np.isfinite(held), held, errors.distance_px)
-        made[model.result.model] = {
+        heldout_px = held_out_px(model.heldout, count)
+        measured = np.where(np.isfinite(heldout_px), heldout_px, errors.distance_px)
+        documents[model.result.model] = {
             "status": model.result.status,
             "mean_px": model.result.polished.mean_px,
             "rms_px": model.result.polished.rms_px,
             "measured_px": measured,
-            "measured_on": "held-out pairs" if np.isfinite(held).any() else "fitted pairs",
+            "measured_on": "held-out pairs" if np.isfinite(heldout_px).any() else "fitted pairs",
             "ground": ground_map(model, material.pairs),
             "image": image_map(model, material.pairs),
         }
-    return made
+    return documents
 
 
 def _slots(material: Material) -> Json:

@@ -19,7 +19,7 @@ COLUMNS: Final = 6
 BANDS_M: Final = (0.0, 6.0, 12.0, 20.0, 30.0)
 
 
-class Field(NamedTuple):
+class CoverageGrid(NamedTuple):
     """The number of pairs (B, C) by band of range and by sector: edges (C+1,) right of the axis, (B+1,)."""
 
     edges_deg: Floats
@@ -27,7 +27,7 @@ class Field(NamedTuple):
     pairs: NDArray[np.int64]
 
 
-def field_of(material: Material, errors: PairErrors) -> Field:
+def field_of(material: Material, errors: PairErrors) -> CoverageGrid:
     """The pairs by horizontal angle in the camera's view and by range."""
     lens = material.chosen.result.intrinsics
     width, height = lens.image_size
@@ -39,24 +39,26 @@ def field_of(material: Material, errors: PairErrors) -> Field:
     band = np.clip(np.searchsorted(edges, errors.range_m, side="right") - 1, 0, len(edges) - 2)
     count = np.zeros((len(edges) - 1, COLUMNS), np.int64)
     np.add.at(count, (band, column), 1)
-    return Field(angles, edges, count)
+    return CoverageGrid(angles, edges, count)
 
 
-def missing(field: Field) -> list[str]:
+def missing(field: CoverageGrid) -> list[str]:
     """Sentences about sectors without pairs, one for each band; nothing beyond the farthest pair."""
-    said: list[str] = []
+    sentences: list[str] = []
     farthest = int(np.flatnonzero(field.pairs.sum(axis=1))[-1])
     for band in range(farthest + 1):
         row = field.pairs[band]
         where = f"between {field.edges_m[band]:.0f} and {field.edges_m[band + 1]:.0f} m"
         if not row.any():
-            said.append(f"Nothing {where}.")
+            sentences.append(f"Nothing {where}.")
             continue
         for empty, columns in groupby(range(COLUMNS), key=lambda column: row[column] == 0):
             if empty:
                 run = list(columns)
-                said.append(f"Nothing {_sector(field.edges_deg[run[0]], field.edges_deg[run[-1] + 1], run)} {where}.")
-    return said
+                sentences.append(
+                    f"Nothing {_sector(field.edges_deg[run[0]], field.edges_deg[run[-1] + 1], run)} {where}."
+                )
+    return sentences
 
 
 def _sector(low: float, high: float, run: list[int]) -> str:

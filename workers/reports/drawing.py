@@ -118,8 +118,8 @@ def _points(figure: Figure, axes: Axes, plot: Plot, document: Json) -> None:
     if plot.steps:
         _rings(axes, document[plot.steps])
     if plot.person:
-        found = column(document, plot.person)
-        axes.plot(found["mean_u"], found["mean_v"], "+", color=_STRONG, markersize=14, markeredgewidth=2)
+        people = column(document, plot.person)
+        axes.plot(people["mean_u"], people["mean_v"], "+", color=_STRONG, markersize=14, markeredgewidth=2)
     if plot.y.endswith("error_px"):
         axes.set_ylim(bottom=0.0)
 
@@ -143,14 +143,14 @@ def _arrows(axes: Axes, plot: Plot, document: Json) -> None:
     axes.plot(*start[shown].T, ".", color=_STRONG, markersize=2.0)
 
 
-def _mesh(figure: Figure, axes: Axes, plot: Plot, found: Json) -> None:
-    table = np.array(found["sigma_px"], np.float64)
+def _mesh(figure: Figure, axes: Axes, plot: Plot, grid: Json) -> None:
+    table = np.array(grid["sigma_px"], np.float64)
     if not np.isfinite(table).any():
         axes.text(0.5, 0.5, "not stated", transform=axes.transAxes, ha="center")
         return
     drawn = axes.pcolormesh(
-        found["across"],
-        found["down"],
+        grid["across"],
+        grid["down"],
         np.ma.masked_invalid(table),
         vmin=0.0,
         vmax=float(np.nanquantile(table, _MOST_COLOUR)),
@@ -165,7 +165,7 @@ def _inline(svg: str, plot: Plot) -> str:
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = _ARROW.sub(
-        lambda found: '<path d="M{:.1f} {:.1f}L{:.1f} {:.1f}"/>'.format(*map(float, found.groups())), svg
+        lambda match: '<path d="M{:.1f} {:.1f}L{:.1f} {:.1f}"/>'.format(*map(float, match.groups())), svg
     )
     svg = _USE.sub(_short, svg)
     for colour, variable in _VARIABLES.items():
@@ -177,8 +177,8 @@ def _inline(svg: str, plot: Plot) -> str:
     return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(plot.says)}" focusable="false" ', 1)
 
 
-def _short(found: re.Match[str]) -> str:
-    href, x, y, style = found.groups()
+def _short(match: re.Match[str]) -> str:
+    href, x, y, style = match.groups()
     fill = _FILL.search(style or "")
     # The page gives points its own colour, where they do not show a value.
     colour = f' style="fill:{fill[1]}"' if fill and fill[1] != _POINT else ""

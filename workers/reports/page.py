@@ -43,7 +43,7 @@ def page(document: Json, frames: Mapping[int, FrameImage] | None = None) -> str:
 
 def _pictures(document: Json, frames: Mapping[int, FrameImage]) -> dict[int, Json]:
     """Frames of the outliers as the browser shows them, the worst first, as long as the file has room."""
-    made: dict[int, Json] = {}
+    pictures: dict[int, Json] = {}
     left = _PICTURES_BYTES
     for outlier in document["result"]["outliers"] or []:
         number = outlier["index"]
@@ -54,7 +54,7 @@ def _pictures(document: Json, frames: Mapping[int, FrameImage]) -> dict[int, Jso
         pairs = document["pairs"]
         u, v = pairs["u"][number], pairs["v"][number]
         across, down = _AROUND_PX
-        made[number] = {
+        pictures[number] = {
             "address": f"data:{frame.media_type};base64,{base64.b64encode(frame.data).decode()}",
             "width": frame.width,
             "height": frame.height,
@@ -62,7 +62,7 @@ def _pictures(document: Json, frames: Mapping[int, FrameImage]) -> dict[int, Jso
             "mark": (u, v),
             "projected": (pairs["projected_u"][number], pairs["projected_v"][number]),
         }
-    return made
+    return pictures
 
 
 @cache

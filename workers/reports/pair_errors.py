@@ -49,10 +49,10 @@ def pair_errors(result: FitResult, xyz: Floats, marks: Floats) -> PairErrors:
 
 def held_out_px(folds: Sequence[HeldOut], count: int) -> Floats:
     """(N,) each pair's distance under the fit that held it out, px; NaN where none did."""
-    found = np.full(count, np.nan)
+    errors_px = np.full(count, np.nan)
     for heldout in folds:
-        found[np.asarray(heldout.indices, np.int64)] = heldout.errors_px
-    return found
+        errors_px[np.asarray(heldout.indices, np.int64)] = heldout.errors_px
+    return errors_px
 
 
 def rings_of(errors: PairErrors, used: NDArray[np.bool_], count: int = 4) -> list[dict[str, float]]:

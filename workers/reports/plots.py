@@ -49,22 +49,24 @@ class Section:
 
 def sections_of(document: Json) -> list[Section]:
     """All plots of a report, in the order in which they are shown."""
-    found = [Section("residuals", "Residuals", _residuals(document))]
+    sections = [Section("residuals", "Residuals", _residuals(document))]
     if document["people"]:
-        found.append(Section("people", "By person", [_of_person(*one) for one in enumerate(document["people"])]))
-    found.append(Section("elsewhere", "Other recordings", _curves(document)))
-    found += [Section(f"maps-{name}", f"Error maps of {name}", _maps(name)) for name in document["models"]]
+        sections.append(
+            Section("people", "By person", [_of_person(*person) for person in enumerate(document["people"])])
+        )
+    sections.append(Section("elsewhere", "Other recordings", _curves(document)))
+    sections += [Section(f"maps-{name}", f"Error maps of {name}", _maps(name)) for name in document["models"]]
     if document["slots"]["loss_px"]:
-        found.append(Section("search", "Convergence of the search", [_SLOTS]))
-    return found
+        sections.append(Section("search", "Convergence of the search", [_SLOTS]))
+    return sections
 
 
 def column(document: Json, path: str) -> Any:
     """What a path such as ``pairs/range_m`` names."""
-    found: Any = document
+    value: Any = document
     for step in path.split("/"):
-        found = found[int(step)] if isinstance(found, list) else found[step]
-    return found
+        value = value[int(step)] if isinstance(value, list) else value[step]
+    return value
 
 
 def rows_of(plot: Plot, document: Json) -> list[int]:
@@ -153,17 +155,17 @@ def _curves(document: Json) -> list[Plot]:
     return [
         Plot(
             f"curve-{number}-{curve['offset']}",
-            f"{one['kind']} of {one['data']}, {curve['offset']}",
+            f"{validation['kind']} of {validation['data']}, {curve['offset']}",
             "turn of the mount, degrees",
-            _SCORES[one["kind"]],
+            _SCORES[validation["kind"]],
             f"The score over {curve['offset']} of the mount. A sharp peak at zero speaks for the result, a flat "
             "curve shows nothing.",
-            x=f"elsewhere/{number}/curves/{place}/at",
-            y=f"elsewhere/{number}/curves/{place}/score",
+            x=f"elsewhere/{number}/curves/{index}/at",
+            y=f"elsewhere/{number}/curves/{index}/score",
             points="",
         )
-        for number, one in enumerate(document["elsewhere"])
-        for place, curve in enumerate(one.get("curves") or [])
+        for number, validation in enumerate(document["elsewhere"])
+        for index, curve in enumerate(validation.get("curves") or [])
         if curve["offset"] in ("yaw", "pitch")
     ]
 

@@ -20,9 +20,9 @@ def rounded(values: NDArray[np.float64] | Iterable[float]) -> list[float | None]
 def tidy(value: Any) -> Any:
     """A document with all its numbers rounded and without numbers that JSON lacks."""
     if isinstance(value, dict):
-        return {str(name): tidy(one) for name, one in value.items()}
+        return {str(name): tidy(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [tidy(one) for one in value]
+        return [tidy(item) for item in value]
     if isinstance(value, np.ndarray):
         return tidy(value.tolist())
     if isinstance(value, float | np.floating):

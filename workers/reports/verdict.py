@@ -20,9 +20,9 @@ class ReportVerdict(NamedTuple):
 
 def sentence_of(result: FitResult, checks: Sequence[Check]) -> ReportVerdict:
     """Return what the checks of the mount with its lens come to."""
-    concerned = [one for one in checks if one.scope == "mount_with_lens"]
-    against = [one.sentence for one in concerned if one.verdict == "stop"]
-    doubts = [one.sentence for one in concerned if one.verdict == "look"]
+    concerned = [check for check in checks if check.scope == "mount_with_lens"]
+    against = [check.sentence for check in concerned if check.verdict == "stop"]
+    doubts = [check.sentence for check in concerned if check.verdict == "look"]
     level = verdict_of(concerned, "mount_with_lens")
     words = {
         "stop": f"Do not use it as it is: {_counted(len(against), 'check says', 'checks say')} so",
@@ -32,8 +32,8 @@ def sentence_of(result: FitResult, checks: Sequence[Check]) -> ReportVerdict:
     return ReportVerdict(level, f"{words}. {_precision(result)}", against, doubts)
 
 
-def _counted(count: int, one: str, many: str) -> str:
-    return f"1 {one}" if count == 1 else f"{count} {many}"
+def _counted(count: int, singular: str, many: str) -> str:
+    return f"1 {singular}" if count == 1 else f"{count} {many}"
 
 
 def _precision(result: FitResult) -> str:

@@ -245,7 +245,7 @@ class SimulatedLidar:
         turned = self._begins - azimuth
         return (turned if self._mount.seam_deg is None else np.remainder(turned, 2.0 * math.pi)) / self._omega
 
-    def seen(self, points: Floats) -> Floats:
+    def in_sensor_frame(self, points: Floats) -> Floats:
         """Points (N, 3) of the scene's level frame in the sensor's own, metres."""
         return points @ self._mount.rotation()
 

@@ -183,7 +183,7 @@ def _robust(problem: FitProblem, p: Floats) -> Fit:
         return fit
     near = _follow_scale(problem, _plain_or_robust(problem, p, most))
     scale = min(_known_scale(fit), _known_scale(near))
-    return min((near, fit), key=lambda one: cost_of(problem, one.parameters, scale))
+    return min((near, fit), key=lambda polished: cost_of(problem, polished.parameters, scale))
 
 
 def _narrowed(problem: FitProblem, fit: Fit) -> Fit:

@@ -38,7 +38,7 @@ def preview(context: Context, held: Claim, lease: Lease) -> Callable[[Session], 
         counts = count_kept(
             watched(lidar, range(len(lidar)), lease, "counting points"), Region.from_document(asked["region"])
         )
-    result: Json = dict(counts)
+    result: Json = counts.model_dump()
     return lambda session: result
 
 

@@ -31,7 +31,7 @@ from service.platform.jobs.claims import Claim, Lease
 from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
 from workers.judge.validation_checks import elsewhere as other_data_check
-from workers.models.summary import Fit, camera_summary
+from workers.models.summary import CameraFit, camera_summary
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
 from workers.solver.stopping import Stop
 from workers.tasks.context import Context
@@ -118,7 +118,7 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
 
 def _judge(
     result: Result,
-    fits: Sequence[Fit],
+    fits: Sequence[CameraFit],
     summary: CameraSummary,
     rig: RigSummary | None,
     current: _Current | None,
@@ -170,16 +170,16 @@ def _by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:
     return {name: found for name, found in cameras.items() if any(result.fold == FULL for result in found)}
 
 
-def _fits(session: Session, calibration_id: UUID, cameras: Mapping[str, Sequence[Result]]) -> dict[str, list[Fit]]:
+def _fits(session: Session, calibration: UUID, cameras: Mapping[str, Sequence[Result]]) -> dict[str, list[CameraFit]]:
     """Each camera's fits, with the seconds of their searches and who did them."""
     seconds: dict[UUID, float] = defaultdict(float)
     workers: dict[UUID, list[str]] = defaultdict(list)
-    for run_id, worker, spent in session.connection().execute(_SEARCHES, {"calibration": calibration_id}):
+    for run_id, worker, spent in session.connection().execute(_SEARCHES, {"calibration": calibration}):
         seconds[run_id] += spent
         workers[run_id].append(worker)
     return {
         camera: [
-            Fit(
+            CameraFit(
                 *(result.id, None if result.fold == FULL else result.fold, result.fit),
                 *(seconds[result.run_id], workers[result.run_id]),
             )

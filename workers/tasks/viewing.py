@@ -70,7 +70,7 @@ def _fetched(context: Context, sensor: Sensor, folder: Path) -> Path:
 
 
 def _camera(context: Context, camera: Json, sensor: Sensor, file: Path, folder: Path, lease: Lease) -> dict[str, Any]:
-    """A camera as :class:`workers.readers.viewing.viewed_camera.ViewedCamera` reads it."""
+    """A camera as :class:`workers.readers.viewing.viewer_file.ViewedCamera` reads it."""
     place = folder / "sensors" / str(sensor.id)
     table, undistorting = place / "frames.json", place / "map.npy"
     write_table(table, _table(context, sensor.id))

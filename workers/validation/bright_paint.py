@@ -29,12 +29,12 @@ def bright_pixels(image: NDArray[np.uint8], calibration: KnownCalibration, groun
     """
     height, width = image.shape[:2]
     mask = np.zeros((height, width), np.uint8)
-    pixels, seen = calibration.project(ground)
-    if not seen.any():
+    pixels, is_visible = calibration.project(ground)
+    if not is_visible.any():
         return mask
     scale = width / calibration.image_size[0]
-    rows = (pixels[seen, 1] + 0.5) * scale - 0.5
-    depth = calibration.mount.apply(ground[seen])[:, 2]
+    rows = (pixels[is_visible, 1] + 0.5) * scale - 0.5
+    depth = calibration.mount.apply(ground[is_visible])[:, 2]
     order = np.argsort(rows)
     rows, depth = rows[order], depth[order]
     grey = image[..., 1:].astype(np.float64).mean(axis=2)

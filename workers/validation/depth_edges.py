@@ -97,8 +97,8 @@ def _ends(grid: _Grid, axis: int) -> tuple[Floats, Floats]:
     around = np.maximum(np.roll(size, 1, axis), np.roll(size, -1, axis))
     near = np.maximum(q, np.roll(q, -1, axis))
     # The lowest and highest pair of rings have a neighbour on one side only, and NaN compares as false.
-    found = (size - around > _STEP * near) & (near < 1.0 / _NEAREST_M) & (near > 1.0 / _FARTHEST_M)
-    rows, columns = np.nonzero(found)
+    is_edge = (size - around > _STEP * near) & (near < 1.0 / _NEAREST_M) & (near > 1.0 / _FARTHEST_M)
+    rows, columns = np.nonzero(is_edge)
     other = ((rows + 1) % q.shape[0], columns) if axis == 0 else (rows, (columns + 1) % q.shape[1])
     first, second = grid.directions(rows, columns), grid.directions(*other)
     is_first = (step[rows, columns] < 0.0)[:, None]

@@ -16,8 +16,8 @@ from workers.readers.recording import Sweep
 from workers.validation.calibration import KnownCalibration
 from workers.validation.depth_edges import depth_edges
 from workers.validation.edge_image import edge_image
-from workers.validation.offsets import MOST_GROUPS, Parts, curve_offsets, find_peak, look_up, total, turn_grid
-from workers.validation.road_verdict import Watched, judge
+from workers.validation.offsets import MOST_GROUPS, ImageParts, curve_offsets, find_peak, look_up, total, turn_grid
+from workers.validation.road_verdict import ScoredDrive, judge
 
 Floats = NDArray[np.float64]
 _ONE_DEGREE: Final = np.radians([[0.0, 1.0, 0, 0, 0, 0], [0.0, -1.0, 0, 0, 0, 0]])
@@ -55,25 +55,25 @@ class EdgeCheck:
         look_up(maps, scale, *parts, self._turns, *self._over_turns)
         look_up(maps, scale, *parts, self._along, *self._over_axes)
 
-    def _seen(self, sweep: Sweep) -> Parts:
+    def _seen(self, sweep: Sweep) -> ImageParts:
         """The edges that the camera sees, in groups by their place in the image."""
         edges = depth_edges(sweep)
-        pixels, seen = self.calibration.project(edges.points)
+        pixels, is_visible = self.calibration.project(edges.points)
         beyond = self.calibration.project(edges.beyond)[0]
-        seen &= np.isfinite(beyond).all(axis=1)
-        seen[seen] = ~self._hidden(sweep, edges.points[seen], pixels[seen])
-        pixels, points = pixels[seen], edges.points[seen]
-        across = np.abs(beyond[seen] - pixels)
+        is_visible &= np.isfinite(beyond).all(axis=1)
+        is_visible[is_visible] = ~self._hidden(sweep, edges.points[is_visible], pixels[is_visible])
+        pixels, points = pixels[is_visible], edges.points[is_visible]
+        across = np.abs(beyond[is_visible] - pixels)
         across /= np.maximum(np.linalg.norm(across, axis=1), 1e-9)[:, None]
-        place = pixels / self.calibration.image_size * _REGIONS
-        column, row = np.clip(place.astype(np.int64), 0, np.array(_REGIONS) - 1).T
+        cell = pixels / self.calibration.image_size * _REGIONS
+        column, row = np.clip(cell.astype(np.int64), 0, np.array(_REGIONS) - 1).T
         group = (row * _REGIONS[0] + column) % MOST_GROUPS
-        return Parts(pixels, self.calibration.jacobians(points)[0], across, group)
+        return ImageParts(pixels, self.calibration.jacobians(points)[0], across, group)
 
     def _hidden(self, sweep: Sweep, points: Floats, pixels: Floats) -> NDArray[np.bool_]:
         """Which points something nearer may hide from the camera, which stands elsewhere than the LiDAR."""
         every = sweep.xyz.astype(np.float64)
-        where, seen = self.calibration.project(every)
+        where, is_visible = self.calibration.project(every)
         size = self.calibration.image_size[0] / _CELLS
         rows = int(self.calibration.image_size[1] / size) + 2
 
@@ -82,19 +82,19 @@ class EdgeCheck:
             return (row + 1) * (_CELLS + 2) + column + 1
 
         nearest = np.full((rows + 1) * (_CELLS + 2), np.inf)
-        depth = self.calibration.mount.apply(every[seen])[:, 2]
-        np.minimum.at(nearest, cell(where[seen]), depth)
+        depth = self.calibration.mount.apply(every[is_visible])[:, 2]
+        np.minimum.at(nearest, cell(where[is_visible]), depth)
         own = self.calibration.mount.apply(points)[:, 2]
         return own > _NEARER * nearest[cell(pixels)]
 
     def result(self) -> dict[str, Any]:
         """As the document of a road score says."""
         score = total(*self._over_axes)
-        place = 0
+        start = 0
         for curve in self._curves:
-            curve["score"] = np.round(score[place : place + len(curve["at"])], 4).tolist()
-            place += len(curve["at"])
-        at_zero, at_one = float(score[place]), float(score[place + 1 : place + 3].max())
+            curve["score"] = np.round(score[start : start + len(curve["at"])], 4).tolist()
+            start += len(curve["at"])
+        at_zero, at_one = float(score[start]), float(score[start + 1 : start + 3].max())
         peak = find_peak(self._turns, *self._over_turns)
-        watched = Watched("depth edges", self._frames, self._parts, self._parts, at_zero, at_one, peak)
+        watched = ScoredDrive("depth edges", self._frames, self._parts, self._parts, at_zero, at_one, peak)
         return judge(watched) | {"chance": 1.0, "curves": self._curves}

@@ -16,7 +16,7 @@ from workers.validation.bright_paint import bright_pixels
 from workers.validation.calibration import KnownCalibration
 from workers.validation.lane_markers import lane_markers
 from workers.validation.offsets import MOST_GROUPS, curve_offsets, find_peak, look_up, parts_of, total, turn_grid
-from workers.validation.road_verdict import Watched, judge
+from workers.validation.road_verdict import ScoredDrive, judge
 
 Floats = NDArray[np.float64]
 _ONE_DEGREE: Final = np.radians([[0.0, 1.0, 0, 0, 0, 0], [0.0, -1.0, 0, 0, 0, 0]])
@@ -41,18 +41,18 @@ class LaneCheck:
     def add(self, sweep: Sweep, image: NDArray[np.uint8]) -> None:
         """A sweep and the frame (h, w, 3) BGR of its moment, possibly made smaller."""
         self._frames += 1
-        found = lane_markers(sweep)
-        if found.ground is None or not found.total:
+        markers = lane_markers(sweep)
+        if markers.ground is None or not markers.total:
             return
-        ground = np.concatenate([found.points, found.plain])
+        ground = np.concatenate([markers.points, markers.plain])
         paint = bright_pixels(image, self.calibration, ground)[None].astype(np.float32)
         # Markers take turns among the groups, so each group has some of every frame.
-        marked = parts_of(self.calibration, found.points, (found.marker + self._markers) % MOST_GROUPS)
+        marked = parts_of(self.calibration, markers.points, (markers.marker + self._markers) % MOST_GROUPS)
         self._markers += len(np.unique(marked.group))
         self._points += len(marked.pixels)
         scale = image.shape[1] / self.calibration.image_size[0]
         look_up(paint, scale, *marked, self._offsets, self._sums, self._counts)
-        plain = parts_of(self.calibration, found.plain, np.zeros(len(found.plain), np.int64))
+        plain = parts_of(self.calibration, markers.plain, np.zeros(len(markers.plain), np.int64))
         look_up(paint, scale, *plain, np.zeros((1, 6)), *self._plain)
 
     def result(self) -> dict[str, Any]:
@@ -60,10 +60,10 @@ class LaneCheck:
         turns = slice(0, len(self._turns))
         score = total(self._sums, self._counts)
         peak = find_peak(self._turns, self._sums[turns], self._counts[turns])
-        place = len(self._turns)
+        start = len(self._turns)
         for curve in self._curves:
-            curve["score"] = np.round(score[place : place + len(curve["at"])], 4).tolist()
-            place += len(curve["at"])
-        at_zero, at_one = float(score[place]), float(score[place + 1 : place + 3].max())
-        watched = Watched("lane markers", self._frames, self._markers, self._points, at_zero, at_one, peak)
+            curve["score"] = np.round(score[start : start + len(curve["at"])], 4).tolist()
+            start += len(curve["at"])
+        at_zero, at_one = float(score[start]), float(score[start + 1 : start + 3].max())
+        watched = ScoredDrive("lane markers", self._frames, self._markers, self._points, at_zero, at_one, peak)
         return judge(watched) | {"chance": float(total(*self._plain)[0]), "curves": self._curves}

@@ -94,6 +94,6 @@ def _joined(points: Floats, ring: NDArray[np.int64], run: NDArray[np.int64]) -> 
     apart = np.hypot(*(middle[:, None, :2] - middle[None, :, :2]).transpose(2, 0, 1))
     spacing = np.abs(distance[:, None] - distance[None, :])
     neighbours = np.abs(of_ring[:, None] - of_ring[None, :]) == 1
-    one, other = np.nonzero(neighbours & (apart < _STRETCH * np.maximum(spacing, 0.1)))
-    links = sparse.coo_array((np.ones(len(one)), (one, other)), shape=(count, count))
+    first, second = np.nonzero(neighbours & (apart < _STRETCH * np.maximum(spacing, 0.1)))
+    links = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
     return np.asarray(sparse.csgraph.connected_components(links, directed=False)[1], np.int64)[run]

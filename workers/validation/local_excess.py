@@ -34,12 +34,12 @@ def local_excess(position: Floats, value: Floats, window: float, floor: float) -
     centres = np.arange(position[0], position[-1] + window / 2, window / 2)
     first = np.searchsorted(position, centres - window / 2)
     last = np.searchsorted(position, centres + window / 2)
-    found = [
+    layers = [
         (centre, *_middle(value[a:b])) for centre, a, b in zip(centres, first, last, strict=True) if b - a >= _FEWEST
     ]
-    if not found:
+    if not layers:
         return excess
-    at, middle, spread = np.array(found).T
+    at, middle, spread = np.array(layers).T
     near = np.abs(position - at[np.abs(position[:, None] - at).argmin(axis=1)]) <= window
     background = np.asarray(np.interp(position, at, middle), np.float64)
     deviation = np.maximum(np.asarray(np.interp(position, at, spread), np.float64), floor)

@@ -33,7 +33,7 @@ MOST_GROUPS: Final = 60
 _NAMES: Final = ("pitch", "yaw", "roll", "x", "y", "z")
 
 
-class Parts(NamedTuple):
+class ImageParts(NamedTuple):
     """Points of one frame whose pixels are looked up.
 
     Attributes:
@@ -64,11 +64,11 @@ class Peak(NamedTuple):
     lead: float
 
 
-def parts_of(calibration: KnownCalibration, points: Floats, group: NDArray[np.int64]) -> Parts:
+def parts_of(calibration: KnownCalibration, points: Floats, group: NDArray[np.int64]) -> ImageParts:
     """Points (N, 3), LiDAR frame, as parts; those that the image does not show are left out."""
-    pixels, seen = calibration.project(points)
-    by_offset = calibration.jacobians(points[seen])[0]
-    return Parts(pixels[seen], by_offset, np.ones((int(seen.sum()), 1)), group[seen])
+    pixels, is_visible = calibration.project(points)
+    by_offset = calibration.jacobians(points[is_visible])[0]
+    return ImageParts(pixels[is_visible], by_offset, np.ones((int(is_visible.sum()), 1)), group[is_visible])
 
 
 def turn_grid() -> Floats:

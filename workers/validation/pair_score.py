@@ -58,7 +58,7 @@ def score_pairs(calibration: KnownCalibration, points: Floats, marks: Floats) ->
     there = violation == 0.0
     residuals = projected - marks
     sound = there & _near_the_others(residuals, there)
-    found: dict[str, Any] = {
+    score: dict[str, Any] = {
         "pairs": len(points),
         "forbidden": int(np.count_nonzero(~there)),
         "wrong": int(np.count_nonzero(there & ~sound)),
@@ -69,12 +69,12 @@ def score_pairs(calibration: KnownCalibration, points: Floats, marks: Floats) ->
         "stated_noise_px": calibration.sigma_px,
         **_held_against(calibration, points[sound], residuals[sound]),
     }
-    found["verdict"], found["sentence"] = _judged(found)
+    score["verdict"], score["sentence"] = _judged(score)
     columns = {"u": marks[:, 0], "v": marks[:, 1], "residual_u": residuals[:, 0], "residual_v": residuals[:, 1]}
     for name, values in columns.items():
-        found[name] = [round(value, 4) if np.isfinite(value) else None for value in values.tolist()]
-    found["is_wrong"] = (there & ~sound).tolist()
-    return found
+        score[name] = [round(value, 4) if np.isfinite(value) else None for value in values.tolist()]
+    score["is_wrong"] = (there & ~sound).tolist()
+    return score
 
 
 def _near_the_others(residuals: Floats, there: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -102,7 +102,7 @@ def _held_against(calibration: KnownCalibration, points: Floats, residuals: Floa
     left = (e - by_mount @ d).reshape(count, 2)
     freedom = max(2 * count - by_mount.shape[1], 1)
     noise = float(np.sqrt(np.sum(left**2) / freedom))
-    found = none | {
+    score = none | {
         "bias_px": [float(value) for value in residuals.mean(axis=0)],
         "noise_px": noise,
         # The calibration lies d beyond where the pairs would have it.
@@ -110,7 +110,7 @@ def _held_against(calibration: KnownCalibration, points: Floats, residuals: Floa
         "shift_mm": float(1e3 * np.linalg.norm(d[3:])),
     }
     if not calibration.names or calibration.sigma_px is None:
-        return found
+        return score
     # What the pairs show of their own noise counts where it is more than stated: it is judged by itself.
     sigma = max(calibration.sigma_px, noise)
     mean = by_stated.reshape(count, 2, -1).mean(axis=0)
@@ -121,31 +121,31 @@ def _held_against(calibration: KnownCalibration, points: Floats, residuals: Floa
     unit: Floats = np.asarray(V, np.float64) / (size[:, None] * size[None, :])
     apart: Floats = np.asarray(d, np.float64) / size
     statistic = float(np.einsum("i,ij,j->", apart, np.linalg.inv(unit), apart))
-    return found | {
+    return score | {
         "bias_sigma_px": [float(value) for value in np.sqrt(of_bias)],
         "sigmas": float(np.sqrt(statistic / len(d))),
         "probability": float(_chi2_beyond(len(d), statistic)),
     }
 
 
-def _judged(found: dict[str, Any]) -> tuple[str, str]:
+def _judged(score: dict[str, Any]) -> tuple[str, str]:
     """The verdict, and it in a sentence with its reasons."""
-    pairs, noise, stated = found["pairs"], found["noise_px"], found["stated_noise_px"]
-    errors = f"{pairs} pairs lie {found['mean_px']:.2f} px off on average, {found['median_px']:.2f} px in the median"
+    pairs, noise, stated = score["pairs"], score["noise_px"], score["stated_noise_px"]
+    errors = f"{pairs} pairs lie {score['mean_px']:.2f} px off on average, {score['median_px']:.2f} px in the median"
     if noise is None:
         return "unknown", f"{errors}: fewer than {_FEWEST} sound pairs do not allow a verdict."
-    bias = float(np.hypot(*found["bias_px"]))
-    if found["sigmas"] is None:
+    bias = float(np.hypot(*score["bias_px"]))
+    if score["sigmas"] is None:
         return "unknown", f"{errors}, with a bias of {bias:.2f} px. The calibration states no standard deviations."
     moved = (
-        f"a mount error of {found['turn_deg']:.2f} degrees and {found['shift_mm']:.0f} mm explains them best "
-        f"({found['sigmas']:.1f} standard deviations)"
+        f"a mount error of {score['turn_deg']:.2f} degrees and {score['shift_mm']:.0f} mm explains them best "
+        f"({score['sigmas']:.1f} standard deviations)"
     )
-    shares = found["forbidden"] + found["wrong"]
+    shares = score["forbidden"] + score["wrong"]
     reasons: list[str] = []
-    if found["probability"] < _LEVEL and bias > _FINE_PX:
+    if score["probability"] < _LEVEL and bias > _FINE_PX:
         reasons.append(f"their bias is {bias:.2f} px, and {moved}")
-    elif found["probability"] < _LEVEL and found["median_px"] > max(_UNEXPLAINED * 1.18 * stated, _FINE_PX):
+    elif score["probability"] < _LEVEL and score["median_px"] > max(_UNEXPLAINED * 1.18 * stated, _FINE_PX):
         reasons.append(moved)
     if noise > max(_UNEXPLAINED * stated, _FINE_PX):
         reasons.append(f"their noise is {noise:.2f} px per coordinate, and {stated:.2f} px is stated")

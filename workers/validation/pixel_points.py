@@ -42,7 +42,7 @@ class RangeNoise:
     across_rad: float
 
 
-class Plane(NamedTuple):
+class FittedPlane(NamedTuple):
     """A plane through points: centre (3,) in metres, unit axes (3, 3) with the normal last, covariance (3, 3).
 
     The covariance is of the offset along the normal at the centre (m) and of its slopes along the first two axes.
@@ -143,7 +143,7 @@ def _cone(
     return np.sort(rows[far <= k**2])
 
 
-def _plane(points: Floats, noise: RangeNoise) -> Plane | str:
+def _plane(points: Floats, noise: RangeNoise) -> FittedPlane | str:
     """The plane through points (N, 3), LiDAR frame, or why they have none."""
     if len(points) < _FEWEST:
         return f"{len(points)} points lie in the cone, and a plane needs {_FEWEST}"
@@ -161,7 +161,7 @@ def _plane(points: Floats, noise: RangeNoise) -> Plane | str:
     return plane
 
 
-def _regression(points: Floats, centre: Floats, axes: Floats, noise: RangeNoise) -> tuple[Plane, float]:
+def _regression(points: Floats, centre: Floats, axes: Floats, noise: RangeNoise) -> tuple[FittedPlane, float]:
     """The plane of heights above a centre (3,) along the last of the axes (3, 3), and its chi-square.
 
     Each height has the variance that its point's noise has along that axis.
@@ -180,4 +180,4 @@ def _regression(points: Floats, centre: Floats, axes: Floats, noise: RangeNoise)
     first: Floats = axes[0] - (axes[0] @ normal) * normal
     first /= np.linalg.norm(first)
     turned: Floats = np.stack([first, np.cross(normal, first), normal])
-    return Plane(centre + offset * axes[2], turned, covariance), float(residuals @ residuals)
+    return FittedPlane(centre + offset * axes[2], turned, covariance), float(residuals @ residuals)

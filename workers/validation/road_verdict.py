@@ -19,7 +19,7 @@ _VAGUE_DEG: Final = 0.25
 _FEWEST_PARTS: Final = 8
 
 
-class Watched(NamedTuple):
+class ScoredDrive(NamedTuple):
     """What a check saw: `noun` of its parts, how many, the score at no offset and at one degree of yaw."""
 
     noun: str
@@ -31,10 +31,10 @@ class Watched(NamedTuple):
     peak: Peak | None
 
 
-def judge(watched: Watched) -> dict[str, Any]:
+def judge(watched: ScoredDrive) -> dict[str, Any]:
     """Verdict, sentence, and the members of a road score that follow from them."""
     peak, noun = watched.peak, watched.noun
-    found: dict[str, Any] = {
+    document: dict[str, Any] = {
         "frames": watched.frames,
         "parts": watched.parts,
         "points": watched.points,
@@ -42,14 +42,14 @@ def judge(watched: Watched) -> dict[str, Any]:
         "score_at_one_degree": None,
     }
     if peak is None or watched.parts < _FEWEST_PARTS:
-        said = f"{watched.frames} frames show {watched.parts} {noun}: too few for a verdict."
-        return found | {"verdict": "unknown", "sentence": said}
-    found |= {"score": watched.score, "score_at_one_degree": watched.at_one_degree}
+        sentence = f"{watched.frames} frames show {watched.parts} {noun}: too few for a verdict."
+        return document | {"verdict": "unknown", "sentence": sentence}
+    document |= {"score": watched.score, "score_at_one_degree": watched.at_one_degree}
     if peak.lead < _CLEAR:
-        said = f"No turn of the mount fits {watched.parts} {noun} clearly better than all others: no verdict."
-        return found | {"verdict": "unknown", "sentence": said}
+        sentence = f"No turn of the mount fits {watched.parts} {noun} clearly better than all others: no verdict."
+        return document | {"verdict": "unknown", "sentence": sentence}
     sigma = float(np.hypot(peak.sigma_pitch_deg, peak.sigma_yaw_deg))
-    found |= {
+    document |= {
         "yaw_deg": peak.yaw_deg,
         "pitch_deg": peak.pitch_deg,
         "sigma_yaw_deg": peak.sigma_yaw_deg,
@@ -60,10 +60,10 @@ def judge(watched: Watched) -> dict[str, Any]:
         f"(+-{peak.sigma_yaw_deg:.2f}) and {abs(peak.pitch_deg):.2f} of pitch (+-{peak.sigma_pitch_deg:.2f}) away"
     )
     if sigma > _VAGUE_DEG:
-        return found | {"verdict": "unknown", "sentence": f"{where}, which is too uncertain to judge the mount."}
+        return document | {"verdict": "unknown", "sentence": f"{where}, which is too uncertain to judge the mount."}
     chi2 = (peak.yaw_deg / max(peak.sigma_yaw_deg, 1e-6)) ** 2 + (
         peak.pitch_deg / max(peak.sigma_pitch_deg, 1e-6)
     ) ** 2
     if chi2 > _ONCE_IN_A_THOUSAND and np.hypot(peak.yaw_deg, peak.pitch_deg) > FINE_DEG:
-        return found | {"verdict": "disagrees", "sentence": f"The camera has turned against the LiDAR: {where}."}
-    return found | {"verdict": "agrees", "sentence": f"The mount fits: {where}."}
+        return document | {"verdict": "disagrees", "sentence": f"The camera has turned against the LiDAR: {where}."}
+    return document | {"verdict": "agrees", "sentence": f"The mount fits: {where}."}

@@ -3,41 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.analyses import RegionPreview, RingCount
 from workers.readers.recording import Sweep
 from workers.vertices.region import Region
 
 
-class RingCount(TypedDict):
-    """Points of one ring over all sweeps; ring 0 is the lowest."""
-
-    ring: int
-    points: int
-    points_kept: int
-
-
-class RegionPreview(TypedDict):
-    """Counts over the sweeps; a frame is kept when at least one of its points lies inside."""
-
-    frames: int
-    frames_kept: int
-    points: int
-    points_kept: int
-    points_per_frame_median: float
-    per_ring: list[RingCount]
-
-
 def preview(sweeps: Iterable[Sweep], region: Region) -> RegionPreview:
-    """Count what ``region`` keeps.
-
-    Returns:
-        Plain JSON. ``points_per_frame_median`` is over all sweeps, empty ones included, of the points
-        inside; ``per_ring`` lists the rings that have any point, the lowest first.
-    """
+    """Count what ``region`` keeps."""
     kept_per_frame: list[int] = []
     points = 0
     all_rings: NDArray[np.int64] = np.zeros(0, np.int64)
@@ -49,18 +25,17 @@ def preview(sweeps: Iterable[Sweep], region: Region) -> RegionPreview:
         all_rings = _add(all_rings, sweep.ring)
         kept_rings = _add(kept_rings, sweep.ring[inside])
     kept_rings = np.pad(kept_rings, (0, all_rings.size - kept_rings.size))
-    return {
-        "frames": len(kept_per_frame),
-        "frames_kept": sum(count > 0 for count in kept_per_frame),
-        "points": points,
-        "points_kept": sum(kept_per_frame),
-        "points_per_frame_median": float(np.median(kept_per_frame)) if kept_per_frame else 0.0,
-        "per_ring": [
-            {"ring": ring, "points": int(all_rings[ring]), "points_kept": int(kept_rings[ring])}
-            for ring in range(all_rings.size)
-            if all_rings[ring]
+    return RegionPreview(
+        frames=len(kept_per_frame),
+        frames_kept=sum(count > 0 for count in kept_per_frame),
+        points=points,
+        points_kept=sum(kept_per_frame),
+        points_per_frame_median=float(np.median(kept_per_frame)) if kept_per_frame else 0.0,
+        per_ring=[
+            RingCount(ring=int(ring), points=int(all_rings[ring]), points_kept=int(kept_rings[ring]))
+            for ring in np.flatnonzero(all_rings)
         ],
-    }
+    )
 
 
 def _add(counts: NDArray[np.int64], ring: NDArray[np.uint16]) -> NDArray[np.int64]:

@@ -64,26 +64,26 @@ class CaptureFile:
         link = struct.unpack_from(order + "I", head, 20)[0] & 0x0FFFFFFF
         record = struct.Struct(order + "IIII")
         self.position = 24
-        buffer, place = b"", 0
+        buffer, offset = b"", 0
         while True:
-            if len(buffer) - place < 16:
-                buffer, place = buffer[place:] + file.read(_BUFFER), 0
+            if len(buffer) - offset < 16:
+                buffer, offset = buffer[offset:] + file.read(_BUFFER), 0
                 if len(buffer) < 16:
                     self._note_rest(len(buffer))
                     return
-            sec, fraction, length, _ = record.unpack_from(buffer, place)
+            sec, fraction, length, _ = record.unpack_from(buffer, offset)
             if length > _LARGEST or fraction * unit_ns >= 2_000_000_000:
                 raise self._damaged(f"the packet at byte {self.position} claims {length} bytes")
-            end = place + 16 + length
+            end = offset + 16 + length
             if end > len(buffer):
-                buffer, place = buffer[place:] + file.read(_BUFFER), 0
+                buffer, offset = buffer[offset:] + file.read(_BUFFER), 0
                 end = 16 + length
                 if end > len(buffer):
                     self._note_rest(len(buffer))
                     return
             self.position += 16 + length
-            yield sec * 1_000_000_000 + fraction * unit_ns, link, buffer[place + 16 : end]
-            place = end
+            yield sec * 1_000_000_000 + fraction * unit_ns, link, buffer[offset + 16 : end]
+            offset = end
 
     def _pcapng(self, file: BinaryIO) -> Iterator[CapturedFrame]:
         order = "<"
@@ -162,17 +162,17 @@ class _Interface:
     def read(cls, body: bytes, order: str) -> _Interface:
         """Read an interface description block; options 9 and 14 are if_tsresol and if_tsoffset."""
         (link,) = struct.unpack_from(order + "H", body)
-        per_second, offset_s, place = 1_000_000, 0, 8
-        while place + 4 <= len(body):
-            code, length = struct.unpack_from(order + "HH", body, place)
+        per_second, offset_s, offset = 1_000_000, 0, 8
+        while offset + 4 <= len(body):
+            code, length = struct.unpack_from(order + "HH", body, offset)
             if code == 0:
                 break
             if code == 9 and length == 1:
-                exponent = body[place + 4]
+                exponent = body[offset + 4]
                 per_second = 2 ** (exponent & 0x7F) if exponent & 0x80 else 10 ** min(exponent, 18)
             elif code == 14 and length == 8:
-                (offset_s,) = struct.unpack_from(order + "q", body, place + 4)
-            place += 4 + length + -length % 4
+                (offset_s,) = struct.unpack_from(order + "q", body, offset + 4)
+            offset += 4 + length + -length % 4
         return cls(link, per_second, offset_s)
 
     def to_ns(self, ticks: int) -> int:

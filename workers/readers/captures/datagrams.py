@@ -52,28 +52,28 @@ class Datagrams:
             plain = kind == _PLAIN_KIND and protocol == _UDP and not piece & 0x3FFF
             if plain and 8 < length == total - 20 and len(frame) >= 14 + total:
                 return sender, source, port, frame[42 : 14 + total]
-        place = _network(link, frame)
-        if place is None or len(frame) < place + 28:
+        offset = _network(link, frame)
+        if offset is None or len(frame) < offset + 28:
             return None
-        version = frame[place] >> 4
+        version = frame[offset] >> 4
         if version == 4:
-            return self._ipv4(frame, place)
-        if version == 6 and frame[place + 6] == _UDP and len(frame) >= place + 48:
-            return _udp(frame[place + 8 : place + 24], frame[place + 40 :])
+            return self._ipv4(frame, offset)
+        if version == 6 and frame[offset + 6] == _UDP and len(frame) >= offset + 48:
+            return _udp(frame[offset + 8 : offset + 24], frame[offset + 40 :])
         return None
 
-    def _ipv4(self, frame: bytes, place: int) -> Datagram | None:
-        if frame[place + 9] != _UDP:
+    def _ipv4(self, frame: bytes, offset: int) -> Datagram | None:
+        if frame[offset + 9] != _UDP:
             return None
-        start = place + 4 * (frame[place] & 15)
-        stop = place + int.from_bytes(frame[place + 2 : place + 4], "big")
-        sender = frame[place + 12 : place + 16]
-        piece = int.from_bytes(frame[place + 6 : place + 8], "big") & 0x3FFF
+        start = offset + 4 * (frame[offset] & 15)
+        stop = offset + int.from_bytes(frame[offset + 2 : offset + 4], "big")
+        sender = frame[offset + 12 : offset + 16]
+        piece = int.from_bytes(frame[offset + 6 : offset + 8], "big") & 0x3FFF
         if stop <= start:  # a card that segments by itself leaves the length at 0
             stop = len(frame)
         if not piece:
             return _udp(sender, frame[start:stop])
-        key = frame[place + 4 : place + 6] + frame[place + 12 : place + 20]
+        key = frame[offset + 4 : offset + 6] + frame[offset + 12 : offset + 20]
         whole = self._join(key, piece, frame[start:stop])
         return None if whole is None else _udp(sender, whole)
 
@@ -102,14 +102,14 @@ def _network(link: int, frame: bytes) -> int | None:
         return 4
     if link not in _LINKS:
         return None
-    at, place = _LINKS[link]
+    at, offset = _LINKS[link]
     kind = int.from_bytes(frame[at : at + 2], "big")
     for _ in range(3):
         if kind not in _TAGS:
             break
-        kind = int.from_bytes(frame[place + 2 : place + 4], "big")
-        place += 4
-    return place if kind in (0x0800, 0x86DD) else None
+        kind = int.from_bytes(frame[offset + 2 : offset + 4], "big")
+        offset += 4
+    return offset if kind in (0x0800, 0x86DD) else None
 
 
 def _udp(sender: bytes, segment: bytes) -> Datagram | None:

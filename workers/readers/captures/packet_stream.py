@@ -140,10 +140,10 @@ def _seam(azimuth: NDArray[np.int64]) -> tuple[int, str]:
     if turned > 1.5 and not sent.all():
         doubled = np.r_[sent, sent]
         best, length, run = 0, 0, 0
-        for place, on in enumerate(doubled.tolist()):
+        for index, on in enumerate(doubled.tolist()):
             run = 0 if on else run + 1
             if run > length:
-                best, length = place, run
+                best, length = index, run
         middle = (best + 1 - length / 2) * (TURN // _GAP_BINS)
         return int(middle) % TURN, "in the middle of the field that it does not send"
     if turned > _MANY_TURNS or len(azimuth) >= SAMPLE_PACKETS:

@@ -65,38 +65,38 @@ class PcapRecording(Recording):
 
     def _look(self) -> _Overview:
         """Read the beginning of the file."""
-        seen = _Overview()
+        overview = _Overview()
         datagrams = Datagrams()
         for host_ns, link, frame in self._capture.frames():
-            seen.frames += 1
-            seen.links.add(link)
+            overview.frames += 1
+            overview.links.add(link)
             datagram = datagrams.take(link, frame)
             if datagram is None:
                 continue
             sender, _, port, payload = datagram
             if is_data_packet(payload):
-                sample = seen.packets.setdefault((sender, port), [])
+                sample = overview.packets.setdefault((sender, port), [])
                 if len(sample) < SAMPLE_PACKETS:
                     sample.append((host_ns, payload))
-                elif all(len(sample) >= SAMPLE_PACKETS for sample in seen.packets.values()):
+                elif all(len(sample) >= SAMPLE_PACKETS for sample in overview.packets.values()):
                     break
-            elif len(seen.others) < 1000:
-                seen.others[sender, port, len(payload)] += 1
+            elif len(overview.others) < 1000:
+                overview.others[sender, port, len(payload)] += 1
                 maker = maker_of_datagram(payload, port)
                 if maker is not None:
-                    seen.makers[maker] += 1
-            if self._capture.position > _SAMPLE_BYTES and seen.packets:
+                    overview.makers[maker] += 1
+            if self._capture.position > _SAMPLE_BYTES and overview.packets:
                 break
-        return seen
+        return overview
 
-    def _nothing(self, seen: _Overview) -> ReadError:
-        if not seen.frames:
+    def _nothing(self, overview: _Overview) -> ReadError:
+        if not overview.frames:
             return ReadError(
                 "recording_empty",
                 f"{self._path.name} is a capture without packets.",
                 "CaptureFile again, or look at it.",
             )
-        unknown = sorted(seen.links - KNOWN_LINKS)
+        unknown = sorted(overview.links - KNOWN_LINKS)
         if unknown:
             return ReadError(
                 "capture_link_unsupported",
@@ -105,10 +105,10 @@ class PcapRecording(Recording):
             )
         listed = ", ".join(
             f"{count} of {size} bytes from {endpoint(sender, port)}"
-            for (sender, port, size), count in seen.others.most_common(5)
+            for (sender, port, size), count in overview.others.most_common(5)
         )
-        if seen.makers:
-            makers = sorted(seen.makers)
+        if overview.makers:
+            makers = sorted(overview.makers)
             return ReadError(
                 "lidar_packets_not_read",
                 f"{self._path.name} holds the packets of a LiDAR by {' and '.join(makers)}, which are not read: "
@@ -117,7 +117,7 @@ class PcapRecording(Recording):
             )
         return ReadError(
             "no_lidar_packets",
-            f"{self._path.name} holds no packets of a Velodyne sensor among {seen.frames}"
+            f"{self._path.name} holds no packets of a Velodyne sensor among {overview.frames}"
             + (f"; its datagrams: {listed}." if listed else " and no whole UDP datagram."),
             "Captures of Velodyne sensors are read (UDP, 1206 bytes a packet, port 2368 unless set otherwise). "
             "For another maker's sensor, record its driver's point cloud.",
@@ -150,18 +150,18 @@ class PcapRecording(Recording):
     @property
     def warnings(self) -> list[str]:
         """Sentences about what was met while reading."""
-        said = [sentence for cutter in self._cutters.values() for sentence in cutter.warnings()]
+        sentences = [sentence for cutter in self._cutters.values() for sentence in cutter.warnings()]
         if self._capture.cut_short:
-            said.append(self._capture.cut_short)
+            sentences.append(self._capture.cut_short)
         if self._capture.untimed:
-            said.append(f"{self._capture.untimed} packets have no usable time stamp and were left out.")
+            sentences.append(f"{self._capture.untimed} packets have no usable time stamp and were left out.")
         if self._fragments:
-            said.append(f"{self._fragments} fragments of datagrams had lost the rest and were left out.")
-        said.extend(
+            sentences.append(f"{self._fragments} fragments of datagrams had lost the rest and were left out.")
+        sentences.extend(
             f"{count} packets of another sensor, {name}, which was silent at first, were left out."
             for name, count in self._strangers.items()
         )
-        return said
+        return sentences
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned from the beginning of the capture."""
@@ -173,25 +173,25 @@ class PcapRecording(Recording):
         cutters = {name: SweepCutter(self._streams[name], self._options, name) for name in chosen}
         self._cutters |= cutters
         self._strangers.clear()
-        wanted = {key: (chosen[name], cutters[name]) for key, name in self._keys.items() if name in chosen}
+        by_sender = {key: (chosen[name], cutters[name]) for key, name in self._keys.items() if name in chosen}
         datagrams = Datagrams()
         for host_ns, link, frame in self._capture.frames():
             datagram = datagrams.take(link, frame)
             if datagram is None:
                 continue
             sender, _, port, payload = datagram
-            found = wanted.get((sender, port))
-            if found is None:
+            of_sender = by_sender.get((sender, port))
+            if of_sender is None:
                 if is_data_packet(payload) and (sender, port) not in self._keys and len(self._strangers) < _FEW:
                     self._strangers[endpoint(sender, port)] += 1
                 continue
             if not is_data_packet(payload):
                 continue
-            sweep = found[1].add(host_ns, payload)
+            sweep = of_sender[1].add(host_ns, payload)
             if sweep is not None:
-                yield found[0], sweep
+                yield of_sender[0], sweep
         self._fragments = datagrams.fragments
-        for sensor, cutter in wanted.values():
+        for sensor, cutter in by_sender.values():
             sweep = cutter.finish()
             if sweep is not None:
                 yield sensor, sweep

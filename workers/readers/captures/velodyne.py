@@ -6,6 +6,7 @@ once, so that no point is in two sweeps and none is lost.
 
 from __future__ import annotations
 
+from collections import Counter
 from importlib import import_module
 from itertools import pairwise
 from typing import Any, Final
@@ -24,6 +25,13 @@ _BACK: Final = 1_000
 _MARGIN_NS: Final = 200
 # Hundredths of a degree from one block to the next; at 20 Hz a sensor turns by 0.8 degrees.
 _JUMP: Final = 500
+_LOST: Final = "packets were lost on the way (gaps in the sensor's own stamps)"
+_MALFORMED: Final = "packets are not what this sensor sends and were left out"
+_DUPLICATE: Final = "packets came twice and were taken once"
+_OUT_OF_ORDER: Final = "packets came after later ones and were left out"
+_SPLIT: Final = "packets span the end of the field of view: their second part was not read"
+_UNFINISHED: Final = "times the sensor did not finish a turn in time; the sweep was cut all the same"
+_CLOCK_SET: Final = "times the sensor's clock and the host's were set against each other"
 
 
 class SweepCutter:
@@ -47,7 +55,7 @@ class SweepCutter:
         self._phase = -1  # azimuth from the seam, and moment, of the last firing cycle
         self._cycle_at = 0
         self._last_data = b""
-        self._damaged = self._twins = self._disordered = self._lost = self._stalled = self._parted = 0
+        self._counts: Counter[str] = Counter()  # of packets, by the sentence that says what was wrong with them
 
     def add(self, host_ns: int, data: bytes) -> Sweep | None:
         """Take one packet; the sweep that it ends, where it does."""
@@ -63,16 +71,16 @@ class SweepCutter:
             or highest >= TURN
             or (model.product is not None and data[-1] != model.product)
         ):
-            self._damaged += 1
+            self._counts[_MALFORMED] += 1
             return None
         if data == self._last_data:
-            self._twins += 1
+            self._counts[_DUPLICATE] += 1
             return None
         moment = self._clock.moment(host_ns, fields[24])
         phases = [(azimuth - stream.seam) % TURN for azimuth in azimuths]
         gap_ns = moment - self._held[-1][0] if self._held else 0
         if gap_ns < 0:
-            self._disordered += 1
+            self._counts[_OUT_OF_ORDER] += 1
             return None
         self._last_data = data
         if highest - min(azimuths) > _JUMP:
@@ -87,7 +95,7 @@ class SweepCutter:
 
         The decoder would spread the gap over all blocks of the packet, and its stamp is that of the blocks before.
         """
-        self._parted += 1
+        self._counts[_SPLIT] += 1
         width = self._width(data)
         step = TURN * self._stream.packet_ns * width / (self._stream.sweep_ns * BLOCKS)
         last = phases[jump - 1]
@@ -109,13 +117,13 @@ class SweepCutter:
         """Hold a packet, and close the sweep where it crosses the seam or comes too late to belong to it."""
         stream = self._stream
         if gap_ns > 1.5 * stream.packet_ns and phases[0] > self._phase:
-            self._lost += round(gap_ns / stream.packet_ns) - 1
+            self._counts[_LOST] += round(gap_ns / stream.packet_ns) - 1
         if not self._held:
             self._start_ns = moment - stream.decoding.model.early_ns
         crossing = None
         stalled = bool(self._held) and moment - self._start_ns > 2.5 * stream.sweep_ns
         if self._held and (gap_ns > 0.75 * stream.sweep_ns or stalled):
-            self._stalled += stalled
+            self._counts[_UNFINISHED] += stalled
             crossing = moment - stream.decoding.model.early_ns
         crossing = self._crossing(moment, data, phases, crossing)
         packet = (moment, data)
@@ -225,16 +233,8 @@ class SweepCutter:
 
     def warnings(self) -> list[str]:
         """Sentences about what was met while reading."""
-        told = (
-            (self._lost, "packets were lost on the way (gaps in the sensor's own stamps)"),
-            (self._damaged, "packets are not what this sensor sends and were left out"),
-            (self._twins, "packets came twice and were taken once"),
-            (self._disordered, "packets came after later ones and were left out"),
-            (self._parted, "packets hold the end of the field and its next beginning; only the end was read of them"),
-            (self._stalled, "times the sensor did not finish a turn in time; the sweep was cut all the same"),
-            (self._clock.jumps, "times the sensor's clock and the host's were set against each other"),
-        )
-        return [f"{self._where}: {count} {what}." for count, what in told if count]
+        counts = {**self._counts, _CLOCK_SET: self._clock.jumps}
+        return [f"{self._where}: {count} {sentence}." for sentence, count in counts.items() if count]
 
 
 def _kept(points: NDArray[np.void], keep: NDArray[np.bool_]) -> NDArray[np.void]:

@@ -52,7 +52,7 @@ class VelodyneModel:
     flags: frozenset[int] = frozenset({_UPPER})
 
     @property
-    def one(self) -> str:
+    def with_article(self) -> str:
         """Its title with the article that is spoken before it."""
         return f"{'an' if self.title[0] in 'AH' else 'a'} {self.title}"
 
@@ -107,27 +107,27 @@ def find_decoding(packets: Sequence[bytes], stated: LidarModel | None, where: st
     Raises:
         ReadError: ``lidar_model_unknown``, ``lidar_model_contradicted``, ``return_mode_unsupported``.
     """
-    said = Counter((p[-2], p[-1]) for p in packets)
+    factory_bytes = Counter((p[-2], p[-1]) for p in packets)
     flags = {flag for p in packets[:200] for flag in PACKET.unpack(p)[:24:2]}
-    (mode, product), count = said.most_common(1)[0]
+    (mode, product), count = factory_bytes.most_common(1)[0]
     constant = count > 0.9 * len(packets)
-    known = next((m for m in MODELS if m.product == product and constant), None)
-    if known is None and _LOWER in flags and flags <= _HDL64E.flags and (not constant or stated == "hdl64e"):
-        known = _HDL64E
-    wanted = next((m for m in MODELS if stated is not None and m.option == stated), None)
+    model = next((m for m in MODELS if m.product == product and constant), None)
+    if model is None and _LOWER in flags and flags <= _HDL64E.flags and (not constant or stated == "hdl64e"):
+        model = _HDL64E
+    claimed = next((m for m in MODELS if stated is not None and m.option == stated), None)
     patch = b""
-    if known is None and wanted is not None and flags <= wanted.flags and not (constant and product in _UNREAD):
-        known = wanted
-        patch = bytes((mode if mode in _MODES else STRONGEST, wanted.product or 0))
-    if known is None:
+    if model is None and claimed is not None and flags <= claimed.flags and not (constant and product in _UNREAD):
+        model = claimed
+        patch = bytes((mode if mode in _MODES else STRONGEST, claimed.product or 0))
+    if model is None:
         raise _unknown(product if constant else None, where)
-    if wanted is not None and known is not wanted and not (known.title == "Puck Hi-Res" and stated == "vlp16"):
+    if claimed is not None and model is not claimed and not (model.title == "Puck Hi-Res" and stated == "vlp16"):
         raise ReadError(
             "lidar_model_contradicted",
-            f"{where} is said to be {wanted.one}, but its packets come from {known.one}.",
-            f"Leave lidar_model out, or set it to {known.option or 'nothing'}.",
+            f"{where} is said to be {claimed.with_article}, but its packets come from {model.with_article}.",
+            f"Leave lidar_model out, or set it to {model.option or 'nothing'}.",
         )
-    if known is _HDL64E:
+    if model is _HDL64E:
         return _hdl64e(packets, where)
     if not patch and mode not in _MODES:
         raise ReadError(
@@ -135,12 +135,12 @@ def find_decoding(packets: Sequence[bytes], stated: LidarModel | None, where: st
             f"{where} sends packets in return mode 0x{mode:02x}, which is not read.",
             "Set the sensor to strongest, last or dual return (without confidence), and record again.",
         )
-    notes = [f"{where}: {known.one}, {known.rings} rings; calibration: the maker's nominal angles."]
+    notes = [f"{where}: {model.with_article}, {model.rings} rings; calibration: the maker's nominal angles."]
     if patch:
-        notes.append(f"{where}: the packets do not say which sensor sent them; {known.one} was stated.")
+        notes.append(f"{where}: the packets do not say which sensor sent them; {model.with_article} was stated.")
     if mode == DUAL:
         notes.append(f"{where}: dual return; the strongest return of each firing was kept.")
-    return Decoding(known, _config(known), patch, notes)
+    return Decoding(model, _config(model), patch, notes)
 
 
 def _unknown(product: int | None, where: str) -> ReadError:

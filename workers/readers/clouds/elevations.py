@@ -90,8 +90,8 @@ def nearest_level(elevation: NDArray[np.float64], centres: NDArray[np.float64]) 
     below = centres - _TOLERANCE * np.r_[gaps[0], gaps]
     above = centres + _TOLERANCE * np.r_[gaps, gaps[-1]]
     index = np.searchsorted(below, elevation, side="right") - 1
-    known = (index >= 0) & (elevation <= above[np.maximum(index, 0)])
-    return np.where(known, index, -1).astype(np.int32)
+    is_near = (index >= 0) & (elevation <= above[np.maximum(index, 0)])
+    return np.where(is_near, index, -1).astype(np.int32)
 
 
 def find_levels(elevation: NDArray[np.float64]) -> Levels:
@@ -123,11 +123,11 @@ def _with_weak(elevation: NDArray[np.float64], levels: Levels, half: int) -> Lev
     """With the rings of few points: those that see mostly sky are lost beside a hundred times as many points."""
     for _ in range(_WEAK_ROUNDS):
         left = elevation[nearest_level(elevation, levels.centres) < 0]
-        found = _teeth(_histogram(left), half, _WEAK_VALLEY)
+        weak = _teeth(_histogram(left), half, _WEAK_VALLEY)
         typical = float(np.median(np.diff(levels.centres)))
         alone = [
             centre
-            for centre in found.tolist()
+            for centre in weak.tolist()
             if np.abs(levels.centres - centre).min() > 0.7 * typical
             and np.count_nonzero(np.abs(left - centre) < 0.2 * typical) >= _WEAK_POINTS
         ]
@@ -145,10 +145,10 @@ def measure_levels(elevation: NDArray[np.float64], centres: NDArray[np.float64])
     """How well (M,) ascending rough centres in degrees fit (N,) elevations; the centres become the rings' medians."""
     index = nearest_level(elevation, centres)
     order = np.argsort(index, kind="stable")
-    found, starts = np.unique(index[order], return_index=True)
+    levels, starts = np.unique(index[order], return_index=True)
     parts = np.split(elevation[order], starts[1:])
     settled, spread = centres.copy(), 0.0
-    for level, part in zip(found.tolist(), parts, strict=True):
+    for level, part in zip(levels.tolist(), parts, strict=True):
         if level >= 0:
             low, middle, high = np.percentile(part, [5, 50, 95])
             settled[level], spread = middle, max(spread, float(high - low))

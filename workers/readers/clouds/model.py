@@ -101,11 +101,11 @@ class CloudModel:
         self.fields.check(stamp_ns, columns)
         xyz, keep = _returns(columns)
         ring = _numbers(self.rings, xyz, None if self.fields.ring is None else columns[self.fields.ring][keep])
-        known = ring >= 0
-        if not known.all():
-            self.unknown_rings += int(np.count_nonzero(~known))
-            keep[keep] = known
-            xyz, ring = xyz[known], ring[known]
+        has_ring = ring >= 0
+        if not has_ring.all():
+            self.unknown_rings += int(np.count_nonzero(~has_ring))
+            keep[keep] = has_ring
+            xyz, ring = xyz[has_ring], ring[has_ring]
         intensity = np.zeros(len(xyz), np.float32)
         if self.fields.intensity is not None:
             intensity = columns[self.fields.intensity][keep].astype(np.float32)

@@ -107,12 +107,12 @@ def turns(xyz: NDArray[np.float32], ring: NDArray[np.int32], direction: int) -> 
     sorted_ring = ring[order]
     starts = np.flatnonzero(np.r_[True, np.diff(sorted_ring) != 0])
     sizes = np.diff(np.r_[starts, len(ring)])
-    place = np.empty(len(ring))
-    place[order] = (np.arange(len(ring)) - np.repeat(starts, sizes)) / np.repeat(sizes, sizes)
+    share = np.empty(len(ring))
+    share[order] = (np.arange(len(ring)) - np.repeat(starts, sizes)) / np.repeat(sizes, sizes)
     longest = order[starts[np.argmax(sizes)]]
     turn = np.mod((azimuth - azimuth[longest]) * direction, 1.0)
-    turn = np.where((place < 0.25) & (turn > 0.9), turn - 1.0, turn)
-    return np.where((place > 0.75) & (turn < 0.1), turn + 1.0, turn)
+    turn = np.where((share < 0.25) & (turn > 0.9), turn - 1.0, turn)
+    return np.where((share > 0.75) & (turn < 0.1), turn + 1.0, turn)
 
 
 def learn_point_times(
@@ -162,8 +162,8 @@ def _sweep_duration(period_ns: int | None, options: ReadOptions, where: str) -> 
         rate = 1e9 / period_ns
         if any(abs(rate - usual) < 0.15 * usual for usual in _USUAL_RATES_HZ):
             return period_ns, []
-    said = "stamps tell no rate" if not period_ns else f"sweeps come every {period_ns / 1e9:.3g} s"
-    return _DEFAULT_PERIOD_NS, [f"{where}: {said}; a turn was taken to last 100 ms."]
+    pace = "stamps tell no rate" if not period_ns else f"sweeps come every {period_ns / 1e9:.3g} s"
+    return _DEFAULT_PERIOD_NS, [f"{where}: {pace}; a turn was taken to last 100 ms."]
 
 
 def _from_field(
@@ -177,16 +177,16 @@ def _from_field(
     name, unit_ns = fits[0]
     first_stamp, first_time = timed[0]
     base: Base = "stamp"
-    said = "relative to the stamp"
+    meaning = "relative to the stamp"
     if abs(float(np.nanmedian(first_time.astype(np.float64)))) * unit_ns > 20 * sweep_ns:
-        base, said = "epoch", "absolute"
+        base, meaning = "epoch", "absolute"
         if abs(float(np.median(to_offsets(first_stamp, first_time, unit_ns, base)))) > 5 * sweep_ns:
             base = "other_clock"
-            said = "absolute on another clock than the stamps; the sweep's first point was put at the stamp"
+            meaning = "absolute on another clock than the stamps; the sweep's first point was put at the stamp"
     convention: StampConvention = stated
     if stated == "unknown" and base != "other_clock":
         convention = _convention([to_offsets(stamp, t, unit_ns, base) for stamp, t in timed], sweep_ns)
-    note = f"{where}: points carry their times, in {name}, {said}; a sweep spans {span * unit_ns / 1e6:.1f} ms."
+    note = f"{where}: points carry their times, in {name}, {meaning}; a sweep spans {span * unit_ns / 1e6:.1f} ms."
     return PointTimes("per_point", sweep_ns, convention, unit_ns, base, notes=[note])
 
 

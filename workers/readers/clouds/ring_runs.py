@@ -43,8 +43,8 @@ class RunOrder:
         run = _runs(xyz, self.direction, self.seam)
         if not len(run):
             return run
-        place = _align(_medians(xyz, run), self.typical)[run]
-        return (len(self.typical) - 1 - place if self.falling else place).astype(np.int32)
+        index = _align(_medians(xyz, run), self.typical)[run]
+        return (len(self.typical) - 1 - index if self.falling else index).astype(np.int32)
 
 
 def learn_runs(clouds: Sequence[NDArray[np.float32]], expected: int | None) -> RunOrder | None:
@@ -60,9 +60,9 @@ def learn_runs(clouds: Sequence[NDArray[np.float32]], expected: int | None) -> R
         return None
     seam = _seam(filled, directions[0])
     medians = [_medians(cloud, _runs(cloud, directions[0], seam)) for cloud in filled]
-    usual = float(np.median([len(found) for found in medians]))
+    usual = float(np.median([len(elevations) for elevations in medians]))
     lines = expected or next((n for n in LINE_COUNTS if n >= usual - 0.5), 0)
-    whole = [found for found in medians if len(found) == lines]
+    whole = [elevations for elevations in medians if len(elevations) == lines]
     if lines < 4 or len(whole) < max(1, len(filled) // 5) or abs(usual - lines) > 0.1 * lines:
         return None
     typical: NDArray[np.float64] = np.median(np.array(whole), axis=0)
@@ -100,8 +100,8 @@ def _seam(clouds: Sequence[NDArray[np.float32]], direction: int) -> float:
     def score(seam: float) -> float:
         crossing: list[NDArray[np.float64]] = []
         for turn, step in zip(turns, steps, strict=True):
-            place = np.mod(turn - seam + 1e-6, 1.0)
-            crossing.append(step[(place[:-1] > 1 - _BACK) & (place[1:] < _BACK)])
+            phase = np.mod(turn - seam + 1e-6, 1.0)
+            crossing.append(step[(phase[:-1] > 1 - _BACK) & (phase[1:] < _BACK)])
         at_seam = np.concatenate(crossing)
         if len(at_seam) < 3 * len(clouds):
             return 0.0
@@ -130,16 +130,16 @@ def _medians(xyz: NDArray[np.float32], run: NDArray[np.int32]) -> NDArray[np.flo
     return np.array([np.median(part) for part in np.split(elevations(xyz), starts.tolist())], np.float64)
 
 
-def _align(found: NDArray[np.float64], typical: NDArray[np.float64]) -> NDArray[np.int64]:
+def _align(measured: NDArray[np.float64], typical: NDArray[np.float64]) -> NDArray[np.int64]:
     """(M,) place of each found run among the typical ones: the order is kept, the sum of differences is least.
 
     Each run has a place of its own, unless there are more runs than places.
     """
-    count, places = len(found), len(typical)
+    count, places = len(measured), len(typical)
     if count == places:
         return np.arange(places, dtype=np.int64)
     strict = 1 if count < places else 0
-    cost = np.abs(found[:, None] - typical[None, :])
+    cost = np.abs(measured[:, None] - typical[None, :])
     best = np.full((count, places), np.inf)
     came = np.zeros((count, places), np.int64)
     best[0] = cost[0]
@@ -148,8 +148,8 @@ def _align(found: NDArray[np.float64], typical: NDArray[np.float64]) -> NDArray[
         where = np.maximum.accumulate(np.where(best[row - 1] <= lowest, np.arange(places), 0))
         best[row, strict:] = cost[row, strict:] + lowest[: places - strict]
         came[row, strict:] = where[: places - strict]
-    place = np.empty(count, np.int64)
-    place[-1] = int(np.argmin(best[-1]))
+    aligned = np.empty(count, np.int64)
+    aligned[-1] = int(np.argmin(best[-1]))
     for row in range(count - 1, 0, -1):
-        place[row - 1] = came[row, place[row]]
-    return place
+        aligned[row - 1] = came[row, aligned[row]]
+    return aligned

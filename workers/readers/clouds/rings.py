@@ -53,10 +53,10 @@ class RingOrder:
     def number(self, ids: NDArray[np.generic]) -> NDArray[np.int32]:
         """(N,) int32 numbers of (N,) ids, -1 where an id is not known."""
         index = ring_ids(ids)
-        known = (index >= 0) & (index < len(self.table))
-        if known.all():
+        in_table = (index >= 0) & (index < len(self.table))
+        if in_table.all():
             return self.table[index]
-        return np.where(known, self.table[np.where(known, index, 0)], np.int32(-1))
+        return np.where(in_table, self.table[np.where(in_table, index, 0)], np.int32(-1))
 
 
 def ring_ids(values: NDArray[np.generic]) -> NDArray[np.int64]:
@@ -117,9 +117,9 @@ def _median_elevations(
     ids, starts, counts = np.unique(ring[order], return_index=True, return_counts=True)
     parts = np.split(elevation[order], starts[1:]) if len(ids) else []
     medians = np.array([np.median(part) for part in parts], np.float64)
-    lines, kept = _without_damage(ids, counts)
+    lines, is_sound = _without_damage(ids, counts)
     enough = counts >= min(_ENOUGH_POINTS, int(counts.max(initial=1)))
-    return ids[kept], medians[kept], enough[kept], lines
+    return ids[is_sound], medians[is_sound], enough[is_sound], lines
 
 
 def _without_damage(ids: NDArray[np.int64], counts: NDArray[np.intp]) -> tuple[int, NDArray[np.bool_]]:
@@ -217,11 +217,11 @@ def _by_order(runs: RunOrder) -> ComputedRings:
 
 def _complete(centres: NDArray[np.float64], elevation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
     """Rings of few points or none put in where the sensor is known, or where the others stand on an even grid."""
-    for name, known in _KNOWN:
-        place = np.abs(known[:, None] - centres).argmin(0)
-        fits = np.abs(known[place] - centres).max() < min(_MATCH_DEG, 0.4 * float(np.diff(known).min()))
-        if fits and len(np.unique(place)) == len(centres) > 0.6 * (place.max() - place.min() + 1):
-            return known, f", those of {name}"
+    for name, nominal in _KNOWN:
+        index = np.abs(nominal[:, None] - centres).argmin(0)
+        fits = np.abs(nominal[index] - centres).max() < min(_MATCH_DEG, 0.4 * float(np.diff(nominal).min()))
+        if fits and len(np.unique(index)) == len(centres) > 0.6 * (index.max() - index.min() + 1):
+            return nominal, f", those of {name}"
     gaps = np.diff(centres)
     step = float(np.median(gaps))
     holes = np.rint(gaps / step).astype(int)

@@ -29,9 +29,9 @@ def copy_recording(
     """
     edits = Edits.from_json(request)
     out_dir.mkdir(parents=True, exist_ok=True)
-    made, counts = _copied(path, out_dir / "recording", edits, on_share)
-    said = {"copied": counts.copied, "replaced": counts.replaced, "added": counts.added}
-    return {"file": made.name, **said, "written": bytes_written()}
+    copy, counts = _copied(path, out_dir / "recording", edits, on_share)
+    figures = {"copied": counts.copied, "replaced": counts.replaced, "added": counts.added}
+    return {"file": copy.name, **figures, "written": bytes_written()}
 
 
 def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> tuple[Path, EditCounts]:
@@ -40,8 +40,8 @@ def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     if head.startswith(_BAG):
-        made = out.with_name(f"{out.name}.bag")
-        return made, copy_rosbag1(path, made, edits, on_done)
+        copy = out.with_name(f"{out.name}.bag")
+        return copy, copy_rosbag1(path, copy, edits, on_done)
     if head.startswith(_STORAGE):
         return copy_file(path, out, edits, on_done)
     tree = open_tree(path)

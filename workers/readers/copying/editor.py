@@ -9,13 +9,34 @@ from typing import Final
 
 from workers.readers.copying.edits import CameraEdit, EditCounts, Edits
 from workers.readers.copying.messages import Messages, head_of_message, ros1_types
-from workers.readers.copying.qos import LATCHED_QOS, SENSOR_QOS
 from workers.readers.recording import ReadError
 from workers.readers.ros.camera_info import match_infos, without_transport
 from workers.readers.ros.containers import Container
 from workers.readers.ros.ros_types import INFO, TRANSFORM, TRANSFORMS, fixed_types, full_name
 from workers.readers.ros.static_transforms import is_static_transforms
 from workers.readers.ros.topic_messages import BagTopic, CameraInfo
+
+_ENDLESS: Final = "{sec: 9223372036, nsec: 854775807}"
+
+
+def _profile(durability: int) -> str:
+    # history: keep last; reliability: reliable; liveliness: automatic.
+    lines = (
+        "- history: 1",
+        "depth: 1",
+        "reliability: 1",
+        f"durability: {durability}",
+        f"deadline: {_ENDLESS}",
+        f"lifespan: {_ENDLESS}",
+        "liveliness: 1",
+        f"liveliness_lease_duration: {_ENDLESS}",
+        "avoid_ros_namespace_conventions: false",
+    )
+    return "\n  ".join(lines)
+
+
+LATCHED_QOS: Final = _profile(1)  # transient local
+SENSOR_QOS: Final = _profile(2)  # volatile
 
 _TF: Final = "tf"
 _TF_STATIC: Final = "/tf_static"
@@ -124,17 +145,17 @@ class Editor:
         Raises:
             ReadError: ``frame_moves``, a frame whose pose is put in is placed by a moving transform.
         """
-        made = raw
+        edited = raw
         if topic in self._infos:
-            made = self._messages[self._encodings[topic]].with_lens(raw, self._infos[topic])
+            edited = self._messages[self._encodings[topic]].with_lens(raw, self._infos[topic])
         elif topic in self._static:
-            made, children = self._messages[self._encodings[topic]].with_poses(raw, self._edits.poses)
+            edited, children = self._messages[self._encodings[topic]].with_poses(raw, self._edits.poses)
             self._found |= children
         elif topic in self._moving:
             self._check_moving(topic, raw)
-        self.counts.copied += made is raw
-        self.counts.replaced += made is not raw
-        return made, self._info_beside(topic, log_ns, raw)
+        self.counts.copied += edited is raw
+        self.counts.replaced += edited is not raw
+        return edited, self._info_beside(topic, log_ns, raw)
 
     def begin(self, log_ns: int) -> list[Added]:
         """Return what is added before the first message; ``has_begun`` says that it was called."""
@@ -213,13 +234,18 @@ def _infos_of(container: Container, cameras: dict[str, CameraEdit]) -> dict[str,
             if isinstance(message, CameraInfo):
                 first[topic.name] = message
     matched = match_infos({topic: camera.frame_id for topic, camera in cameras.items()}, first)
-    return {name: cameras[topic] for topic, info in matched.items() for name, one in first.items() if one is info}
+    return {
+        name: cameras[topic]
+        for topic, info in matched.items()
+        for name, of_topic in first.items()
+        if of_topic is info
+    }
 
 
 def _info_topic(camera: CameraEdit, cameras: Sequence[CameraEdit], topics: dict[str, BagTopic]) -> str:
     """Where image_transport looks for an image's intrinsics, if that is free and no other camera's."""
-    base = {one.topic: without_transport(one.topic) for one in cameras}
+    base = {other.topic: without_transport(other.topic) for other in cameras}
     folder = posixpath.dirname(base[camera.topic])
     beside = posixpath.join(folder, "camera_info")
-    shared = sum(posixpath.dirname(one) == folder for one in base.values()) > 1
+    shared = sum(posixpath.dirname(other) == folder for other in base.values()) > 1
     return f"{base[camera.topic]}/camera_info" if shared or beside in topics else beside

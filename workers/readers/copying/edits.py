@@ -57,9 +57,9 @@ class Edits:
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Self:
         """From plain data, as the service plans it."""
-        cameras = [replace(CameraEdit(**one), K=_floats(one["K"]), D=_floats(one["D"])) for one in data["cameras"]]
+        cameras = [replace(CameraEdit(**row), K=_floats(row["K"]), D=_floats(row["D"])) for row in data["cameras"]]
         names = ("translation_m", "quaternion_xyzw")
-        poses = [replace(PoseEdit(**one), **{name: _floats(one[name]) for name in names}) for one in data["poses"]]
+        poses = [replace(PoseEdit(**row), **{name: _floats(row[name]) for name in names}) for row in data["poses"]]
         return cls(str(data["lidar_frame"]), cameras, poses)
 
 

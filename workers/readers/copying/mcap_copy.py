@@ -127,14 +127,14 @@ class _Copy:
             self._editor.counts.copied += 1
             return head, raw, False
         data = bytes(raw)
-        made, added = self._editor.take(topic, log_ns, data)
+        message, added = self._editor.take(topic, log_ns, data)
         self._pending += added
-        return head, made, made is not data
+        return head, message, message is not data
 
     def _flush(self) -> None:
         """Write what was added since, as a chunk of its own."""
-        for one in self._pending:
-            self._writer.add(self._numbers[one.topic], one.log_ns, one.data)
+        for pending in self._pending:
+            self._writer.add(self._numbers[pending.topic], pending.log_ns, pending.data)
         self._pending = []
         self._writer.end_chunk()
 

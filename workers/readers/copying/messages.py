@@ -38,35 +38,35 @@ class Messages:
 
         Of rectified images P alone is replaced; K, D and R stay those of the raw ones.
         """
-        found = self._read(raw, INFO)
+        info = self._read(raw, INFO)
         lens = _lens(camera)
-        if camera.is_rectified and found.p[0] and (np.any(found.d) or not np.array_equal(found.r, _NO_TURN)):
-            lens[-1][3] = found.p[3] * (lens[-1][0] / found.p[0])  # -f_x b of a stereo camera
-            lens = (*lens[:2], found.distortion_model, found.d, found.k, found.r, lens[-1])
-        made = self._make(INFO, found.header, *lens, found.binning_x, found.binning_y, found.roi)
-        return self._written(made, INFO)
+        if camera.is_rectified and info.p[0] and (np.any(info.d) or not np.array_equal(info.r, _NO_TURN)):
+            lens[-1][3] = info.p[3] * (lens[-1][0] / info.p[0])  # -f_x b of a stereo camera
+            lens = (*lens[:2], info.distortion_model, info.d, info.k, info.r, lens[-1])
+        message = self._make(INFO, info.header, *lens, info.binning_x, info.binning_y, info.roi)
+        return self._written(message, INFO)
 
     def children(self, raw: bytes) -> list[str]:
         """The frames that a TFMessage places."""
-        return [plain(one.child_frame_id) for one in self._read(raw, TRANSFORM).transforms]
+        return [plain(transform.child_frame_id) for transform in self._read(raw, TRANSFORM).transforms]
 
     def with_poses(self, raw: bytes, poses: Sequence[PoseEdit]) -> tuple[bytes, set[str]]:
         """A TFMessage with these poses where it places their children; and which it does. Others stay as they are."""
         message = self._read(raw, TRANSFORM)
         by_child = {pose.child: pose for pose in poses}
-        found: set[str] = set()
+        children: set[str] = set()
         placed: list[Any] = []
-        for one in message.transforms:
-            pose = by_child.get(plain(one.child_frame_id))
+        for transform in message.transforms:
+            pose = by_child.get(plain(transform.child_frame_id))
             if pose is None:
-                placed.append(one)
+                placed.append(transform)
                 continue
-            found.add(pose.child)
-            header = one.header
+            children.add(pose.child)
+            header = transform.header
             if plain(header.frame_id) != pose.parent:
                 header = self._header_like(header, pose.parent)
-            placed.append(self._stamped(header, one.child_frame_id, pose))
-        return (self._written(self._make(TRANSFORM, placed), TRANSFORM) if found else raw), found
+            placed.append(self._stamped(header, transform.child_frame_id, pose))
+        return (self._written(self._make(TRANSFORM, placed), TRANSFORM) if children else raw), children
 
     def new_poses(self, poses: Sequence[PoseEdit], stamp_ns: int) -> bytes:
         """A TFMessage that places these frames."""

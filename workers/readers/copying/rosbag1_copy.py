@@ -49,41 +49,41 @@ def _copy(bag: Rosbag1Bag, out: Path, editor: Editor, on_done: Callable[[float],
         writer.set_compression(Writer.CompressionFormat[bag.reader.compression.upper()])
     total = max(1, sum(connection.msgcount for connection in bag.reader.connections))
     with writer:
-        known = _connections(bag, writer)
+        connections = _connections(bag, writer)
         new = {topic.name: _add(writer, topic) for topic in editor.new_topics}
-        by_topic = {connection.topic: connection for connection in known.values()} | new
+        by_topic = {connection.topic: connection for connection in connections.values()} | new
 
         def add(added: list[Added]) -> None:
-            for one in added:
-                writer.write(by_topic[one.topic], one.log_ns, one.data)
+            for extra in added:
+                writer.write(by_topic[extra.topic], extra.log_ns, extra.data)
 
         for number, (connection, log_ns, raw) in enumerate(bag.reader.messages()):
             if number == 0:
                 add(editor.begin(log_ns))
-            made, added = editor.take(connection.topic, log_ns, raw)
-            writer.write(known[connection.id], log_ns, made)
+            message, added = editor.take(connection.topic, log_ns, raw)
+            writer.write(connections[connection.id], log_ns, message)
             add(added)
             on_done(number / total)
 
 
 def _connections(bag: Rosbag1Bag, writer: Writer) -> dict[int, Connection]:
     """By the number in the bag. Connections that say the same are one."""
-    made: dict[tuple[Any, ...], Connection] = {}
-    found: dict[int, Connection] = {}
-    for one in bag.reader.connections:
-        ext = cast(ConnectionExtRosbag1, one.ext)
-        said = (one.topic, one.msgtype, one.msgdef.data, one.digest, ext.callerid, ext.latching)
-        if said not in made:
-            made[said] = writer.add_connection(
-                one.topic,
-                one.msgtype,
-                msgdef=one.msgdef.data,
-                md5sum=one.digest,
+    by_identity: dict[tuple[Any, ...], Connection] = {}
+    by_id: dict[int, Connection] = {}
+    for source in bag.reader.connections:
+        ext = cast(ConnectionExtRosbag1, source.ext)
+        identity = (source.topic, source.msgtype, source.msgdef.data, source.digest, ext.callerid, ext.latching)
+        if identity not in by_identity:
+            by_identity[identity] = writer.add_connection(
+                source.topic,
+                source.msgtype,
+                msgdef=source.msgdef.data,
+                md5sum=source.digest,
                 callerid=ext.callerid,
                 latching=ext.latching,
             )
-        found[one.id] = made[said]
-    return found
+        by_id[source.id] = by_identity[identity]
+    return by_id
 
 
 def _add(writer: Writer, topic: NewTopic) -> Connection:

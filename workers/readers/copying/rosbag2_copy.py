@@ -27,11 +27,11 @@ def copy_file(path: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Pat
     """Copy one file of a bag. Returns where it is, with its format's suffix, and what was done."""
     scratch = Scratch(path.name)
     try:
-        made, editor = _copy_one(path, out, edits, scratch, True, on_done)
+        copy, editor = _copy_one(path, out, edits, scratch, True, on_done)
     finally:
         scratch.close()
     editor.check_complete()
-    return made, editor.counts
+    return copy, editor.counts
 
 
 def copy_folder(folder: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Path, EditCounts]:
@@ -43,7 +43,7 @@ def copy_folder(folder: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple
         warnings: list[str] = []
         files = bag_files(folder, warnings)
         editors: list[Editor] = []
-        made: list[Path] = []
+        copies: list[Path] = []
         for number, file in enumerate(files):
             name = file.name.removesuffix(".zstd").rpartition(".")[0]
 
@@ -53,14 +53,14 @@ def copy_folder(folder: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple
             is_first = not any(editor.has_begun for editor in editors)
             copied, editor = _copy_one(file, work / name, edits, scratch, is_first, on_part)
             editors.append(editor)
-            made.append(copied)
+            copies.append(copied)
         _check_all(editors)
         metadata = work / METADATA
         with create(metadata) as file:
             with damage(METADATA, "a ROS 2 bag's metadata", "Run `ros2 bag reindex` on the folder."):
-                text = _metadata(read_metadata(folder / METADATA), made, editors)
+                text = _metadata(read_metadata(folder / METADATA), copies, editors)
             file.write(text)
-        return _packed([metadata, *made], out), _summed(editors)
+        return _packed([metadata, *copies], out), _summed(editors)
     finally:
         scratch.close()
 
@@ -71,9 +71,9 @@ def _copy_one(
     path = unpacked_file(path, scratch)
     with path.open("rb") as file:
         is_mcap = file.read(len(_MCAP)) == _MCAP
-    made = out.with_name(f"{out.name}.{'mcap' if is_mcap else 'db3'}")
+    target = out.with_name(f"{out.name}.{'mcap' if is_mcap else 'db3'}")
     copy = copy_mcap if is_mcap else copy_sqlite
-    return made, copy(path, made, edits, is_first, on_done)
+    return target, copy(path, target, edits, is_first, on_done)
 
 
 def _check_all(editors: list[Editor]) -> None:
@@ -86,7 +86,9 @@ def _check_all(editors: list[Editor]) -> None:
 def _summed(editors: list[Editor]) -> EditCounts:
     counts = [editor.counts for editor in editors]
     return EditCounts(
-        sum(one.copied for one in counts), sum(one.replaced for one in counts), sum(one.added for one in counts)
+        sum(count.copied for count in counts),
+        sum(count.replaced for count in counts),
+        sum(count.added for count in counts),
     )
 
 
@@ -99,16 +101,16 @@ def _metadata(stated: Mapping[str, Any], files: list[Path], editors: list[Editor
         for topic, count in editor.added_by_topic.items():
             added[topic] = added.get(topic, 0) + count
     stated_topics: list[dict[str, Any]] = information.get("topics_with_message_count") or []
-    listed: list[dict[str, Any]] = [dict(one) for one in stated_topics]
-    known: dict[str, dict[str, Any]] = {one["topic_metadata"]["name"]: one for one in listed}
+    listed: list[dict[str, Any]] = [dict(entry) for entry in stated_topics]
+    by_name: dict[str, dict[str, Any]] = {entry["topic_metadata"]["name"]: entry for entry in listed}
     for name, count in added.items():
-        if name in known:
-            known[name]["message_count"] = int(known[name]["message_count"]) + count
+        if name in by_name:
+            by_name[name]["message_count"] = int(by_name[name]["message_count"]) + count
     new = {topic.name: topic for editor in editors for topic in editor.new_topics}
     listed += [
         {"topic_metadata": topic.metadata, "message_count": added.get(topic.name, 0)}
         for topic in new.values()
-        if topic.name not in known and added.get(topic.name)
+        if topic.name not in by_name and added.get(topic.name)
     ]
     information |= {
         "relative_file_paths": [file.name for file in files],
@@ -128,8 +130,8 @@ def _metadata(stated: Mapping[str, Any], files: list[Path], editors: list[Editor
 
 
 def _packed(files: list[Path], out: Path) -> Path:
-    made = out.with_name(f"{out.name}.tar")
-    with create(made) as raw, tarfile.open(fileobj=raw, mode="w") as tar:
+    archive_path = out.with_name(f"{out.name}.tar")
+    with create(archive_path) as raw, tarfile.open(fileobj=raw, mode="w") as tar:
         for file in files:
             tar.add(file, arcname=f"bag/{file.name}")
-    return made
+    return archive_path

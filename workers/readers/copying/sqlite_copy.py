@@ -84,17 +84,17 @@ class _Copy:
             name, changed = self._names.get(topic_id, ""), data
             if name in self._editor.watched:
                 plain = unpacked_message(data)
-                made, beside = self._editor.take(name, int(log_ns), plain)
+                message, beside = self._editor.take(name, int(log_ns), plain)
                 added += beside
-                if made is not plain:
-                    changed = self._packed(made) if data[:4] == _ZSTD else made
+                if message is not plain:
+                    changed = self._packed(message) if data[:4] == _ZSTD else message
             else:
                 self._editor.counts.copied += 1
             self._insert(row, topic_id, log_ns, changed)
             on_done(number / total)
-        for one in added:
+        for addition in added:
             self._next_id += 1
-            self._insert(self._next_id, self._ids[one.topic], one.log_ns, self._packed(one.data))
+            self._insert(self._next_id, self._ids[addition.topic], addition.log_ns, self._packed(addition.data))
         self._db.execute(_INDEX)
 
     def _packed(self, data: bytes) -> bytes:
@@ -106,15 +106,15 @@ class _Copy:
         self._db.execute("INSERT INTO messages VALUES (?, ?, ?, ?)", (row, topic_id, log_ns, data))
 
     def _make(self, table: str) -> None:
-        columns = [one.strip() for one in _TABLES[table].split(",")]
-        kept = [one for one in columns if one.split()[0] in self._columns.get(table, ())]
-        self._db.execute(f"CREATE TABLE {table} ({', '.join(kept or columns)})")
+        columns = [column.strip() for column in _TABLES[table].split(",")]
+        there = [column for column in columns if column.split()[0] in self._columns.get(table, ())]
+        self._db.execute(f"CREATE TABLE {table} ({', '.join(there or columns)})")
 
     def _copy_table(self, table: str) -> None:
         if table not in self._columns:
             return
         self._make(table)
-        names = [one.split()[0] for one in _TABLES[table].split(",") if one.split()[0] in self._columns[table]]
+        names = [part.split()[0] for part in _TABLES[table].split(",") if part.split()[0] in self._columns[table]]
         rows: Iterable[tuple[Any, ...]] = self._bag.file.rows(f"SELECT {', '.join(names)} FROM {table}")
         for row in rows:
             self._insert_into(table, dict(zip(names, row, strict=True)))
@@ -135,7 +135,9 @@ class _Copy:
     def _insert_into(self, table: str, values: Mapping[str, Any]) -> None:
         """A row, of which the table takes what it has columns for."""
         names = [name for name in values if name in self._columns[table]]
-        declare(_ROW_BYTES + sum(len(one) for one in values.values() if isinstance(one, str | bytes)), self._folder)
+        declare(
+            _ROW_BYTES + sum(len(cell) for cell in values.values() if isinstance(cell, str | bytes)), self._folder
+        )
         marks = ", ".join("?" * len(names))
         row = [values[name] for name in names]
         self._db.execute(f"INSERT INTO {table} ({', '.join(names)}) VALUES ({marks})", row)

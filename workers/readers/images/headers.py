@@ -104,25 +104,25 @@ def _check_png_data(head: bytes, size: int, where: str) -> None:
 
 
 def _jpeg(data: bytes | memoryview, where: str) -> ImageHeader:
-    place = 2
-    while place + 4 <= len(data):
-        if data[place] != 0xFF:
-            raise _damaged(where, f"there is no JPEG marker at byte {place}")
-        marker = data[place + 1]
+    offset = 2
+    while offset + 4 <= len(data):
+        if data[offset] != 0xFF:
+            raise _damaged(where, f"there is no JPEG marker at byte {offset}")
+        marker = data[offset + 1]
         if marker == 0xFF:  # fill byte
-            place += 1
+            offset += 1
         elif marker in _JPEG_BARE:
-            place += 2
+            offset += 2
         elif marker in _JPEG_FRAMES:
-            height, width = struct.unpack_from(">HH", data, place + 5)
+            height, width = struct.unpack_from(">HH", data, offset + 5)
             return ImageHeader("image/jpeg", width, height)
         elif marker in (0xD9, 0xDA):
             break
         else:
-            (length,) = struct.unpack_from(">H", data, place + 2)
+            (length,) = struct.unpack_from(">H", data, offset + 2)
             if marker == 0xE1:
-                _check_upright(bytes(data[place + 4 : place + 2 + length]), where)
-            place += 2 + length
+                _check_upright(bytes(data[offset + 4 : offset + 2 + length]), where)
+            offset += 2 + length
     raise _damaged(where, "no JPEG frame header comes before its data or its end")
 
 

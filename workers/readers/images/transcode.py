@@ -40,7 +40,7 @@ class _Encoding:
         depth: bytes of one value.
         channels: values of one pixel as stored.
         conversion: OpenCV's code to BGR, or None where the pixels already are.
-        said: what was done, for the owner.
+        sentence: what was done, for the owner.
         layout: ``pixels`` on their own; ``pairs`` that share a colour (an even width); ``planes`` of brightness and
             below it colour at half the resolution (even width and height).
     """
@@ -48,12 +48,12 @@ class _Encoding:
     depth: int
     channels: int
     conversion: int | None
-    said: str = LOSSLESS
+    sentence: str = LOSSLESS
     layout: Layout = "pixels"
 
 
 def _encodings() -> dict[str, _Encoding]:
-    known = {
+    encodings = {
         "mono8": _Encoding(1, 1, None),
         "rgb8": _Encoding(1, 3, cv2.COLOR_RGB2BGR),
         "bgr8": _Encoding(1, 3, None),
@@ -65,7 +65,9 @@ def _encodings() -> dict[str, _Encoding]:
         "nv21": _Encoding(1, 1, cv2.COLOR_YUV2BGR_NV21, _YUV, "planes"),
     }
     for name in ("mono", "rgb", "bgr", "rgba", "bgra"):
-        known[f"{name}16"] = _Encoding(2, known[f"{name}8"].channels, known[f"{name}8"].conversion, STRETCHED)
+        encodings[f"{name}16"] = _Encoding(
+            2, encodings[f"{name}8"].channels, encodings[f"{name}8"].conversion, STRETCHED
+        )
     # OpenCV's older names for these count from the second pixel of the second row.
     bayer = {
         "rggb": cv2.COLOR_BayerRGGB2BGR_EA,
@@ -74,8 +76,8 @@ def _encodings() -> dict[str, _Encoding]:
         "grbg": cv2.COLOR_BayerGRBG2BGR_EA,
     }
     for pattern, conversion in bayer.items():
-        known[f"bayer_{pattern}8"] = _Encoding(1, 1, conversion, _BAYER)
-        known[f"bayer_{pattern}16"] = _Encoding(2, 1, conversion, f"{_BAYER} {STRETCHED}")
+        encodings[f"bayer_{pattern}8"] = _Encoding(1, 1, conversion, _BAYER)
+        encodings[f"bayer_{pattern}16"] = _Encoding(2, 1, conversion, f"{_BAYER} {STRETCHED}")
     others = {
         "8UC1": "mono8",
         "8UC3": "bgr8",
@@ -85,7 +87,7 @@ def _encodings() -> dict[str, _Encoding]:
         "16UC4": "bgra16",
     }
     others |= {"uyvy": "yuv422", "yuv422_yuy2": "yuyv", "yuy2": "yuyv"}
-    return known | {alias: known[name] for alias, name in others.items()}
+    return encodings | {alias: encodings[name] for alias, name in others.items()}
 
 
 _ENCODINGS: Final = _encodings()
@@ -128,7 +130,7 @@ def raw_to_png(raw: RawImage, stamp_ns: int, where: str) -> Frame:
         stored = stored.view(">u2" if raw.big_endian else "<u2").astype(np.uint16)
     image: Any = stored.reshape(rows, width, how.channels)
     try:
-        return png_frame(_bgr(image, how.conversion), stamp_ns, where, how.said)
+        return png_frame(_bgr(image, how.conversion), stamp_ns, where, how.sentence)
     except cv2.error as error:
         raise ReadError(
             "image_damaged",
@@ -141,18 +143,18 @@ def _bgr(image: Pixels, conversion: int | None) -> Any:
     return image if conversion is None else cv2.cvtColor(image, conversion)
 
 
-def png_frame(image: Pixels, stamp_ns: int, where: str, said: str | None = None) -> Frame:
+def png_frame(image: Pixels, stamp_ns: int, where: str, sentence: str | None = None) -> Frame:
     """An image as a PNG frame of 8 bits a channel.
 
     Args:
         image: (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) uint8 or uint16 in the order blue, green, red.
-        said: what was done to it, for the owner; None: what this function does.
+        sentence: what was done to it, for the owner; None: what this function does.
 
     Raises:
         ReadError: ``image_damaged``.
     """
-    if said is None:
-        said = STRETCHED if image.dtype == np.uint16 else "Frames were encoded anew as PNG, without loss."
+    if sentence is None:
+        sentence = STRETCHED if image.dtype == np.uint16 else "Frames were encoded anew as PNG, without loss."
     if image.dtype == np.uint16:
         image = _stretched(image.astype(np.uint16, copy=False))
     if image.ndim == 3 and image.shape[2] == 4:
@@ -161,7 +163,7 @@ def png_frame(image: Pixels, stamp_ns: int, where: str, said: str | None = None)
     if not done:
         raise ReadError("image_damaged", f"{where} could not be encoded as PNG.", "Record it again.")
     height, width = image.shape[:2]
-    return Frame(stamp_ns, encoded.tobytes(), "image/png", width, height, transcoded=True, transcoding=said)
+    return Frame(stamp_ns, encoded.tobytes(), "image/png", width, height, transcoded=True, transcoding=sentence)
 
 
 def _stretched(image: NDArray[np.uint16]) -> NDArray[np.uint8]:

@@ -19,7 +19,7 @@ from av.video.stream import VideoStream
 from workers.readers.images.headers import MAX_PIXELS, check_size
 from workers.readers.images.video_times import FrameTimes, VideoClock
 from workers.readers.output import video_is_decoded
-from workers.readers.pulse import beat
+from workers.readers.progress import beat
 from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
 
 # On frames of 1920 x 1208 pixels 8 ms and 0.9 MB, 1.6 grey levels RMS off what the video holds; as PNG they take
@@ -73,8 +73,8 @@ class VideoRecording(Recording):
             count: int | None = stream.frames or None
             if self._table is not None:
                 self._table.check_count(count, self._name)
-            given = start_ns if start_ns is not None else options.camera_start_ns
-            self._clock = VideoClock.of(stream, self._table, given, _created(container, stream), self._name)
+            begin_ns = start_ns if start_ns is not None else options.camera_start_ns
+            self._clock = VideoClock.of(stream, self._table, begin_ns, _created(container, stream), self._name)
             self._sensor = Sensor("camera", self._name, "", count, self._notes(container, stream))
         self._announced = count
         self._share = 0.0
@@ -179,8 +179,8 @@ class VideoRecording(Recording):
         """The container; its format is told by its first bytes, so that no playlist can make it open other files."""
         with self._path.open("rb") as file:
             head = file.read(12)
-        known = next((name for magic, place, name in _FORMATS if head[place : place + 4] == magic), None)
-        if known is None:
+        form = next((name for magic, at, name in _FORMATS if head[at : at + 4] == magic), None)
+        if form is None:
             raise ReadError(
                 "video_unsupported",
                 f"{self._name} is no MP4, AVI or Matroska file, whatever its name says.",
@@ -188,9 +188,9 @@ class VideoRecording(Recording):
             )
         try:
             # Opening decodes some frames to learn of them: the limit on their size has to stand before.
-            container = av.open(str(self._path), format=known, options=_OPTIONS, metadata_errors="replace")
+            container = av.open(str(self._path), format=form, options=_OPTIONS, metadata_errors="replace")
         except av.error.FFmpegError as error:
-            why = "its directory of frames is missing, as in a file that was never closed" if known == "mov" else ""
+            why = "its directory of frames is missing, as in a file that was never closed" if form == "mov" else ""
             raise self._damaged(why or _reason(error)) from error
         with container:
             yield container

@@ -70,13 +70,13 @@ def restrict_files(readable: Iterable[Path], writable: Iterable[Path]) -> int:
 def _allow(libc: ctypes.CDLL, handle: int, path: Path, rights: int) -> None:
     """A rule for what is at a path; what is not there needs none."""
     try:
-        place = os.open(path, os.O_PATH | os.O_CLOEXEC)
+        descriptor = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
         return
     try:
-        if not stat.S_ISDIR(os.fstat(place).st_mode):
+        if not stat.S_ISDIR(os.fstat(descriptor).st_mode):
             rights &= _OF_FILES
-        rule = _PathBeneath(rights, place)
+        rule = _PathBeneath(rights, descriptor)
         libc.syscall(_ADD_RULE, handle, _PATH_BENEATH, ctypes.byref(rule), 0)
     finally:
-        os.close(place)
+        os.close(descriptor)

@@ -94,16 +94,16 @@ def records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
     Raises:
         RecordError: one goes past the end.
     """
-    place = 0
-    while place < len(data):
-        if len(data) - place < HEAD.size:
+    offset = 0
+    while offset < len(data):
+        if len(data) - offset < HEAD.size:
             raise RecordError("a record begins where its chunk ends")
-        kind, size = HEAD.unpack_from(data, place)
-        place += HEAD.size
-        if size > len(data) - place:
+        kind, size = HEAD.unpack_from(data, offset)
+        offset += HEAD.size
+        if size > len(data) - offset:
             raise RecordError(f"a record of {size} bytes goes past the end of its chunk")
-        yield kind, data[place : place + size]
-        place += size
+        yield kind, data[offset : offset + size]
+        offset += size
 
 
 def message_of(body: memoryview) -> tuple[int, int, bytes]:

@@ -84,14 +84,14 @@ class McapSummary:
         offsets: list[SummaryOffset] = []
         for opcode, listed in groups:
             if listed:
-                group = written(*listed)
+                group = serialised(*listed)
                 offsets.append(SummaryOffset(opcode, start + len(text), len(group)))
                 text += group
         offsets_at = start + len(text)
-        text += written(*offsets)
+        text += serialised(*offsets)
         crc = zlib.crc32(text + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_at))
         footer = Footer(summary_crc=crc, summary_offset_start=offsets_at, summary_start=start)
-        return text + written(footer) + MAGIC
+        return text + serialised(footer) + MAGIC
 
 
 class McapWriter:
@@ -121,7 +121,7 @@ class McapWriter:
         self._size = 0
         self._file.write(MAGIC)
         if profile is not None:
-            self._file.write(written(Header(profile=profile, library="apexcal")))
+            self._file.write(serialised(Header(profile=profile, library="apexcal")))
 
     def tell(self) -> int:
         """Bytes of the file so far, without the open chunk."""
@@ -135,7 +135,7 @@ class McapWriter:
         """A type of messages. Returns its number."""
         schema = Schema(id=max(self.summary.schemas, default=0) + 1, name=name, encoding=encoding, data=data)
         self.summary.schemas[schema.id] = schema
-        self._file.write(written(schema))
+        self._file.write(serialised(schema))
         return schema.id
 
     def add_channel(self, topic: str, schema: int, encoding: str, metadata: Mapping[str, str] | None = None) -> int:
@@ -144,7 +144,7 @@ class McapWriter:
         facts = dict(metadata or {})
         channel = Channel(id=number, schema_id=schema, topic=topic, message_encoding=encoding, metadata=facts)
         self.summary.channels[number] = channel
-        self._file.write(written(channel))
+        self._file.write(serialised(channel))
         return number
 
     def add(self, channel: int, stamp_ns: int, *message: Part) -> None:
@@ -219,27 +219,27 @@ class McapWriter:
         stored = sum(len(part) for part in parts)
         return CHUNK.pack(first, last, self._size, crc, len(name)) + name + struct.pack("<Q", stored), parts
 
-    def _write_indexes(self, place: int) -> dict[int, int]:
+    def _write_indexes(self, offset: int) -> dict[int, int]:
         """A record for each channel of the chunk. Returns where they stand."""
         offsets: dict[int, int] = {}
         for channel, listed in self._entries.items():
             entries = struct.pack(f"<{len(listed)}Q", *listed)
             self.write(struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)), entries)
-            offsets[channel] = place
-            place += 15 + len(entries)
+            offsets[channel] = offset
+            offset += 15 + len(entries)
         return offsets
 
     def add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
         """Append a metadata record, behind the open chunk."""
         self.end_chunk()
-        record = written(Metadata(name=name, metadata=dict(facts)))
+        record = serialised(Metadata(name=name, metadata=dict(facts)))
         self.summary.metadata.append(MetadataIndex(self._file.tell(), len(record), name))
         self._file.write(record)
 
     def finish(self) -> None:
         """Write the summary, and close."""
         self.end_chunk()
-        self._file.write(written(DataEnd(0)))
+        self._file.write(serialised(DataEnd(0)))
         self._file.write(self.summary.packed(self._file.tell()))
         self._file.close()
 
@@ -248,7 +248,7 @@ class McapWriter:
         self._file.close()
 
 
-def written(*listed: McapRecord) -> bytes:
+def serialised(*listed: McapRecord) -> bytes:
     """Records as they stand in a file."""
     builder = RecordBuilder()
     for record in listed:

@@ -131,7 +131,7 @@ class RecordingManifest:
         last = max(sensor.last_ns for sensor in self.sensors)
         together = min(s.last_ns for s in self.sensors) - max(s.first_ns for s in self.sensors)
         fixed = (
-            {"static_transforms": [asdict(one) for one in self.static_transforms]} if self.static_transforms else {}
+            {"static_transforms": [asdict(pose) for pose in self.static_transforms]} if self.static_transforms else {}
         )
         return fixed | {
             "format": self.format,
@@ -156,12 +156,12 @@ class RecordingManifest:
             for name in (sensor["file"], sensor["frames"]):
                 if Path(name).name != name:  # the data may come from a process that read a stranger's file
                     raise ValueError(f"{name!r} is no bare file name")
-        sensors, warnings = [_sensor(one) for one in data["sensors"]], [str(one) for one in data["warnings"]]
-        return cls(str(data["format"]), sensors, warnings, [_fixed(one) for one in data["static_transforms"]])
+        sensors, warnings = [_sensor(row) for row in data["sensors"]], [str(row) for row in data["warnings"]]
+        return cls(str(data["format"]), sensors, warnings, [_fixed(row) for row in data["static_transforms"]])
 
 
 def _fixed(data: dict[str, Any]) -> StaticTransform:
-    offset, turn = (tuple(float(one) for one in data[name]) for name in ("translation_m", "quaternion_xyzw"))
+    offset, turn = (tuple(float(value) for value in data[name]) for name in ("translation_m", "quaternion_xyzw"))
     if len(offset) != 3 or len(turn) != 4:
         raise ValueError(f"{data} is no transform")
     return StaticTransform(str(data["parent"]), str(data["child"]), offset, turn)

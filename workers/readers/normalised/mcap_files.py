@@ -10,9 +10,25 @@ from typing import Final
 from workers.readers.mcap_io.writer import McapWriter
 from workers.readers.normalised.cdr import IMAGE_SCHEMA, POINT_CLOUD_SCHEMA, encode_image, encode_points
 from workers.readers.normalised.lidar_file import METADATA_NAME
-from workers.readers.normalised.ros2_definitions import COMPRESSED_IMAGE, POINT_CLOUD2
-from workers.readers.pulse import beat
+from workers.readers.progress import beat
 from workers.readers.recording import Frame, ReadError, Sweep
+
+_SEPARATOR: Final = "=" * 80 + "\n"
+_HEADER: Final = (
+    _SEPARATOR + "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    "" + _SEPARATOR + "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+)
+
+POINT_CLOUD2: Final = (
+    "std_msgs/Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool is_bigendian\n"
+    "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n"
+    + _HEADER
+    + _SEPARATOR
+    + "MSG: sensor_msgs/PointField\nuint8 INT8=1\nuint8 UINT8=2\nuint8 INT16=3\nuint8 UINT16=4\nuint8 INT32=5\n"
+    "uint8 UINT32=6\nuint8 FLOAT32=7\nuint8 FLOAT64=8\nstring name\nuint32 offset\nuint8 datatype\nuint32 count\n"
+)
+
+COMPRESSED_IMAGE: Final = "std_msgs/Header header\nstring format\nuint8[] data\n" + _HEADER
 
 # Of 18,701 points of a VLP-16 (449 kB): level 3 takes 2.0 ms and leaves 63 %, level 1 takes 1.2 ms and leaves 65 %,
 # level -1 takes 0.95 ms and leaves 69 %, and unpacks in half the time of the others (0.24 ms).

@@ -134,18 +134,18 @@ def _described(name: str, sensor: Sensor, file: str, frames: str, report: StampR
 
 
 def _size_warnings(name: str, sizes: list[FrameSize], sensor: Sensor) -> list[str]:
-    said: list[str] = []
+    sentences: list[str] = []
     if len(sizes) > 1:
         listed = ", ".join(f"{size.width} x {size.height}" for size in sizes[:5])
-        said.append(f"{name}: frames differ in size ({listed}); one calibration fits one size only.")
+        sentences.append(f"{name}: frames differ in size ({listed}); one calibration fits one size only.")
     info = sensor.camera_info or {}
     stated = (info.get("width"), info.get("height"))
     if all(stated) and stated != (sizes[0].width, sizes[0].height):
-        said.append(
+        sentences.append(
             f"{name}: its camera info is for {stated[0]} x {stated[1]} pixels, its frames have {sizes[0].width} x "
             f"{sizes[0].height}; do not start from these intrinsics."
         )
-    return said
+    return sentences
 
 
 def _stamps(stamps: array[int], sensor: Sensor) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
@@ -184,12 +184,12 @@ def normalise(
     out = Path(out_dir)
     out.mkdir(parents=True, exist_ok=True)
     recording = open_recording(path, options)
-    written: list[Path] = []
+    files: list[Path] = []
     try:
         chosen = choose_sensors(recording, lidar, cameras, sizes)
-        return _normalise(recording, out, chosen, on_progress or (lambda progress: None), written)
+        return _normalise(recording, out, chosen, on_progress or (lambda progress: None), files)
     except BaseException:
-        for file in written:
+        for file in files:
             file.unlink(missing_ok=True)
         raise
     finally:
@@ -197,7 +197,7 @@ def normalise(
 
 
 def _normalise(
-    recording: Recording, out: Path, chosen: dict[str, Sensor], on_progress: OnProgress, written: list[Path]
+    recording: Recording, out: Path, chosen: dict[str, Sensor], on_progress: OnProgress, files: list[Path]
 ) -> RecordingManifest:
     facts = recording.lidar_facts(chosen["lidar"])
     sinks: dict[str, _Lidar | _Camera] = {}
@@ -206,7 +206,7 @@ def _normalise(
         for name, sensor in chosen.items():
             stem = "lidar" if name == "lidar" else f"camera-{name}"
             table = "sweeps" if name == "lidar" else "frames"
-            written += [out / f"{stem}.mcap", out / f"{stem}.{table}.json"]
+            files += [out / f"{stem}.mcap", out / f"{stem}.{table}.json"]
             sinks[sensor.name] = _Lidar(out, sensor, facts) if name == "lidar" else _Camera(out, name, sensor)
         done = 0
         for sensor, item in recording.messages(list(chosen.values())):
@@ -220,7 +220,7 @@ def _normalise(
         for sink in sinks.values():
             sink.writer.abandon()
     fixed = recording.static_transforms  # which may say something too
-    warnings = [*recording.warnings, *(said for _, sentences in finished for said in sentences)]
+    warnings = [*recording.warnings, *(sentence for _, sentences in finished for sentence in sentences)]
     sensors = [manifest for manifest, _ in finished]
     span = (sensors[0].first_ns, sensors[0].last_ns)
     for number, camera in enumerate(sensors[1:], start=1):

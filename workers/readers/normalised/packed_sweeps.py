@@ -51,15 +51,15 @@ def pack(sweep: Sweep, index: int, ring_count: int) -> bytes:
     return b"".join([*(compressor.compress(part) for part in parts), compressor.flush()])
 
 
-def _intensities(given: NDArray[np.float32]) -> tuple[NDArray[np.uint32], float]:
+def _intensities(intensity: NDArray[np.float32]) -> tuple[NDArray[np.uint32], float]:
     """Intensities as numbers of steps, and the step. Negative values and NaN become 0."""
-    known = np.maximum(np.nan_to_num(given, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
-    largest = float(known.max(initial=0.0))
-    whole = np.rint(known)
-    if largest <= _INTENSITIES and np.array_equal(whole, known):
+    finite = np.maximum(np.nan_to_num(intensity, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
+    largest = float(finite.max(initial=0.0))
+    whole = np.rint(finite)
+    if largest <= _INTENSITIES and np.array_equal(whole, finite):
         return whole.astype(np.uint32), 1.0
     step = largest / _FEW_INTENSITIES
-    return np.rint(known.astype(np.float64) / step).astype(np.uint32), step
+    return np.rint(finite.astype(np.float64) / step).astype(np.uint32), step
 
 
 def _folded(values: Integers) -> NDArray[np.uint32]:

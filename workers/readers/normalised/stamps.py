@@ -86,15 +86,15 @@ def _jumps(stamps_ns: NDArray[np.int64]) -> list[StampGap]:
 
 
 def _order_warnings(stamps_ns: NDArray[np.int64], back: NDArray[np.int64], duplicates: int, name: str) -> list[str]:
-    said: list[str] = []
+    sentences: list[str] = []
     if len(back):
-        said.append(
+        sentences.append(
             f"{name}: stamps run backwards {len(back)} times, first after {stamps_ns[back[0]] / 1e9:.3f} s; "
             "messages were ordered by stamp."
         )
     if duplicates:
-        said.append(f"{name}: {duplicates} messages have the same stamp as the one before.")
-    return said
+        sentences.append(f"{name}: {duplicates} messages have the same stamp as the one before.")
+    return sentences
 
 
 def _jump_warning(jump: StampGap, name: str) -> str:
@@ -125,12 +125,12 @@ def partial_ends(points: NDArray[np.int64]) -> list[str]:
 def sweep_warnings(points: NDArray[np.int64], name: str) -> list[str]:
     """Sentences about partial and empty sweeps."""
     usual = float(np.median(points))
-    said = [
+    sentences = [
         f"{name}: the {end} sweep is partial ({points[0 if end == 'first' else -1]} points of about {usual:.0f})."
         for end in partial_ends(points)
     ]
     empty = int(np.count_nonzero(points == 0))
-    return [*said, f"{name}: {empty} sweeps hold no point."] if empty else said
+    return [*sentences, f"{name}: {empty} sweeps hold no point."] if empty else sentences
 
 
 def shared_time(lidar: tuple[int, int], camera: tuple[int, int]) -> tuple[float, float]:

@@ -23,7 +23,7 @@ def camera_info(
     stamp_ns: int, frame_id: str, width: int, height: int, model: str, *dkrp: Sequence[float]
 ) -> CameraInfo:
     """A message's fields, numbers made Python's own. ``dkrp``: D, K, R and P."""
-    numbers = ([float(value) for value in one] for one in dkrp)
+    numbers = ([float(value) for value in matrix] for matrix in dkrp)
     return CameraInfo(stamp_ns, frame_id, int(width), int(height), str(model), *numbers)
 
 
@@ -55,7 +55,7 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
 def _turn(r: Sequence[float]) -> list[float] | None:
     """R, unless it is no rotation, or none that a pixel shows."""
     # Fields of a file may hold any number.
-    R = np.reshape(r, (3, 3)) if len(r) == 9 and all(abs(one) < 1.1 for one in r) else np.zeros((3, 3))
+    R = np.reshape(r, (3, 3)) if len(r) == 9 and all(abs(value) < 1.1 for value in r) else np.zeros((3, 3))
     is_rotation = np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0
     return list(r) if is_rotation and not np.allclose(R, np.eye(3), atol=1e-5) else None
 
@@ -90,7 +90,7 @@ def match_infos(cameras: Mapping[str, str], infos: Mapping[str, CameraInfo]) -> 
         cameras: topic and frame_id of each camera.
         infos: topic and first message of each topic of intrinsics.
     """
-    found: dict[str, CameraInfo] = {}
+    matched: dict[str, CameraInfo] = {}
     for topic, frame_id in cameras.items():
         plain = without_transport(topic)
         beside = [info for name, info in infos.items() if posixpath.dirname(name) == posixpath.dirname(plain)]
@@ -98,6 +98,6 @@ def match_infos(cameras: Mapping[str, str], infos: Mapping[str, CameraInfo]) -> 
         framed = [info for info in infos.values() if frame_id and info.frame_id == frame_id]
         for candidates in (named, beside, framed):
             if len(candidates) == 1:
-                found[topic] = candidates[0]
+                matched[topic] = candidates[0]
                 break
-    return found
+    return matched

@@ -65,33 +65,33 @@ def _beside(view: memoryview, payload: int) -> int:
     Raises:
         RecordError: a group, or a number that does not end.
     """
-    place = beside = 0
-    while place < len(view) and beside <= _MAX_BESIDE_DATA:
-        start = place
-        key, place = _varint(view, place)
+    offset = beside = 0
+    while offset < len(view) and beside <= _MAX_BESIDE_DATA:
+        start = offset
+        key, offset = _varint(view, offset)
         wire = key & 7
         if wire == 2:
-            size, place = _varint(view, place)
+            size, offset = _varint(view, offset)
             if key >> 3 == payload:
                 beside -= size
-            place += size
+            offset += size
         elif wire == 0:
-            _, place = _varint(view, place)
+            _, offset = _varint(view, offset)
         elif wire in (1, 5):
-            place += 8 if wire == 1 else 4
+            offset += 8 if wire == 1 else 4
         else:
             raise RecordError(f"a field of wire type {wire} at byte {start}")
-        beside += place - start
+        beside += offset - start
     return beside
 
 
-def _varint(view: memoryview, place: int) -> tuple[int, int]:
+def _varint(view: memoryview, offset: int) -> tuple[int, int]:
     value = 0
-    for shift, byte in enumerate(view[place : place + 10]):
+    for shift, byte in enumerate(view[offset : offset + 10]):
         value |= (byte & 0x7F) << 7 * shift
         if byte < 0x80:
-            return value, place + shift + 1
-    raise RecordError(f"a number at byte {place} does not end")
+            return value, offset + shift + 1
+    raise RecordError(f"a number at byte {offset} does not end")
 
 
 def _from_json(kind: Any, raw: bytes) -> Any:

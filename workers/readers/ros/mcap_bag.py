@@ -36,7 +36,7 @@ from workers.readers.mcap_io.records import (
     records,
     unpacked_chunk,
 )
-from workers.readers.pulse import beat
+from workers.readers.progress import beat
 from workers.readers.recording import ReadError
 from workers.readers.ros.containers import Container, spread
 from workers.readers.ros.topic_messages import BagTopic
@@ -116,16 +116,16 @@ class McapBag(Container):
             return None
         return contents if contents.channels and contents.chunks else None
 
-    def _record_at(self, place: int) -> tuple[int, int] | None:
+    def _record_at(self, offset: int) -> tuple[int, int] | None:
         """Kind and size of the record at a place, where the file has its head; the file stands at its body then."""
-        self._position = place
-        self.file.seek(place)
+        self._position = offset
+        self.file.seek(offset)
         head = self.file.read(HEAD.size)
         return HEAD.unpack(head) if len(head) == HEAD.size else None
 
     def _look_through(self) -> McapContents:
         contents = McapContents()
-        for place, kind, size in self.walk():
+        for offset, kind, size in self.walk():
             if kind == Opcode.CHUNK:
                 present: set[int] = set()
                 for inner, part in records(unpacked_chunk(self.body(size))):
@@ -133,9 +133,9 @@ class McapBag(Container):
                         present.add(contents.count(part))
                     elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
                         contents.take(inner, part)
-                contents.chunks.append(ChunkPlace(place, 9 + size, frozenset(present)))
+                contents.chunks.append(ChunkPlace(offset, 9 + size, frozenset(present)))
             elif kind == Opcode.MESSAGE:
-                self._loose.setdefault(contents.count(self.body(size)), array("q")).append(place)
+                self._loose.setdefault(contents.count(self.body(size)), array("q")).append(offset)
             elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                 contents.take(kind, self.body(size))
         if not self._ended:
@@ -148,16 +148,16 @@ class McapBag(Container):
 
     def walk(self) -> Iterator[tuple[int, int, int]]:
         """(place, kind, size) of the records of the data section, the file standing at each one's body."""
-        place = len(MAGIC)
+        offset = len(MAGIC)
         self._ended = False
-        while (head := self._record_at(place)) is not None:
+        while (head := self._record_at(offset)) is not None:
             beat()
             kind, size = head
             self._ended = kind in (Opcode.DATA_END, Opcode.FOOTER)
-            if self._ended or size > self.size - place - HEAD.size:
+            if self._ended or size > self.size - offset - HEAD.size:
                 return
-            yield place, kind, size
-            place += HEAD.size + size
+            yield offset, kind, size
+            offset += HEAD.size + size
 
     def body(self, size: int) -> memoryview:
         """The body of the record at which the file stands.
@@ -172,18 +172,18 @@ class McapBag(Container):
     @property
     def topics(self) -> Sequence[BagTopic]:
         """Topics in the order of the file."""
-        found: dict[str, BagTopic] = {}
+        by_name: dict[str, BagTopic] = {}
         for channel in self.contents.channels.values():
             count = self.contents.counts.get(channel.id)
-            known = found.get(channel.topic)
-            if known is not None and known.count is not None and count is not None:
-                count += known.count
+            topic_of_name = by_name.get(channel.topic)
+            if topic_of_name is not None and topic_of_name.count is not None and count is not None:
+                count += topic_of_name.count
             schema = self.contents.schemas.get(channel.schema_id, _NO_SCHEMA)
             definition = "" if schema.encoding == "protobuf" else schema.data.decode(errors="replace")
-            found[channel.topic] = BagTopic(
+            by_name[channel.topic] = BagTopic(
                 channel.topic, schema.name, channel.message_encoding, definition, schema.encoding, count
             )
-        return list(found.values())
+        return list(by_name.values())
 
     @property
     def share_read(self) -> float:
@@ -199,8 +199,8 @@ class McapBag(Container):
         # Chunks without these topics; of some, an index does not say which they have.
         skip = {c.start for c in self.contents.chunks if c.channels and c.channels.isdisjoint(numbers)}
         with self.damage():
-            for place, kind, size in self.walk():
-                if kind not in (Opcode.CHUNK, Opcode.MESSAGE) or place in skip:
+            for offset, kind, size in self.walk():
+                if kind not in (Opcode.CHUNK, Opcode.MESSAGE) or offset in skip:
                     continue
                 body = self.body(size)
                 parts = records(unpacked_chunk(body)) if kind == Opcode.CHUNK else ((kind, body),)
@@ -213,14 +213,14 @@ class McapBag(Container):
         """See :class:`Container`."""
         numbers = self._numbers([name])
         with self.damage():
-            loose = sorted(place for number in numbers for place in self._loose.get(number, ()))
+            loose = sorted(offset for number in numbers for offset in self._loose.get(number, ()))
             chunks = [c for c in self.contents.chunks if not c.channels or not c.channels.isdisjoint(numbers)]
             yield from self._loose_samples(loose, count)
             yield from self._chunk_samples(chunks, numbers, 0 if loose else count)
 
     def _loose_samples(self, places: Sequence[int], count: int) -> Iterator[tuple[int, bytes]]:
-        for place in spread(places, count):
-            _, log_ns, data = message_of(self._body_at(place, Opcode.MESSAGE))
+        for offset in spread(places, count):
+            _, log_ns, data = message_of(self._body_at(offset, Opcode.MESSAGE))
             yield log_ns, data
 
     def _chunk_samples(
@@ -230,15 +230,15 @@ class McapBag(Container):
         chosen = spread(chunks, count)
         for number, chunk in enumerate(chosen):
             parts = records(unpacked_chunk(self._body_at(chunk.start, Opcode.CHUNK)))
-            found = (message_of(part) for kind, part in parts if kind == Opcode.MESSAGE)
-            ours = ((log_ns, data) for channel, log_ns, data in found if channel in numbers)
+            messages = (message_of(part) for kind, part in parts if kind == Opcode.MESSAGE)
+            ours = ((log_ns, data) for channel, log_ns, data in messages if channel in numbers)
             share = (number + 1) * count // len(chosen) - number * count // len(chosen)
             yield from islice(ours, share)
 
-    def _body_at(self, place: int, kind: int) -> memoryview:
-        head = self._record_at(place)
+    def _body_at(self, offset: int, kind: int) -> memoryview:
+        head = self._record_at(offset)
         if head is None or head[0] != kind:
-            raise RecordError(f"there is no record of kind {kind} at byte {place} any more")
+            raise RecordError(f"there is no record of kind {kind} at byte {offset} any more")
         return self.body(head[1])
 
     def times(self, name: str) -> NDArray[np.int64]:

@@ -147,11 +147,11 @@ def _own(name: str, definition: str, form: str) -> dict[str, Any]:
     try:
         if form in ("ros1msg", "ros2msg"):
             return get_types_from_msg(definition, name)
-        found: dict[str, Any] = {}
+        definitions: dict[str, Any] = {}
         for part in definition.split(_NEXT):
             text = part.partition("\n")[2] if part.startswith("IDL: ") else part
-            found |= get_types_from_idl(text) if text.strip() else {}
-        return found
+            definitions |= get_types_from_idl(text) if text.strip() else {}
+        return definitions
     except Exception as error:  # the parser's own classes, and whatever a strange text makes it stumble over
         raise ReadError(
             "type_not_understood",

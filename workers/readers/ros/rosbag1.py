@@ -16,7 +16,7 @@ from rosbags.rosbag1.reader import Chunk, Header
 from rosbags.serde import SerdeError
 
 from workers.readers.damage import damage
-from workers.readers.pulse import beat
+from workers.readers.progress import beat
 from workers.readers.recording import ReadError, ReadOptions
 from workers.readers.ros.containers import Container, spread
 from workers.readers.ros.topic_messages import BagTopic
@@ -47,9 +47,9 @@ class _Reader(Reader):
         """The head of a chunk."""
         beat()
         if self.bio is not None:
-            place = self.bio.tell()
+            offset = self.bio.tell()
             self.compression = Header.read(self.bio).get_string("compression")
-            self.bio.seek(place)
+            self.bio.seek(offset)
         return super().read_chunk()
 
 
@@ -150,12 +150,12 @@ def _check_ends(path: Path) -> None:
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(8192)
-    place = head.find(b"index_pos=", len(_MAGIC))
-    if place < 0 or place + 18 > len(head):
+    offset = head.find(b"index_pos=", len(_MAGIC))
+    if offset < 0 or offset + 18 > len(head):
         if size < 4096 + len(_MAGIC):
             raise _truncated(path, f"it ends after {size} bytes, inside its first record")
         raise _damaged(path, "its first record has no index_pos")
-    (index_at,) = struct.unpack_from("<Q", head, place + 10)
+    (index_at,) = struct.unpack_from("<Q", head, offset + 10)
     if index_at == 0:
         raise ReadError(
             "recording_not_indexed",

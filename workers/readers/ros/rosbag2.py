@@ -81,19 +81,19 @@ def bag_files(path: Path, warnings: list[str]) -> list[Path]:
     """
     names = _named_in(path / METADATA)
     there = [file for file in sorted(path.iterdir()) if file.is_file() and not file.is_symlink()]
-    found = [file for file in there if PurePath(file.name.removesuffix(".zstd")).suffix in _ENDS]
+    storage_files = [file for file in there if PurePath(file.name.removesuffix(".zstd")).suffix in _ENDS]
     files: list[Path] = []
     missing: list[str] = []
     for name in names[:_MAX_FILES]:
         here = [path / PurePath(name).name, path / f"{PurePath(name).name}.zstd"]
-        file = next((file for file in here if file in found), None)
+        file = next((file for file in here if file in storage_files), None)
         if file is None:
             missing.append(PurePath(name).name)
         else:
             files.append(file)
     if missing and files:
         warnings.append(f"{len(missing)} of the bag's {len(names)} files are missing: {missing[0]}.")
-    files = files or found
+    files = files or storage_files
     if not files:
         named = ", ".join(missing[:3]) or ".db3 or .mcap"
         raise ReadError(

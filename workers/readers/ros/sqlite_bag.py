@@ -137,8 +137,8 @@ class SqliteBag(Container):
         ids = array("q", (number for (number,) in self._rows("id", [name])))
         with self.damage():
             for number in spread(ids, count):
-                one = "SELECT timestamp, data FROM messages WHERE id = ? LIMIT 1"
-                ((log_ns, data),) = self.file.rows(one, [number])
+                query = "SELECT timestamp, data FROM messages WHERE id = ? LIMIT 1"
+                ((log_ns, data),) = self.file.rows(query, [number])
                 yield int(log_ns), unpacked_message(data)
 
     def times(self, name: str) -> NDArray[np.int64]:

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from workers.readers.pulse import beat
+from workers.readers.progress import beat
 from workers.readers.recording import ReadError
 
 MAX_VALUE_BYTES: Final = 256 * 1024**2
@@ -99,13 +99,13 @@ class SqliteFile:
         if any(sql is not None and not _ORDINARY.match(str(sql)) for _, sql in objects):
             raise self._refused("a view, a trigger or a virtual table")
         tables = frozenset(str(name).lower() for name, sql in objects if sql is not None and _is_table(str(sql)))
-        found: dict[str, frozenset[str]] = {}
+        columns_of: dict[str, frozenset[str]] = {}
         for name in tables:
             columns = self._db.execute("SELECT name, hidden FROM pragma_table_xinfo(?)", [name]).fetchall()
             if any(hidden for _, hidden in columns):
                 raise self._refused("a generated column")
-            found[name] = frozenset(str(column) for column, _ in columns)
-        return found
+            columns_of[name] = frozenset(str(column) for column, _ in columns)
+        return columns_of
 
     def _refused(self, what: str) -> ReadError:
         return ReadError(

@@ -33,30 +33,32 @@ def is_static_transforms(topic: BagTopic) -> bool:
 
 def static_transforms(container: Container, warnings: list[str]) -> list[StaticTransform]:
     """Those of all ``tf_static`` topics; of a child that is said again the later one counts, as for tf2."""
-    found: dict[str, StaticTransform] = {}
+    by_child: dict[str, StaticTransform] = {}
     for topic in container.topics:
         if is_static_transforms(topic):
             try:
-                for one in _stated(container, topic):
-                    found[one.child] = one
+                for stated in _stated(container, topic):
+                    by_child[stated.child] = stated
             except ReadError as error:  # no reason to refuse what the sensors recorded
                 warnings.append(f"{topic.name} was left out: {error.message}")
-    if len(found) > _MOST:
-        warnings.append(f"{len(found)} frames are stated to be fixed; they were left out, for at most {_MOST} are.")
+    if len(by_child) > _MOST:
+        warnings.append(
+            f"{len(by_child)} frames are stated to be fixed; they were left out, for at most {_MOST} are."
+        )
         return []
-    return list(found.values())
+    return list(by_child.values())
 
 
 def _stated(container: Container, topic: BagTopic) -> list[StaticTransform]:
     read = message_reader(topic)
-    found: list[StaticTransform] = []
+    transforms: list[StaticTransform] = []
     with damage(topic.name, "a topic of fixed transforms", "Look at who publishes it.", SerdeError):
         for _, raw in container.samples(topic.name, _MESSAGES):
-            for one in read(raw).transforms:
-                known = _transform(one)
-                if known is not None:
-                    found.append(known)
-    return found
+            for message in read(raw).transforms:
+                transform = _transform(message)
+                if transform is not None:
+                    transforms.append(transform)
+    return transforms
 
 
 def _transform(stamped: Any) -> StaticTransform | None:
@@ -65,10 +67,10 @@ def _transform(stamped: Any) -> StaticTransform | None:
     parent, child = (_frame(name) for name in (stamped.header.frame_id, stamped.child_frame_id))
     offset, turn = (float(t.x), float(t.y), float(t.z)), (float(q.x), float(q.y), float(q.z), float(q.w))
     length = math.hypot(*turn)
-    is_sound = math.isfinite(length) and length > 0.0 and all(abs(one) <= _FARTHEST for one in offset)
+    is_sound = math.isfinite(length) and length > 0.0 and all(abs(value) <= _FARTHEST for value in offset)
     if not parent or not child or parent == child or not is_sound:
         return None
-    return StaticTransform(parent, child, offset, tuple(one / length for one in turn))
+    return StaticTransform(parent, child, offset, tuple(value / length for value in turn))
 
 
 def _frame(name: object) -> str:

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.readers.captures.velodyne import FIELDS
 from workers.readers.clouds.pointcloud2 import PointCloud2
+from workers.readers.images.headers import read_image_header
+from workers.readers.recording import ReadError, Sensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,3 +115,32 @@ class CameraInfo(StampedMessage):
 
 Message = CloudMessage | EncodedImage | RawImage | VideoMessage | PacketMessage | CameraInfo
 Decoder = Callable[[bytes], Message]
+
+
+def described(topic: BagTopic) -> str:
+    """Name and type of a topic that is no sensor, and why it is not read where it could be one."""
+    if topic.type.startswith("foxglove.") and topic.encoding not in ("protobuf", "json"):
+        return f"{topic.name} ({topic.type} encoded as {topic.encoding or 'nothing'}, which is not read)"
+    return f"{topic.name} ({topic.type})"
+
+
+def topic_sensor(topic: BagTopic, first: Message | None) -> Sensor:
+    """A topic as a sensor, with what its first message tells."""
+    name, count = topic.name, topic.count
+    frame_id = "" if first is None else first.frame_id
+    if isinstance(first, PacketMessage):
+        return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": FIELDS, "model": "Velodyne"})
+    if isinstance(first, CloudMessage):
+        fields = " ".join(field.name for field in first.cloud.fields)
+        return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": fields})
+    notes = {"type": topic.type}
+    if isinstance(first, RawImage):
+        notes |= {"width": str(first.width), "height": str(first.height)}
+    elif isinstance(first, EncodedImage):
+        try:
+            header = read_image_header(first.data, name)
+            notes |= {"width": str(header.width), "height": str(header.height)}
+        except ReadError:  # said with its place when the frame is read
+            pass
+    kind = "lidar" if first is None and ("Cloud" in topic.type or "VelodyneScan" in topic.type) else "camera"
+    return Sensor(kind, name, frame_id, count, notes)

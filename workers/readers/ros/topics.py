@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, evened, learn_packets
-from workers.readers.captures.velodyne import FIELDS, SweepCutter
+from workers.readers.captures.velodyne import SweepCutter
 from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
 from workers.readers.clouds.pointcloud2 import cloud_columns
-from workers.readers.images.headers import read_image_header
 from workers.readers.images.still_images import image_frame
 from workers.readers.images.transcode import raw_to_png
 from workers.readers.recording import (
@@ -41,6 +40,8 @@ from workers.readers.ros.topic_messages import (
     PacketMessage,
     RawImage,
     VideoMessage,
+    described,
+    topic_sensor,
 )
 
 if TYPE_CHECKING:
@@ -88,16 +89,16 @@ class TopicRecording(Recording):
             try:
                 decoder = self._container.decoder(topic)
             except ReadError as error:  # a type of the file's own is no reason to refuse the other topics
-                self._other_topics.append(f"{_described(topic)}: {error.message}")
+                self._other_topics.append(f"{described(topic)}: {error.message}")
                 continue
             first = None if decoder is None else self._first(topic, decoder)
             if decoder is None or isinstance(first, CameraInfo) or (first is None and topic.type.endswith(_INFOS)):
-                self._other_topics.append(_described(topic))
+                self._other_topics.append(described(topic))
                 if isinstance(first, CameraInfo):
                     infos[topic.name] = first
                 continue
             self._decoders[topic.name] = decoder
-            sensors.append(_sensor(topic, first))
+            sensors.append(topic_sensor(topic, first))
         matched = match_infos({s.name: s.frame_id for s in sensors if s.kind == "camera"}, infos)
         return [_with_info(s, matched.get(s.name)) if s.kind == "camera" else s for s in sensors]
 
@@ -237,8 +238,8 @@ class TopicRecording(Recording):
     def _video(self, name: str, first: VideoMessage) -> MessageVideo:
         if name not in self._videos:
             # PyAV is loaded only where there is video.
-            made: MessageVideo = import_module("workers.readers.ros.message_video").MessageVideo(first.codec, name)
-            self._videos[name] = made
+            video: MessageVideo = import_module("workers.readers.ros.message_video").MessageVideo(first.codec, name)
+            self._videos[name] = video
         return self._videos[name]
 
     def _stamp(self, name: str, message: Message, log_ns: int) -> int:
@@ -290,35 +291,7 @@ def _where(topic: str, stamp_ns: int) -> str:
     return f"The message on {topic} at {stamp_ns / 1e9:.3f} s"
 
 
-def _described(topic: BagTopic) -> str:
-    if topic.type.startswith("foxglove.") and topic.encoding not in ("protobuf", "json"):
-        return f"{topic.name} ({topic.type} encoded as {topic.encoding or 'nothing'}, which is not read)"
-    return f"{topic.name} ({topic.type})"
-
-
 def _with_info(camera: Sensor, info: CameraInfo | None) -> Sensor:
     document = info and info_document(info)
     notes = camera.notes if document or not info else {**camera.notes, "camera_info": "unusable"}
     return replace(camera, camera_info=document, image_kind=image_kind(camera.name, document), notes=notes)
-
-
-def _sensor(topic: BagTopic, first: Message | None) -> Sensor:
-    """A topic as a sensor, with what its first message tells."""
-    name, count = topic.name, topic.count
-    frame_id = "" if first is None else first.frame_id
-    if isinstance(first, PacketMessage):
-        return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": FIELDS, "model": "Velodyne"})
-    if isinstance(first, CloudMessage):
-        fields = " ".join(field.name for field in first.cloud.fields)
-        return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": fields})
-    notes = {"type": topic.type}
-    if isinstance(first, RawImage):
-        notes |= {"width": str(first.width), "height": str(first.height)}
-    elif isinstance(first, EncodedImage):
-        try:
-            header = read_image_header(first.data, name)
-            notes |= {"width": str(header.width), "height": str(header.height)}
-        except ReadError:  # said with its place when the frame is read
-            pass
-    kind = "lidar" if first is None and ("Cloud" in topic.type or "VelodyneScan" in topic.type) else "camera"
-    return Sensor(kind, name, frame_id, count, notes)

@@ -98,7 +98,7 @@ def _read_npy(data: bytes, path: str) -> Arrays:
         "x, y, z, intensity, ring, time in this order."
     )
     try:
-        shape, fortran, dtype, place = _npy_header(data)
+        shape, fortran, dtype, offset = _npy_header(data)
     except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError, struct.error) as error:
         raise _malformed(path, "its .npy header cannot be read", hint) from error
     if dtype.hasobject or dtype.itemsize == 0:
@@ -106,10 +106,10 @@ def _read_npy(data: bytes, path: str) -> Arrays:
     count = int(np.prod(np.array(shape, object))) if shape else 1
     if not shape or min(shape) < 0 or shape[0] > MAX_POINTS:
         raise _malformed(path, f"its shape is {shape}", hint)
-    if len(data) - place < count * dtype.itemsize:
+    if len(data) - offset < count * dtype.itemsize:
         whole = count * dtype.itemsize
-        raise truncated_cloud(path, f"{len(data) - place} of {whole} bytes of points are there")
-    array: NDArray[np.generic] = np.frombuffer(data, dtype, count, place)
+        raise truncated_cloud(path, f"{len(data) - offset} of {whole} bytes of points are there")
+    array: NDArray[np.generic] = np.frombuffer(data, dtype, count, offset)
     if dtype.names:
         flat: Any = array.reshape(shape, order="F" if fortran else "C").reshape(-1)
         columns: Arrays = {name: flat[name] for name in dtype.names}

@@ -65,7 +65,9 @@ class Composite(Recording):
     @property
     def static_transforms(self) -> Sequence[StaticTransform]:
         """Those of all parts; of a frame that is stated again the later one counts."""
-        return list({one.child: one for part in self._recordings for one in part.static_transforms}.values())
+        return list(
+            {transform.child: transform for part in self._recordings for transform in part.static_transforms}.values()
+        )
 
     @property
     def warnings(self) -> list[str]:

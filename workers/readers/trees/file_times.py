@@ -40,11 +40,11 @@ def stamp_series(series: Sequence[Series], tables: Mapping[str, bytes], lines: M
         ReadError: ``timestamps_incomplete``, ``timestamps_malformed``, ``files_without_times``.
     """
     listed = listed_times(tables)
-    for one in series:
-        one.times_from, stamps = _stamps(one.paths, listed, lines.get(one.name), bool(tables))
-        one.stamps_ns = dict(stamps)
-        one.paths.sort(key=lambda path: (stamps[path], path))
-    made_up = [one for one in series if one.times_from == "index"]
+    for files in series:
+        files.times_from, stamps = _stamps(files.paths, listed, lines.get(files.name), bool(tables))
+        files.stamps_ns = dict(stamps)
+        files.paths.sort(key=lambda path: (stamps[path], path))
+    made_up = [files for files in series if files.times_from == "index"]
     if made_up and len(made_up) < len(series):
         raise without_times(f"Some files have a time, but {made_up[0].paths[0]} has only a number.")
 

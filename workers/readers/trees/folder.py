@@ -116,7 +116,7 @@ def look_into(tree: FileTree) -> TreeContents:
         elif name not in _TIMES:
             _look_inside(tree, path, contents, sensor_files)
     contents.series = find_series(sensor_files)
-    beside = {_table_beside(path) for path, known in contents.sources.items() if known.module == _VIDEO}
+    beside = {_table_beside(path) for path, format_ in contents.sources.items() if format_.module == _VIDEO}
     contents.others = [path for path in contents.others if path not in beside]
     if len(contents.sources) > _MAX_SOURCES:
         raise ReadError(
@@ -130,29 +130,29 @@ def look_into(tree: FileTree) -> TreeContents:
 
 def _bag_folders(paths: Sequence[str]) -> Mapping[str, str]:
     """Folders of ROS 2 bags, each with one of its files."""
-    known = set(paths)
-    found: dict[str, str] = {}
+    every = set(paths)
+    folders: dict[str, str] = {}
     for path in paths:
         folder, name = posixpath.split(path)
         plain = name.removesuffix(".zstd")
-        if PurePosixPath(plain).suffix in _BAG_FILES and posixpath.join(folder, _BAG_FOLDER) in known:
-            found.setdefault(folder, path)
-    return found
+        if PurePosixPath(plain).suffix in _BAG_FILES and posixpath.join(folder, _BAG_FOLDER) in every:
+            folders.setdefault(folder, path)
+    return folders
 
 
 def _bag_format(tree: FileTree, file: str) -> FileFormat:
     head = read_head(tree, file, HEAD_BYTES)
-    known = format_of(head) or format_of(_BAG_FILES[PurePosixPath(file.removesuffix(".zstd")).suffix])
-    if known is None:
+    format_ = format_of(head) or format_of(_BAG_FILES[PurePosixPath(file.removesuffix(".zstd")).suffix])
+    if format_ is None:
         raise ReadError("not_a_recording", f"{file} is no ROS 2 bag.", "Look at what recorded it.")
-    return known
+    return format_
 
 
 def _look_inside(tree: FileTree, path: str, contents: TreeContents, sensor_files: list[str]) -> None:
     head = read_head(tree, path, HEAD_BYTES)
-    known = format_of(head)
-    if known is not None:
-        contents.sources[path] = known
+    format_ = format_of(head)
+    if format_ is not None:
+        contents.sources[path] = format_
     elif path.lower().endswith(".csv") and is_times_table(head):
         contents.tables.append(path)
     elif path.lower().endswith(".csv") and is_cloud_table(head):
@@ -167,11 +167,11 @@ def _open_parts(
     """Open all sources; ``parts`` holds what is open although one of them cannot be read."""
     tables = {path: read_file(tree, path) for path in contents.tables}
     top = _common_top([*contents.sources, *(f"{series.folder}/file" for series in contents.series)])
-    for path, known in contents.sources.items():
-        if known.module == _VIDEO:
+    for path, format_ in contents.sources.items():
+        if format_.module == _VIDEO:
             recording = _open_video(tree, path, options, tables)
         else:
-            recording = known.open(tree.on_disk(path), options)
+            recording = format_.open(tree.on_disk(path), options)
         parts.append(TreePart(recording, _below(path, top)))
     for series in contents.series:
         series.name = _series_name(series, top)
@@ -188,10 +188,10 @@ def _open_series(
     warnings: list[str],
 ) -> list[TreePart]:
     """The sensors whose messages are files; none where they have no times and the other sources suffice."""
-    known = frozenset(tree.paths)
-    kitti = {series.name: _kitti_tables(tree, series, known) for series in every}
+    every_path = frozenset(tree.paths)
+    kitti = {series.name: _kitti_tables(tree, series, every_path) for series in every}
     try:
-        stamp_series(every, tables, {name: found[KITTI_NAME] for name, found in kitti.items() if found})
+        stamp_series(every, tables, {name: tables_of[KITTI_NAME] for name, tables_of in kitti.items() if tables_of})
         if parts and any(series.times_from == "index" for series in every):
             raise without_times(
                 f"The files of {every[0].name} have no times, and {parts[0].label} has: which belong together is "
@@ -209,16 +209,16 @@ def _open_series(
             "File names hold numbers and no times: files of equal number are taken as simultaneous, and the times, "
             "0.1 s from number to number, are made up."
         )
-    return [TreePart(FileSeries(tree, one, kitti[one.name], options), ".", named=True) for one in every]
+    return [TreePart(FileSeries(tree, files, kitti[files.name], options), ".", named=True) for files in every]
 
 
-def _kitti_tables(tree: FileTree, series: Series, known: Collection[str]) -> dict[str, bytes]:
+def _kitti_tables(tree: FileTree, series: Series, every_path: Collection[str]) -> dict[str, bytes]:
     """KITTI's tables of times, which stand beside the files or beside their folder ``data``."""
     folder = PurePosixPath(series.folder)
-    for place in (folder, folder.parent) if folder.name == "data" else (folder,):
-        paths = {name: (place / name).as_posix() for name in (KITTI_NAME, KITTI_STARTS, KITTI_ENDS)}
-        if paths[KITTI_NAME] in known:
-            return {name: read_file(tree, path) for name, path in paths.items() if path in known}
+    for parent in (folder, folder.parent) if folder.name == "data" else (folder,):
+        paths = {name: (parent / name).as_posix() for name in (KITTI_NAME, KITTI_STARTS, KITTI_ENDS)}
+        if paths[KITTI_NAME] in every_path:
+            return {name: read_file(tree, path) for name, path in paths.items() if path in every_path}
     return {}
 
 
@@ -273,7 +273,7 @@ def _series_name(series: Series, top: str) -> str:
 
 
 def _empty(tree: FileTree, contents: TreeContents) -> ReadError:
-    found = f"; it holds {', '.join(contents.others[:5])}" if contents.others else ""
+    contents_listed = f"; it holds {', '.join(contents.others[:5])}" if contents.others else ""
     packed = next((path for path in contents.others[:100] if TREE.matches(read_head(tree, path, HEAD_BYTES))), None)
     if packed is not None:
         return ReadError(
@@ -283,7 +283,7 @@ def _empty(tree: FileTree, contents: TreeContents) -> ReadError:
         )
     return ReadError(
         "folder_empty",
-        f"{tree.name} holds no recording, no point clouds and no images{found}.",
+        f"{tree.name} holds no recording, no point clouds and no images{contents_listed}.",
         "Put a bag, a packet capture or point clouds (.pcd, .ply, .bin, .npy, .csv) into it, and images (.jpg, .png, "
         ".webp) or a video, one subfolder per sensor or all in one.",
     )

@@ -54,14 +54,14 @@ class Zip(FileTree):
         with file.open("rb") as raw:
             raw.seek(max(0, self._size - 65_557 - 20))
             tail = raw.read()
-            place = tail.rfind(b"PK\x05\x06")
-            if place < 0 or place + 22 > len(tail):
+            offset = tail.rfind(b"PK\x05\x06")
+            if offset < 0 or offset + 22 > len(tail):
                 raise damaged_archive(self.name, "its directory, which stands at the end of a zip, is missing")
-            (directory,) = struct.unpack_from("<I", tail, place + 12)
+            (directory,) = struct.unpack_from("<I", tail, offset + 12)
             # zipfile believes a zip64 record wherever its locator is there, whatever the short record says.
-            if place >= 20 and tail.startswith(b"PK\x06\x07", place - 20):
-                (stated,) = struct.unpack_from("<Q", tail, place - 12)
-                before = self._size - len(tail) + place - 20 - 56
+            if offset >= 20 and tail.startswith(b"PK\x06\x07", offset - 20):
+                (stated,) = struct.unpack_from("<Q", tail, offset - 12)
+                before = self._size - len(tail) + offset - 20 - 56
                 directory = max(
                     directory, _long_directory(raw, before), _long_directory(raw, min(stated, self._size))
                 )
@@ -118,9 +118,9 @@ class Zip(FileTree):
         super().close()
 
 
-def _long_directory(raw: IO[bytes], place: int) -> int:
+def _long_directory(raw: IO[bytes], offset: int) -> int:
     """Bytes of the directory as a zip64 record at that place says; 0 where there is none."""
-    raw.seek(max(0, place))
+    raw.seek(max(0, offset))
     record = raw.read(56)
     return int(struct.unpack_from("<Q", record, 40)[0]) if record[:4] == b"PK\x06\x06" and len(record) == 56 else 0
 

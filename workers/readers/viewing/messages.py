@@ -59,7 +59,7 @@ def descriptor_set(kind: Any) -> bytes:
     def add(file: FileDescriptor) -> None:
         for needed in file.dependencies:
             add(needed)
-        if file.name not in {known.name for known in files.file}:
+        if file.name not in {listed.name for listed in files.file}:
             file.CopyToProto(files.file.add())
 
     add(kind.DESCRIPTOR.file)

@@ -9,8 +9,9 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final, cast
+from typing import Any, BinaryIO, Final, Self, cast
 
 import cv2
 import numpy as np
@@ -26,13 +27,53 @@ from workers.readers.recording import StaticTransform
 from workers.readers.viewing.messages import (
     ENCODING,
     KINDS,
+    ViewerLens,
     camera_calibration,
     compressed_image,
     descriptor_set,
     frame_transforms,
     point_cloud,
 )
-from workers.readers.viewing.viewed_camera import ViewedCamera
+
+
+@dataclass(frozen=True, slots=True)
+class ViewedCamera:
+    """A camera of the recording as calibrated.
+
+    Attributes:
+        name: the camera's name in the rig.
+        frame_id: its optical frame.
+        file: its normalised recording. table: where its frames stand in it.
+        map: an .npy file, (height, width, 2) float32: for each pixel of the undistorted image the pixel of the frame;
+            it lies outside of the frame where the lens sees nothing.
+        clock_offset_ns: its clock minus the LiDAR's.
+        raw: the lens; None if no message can carry it.
+        pinhole: that of the undistorted image.
+    """
+
+    name: str
+    frame_id: str
+    file: Path
+    table: Path
+    map: Path
+    clock_offset_ns: int
+    raw: ViewerLens | None
+    pinhole: ViewerLens
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Self:
+        """From plain data, as the worker plans it."""
+        return cls(
+            name=data["name"],
+            frame_id=data["frame_id"],
+            file=Path(data["file"]),
+            table=Path(data["table"]),
+            map=Path(data["map"]),
+            clock_offset_ns=int(data["clock_offset_ns"]),
+            raw=ViewerLens(**data["raw"]) if data["raw"] else None,
+            pinhole=ViewerLens(**data["pinhole"]),
+        )
+
 
 FILE_NAME: Final = "recording.mcap"
 _LIDAR: Final = -1
@@ -55,10 +96,10 @@ def write_viewer_file(
     out_dir.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         sweeps = stack.enter_context(LidarFile(lidar))
-        cameras = [_Camera(ViewedCamera.from_json(one), stack) for one in request["cameras"]]
+        cameras = [_Camera(ViewedCamera.from_json(item), stack) for item in request["cameras"]]
         file = McapWriter(out_dir / FILE_NAME, "", "zstd", _LEVEL)
         stack.callback(file.abandon)
-        poses = [StaticTransform(**one) for one in request["poses"]]
+        poses = [StaticTransform(**item) for item in request["poses"]]
         writer = _Writer(file, sweeps, str(request["lidar_frame"]), cameras, poses)
         writer.run(on_share)
         file.add_metadata("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
@@ -99,8 +140,8 @@ class _Camera:
         if pixels is None or pixels.shape[:2] != (height, width):
             return None
         whole, parts = self._maps
-        made = cv2.remap(pixels, whole, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        return cv2.imencode(".jpg", made)[1].tobytes()
+        undistorted_pixels = cv2.remap(pixels, whole, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        return cv2.imencode(".jpg", undistorted_pixels)[1].tobytes()
 
 
 class _Writer:
@@ -164,14 +205,14 @@ class _Writer:
         self.copied += 1
         if of.raw is not None:
             self._add(f"/{of.name}/raw/calibration", stamp_ns, camera_calibration(stamp_ns, of.frame_id, of.raw))
-        made = camera.undistorted(index, data)
-        if made is None:
+        undistorted = camera.undistorted(index, data)
+        if undistorted is None:
             self.left_out += 1
             return
-        image = compressed_image(stamp_ns, of.frame_id, "image/jpeg", made)
+        image = compressed_image(stamp_ns, of.frame_id, "image/jpeg", undistorted)
         self._add(f"/{of.name}/undistorted/image", stamp_ns, image)
-        said = camera_calibration(stamp_ns, of.frame_id, of.pinhole)
-        self._add(f"/{of.name}/undistorted/calibration", stamp_ns, said)
+        calibration = camera_calibration(stamp_ns, of.frame_id, of.pinhole)
+        self._add(f"/{of.name}/undistorted/calibration", stamp_ns, calibration)
 
     def _add(self, topic: str, stamp_ns: int, message: bytes) -> None:
         self._file.add(self._channels[topic], stamp_ns, message)
