@@ -1,4 +1,3 @@
-import cv2
 import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
@@ -6,27 +5,15 @@ from hypothesis import strategies as st
 from numba import njit
 
 from apexcal.documents.errors import GeometryError
-from workers.geometry.models import INTRINSICS, MODELS
+from workers.geometry.models import MODELS
 from workers.geometry.polar_angle import polar_angle
-from workers.geometry.projection import (
-    distances_px,
-    fold_angle,
-    image_diagonal_px,
-    project,
-    violation_cost_px,
-)
-from workers.geometry.projections.brown_conrady import brown_conrady_fold, brown_conrady_point
-from workers.geometry.projections.kannala_brandt import kannala_brandt_fold, kannala_brandt_point
-from workers.geometry.projections.pinhole import pinhole_point
+from workers.geometry.projection import distances_px, fold_angle, image_diagonal_px, project, violation_cost_px
+from workers.geometry.projections.brown_conrady import brown_conrady_fold
+from workers.geometry.projections.kannala_brandt import kannala_brandt_fold
+from workers.geometry.projections.table import PROJECTIONS
 
 K = {"f_x": 700.0, "f_y": 710.0, "c_x": 640.0, "c_y": 360.0}
-NO_TURN = np.zeros(3)
 k = st.floats(-1.0, 1.0)
-small = st.floats(-0.02, 0.02)
-
-
-def camera_matrix(f_x, f_y, c_x, c_y):
-    return np.array([[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1.0]])
 
 
 def field(seed=0, count=200, half_angle_deg=75.0):
@@ -35,37 +22,6 @@ def field(seed=0, count=200, half_angle_deg=75.0):
     phi = rng.uniform(0, 2 * np.pi, count)
     directions = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
     return directions * rng.uniform(1, 30, (count, 1))
-
-
-def test_pinhole_is_opencvs():
-    points = field()
-    pixels, violation = project("pinhole", K, points)
-    expected = cv2.projectPoints(points, NO_TURN, NO_TURN, camera_matrix(**K), None)[0].reshape(-1, 2)
-    np.testing.assert_allclose(pixels, expected, atol=1e-9)
-    assert not violation.any()
-
-
-@settings(deadline=None)
-@given(k, k, small, small, k, st.integers(0, 50))
-def test_brown_conrady_is_opencvs_wherever_it_grows(k1, k2, k3, k4, k5, seed):
-    points = field(seed)
-    pixels, violation = project("brown_conrady", {**K, "k1": k1, "k2": k2, "k3": k3, "k4": k4, "k5": k5}, points)
-    expected = cv2.projectPoints(points, NO_TURN, NO_TURN, camera_matrix(**K), np.array([k1, k2, k3, k4, k5]))[0]
-    good = violation == 0.0
-    np.testing.assert_allclose(pixels[good], expected.reshape(-1, 2)[good], atol=1e-6, rtol=1e-12)
-    assert np.isnan(pixels[~good]).all()
-
-
-@settings(deadline=None)
-@given(k, k, k, k, st.integers(0, 50))
-def test_kannala_brandt_is_opencvs_wherever_it_grows(k1, k2, k3, k4, seed):
-    points = field(seed)
-    pixels, violation = project("kannala_brandt", {**K, "k1": k1, "k2": k2, "k3": k3, "k4": k4}, points)
-    expected = cv2.fisheye.projectPoints(
-        points[:, None], NO_TURN, NO_TURN, camera_matrix(**K), np.array([k1, k2, k3, k4])
-    )[0].reshape(-1, 2)
-    good = violation == 0.0
-    np.testing.assert_allclose(pixels[good], expected[good], atol=1e-6)
 
 
 def test_skew_is_kept_where_opencv_drops_it():
@@ -158,28 +114,6 @@ def test_the_axis_is_the_principal_point():
         assert not violation.any()
 
 
-@njit(error_model="numpy")
-def _single(model_id, x, y, z, c, fold):
-    if model_id == 0:
-        return pinhole_point(x, y, z, c[0], c[1], c[2], c[3])
-    if model_id == 1:
-        return brown_conrady_point(
-            x, y, z, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], fold
-        )  # fmt: skip
-    return kannala_brandt_point(x, y, z, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], fold)
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_single_precision_is_the_same_projection(model):
-    lens = {**K, "k1": -0.05, "k2": 0.01}
-    points = field(half_angle_deg=60)
-    pixels, _ = project(model, lens, points)
-    values = np.array([lens.get(name, 0.0) for name in INTRINSICS[model]], dtype=np.float32)
-    fold = np.float32(brown_conrady_fold(-0.05, 0.01, 0) if model == "brown_conrady" else np.pi)
-    single = [_single(MODELS.index(model), *p, values, fold)[:2] for p in points.astype(np.float32)]
-    np.testing.assert_allclose(single, pixels, atol=2e-3)
-
-
 @settings(deadline=None)
 @given(st.floats(0, 100, width=32), st.floats(-100, 100, width=32))
 def test_single_precision_angle(r, z):
@@ -193,9 +127,35 @@ def _angle(r, z):
 
 
 def test_bad_input_is_named():
-    with pytest.raises(GeometryError, match="lack f_x"):
-        project("pinhole", {"f_y": 1.0, "c_x": 0.0, "c_y": 0.0}, [[0, 0, 1]])
-    with pytest.raises(GeometryError, match="finite"):
-        project("pinhole", K, [[0, 0, np.nan]])
-    with pytest.raises(GeometryError, match="takes 4"):
-        project("pinhole", [1.0, 2.0], [[0, 0, 1]])
+    for lens, z, words in (
+        ({"f_y": 1.0, "c_x": 0.0, "c_y": 0.0}, 1, "lack f_x"),
+        (K, np.nan, "finite"),
+        ([1.0], 1, "takes 4"),
+    ):
+        with pytest.raises(GeometryError, match=words):
+            project("pinhole", lens, [[0, 0, z]])
+
+
+LENSES = {
+    "pinhole": [700, 710, 640, 360],
+    "brown_conrady": [700, 710, 640, 360, 0.02, -0.2, 0.05, 0.001, -0.002, 0.01],
+    "kannala_brandt": [700, 710, 640, 360, -0.05, -0.078, 0.096, -0.0515],
+}
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_derivatives_are_those_of_the_projection(model):
+    points = np.random.default_rng(1).uniform([-3, -2, 3], [3, 2, 10], (60, 3))
+    points[0] = 0, 0, 5
+    lens, step = np.array(LENSES[model], dtype=float), 1e-6
+    assert not project(model, lens, points)[1].any()
+    by_point, by_intrinsics = np.empty((60, 2, 3)), np.empty((60, 2, len(lens)))
+    PROJECTIONS[model].jacobians_into(lens, points, by_point, by_intrinsics)
+    for j in range(3):
+        d = step * np.eye(3)[j]
+        difference = project(model, lens, points + d)[0] - project(model, lens, points - d)[0]
+        np.testing.assert_allclose(by_point[:, :, j], difference / (2 * step), atol=1e-6)
+    for j in range(len(lens)):
+        d = step * np.eye(len(lens))[j]
+        difference = project(model, lens + d, points)[0] - project(model, lens - d, points)[0]
+        np.testing.assert_allclose(by_intrinsics[:, :, j], difference / (2 * step), atol=1e-6)

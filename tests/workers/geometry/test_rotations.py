@@ -22,10 +22,7 @@ def test_compiled_rows_agree(abc):
 @given(angles)
 def test_axes_are_the_derivative_of_the_rotation(abc):
     point, step = np.array([0.3, -0.7, 0.5]), 1e-6
-    for rows, axes in (
-        (rows_from_vector, axes_of_vector(*abc)),
-        (rows_from_euler, axes_of_euler(abc[0], abc[1])),
-    ):
+    for rows, axes in ((rows_from_vector, axes_of_vector(*abc)), (rows_from_euler, axes_of_euler(abc[0], abc[1]))):
         moved = np.reshape(rows(*abc), (3, 3)) @ point
         for i in range(3):
             d = np.zeros(3)

@@ -10,7 +10,7 @@ from apexcal.documents.summaries import Behind, CameraSummary, RigSummary
 from service.platform.db.ids import new_id
 from tests.support.results import fit_result, model_summary, of_block, rig_summary, summary
 from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
-from workers.judge.held_out_check import HeldOut, held_out_pairs
+from workers.judge.held_out_check import HeldOutPairs, held_out_pairs
 
 LENS = {"model": "pinhole", "f_x": 900.0, "f_y": 900.0, "c_x": 640.0, "c_y": 480.0, "image_size": [1280, 960]}
 RESULT = fit_result(mean_px=1.25, sigma_px=1.0, explained_px=1.1, pairs=200, intrinsics=LENS)
@@ -35,7 +35,7 @@ def pairs(off_px=0.0, seed=1):
     distances = np.repeat([5.0, 20.0, 50.0], 60)
     marks = rng.normal(size=(180, 2))
     marks[distances > 32.0, 0] += off_px
-    return HeldOut(np.hypot(*marks.T), np.ones(180), distances)
+    return HeldOutPairs(np.hypot(*marks.T), np.ones(180), distances)
 
 
 def fitted(over_limit=0.5, **members):
@@ -108,11 +108,8 @@ def test_another_model_that_is_clearly_likelier_stops():
     assert judged(recommended=None)["models"].verdict == "look"
 
 
-def test_runs_that_did_not_end_are_looked_at():
+def test_runs_that_did_not_end_are_looked_at_and_cameras_that_do_not_agree_stop():
     assert failed(judged(ended_well=False)) == {"runs": "look"}
-
-
-def test_cameras_that_do_not_agree_stop():
     apart = PAIR | {"alarms": ["They lie 9 sigmas apart."]}
     assert failed(judged(rig={"pairs": [apart]})) == {"rig": "stop"}
     assert failed(judged(rig={"pairs": [apart | {"cameras": ["left", "rear"]}]})) == {}
@@ -132,13 +129,12 @@ def test_a_person_looks_before_a_better_current_result_is_replaced(of, said):
     assert check.verdict == "look" and said in check.sentence
 
 
-def test_a_current_result_that_should_not_be_used_protects_nothing():
-    for verdict in ("stop", None):
-        assert failed(judged(current=current(verdict, over_limit=0.1, differs=True))) == {}
-
-
 @pytest.mark.parametrize(
-    "change", [{"members": {"model": "brown_conrady"}}, {"members": {"lens": "stated"}}, {"verdict": "look"}]
+    "change",
+    [
+        *({"members": members} for members in ({"model": "brown_conrady"}, {"lens": "stated"})),
+        *({"verdict": verdict, "over_limit": over} for verdict, over in (("look", 0.5), ("stop", 0.1), (None, 0.1))),
+    ],
 )
 def test_mounts_are_compared_if_lens_and_model_are_alike_and_the_current_passes(change):
     assert failed(judged(current=current(differs=True, **change))) == {}

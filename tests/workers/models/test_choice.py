@@ -60,15 +60,14 @@ def test_the_density_is_that_of_pixels_however_the_distances_are_scaled():
     assert other == pytest.approx(plain, abs=1e-6)
 
 
+def chosen(**errors):
+    """The choice between models whose held-out and fitted pairs have these errors."""
+    return choose({model: candidate(model, of_model) for model, of_model in errors.items()}, AREA_PX2)
+
+
 def test_models_that_predict_alike_leave_it_to_the_number_of_parameters():
     marks = noise(222)
-    choice = choose(
-        {
-            "pinhole": candidate("pinhole", off(marks, 0.05)),
-            "brown_conrady": candidate("brown_conrady", off(marks, 0.0)),
-        },
-        AREA_PX2,
-    )
+    choice = chosen(pinhole=off(marks, 0.05), brown_conrady=off(marks, 0.0))
     assert choice.recommended == "pinhole"
     assert "it has 10 free parameters instead of 16" in choice.why or "likeliest under pinhole" in choice.why
     assert "would tell them apart" in choice.why
@@ -77,13 +76,7 @@ def test_models_that_predict_alike_leave_it_to_the_number_of_parameters():
 def test_a_certain_gain_counts_however_small_it_is_in_per_cent():
     """0.2 px over the field, 786 pairs: 1 % of the mean error, and 20 deviations of the mount."""
     marks = noise(786, 3)
-    choice = choose(
-        {
-            "kannala_brandt": candidate("kannala_brandt", off(marks, 0.2)),
-            "brown_conrady": candidate("brown_conrady", off(marks, 0.0)),
-        },
-        AREA_PX2,
-    )
+    choice = chosen(kannala_brandt=off(marks, 0.2), brown_conrady=off(marks, 0.0))
     behind = choice.behind["kannala_brandt"]
     assert choice.recommended == "brown_conrady"
     assert behind.percent < 2.0 and behind.log_likelihood > 8.0
@@ -95,64 +88,41 @@ def test_wrong_marks_say_nothing_for_a_model_that_rejects_none():
     wrong = np.random.default_rng(1).choice(222, 22, replace=False)
     good[wrong], poor[wrong] = 60.0, 45.0
     assert good.mean() > poor.mean()
-    choice = choose(
-        {"pinhole": candidate("pinhole", poor), "brown_conrady": candidate("brown_conrady", good)}, AREA_PX2
-    )
+    choice = chosen(pinhole=poor, brown_conrady=good)
     assert choice.recommended == "brown_conrady"
-    clean = [pair for pair in range(222) if pair not in wrong]
+    clean = np.setdiff1d(np.arange(222), wrong)
     assert choice.behind["pinhole"].px == pytest.approx(np.mean((poor - good)[clean]), rel=0.02)
 
 
-def test_one_projection_that_is_none_decides_nothing():
+def test_one_projection_that_is_none_decides_nothing_and_a_lens_missed_by_very_different_amounts_is_missed():
     marks = noise(80)
     small, large = off(marks, 1.0), off(marks, 0.0)
     large[17] = 2364.0
-    choice = choose(
-        {"kannala_brandt": candidate("kannala_brandt", small), "brown_conrady": candidate("brown_conrady", large)},
-        AREA_PX2,
-    )
-    assert choice.recommended == "brown_conrady"
-
-
-def test_a_lens_that_is_missed_by_very_different_amounts_is_missed():
-    marks = noise(60)
-    errors = np.concatenate([off(marks[:20], 0.5), off(marks[20:40], 2.0), off(marks[40:], 50.0)])
-    choice = choose(
-        {"pinhole": candidate("pinhole", errors), "brown_conrady": candidate("brown_conrady", off(marks, 0.0))},
-        AREA_PX2,
-    )
-    assert choice.recommended == "brown_conrady"
+    assert chosen(kannala_brandt=small, brown_conrady=large).recommended == "brown_conrady"
+    mixed = np.concatenate([off(marks[:20], 0.5), off(marks[20:40], 2.0), off(marks[40:60], 50.0)])
+    assert chosen(pinhole=mixed, brown_conrady=off(marks[:60], 0.0)).recommended == "brown_conrady"
 
 
 def test_a_lens_that_is_locked_to_none_is_that_of_fewer_parameters():
     errors = off(noise(100), 0.0)
-    models = {
-        "brown_conrady": candidate("brown_conrady", errors, free_parameters=10),
-        "pinhole": candidate("pinhole", errors),
-    }
-    choice = choose(models, AREA_PX2)
+    locked = candidate("brown_conrady", errors, free_parameters=10)
+    choice = choose({"brown_conrady": locked, "pinhole": candidate("pinhole", errors)}, AREA_PX2)
     assert choice.recommended == "pinhole"
     assert next(iter(choice.behind.values())).log_likelihood == 0.0
 
 
 def test_a_model_on_its_bounds_gives_way_to_one_inside_that_predicts_alike():
     marks = noise(80)
-    models = {
-        "kannala_brandt": candidate("kannala_brandt", off(marks, 0.0), at_bounds=["k4"]),
-        "brown_conrady": candidate("brown_conrady", off(marks, 0.1)),
-    }
-    choice = choose(models, AREA_PX2)
+    edge = candidate("kannala_brandt", off(marks, 0.0), at_bounds=["k4"])
+    inside = candidate("brown_conrady", off(marks, 0.1))
+    choice = choose({"kannala_brandt": edge, "brown_conrady": inside}, AREA_PX2)
     assert choice.recommended == "brown_conrady"
     assert "kannala_brandt lies on the edge of its bounds (k4)" in choice.why or "likeliest under brown" in choice.why
 
 
 def test_the_advice_says_how_many_more_pairs_would_decide():
     marks = noise(100)
-    models = {
-        "pinhole": candidate("pinhole", off(marks, 0.2)),
-        "brown_conrady": candidate("brown_conrady", off(marks, 0.0)),
-    }
-    choice = choose(models, AREA_PX2)
+    choice = chosen(pinhole=off(marks, 0.2), brown_conrady=off(marks, 0.0))
     gap = next(iter(choice.behind.values())).log_likelihood
     assert 0.4 < gap < 4.0
     more = 100 * (4.0 / gap - 1.0)
@@ -163,14 +133,8 @@ def test_the_advice_says_how_many_more_pairs_would_decide():
 
 def test_without_held_out_pairs_the_fitted_errors_pay_for_their_parameters():
     marks = noise(222)
-    models = {
-        "pinhole": candidate(
-            "pinhole",
-            off(marks, 0.05),
-        ),
-        "brown_conrady": candidate("brown_conrady", off(marks, 0.0)),
-    }
-    none = {name: replace(one, heldout=None) for name, one in models.items()}
+    errors = {"pinhole": off(marks, 0.05), "brown_conrady": off(marks, 0.0)}
+    none = {model: replace(candidate(model, of_model), heldout=None) for model, of_model in errors.items()}
     choice = choose(none, AREA_PX2)
     assert choice.recommended == "pinhole" and "None were held out" in choice.why
     far = none | {"pinhole": replace(none["pinhole"], fitted=pairs(off(marks, 1.0)))}
@@ -178,10 +142,11 @@ def test_without_held_out_pairs_the_fitted_errors_pay_for_their_parameters():
 
 
 def test_models_of_which_no_common_pair_was_held_out_are_not_ranked():
-    errors = off(noise(20), 0.0)
-    models = {name: candidate(name, errors) for name in ("pinhole", "brown_conrady")}
-    models["pinhole"] = replace(models["pinhole"], heldout=pairs(errors).of(np.arange(10)))
-    models["brown_conrady"] = replace(models["brown_conrady"], heldout=pairs(errors).of(np.arange(10, 20)))
+    errors = pairs(off(noise(20), 0.0))
+    halves = {"pinhole": np.arange(10), "brown_conrady": np.arange(10, 20)}
+    models = {
+        name: replace(candidate(name, errors.errors_px), heldout=errors.of(half)) for name, half in halves.items()
+    }
     choice = choose(models, AREA_PX2)
     assert choice.recommended is None and "cannot be compared" in choice.why and "fewer folds" not in choice.why
 

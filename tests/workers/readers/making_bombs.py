@@ -20,7 +20,7 @@ from making_recordings import (
     raw_image,
     write_bag,
 )
-from making_ros2 import TYPES, as_cdr, convert, rig, write_mcap, write_ros2
+from making_ros2 import TYPES, as_cdr, rig, write_mcap, write_ros2
 from making_videos import write_video
 from mcap.writer import CompressionType
 from pypcd4 import Encoding
@@ -98,7 +98,7 @@ def _many(path, data, count, default=False):
 
 
 def _image_cdr(data):
-    return bytes(TYPES.serialize_cdr(convert(compressed(START_NS, data), COMPRESSED), COMPRESSED))
+    return bytes(TYPES.serialize_cdr(compressed(START_NS, data, TYPES), COMPRESSED))
 
 
 def generated_column(path, size=400 * 1024**2):
@@ -121,7 +121,7 @@ def zstd_chunks(path, size=481 * 1024**2):
     count = size // 2_000_000
     body = padded(2_000_000)
     stamps = (START_NS + i * PERIOD_NS for i in range(count))
-    frames = ((_CAMERA, COMPRESSED, stamp, convert(compressed(stamp, body), COMPRESSED)) for stamp in stamps)
+    frames = ((_CAMERA, COMPRESSED, stamp, compressed(stamp, body, TYPES)) for stamp in stamps)
     messages = [m for m in rig(1) if m[0] != _CAMERA]
     return write_mcap(path, as_cdr([*messages, *frames]), compression=CompressionType.ZSTD, chunk_size=100 * 1024**2)
 

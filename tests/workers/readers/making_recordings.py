@@ -45,27 +45,23 @@ def scattered(count=1440):
 
 def layout(fields, *, padding=0, gap=0, big_endian=False):
     """Structured dtype with ``gap`` bytes before each field and ``padding`` bytes at the end of a point."""
-    offsets, place = [], 0
+    offsets, end = [], 0
     for form in fields.values():
-        offsets.append(place + gap)
-        place += gap + int(form[1])
-    order = ">" if big_endian else "<"
-    return np.dtype(
-        {
-            "names": list(fields),
-            "formats": [order + form for form in fields.values()],
-            "offsets": offsets,
-            "itemsize": place + padding,
-        }
-    )
+        offsets.append(end + gap)
+        end += gap + int(form[1])
+    formats = [(">" if big_endian else "<") + form for form in fields.values()]
+    return np.dtype({"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": end + padding})
 
 
-def header(stamp_ns, frame_id):
-    time = TYPES.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 1_000_000_000))
-    return TYPES.types["std_msgs/msg/Header"](seq=0, stamp=time, frame_id=frame_id)
+def header(stamp_ns, frame_id, types=TYPES):
+    """In the ROS whose types these are, as all messages here."""
+    kind = types.types["std_msgs/msg/Header"]
+    seq = {"seq": 0} if "seq" in kind.__dataclass_fields__ else {}
+    time = types.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 1_000_000_000))
+    return kind(**seq, stamp=time, frame_id=frame_id)
 
 
-def cloud(stamp_ns, columns, fields=PLAIN, *, height=1, row_padding=0, **how):
+def cloud(stamp_ns, columns, fields=PLAIN, *, height=1, row_padding=0, types=TYPES, **how):
     """A PointCloud2 of the given columns in the given field order and formats."""
     dtype = layout(fields, **how)
     points = np.zeros(len(columns["x"]), dtype)
@@ -73,9 +69,9 @@ def cloud(stamp_ns, columns, fields=PLAIN, *, height=1, row_padding=0, **how):
         points[name] = columns[name]
     rows = points.view(np.uint8).reshape(height, -1)
     rows = np.pad(rows, ((0, 0), (0, row_padding)))
-    field_type = TYPES.types["sensor_msgs/msg/PointField"]
-    return TYPES.types[CLOUD](
-        header=header(stamp_ns, "velodyne"),
+    field_type = types.types["sensor_msgs/msg/PointField"]
+    return types.types[CLOUD](
+        header=header(stamp_ns, "velodyne", types),
         height=height,
         width=len(points) // height,
         fields=[field_type(n, dtype.fields[n][1], FORMATS[f], 1) for n, f in fields.items()],
@@ -87,16 +83,16 @@ def cloud(stamp_ns, columns, fields=PLAIN, *, height=1, row_padding=0, **how):
     )
 
 
-def compressed(stamp_ns, data, name="png"):
-    return TYPES.types[COMPRESSED](header(stamp_ns, "camera"), name, np.frombuffer(data, np.uint8))
+def compressed(stamp_ns, data, types=TYPES):
+    return types.types[COMPRESSED](header(stamp_ns, "camera", types), "png", np.frombuffer(data, np.uint8))
 
 
-def raw_image(stamp_ns, pixels, encoding, *, step=None):
+def raw_image(stamp_ns, pixels, encoding, *, step=None, types=TYPES):
     height, width = pixels.shape[:2]
     rows = pixels.reshape(height, -1)
     step = step or rows.shape[1]
     data = np.pad(rows, ((0, 0), (0, step - rows.shape[1]))).reshape(-1)
-    return TYPES.types[IMAGE](header(stamp_ns, "camera"), height, width, encoding, 0, step, data)
+    return types.types[IMAGE](header(stamp_ns, "camera", types), height, width, encoding, 0, step, data)
 
 
 def write_bag(path, messages, compression=None):

@@ -17,13 +17,13 @@ from making_recordings import (
     START_NS,
     cloud,
     compressed,
+    header,
     layout,
     png,
     raw_image,
     scene,
 )
 from making_recordings import TYPES as ROS1_TYPES
-from making_recordings import header as ros1_header
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -45,29 +45,10 @@ FOXGLOVE_TYPES = {"u1": 1, "i1": 2, "u2": 3, "i2": 4, "u4": 5, "i4": 6, "f4": 7,
 FIELDS = {"x": "f4", "y": "f4", "z": "f4", "intensity": "u1", "ring": "u2", "time": "f8"}
 
 
-def _time(stamp_ns):
-    return TYPES.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 1_000_000_000))
-
-
-def header(stamp_ns, frame_id):
-    return TYPES.types["std_msgs/msg/Header"](_time(stamp_ns), frame_id)
-
-
-def convert(message, kind):
-    """A ROS 1 message of the same type as one of ROS 2."""
-    values = {name: getattr(message, name) for name in message.__dataclass_fields__ if name != "__msgtype__"}
-    stamp = message.header.stamp
-    values["header"] = header(stamp.sec * 1_000_000_000 + stamp.nanosec, message.header.frame_id)
-    if "fields" in values:
-        field = TYPES.types["sensor_msgs/msg/PointField"]
-        values["fields"] = [field(f.name, f.offset, f.datatype, f.count) for f in values["fields"]]
-    return TYPES.types[kind](**values)
-
-
 def info(stamp_ns, model="plumb_bob", d=(0.1, -0.2, 0.001, 0.002, 0.05), k=K, frame_id="camera"):
     roi = TYPES.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
     return TYPES.types[INFO](
-        *(header(stamp_ns, frame_id), 1208, 1920, model, np.array(d, float), np.array(k, float)),
+        *(header(stamp_ns, frame_id, TYPES), 1208, 1920, model, np.array(d, float), np.array(k, float)),
         *(np.eye(3).reshape(-1), np.zeros(12), 0, 0, roi),
     )
 
@@ -76,23 +57,21 @@ def scan(stamp_ns, packets, types=TYPES):
     """Packets as a driver sends them, in the ROS whose types these are."""
     time, packet = types.types["builtin_interfaces/msg/Time"], types.types["velodyne_msgs/msg/VelodynePacket"]
     messages = [packet(time(*divmod(at, 10**9)), np.frombuffer(data, np.uint8)) for at, data in packets]
-    head = header(stamp_ns, "velodyne") if types is TYPES else ros1_header(stamp_ns, "velodyne")
-    return types.types[SCAN](head, messages)
+    return types.types[SCAN](header(stamp_ns, "velodyne", types), messages)
 
 
 def rig(count=5, raw=False):
     """(topic, type, time, message) of a LiDAR, a camera and its intrinsics."""
     for i in range(count):
         stamp = START_NS + i * PERIOD_NS
-        yield "/points", CLOUD, stamp, convert(cloud(stamp, scene()), CLOUD)
+        yield "/points", CLOUD, stamp, cloud(stamp, scene(), types=TYPES)
         stamp += 12_000_000
         yield "/front/camera_info", INFO, stamp, info(stamp)
         if raw:
             pixels = np.full((6, 8, 3), i, np.uint8)
-            yield "/front/image_raw", IMAGE, stamp, convert(raw_image(stamp, pixels, "bgr8"), IMAGE)
+            yield "/front/image_raw", IMAGE, stamp, raw_image(stamp, pixels, "bgr8", types=TYPES)
         else:
-            image = convert(compressed(stamp, png(8, 6, i)), COMPRESSED)
-            yield "/front/image_raw/compressed", COMPRESSED, stamp, image
+            yield "/front/image_raw/compressed", COMPRESSED, stamp, compressed(stamp, png(8, 6, i), TYPES)
 
 
 def write_ros2(path, messages, storage="sqlite3", compress=None):
@@ -113,10 +92,8 @@ def write_ros2(path, messages, storage="sqlite3", compress=None):
 def write_mcap(path, messages, *, compression=CompressionType.ZSTD, chunked=True, summary=True, chunk_size=40_000):
     """An MCAP file of (topic, schema name, encoding, log time, bytes)."""
     with path.open("wb") as file:
-        how = (
-            {} if summary else {"index_types": IndexType.NONE, "use_statistics": False, "use_summary_offsets": False}
-        )
-        how |= {} if summary else {"repeat_channels": False, "repeat_schemas": False}
+        parts = ("use_statistics", "use_summary_offsets", "repeat_channels", "repeat_schemas")
+        how = {} if summary else {"index_types": IndexType.NONE, **dict.fromkeys(parts, False)}
         writer = McapWriter(file, chunk_size=chunk_size, compression=compression, use_chunking=chunked, **how)
         writer.start()
         channels = {}

@@ -2,6 +2,8 @@
 
 from rosbags.typesys import get_types_from_msg
 
+from tests.workers.readers.making_recordings import header
+
 TF = "tf2_msgs/msg/TFMessage"
 LIDAR = ("base_link", "velodyne", (1.2, 0.0, 1.9), (0.0, 0.0, 0.0, 1.0))
 # Not of unit length, as people type them.
@@ -14,14 +16,11 @@ def message(types, stated, stamp_ns=1_700_000_000_000_000_000):
         types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TF))
 
     def of(name, *fields):
-        return types.types[name](*fields)
+        return types.types[f"geometry_msgs/msg/{name}"](*fields)
 
-    head = [0] if "seq" in types.types["std_msgs/msg/Header"].__dataclass_fields__ else []
-    time = of("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
-    placed = []
-    for parent, child, t, q in stated:
-        offset, turn = of("geometry_msgs/msg/Vector3", *t), of("geometry_msgs/msg/Quaternion", *q)
-        header = of("std_msgs/msg/Header", *head, time, parent)
-        transform = of("geometry_msgs/msg/Transform", offset, turn)
-        placed.append(of("geometry_msgs/msg/TransformStamped", header, child, transform))
-    return of(TF, placed)
+    placed = [
+        of("TransformStamped", header(stamp_ns, parent, types), child,
+           of("Transform", of("Vector3", *offset), of("Quaternion", *turn)))
+        for parent, child, offset, turn in stated
+    ]  # fmt: skip
+    return types.types[TF](placed)

@@ -1,3 +1,5 @@
+"""Which of a recording's sensors are read; what is not clear is asked, with what there is to choose from."""
+
 from dataclasses import dataclass, field
 
 import pytest
@@ -26,43 +28,83 @@ def camera(name, count=5, size=None, frame_id="camera"):
     return Sensor("camera", name, frame_id, count, notes)
 
 
-def chosen(sensors, lidar_name=None, cameras=None):
-    return {name: s.name for name, s in choose_sensors(Listed(sensors), lidar_name, cameras).items()}
+def cameras(*names):
+    return [camera(name) for name in names]
 
 
-def refused(sensors, lidar_name=None, cameras=None):
+def chosen(sensors, lidar_name=None, cameras=None, sizes=None):
+    found = choose_sensors(Listed(sensors), lidar_name, cameras, *([] if sizes is None else [sizes]))
+    return {name: sensor.name for name, sensor in found.items()}
+
+
+CLOUD, LIDAR = "/velodyne_points", {"lidar": "/velodyne_points"}
+RAW_AND_PACKED = cameras("/cam/image_raw", "/cam/image_raw/compressed")
+THREE = cameras("/camera_rear/image", "/camera_front/image", "/camera_left/image")
+PACKETS = Sensor("lidar", "/velodyne_packets", "velodyne", 5, {"fields": "x y z intensity ring time"})
+ONE_IMAGE = [*(camera(f"/c/image_{kind}", 100) for kind in ("rect_color", "raw", "color")), camera("/still", 1)]
+
+
+@pytest.mark.parametrize(
+    ("sensors", "asked", "found"),
+    [
+        # One of each needs no names.
+        ([lidar(), *cameras("/cam/image/compressed")], (None, ["front"]), {"front": "/cam/image/compressed"}),
+        ([lidar(), *cameras("/cam/image/compressed")], (None, {"front": None}), {"front": "/cam/image/compressed"}),
+        ([lidar(), *cameras("/cam/image/compressed")], (None, None), {"cam_image": "/cam/image/compressed"}),
+        ([lidar(), *cameras("/cam/image/compressed")], (None, []), {}),
+        # A cloud without rings is not the LiDAR where another has them; nor is what is computed from one.
+        ([lidar("/sick", "x y z rgb"), lidar()], (None, []), {}),
+        ([lidar(), lidar("/ground_filtered/points"), lidar("/points_map")], (None, []), {}),
+        ([lidar(), PACKETS], (None, []), {"lidar": "/velodyne_packets"}),  # one sensor twice, once timed
+        ([lidar("/a"), lidar("/b")], ("/b", []), {"lidar": "/b"}),
+        # A raw camera gives way to its compressed twin, and rectified or single images to it.
+        ([lidar(), *RAW_AND_PACKED], (None, ["front"]), {"front": "/cam/image_raw/compressed"}),
+        ([lidar(), *RAW_AND_PACKED], (None, {"front": "/cam/image_raw"}), {"front": "/cam/image_raw"}),
+        ([lidar(), *ONE_IMAGE], (None, ["x"]), {"x": "/c/image_raw"}),
+        ([lidar(), *cameras("/depth")], (None, ["x"]), {"x": "/depth"}),
+        # Cameras are told by their names in the topics.
+        ([lidar(), *THREE], (None, ["front", "rear"]),
+         {"front": "/camera_front/image", "rear": "/camera_rear/image"}),
+        ([lidar(), *THREE], (None, {"rear": None, "x": "/camera_left/image"}),
+         {"rear": "/camera_rear/image", "x": "/camera_left/image"}),
+        # Equal names are counted.
+        ([lidar(), *cameras("/cam/a", "/cam_a", "/lidar")], (None, None),
+         {"cam_a": "/cam/a", "cam_a_2": "/cam_a", "lidar_2": "/lidar"}),
+    ],
+)  # fmt: skip
+def test_what_is_clear_is_chosen(sensors, asked, found):
+    names = chosen(sensors, *asked)
+    assert names == LIDAR | found and next(iter(names)) == "lidar"
+
+
+MANY = [lidar(), *(camera(f"/c{i}") for i in range(1999))]
+
+
+@pytest.mark.parametrize(
+    ("sensors", "asked", "code", "words"),
+    [
+        (cameras("/cam"), (), "no_lidar_topic", ["/cam (camera, 5 messages)", "/imu"]),
+        ([*cameras("/cam"), lidar(count=0)], (), "no_lidar_topic", []),
+        ([lidar()], (None, ["front"]), "no_camera_topic", [CLOUD]),
+        ([lidar("/a"), lidar("/b")], (None, []), "ambiguous_lidar", ["/a, /b"]),
+        ([lidar(), *cameras("/one", "/two")], (None, ["front"]), "ambiguous_cameras", ["/one, /two"]),
+        ([lidar(), *cameras("/one", "/two")], (None, ["a", "b", "c"]), "ambiguous_cameras", []),
+        ([lidar(), *cameras("/front_rear/image", "/x")], (None, ["front", "rear"]), "ambiguous_cameras", []),
+        ([lidar(), *cameras("/cam")], ("/cam", []), "topic_not_found", ["no LiDAR topic '/cam'"]),
+        ([lidar(), *cameras("/cam")], (None, {"front": "/camm"}), "topic_not_found", []),
+        ([lidar(), *cameras("/front/a", "/front/b")], (None, ["front"]), "ambiguous_cameras", ["/front/a, /front/b"]),
+        (MANY, (None, ["front"]), "ambiguous_cameras", []),
+        ([*MANY, camera("/more")], (None, ["front"]), "too_many_sensors", ["2001"]),
+        *(([lidar(), *cameras("/cam")], (None, [name]), "camera_name_invalid", [])
+          for name in ("", "../x", "a/b", "lidar", "a" * 65, "-x", "ä")),
+    ],
+)  # fmt: skip
+def test_what_is_not_clear_is_asked(sensors, asked, code, words):
     with pytest.raises(ReadError) as caught:
-        chosen(sensors, lidar_name, cameras)
-    assert caught.value.hint
-    return caught.value
-
-
-def test_one_of_each_needs_no_names():
-    sensors = [camera("/cam/image/compressed"), lidar()]
-    assert chosen(sensors, cameras=["front"]) == {"lidar": "/velodyne_points", "front": "/cam/image/compressed"}
-    assert chosen(sensors, cameras={"front": None}) == chosen(sensors, cameras=["front"])
-    assert chosen(sensors) == {"lidar": "/velodyne_points", "cam_image": "/cam/image/compressed"}
-    assert chosen(sensors, cameras=[]) == {"lidar": "/velodyne_points"}
-
-
-def test_a_cloud_without_rings_is_not_the_lidar_where_another_has_them():
-    assert chosen([lidar("/depth", "x y z rgb"), lidar()], cameras=[])["lidar"] == "/velodyne_points"
-
-
-def test_a_raw_camera_gives_way_to_its_compressed_twin():
-    sensors = [lidar(), camera("/cam/image_raw"), camera("/cam/image_raw/compressed")]
-    assert chosen(sensors, cameras=["front"])["front"] == "/cam/image_raw/compressed"
-    assert chosen(sensors, cameras={"front": "/cam/image_raw"})["front"] == "/cam/image_raw"
-
-
-def test_cameras_are_told_by_their_names_in_the_topics():
-    sensors = [lidar(), camera("/camera_rear/image"), camera("/camera_front/image"), camera("/camera_left/image")]
-    assert chosen(sensors, cameras=["front", "rear"]) == {
-        "lidar": "/velodyne_points",
-        "front": "/camera_front/image",
-        "rear": "/camera_rear/image",
-    }
-    assert list(chosen(sensors, cameras={"rear": None, "x": "/camera_left/image"})) == ["lidar", "rear", "x"]
+        chosen(sensors, *asked)
+    error = caught.value
+    assert error.code == code and error.hint and all(word in error.message for word in words), error.message
+    assert len(error.message) < 5000 and len(error.fields.get("candidates", [])) <= 100
 
 
 @pytest.mark.parametrize(
@@ -77,107 +119,47 @@ def test_cameras_are_told_by_their_names_in_the_topics():
     ],
 )
 def test_raw_packets_of_another_maker_are_said_to_be_that(topic, maker):
-    recording = Listed([camera("/cam")], (topic, "/imu (sensor_msgs/Imu)"))
     with pytest.raises(ReadError) as caught:
-        choose_sensors(recording, None, None)
+        choose_sensors(Listed(cameras("/cam"), (topic, "/imu (sensor_msgs/Imu)")), None, None)
     assert caught.value.code == "lidar_packets_not_read"
     assert maker in caught.value.message and topic in caught.value.message and "/imu" not in caught.value.message
 
 
-def test_what_the_recording_holds_is_listed():
-    error = refused([camera("/cam")])
-    assert error.code == "no_lidar_topic" and "/cam (camera, 5 messages)" in error.message and "/imu" in error.message
-    assert refused([camera("/cam"), lidar(count=0)]).code == "no_lidar_topic"
-    error = refused([lidar()], cameras=["front"])
-    assert error.code == "no_camera_topic" and "/velodyne_points" in error.message
-
-
-def test_what_is_not_clear_is_asked():
-    error = refused([lidar("/a"), lidar("/b")], cameras=[])
-    assert error.code == "ambiguous_lidar" and "/a, /b" in error.message
-    assert chosen([lidar("/a"), lidar("/b")], "/b", []) == {"lidar": "/b"}
-    sensors = [lidar(), camera("/one"), camera("/two")]
-    error = refused(sensors, cameras=["front"])
-    assert error.code == "ambiguous_cameras" and "/one, /two" in error.message
-    assert refused(sensors, cameras=["a", "b", "c"]).code == "ambiguous_cameras"
-    both = [lidar(), camera("/front_rear/image"), camera("/x")]
-    assert refused(both, cameras=["front", "rear"]).code == "ambiguous_cameras"
-
-
-def test_a_topic_that_is_not_there_or_is_of_another_kind():
-    error = refused([lidar(), camera("/cam")], "/cam", [])
-    assert error.code == "topic_not_found" and "no LiDAR topic '/cam'" in error.message
-    assert refused([lidar(), camera("/cam")], None, {"front": "/camm"}).code == "topic_not_found"
-
-
-@pytest.mark.parametrize("name", ["", "../x", "a/b", "lidar", "a" * 65, "-x", "ä"])
-def test_camera_names_become_file_names(name):
-    assert refused([lidar(), camera("/cam")], None, [name]).code == "camera_name_invalid"
-
-
-def guessed(topics, sizes):
-    listed = Listed([lidar(), *topics])
-    return {name: s.name for name, s in choose_sensors(listed, None, list(sizes), sizes).items() if name != "lidar"}
-
-
 def test_the_car_with_eleven_cameras():
-    places = ["front", "front_left", "front_right", "left", "right", "rear", "rear_left", "rear_right"]
-    topics = [camera(f"/camera_{place}/image_raw/compressed") for place in places]
-    topics += [camera(f"/camera_{place}/depth/image") for place in places]
-    narrow = [
-        camera("/tele/image_color"),
-        camera("/svs/FisheyeTop/image"),
-        camera("/x/image", frame_id="camera_trunk_optical"),
-    ]
-    sizes = dict.fromkeys([*places, "tele", "fisheye_top", "trunk"])
-    found = guessed([*topics, *narrow], sizes)
-    assert found.pop("trunk") == "/x/image" and found.pop("tele") == "/tele/image_color"
-    assert found.pop("fisheye_top") == "/svs/FisheyeTop/image"
-    assert found == {place: f"/camera_{place}/image_raw/compressed" for place in places}
+    sides = ["front", "front_left", "front_right", "left", "right", "rear", "rear_left", "rear_right"]
+    topics = {side: f"/camera_{side}/image_raw/compressed" for side in sides}
+    topics |= {"tele": "/tele/image_color", "fisheye_top": "/svs/FisheyeTop/image"}
+    listed = [*cameras(*topics.values(), *(f"/camera_{side}/depth/image" for side in sides))]
+    listed += [camera("/x/image", frame_id="camera_trunk_optical")]
+    names = [*topics, "trunk"]
+    assert chosen([lidar(), *listed], None, names, dict.fromkeys(names)) == LIDAR | topics | {"trunk": "/x/image"}
 
 
 def test_images_of_another_size_are_another_camera():
-    topics = [camera("/a", size=(1920, 1208)), camera("/b", size=(640, 480)), camera("/c", size=(320, 240))]
-    assert guessed(topics, {"wide": (640, 480), "tele": (1920, 1208)}) == {"wide": "/b", "tele": "/a"}
-    assert guessed(topics, {"wide": (640, 480)}) == {"wide": "/b"}
-    assert guessed([camera("/a", size=(640, 480))], {"front": (1280, 720)}) == {
-        "front": "/a"
-    }  # the size gets reported later
-    with pytest.raises(ReadError, match="not clear"):
-        guessed(topics[:2], {"one": (100, 100), "two": (100, 100)})
-
-
-def test_what_is_computed_from_a_sensor_is_not_the_sensor():
-    clouds = [lidar("/velodyne_points"), lidar("/ground_filtered/points"), lidar("/points_map")]
-    assert chosen(clouds, cameras=[])["lidar"] == "/velodyne_points"
-    packets = Sensor("lidar", "/velodyne_packets", "velodyne", 5, {"fields": "x y z intensity ring time"})
-    assert chosen([lidar(), packets], cameras=[])["lidar"] == "/velodyne_packets"  # one sensor twice, once timed
-    topics = [camera("/c/image_rect_color"), camera("/c/image_raw"), camera("/c/image_color"), camera("/still", 1)]
-    assert (
-        chosen([lidar(), *(camera(t.name, 100) for t in topics[:3]), topics[3]], cameras=["x"])["x"] == "/c/image_raw"
+    wide, narrow, small = (
+        camera("/a", size=(1920, 1208)),
+        camera("/b", size=(640, 480)),
+        camera("/c", size=(320, 240)),
     )
-    assert chosen([lidar(), camera("/depth")], cameras=["x"])["x"] == "/depth"
+
+    def guessed(listed, sizes):
+        return chosen([lidar(), *listed], None, list(sizes), sizes)
+
+    both = {"wide": (640, 480), "tele": (1920, 1208)}
+    assert guessed([wide, narrow, small], both) == LIDAR | {"wide": "/b", "tele": "/a"}
+    assert guessed([wide, narrow, small], {"wide": (640, 480)}) == LIDAR | {"wide": "/b"}
+    assert guessed([narrow], {"front": (1280, 720)}) == LIDAR | {"front": "/b"}  # the size gets reported later
+    with pytest.raises(ReadError, match="not clear"):
+        guessed([wide, narrow], {"one": (100, 100), "two": (100, 100)})
 
 
 def test_a_program_is_told_what_there_is_to_choose_from():
-    error = refused([lidar(), camera("/one", size=(8, 6), frame_id="left"), camera("/two")], cameras=["front", "up"])
-    assert error.fields["cameras"] == ["front", "up"]
-    one, two = error.fields["candidates"]
-    assert one == {"name": "/one", "kind": "camera", "count": 5, "frame_id": "left", "width": 8, "height": 6}
-    assert two["name"] == "/two" and "width" not in two
-    (cloud,) = refused([lidar()], "/nothing").fields["candidates"]
-    assert cloud["fields"] == "x y z intensity ring"
-    many = [camera(f"/{i}") for i in range(3000)]
-    error = refused([lidar(), *many], cameras=["front"])
-    assert len(error.fields["candidates"]) == 100 and len(error.message) < 5000
-
-
-def test_equal_names_are_counted():
-    names = chosen([lidar(), camera("/cam/a"), camera("/cam_a"), camera("/lidar")])
-    assert names == {"lidar": "/velodyne_points", "cam_a": "/cam/a", "cam_a_2": "/cam_a", "lidar_2": "/lidar"}
-
-
-def test_thousands_of_folders_are_refused():
-    error = refused([lidar(), *(camera(f"/c{i}") for i in range(2000))], cameras=["front"])
-    assert error.code == "too_many_sensors" and "2001" in error.message
-    assert refused([lidar(), *(camera(f"/c{i}") for i in range(1999))], cameras=["front"]).code == "ambiguous_cameras"
+    with pytest.raises(ReadError) as caught:
+        chosen([lidar(), camera("/one", size=(8, 6), frame_id="left"), camera("/two")], None, ["front", "up"])
+    assert caught.value.fields["cameras"] == ["front", "up"]
+    first, second = caught.value.fields["candidates"]
+    assert first == {"name": "/one", "kind": "camera", "count": 5, "frame_id": "left", "width": 8, "height": 6}
+    assert second["name"] == "/two" and "width" not in second
+    with pytest.raises(ReadError) as caught:
+        chosen([lidar()], "/nothing")
+    assert [cloud["fields"] for cloud in caught.value.fields["candidates"]] == ["x y z intensity ring"]

@@ -28,23 +28,22 @@ def small(tmp_path_factory):
     return write_bag(tmp_path_factory.mktemp("small") / "small.bag", interleaved(clouds(5), images(5)))
 
 
+def noise(path, count, shape):
+    """A bag of frames of noise, which take long to be packed as PNG."""
+    pixels = np.random.default_rng(0).integers(0, 255, (*shape, 3), np.uint8)
+    frames = (("/image", IMAGE, START_NS + i, raw_image(START_NS + i, pixels, "bgr8")) for i in range(count))
+    return write_bag(path, [*clouds(2), *frames])
+
+
 @pytest.fixture(scope="module")
 def slow(tmp_path_factory):
-    """Takes some 4 s: noise to be packed as PNG, 24 megapixels over and over."""
-    pixels = np.random.default_rng(0).integers(0, 255, (4000, 2000, 3), np.uint8)
-    frames = (("/image", IMAGE, START_NS + i, raw_image(START_NS + i, pixels, "bgr8")) for i in range(12))
-    return write_bag(tmp_path_factory.mktemp("slow") / "slow.bag", [*clouds(2), *frames])
+    """Takes some 4 s."""
+    return noise(tmp_path_factory.mktemp("slow") / "slow.bag", 12, (4000, 2000))
 
 
-def failure(source, out, *, name=None, on_progress=None, must_stop=None, **limits):
+def failure(source, out, *, limits=None, **how):
     with pytest.raises(ReadError) as caught:
-        ingest_limited(
-            *(source, out, {"cameras": ["front"]}),
-            limits=Limits(**limits),
-            name=name,
-            on_progress=on_progress,
-            must_stop=must_stop,
-        )
+        ingest_limited(source, out, {"cameras": ["front"]}, limits=Limits(**(limits or {})), **how)
     assert caught.value.message and caught.value.hint
     assert not out.exists()
     return caught.value
@@ -113,7 +112,7 @@ def test_memory(tmp_path):
     image = [("/image", IMAGE, START_NS, raw_image(START_NS, pixels, "mono8"))]
     path = write_bag(tmp_path / "bomb.bag", [*clouds(1), *image], Writer.CompressionFormat.LZ4)
     assert path.stat().st_size < 2_000_000
-    error = failure(path, tmp_path / "out", memory_bytes=448 * 1024**2)
+    error = failure(path, tmp_path / "out", limits={"memory_bytes": 448 * 1024**2})
     assert error.code == "recording_damaged" and "more than the memory" in error.message
     assert "let ingestions take more memory" in error.hint
 
@@ -127,22 +126,23 @@ def test_memory(tmp_path):
     ],
 )
 def test_what_a_recording_may_take(slow, tmp_path, limits, code, reason):
-    error = failure(slow, tmp_path / "out", **limits)
+    error = failure(slow, tmp_path / "out", limits=limits)
     assert error.code == code and reason in error.message
 
 
-def test_what_progress_raises_stops_the_child(slow, tmp_path):
-    class CancelledError(Exception):
-        pass
+class StopError(Exception):
+    pass
 
+
+def test_what_progress_raises_stops_the_child(slow, tmp_path):
     others = set(children(os.getpid()))
     running = []
 
     def cancel(progress):
         running.extend(set(children(os.getpid())) - others)
-        raise CancelledError
+        raise StopError
 
-    with pytest.raises(CancelledError):
+    with pytest.raises(StopError):
         ingest_limited(slow, tmp_path / "out", {"cameras": ["front"]}, on_progress=cancel)
     assert running and all(gone_within(pid, 1) for pid in running)
     assert not (tmp_path / "out").exists()
@@ -188,9 +188,7 @@ def test_the_child_sees_no_secrets_and_what_libraries_print_does_no_harm(small, 
 @pytest.mark.faults
 def test_what_a_killed_child_had_unpacked_is_removed(tmp_path):
     (tmp_path / "work").mkdir()
-    pixels = np.random.default_rng(0).integers(0, 255, (4000, 2000, 3), np.uint8)
-    frames = (("/image", IMAGE, START_NS + i, raw_image(START_NS + i, pixels, "bgr8")) for i in range(4))
-    bag = write_bag(tmp_path / "slow.bag", [*clouds(2), *frames])
+    bag = noise(tmp_path / "slow.bag", 4, (4000, 2000))
     with zipfile.ZipFile(tmp_path / "slow.zip", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.write(bag, "slow.bag")
     unpacked = []
@@ -259,7 +257,7 @@ def test_a_child_that_does_not_end_is_ended_with_all_that_it_started(small, tmp_
     script, limits, code = HOPELESS[kind]
     stand_in(tmp_path, monkeypatch, script.format(pids=tmp_path / "pids"))
     began = time.monotonic()
-    error = failure(small, tmp_path / "out", **limits)
+    error = failure(small, tmp_path / "out", limits=limits)
     assert error.code == code and "small.bag" in error.message
     # The machine may be busy; what never ends would take five minutes.
     assert time.monotonic() - began < 60
@@ -269,9 +267,6 @@ def test_a_child_that_does_not_end_is_ended_with_all_that_it_started(small, tmp_
 
 
 def test_whoever_must_stop_is_asked_although_the_child_is_silent(small, tmp_path, monkeypatch):
-    class LostError(Exception):
-        pass
-
     stand_in(tmp_path, monkeypatch, f"sleep 300 & echo $$ $! > {tmp_path / 'pids'}; wait")
     asked = []
 
@@ -279,9 +274,9 @@ def test_whoever_must_stop_is_asked_although_the_child_is_silent(small, tmp_path
         if pids_in(tmp_path / "pids"):
             asked.append(time.monotonic())
         if len(asked) == 5:
-            raise LostError
+            raise StopError
 
-    with pytest.raises(LostError):
+    with pytest.raises(StopError):
         ingest_limited(small, tmp_path / "out", {}, must_stop=must_stop)
     # A silent child ends by itself after 60 s.
     assert time.monotonic() - asked[-1] < 20 and asked[-1] - asked[0] < 30
@@ -347,16 +342,10 @@ def test_the_reserve_is_kept_while_writing(tmp_path):
     if mounted.returncode != 0:
         pytest.skip("only root may mount a small disk here")
     try:
-        pixels = np.random.default_rng(0).integers(0, 255, (1000, 1000, 3), np.uint8)
-        frames = (("/image", IMAGE, START_NS + i, raw_image(START_NS + i, pixels, "bgr8")) for i in range(16))
-        source = write_bag(tmp_path / "large.bag", [*clouds(2), *frames])
-        free = []
-        reserve = 32 * 1024**2
-        error = failure(
-            *(source, disk / "out"),
-            reserve_bytes=reserve,
-            must_stop=lambda: free.append(shutil.disk_usage(disk).free),
-        )
+        source = noise(tmp_path / "large.bag", 16, (1000, 1000))
+        free, reserve = [], 32 * 1024**2
+        watch = {"must_stop": lambda: free.append(shutil.disk_usage(disk).free)}
+        error = failure(source, disk / "out", limits={"reserve_bytes": reserve}, **watch)
         assert error.code == "ingest_disk_full"
         assert min(free) >= reserve and shutil.disk_usage(disk).free > 60 * 1024**2
         manifest = ingest_limited(source, disk / "out", {"cameras": ["front"]}, limits=Limits())

@@ -76,9 +76,7 @@ def made(pairs: int = 222, wrong: int = 3, lens: str = "brown_conrady", model: s
         chosen=chosen,
         models=fitted,
         pairs=columns,
-        checks=[
-            *(*chosen.result.checks, _NONE_HELD_OUT, elsewhere([EDGES, PAIRS])),
-        ],
+        checks=[*(*chosen.result.checks, _NONE_HELD_OUT, elsewhere([EDGES, PAIRS]))],
         recommended="brown_conrady",
         slots=[(i, slot, 3.0 / (i + 1) + 0.1 * slot) for i in range(4) for slot in range(3)],
         marks=marks,

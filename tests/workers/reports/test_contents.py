@@ -46,10 +46,7 @@ def projected(document, points):
     plane = cv2.projectPoints(points @ R.T + t, np.zeros(3), np.zeros(3), np.eye(3), distortion)[0].reshape(-1, 2)
     skew = lens.get("skew") or 0.0
     return np.column_stack(
-        [
-            lens["f_x"] * (plane[:, 0] + skew * plane[:, 1]) + lens["c_x"],
-            lens["f_y"] * plane[:, 1] + lens["c_y"],
-        ]
+        [lens["f_x"] * (plane[:, 0] + skew * plane[:, 1]) + lens["c_x"], lens["f_y"] * plane[:, 1] + lens["c_y"]]
     )
 
 

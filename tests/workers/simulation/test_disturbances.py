@@ -60,12 +60,8 @@ def test_the_head_is_above_the_board_only_when_asked():
 
 
 def test_taller_walkers_lift_the_board_higher():
-    heights = [
-        Walk(2, 60.0, 0.0, disturbances=Disturbances(walker_height_m=tall))
-        .poses(np.arange(0.0, 60.0, 0.1))
-        .apex[:, 2]
-        for tall in (1.5, 1.74, 2.0)
-    ]
+    walks = [Walk(2, 60.0, 0.0, disturbances=Disturbances(walker_height_m=tall)) for tall in (1.5, 1.74, 2.0)]
+    heights = [walk.poses(np.arange(0.0, 60.0, 0.1)).apex[:, 2] for walk in walks]
     assert heights[0].max() + 0.2 < heights[1].max() < heights[2].max() - 0.2
     assert np.min(heights) > 1.0
 

@@ -99,5 +99,7 @@ def test_a_tilted_sensor_sees_the_same_world(mount):
     np.testing.assert_allclose(wall[:, 0], Scene().wall_x, atol=0.01)
     on = scan.label == BOARD
     apex, left, right = (field[on] for field in scan.joined("apex", "edge_left", "edge_right"))
-    plane = ((scan.xyz[on] - scan.lidar.seen(apex)) * scan.lidar.seen(np.cross(left, right))).sum(axis=1)
+    plane = (
+        (scan.xyz[on] - scan.lidar.in_sensor_frame(apex)) * scan.lidar.in_sensor_frame(np.cross(left, right))
+    ).sum(axis=1)
     assert len(plane) > 50 and np.abs(plane).max() < 0.004

@@ -12,7 +12,7 @@ import numpy as np
 from apexcal.documents.fit_requests import fit_request
 from apexcal.documents.results import FitResult
 from tests.workers.solver.rigs import NOMINAL, plain, real_correspondences
-from workers.models.summary import Fit, camera_summary
+from workers.models.summary import CameraFit, camera_summary
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, Material
 from workers.solver.schedule import run_schedule
@@ -119,7 +119,7 @@ def calibrated(document: Json, pairs: Json) -> Iterator[str]:
         found = solved(run, state)
         yield json.dumps(plain(found), allow_nan=False)
         results.append(FitResult.model_validate(plain(found)))
-    fits = [Fit(UUID(int=2), fold if fold >= 0 else None, found, 0.1) for fold, found in enumerate(results, -1)]
+    fits = [CameraFit(UUID(int=2), fold if fold >= 0 else None, found, 0.1) for fold, found in enumerate(results, -1)]
     yield camera_summary(fits).model_dump_json()
     run = read_run(document, -1, pairs)
     model = FittedModel(results[0], run.problem, [one.heldout for one in results[1:]])

@@ -11,10 +11,12 @@ from scipy import stats
 
 from apexcal.geometry.rotations import vector_from_rotation
 from tests.workers.solver.draws import few_or_many
-from tests.workers.solver.rigs import PLAIN, finish_plain, residual_pairs, simulated
+from tests.workers.solver.rigs import PLAIN, residual_pairs, simulated
+from tests.workers.solver.walks import finish
 from workers.solver.estimate import estimate
+from workers.solver.polish import polish
 from workers.solver.residuals import predict
-from workers.solver.schedule import start
+from workers.solver.uncertainty import Uncertainty, uncertainty
 
 
 def spoiled(problem, share, seed=0):
@@ -24,11 +26,6 @@ def spoiled(problem, share, seed=0):
     marks = problem.pixels.copy()
     marks[wrong] = rng.uniform(0, problem.image_size, (len(wrong), 2))
     return replace(problem, pixels=marks), set(wrong.tolist())
-
-
-def finish(problem, parameters):
-    searched = {"best_parameters": tuple(parameters), "best_loss": 2.0, "history": (2.0,)}
-    return finish_plain(problem, replace(start(problem), iteration=1, stopped="converged", **searched))
 
 
 @pytest.mark.parametrize("share", [0.004, 0.1, 0.3])
@@ -152,3 +149,28 @@ def test_the_covariance_is_that_of_marks_and_priors_each_with_its_own_sigma():
     # And it is the optimum under that noise.
     gradient = J.T @ residuals / sigma**2 + P @ (p - truth)
     np.testing.assert_allclose(gradient * found.spread.std.clip(max=1.0), 0.0, atol=0.05)
+
+
+def test_intervals_hold_their_share():
+    held = []
+    for seed in range(40):
+        problem, truth = simulated("pinhole", 500 + seed, pairs=30)
+        spread = uncertainty(problem, fit := np.array(polish(problem, truth).parameters))
+        held += (np.abs(fit - truth) <= spread.half_width95)[3:].tolist()
+    assert 0.9 < np.mean(held) < 0.99
+
+
+@pytest.mark.parametrize(("shift", "own"), [(0.5, 5.0), (1.0, 12.0), (3.0, 40.0)])
+def test_a_shift_and_a_deviation_known_from_few_pairs_make_one_interval(shift, own):
+    """|shift + s T| with T of `own` freedoms. What is stated is std^2 = s^2 + shift^2, whose freedom is
+    own (std / s)^4, as the shift's part is exact (Satterthwaite 1946).
+    """
+    spread = 0.8
+    std = np.hypot(spread, shift)
+    stated = Uncertainty(
+        names=("t_x",), units=("m",), std=np.array([std]), covariance=np.array([[std**2]]), rank=1, sigma_px=1.0,
+        freedoms=np.array([own * (std / spread) ** 4]), shift=np.array([shift]),
+    )  # fmt: skip
+    (half,) = stated.half_width95
+    inside = stats.t.cdf((half - shift) / spread, own) - stats.t.cdf(-(half + shift) / spread, own)
+    assert inside == pytest.approx(0.95, abs=1e-6)

@@ -18,7 +18,7 @@ def ends(document, pairs):
         return None
 
 
-@few_or_many(2, 60)
+@few_or_many(1, 60)
 @pytest.mark.parametrize("kind", range(len(KINDS)), ids=KINDS)
 def test_pairs_of_every_kind_end_as_a_result_or_as_a_refusal(kind, draws):
     ended = [ends(*drawn(len(KINDS) * draw + kind)) for draw in range(draws)]

@@ -13,7 +13,6 @@ from tests.workers.solver.walks import Recomputed, finish, posed, walked
 from workers.solver.blocks import blocks_of
 from workers.solver.estimate import estimate
 from workers.solver.halves import halves_of, too_small
-from workers.solver.motion import velocities_of
 from workers.solver.polish import polish
 
 
@@ -154,13 +153,3 @@ def test_odd_and_even_poses_of_the_real_board_differ_by_what_is_stated():
     assert found.shared is not None and found.shared.counted and found.shared.evidence > 1.0
     assert halves_of(found)[0].ratio < 1.6
     assert np.all(found.spread.std > 0.9 * alone.spread.std)
-
-
-def test_velocities_follow_from_the_pairs_near_in_time():
-    times = np.sort(np.random.default_rng(1).uniform(0.0, 20.0, 200))
-    path = np.stack([5.0 + np.cos(0.3 * times), 1.2 * times, np.full(200, 0.4)], axis=1)
-    order = np.random.default_rng(2).permutation(200)
-    found = velocities_of(path[order], (times[order] * 1e9).astype(np.int64))
-    expected = np.stack([-0.3 * np.sin(0.3 * times), np.full(200, 1.2), np.zeros(200)], axis=1)[order]
-    np.testing.assert_allclose(found, expected, atol=0.03)
-    assert velocities_of(path, (times * 1e12).astype(np.int64)) is None, "a thousand times slower: no neighbours"

@@ -28,18 +28,14 @@ def placed(model, points, marks=None):
     return replace(moved, pixels=marks(problem.pixels) if callable(marks) else marks)
 
 
+def first(values):
+    return np.tile(values[:1], (len(values), 1))
+
+
 def in_a_plane(points, thickness_m=0.0):
     flat = points.copy()
     flat[:, 0] = points[:, 0].mean() + thickness_m * np.random.default_rng(0).normal(size=len(points))
     return flat
-
-
-def same(values):
-    return values
-
-
-def first(values):
-    return np.tile(values[:1], (len(values), 1))
 
 
 def four(values):
@@ -47,21 +43,13 @@ def four(values):
 
 
 CASES = {
-    "one place, marks all over": (lambda x: np.tile(x.mean(axis=0), (len(x), 1)), same, "one place"),
-    "one pair many times": (
-        lambda x: np.tile(x[:1], (len(x), 1)),
-        lambda m: np.tile(m[:1], (len(m), 1)),
-        "one place",
-    ),
-    "one line": (
-        lambda x: x.mean(axis=0) + np.linspace(-2, 2, len(x))[:, None] * [0.6, 0.8, 0.0],
-        None,
-        "one line",
-    ),
+    "one place, marks all over": (lambda x: np.tile(x.mean(axis=0), (len(x), 1)), np.copy, "one place"),
+    "one pair many times": (first, first, "one place"),
+    "one line": (lambda x: x.mean(axis=0) + np.linspace(-2, 2, len(x))[:, None] * [0.6, 0.8, 0.0], None, "one line"),
     "one plane": (in_a_plane, None, "one plane"),
     "one plane to a millimetre": (lambda x: in_a_plane(x, 1e-3), None, "one plane"),
     "nearly one plane": (lambda x: in_a_plane(x, 0.02), None, "do not determine"),
-    "behind the camera": (lambda x: -x, same, "behind the camera"),
+    "behind the camera": (np.negative, np.copy, "behind the camera"),
     "one frame's vertices again and again": (four, four, "different vertices only"),
 }
 
@@ -74,6 +62,8 @@ def test_a_fit_that_can_be_anything_says_so(model, case):
     solution = json.loads(json.dumps(finish_plain(problem, run_schedule(problem)[0]), allow_nan=False))
     assert solution["status"] == "not_determined"
     assert words in solution["message"]
+    if words in ("one place", "one line") or (case, model) == ("one plane", "pinhole"):
+        assert solution["rank"] < solution["free_parameters"] and solution["undetermined"]
     # Nowhere a confident number: what is not known at all, or to metres and tens of degrees, is shown as that.
     std = solution["std"]
     assert any(value is None for value in std.values()) or any(
@@ -103,12 +93,6 @@ def test_fewer_pairs_than_free_parameters_are_refused(model, pairs):
     assert caught.value.code == "too_few_pairs"
     assert f"{pairs} pairs" in caught.value.message
     assert "smaller model" in caught.value.hint
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_a_walk_that_holds_everything_is_ok(model):
-    problem, _ = simulated(model, 41)
-    assert finish_plain(problem, run_schedule(problem)[0])["status"] == "ok"
 
 
 def test_marks_upside_down_under_a_known_lens_are_not_explained():

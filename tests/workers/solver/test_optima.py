@@ -11,9 +11,8 @@ from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simula
 from workers.geometry.models import MODELS
 from workers.geometry.projection import project
 from workers.solver import polish as polishing
-from workers.solver.folds import folds
 from workers.solver.optima import other_optima
-from workers.solver.polish import distances, mean_and_rms, polish, weighted_residuals
+from workers.solver.polish import mean_and_rms, polish, weighted_residuals
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule, start
 
@@ -135,23 +134,3 @@ def test_a_valley_is_one_place():
     far = replace(problem, points=np.tile(problem.points[:1], (40, 1)), pixels=np.tile(problem.pixels[:1], (40, 1)))
     starts = [tuple((truth * factor).tolist()) for factor in (0.9, 1.0, 1.1)]
     assert other_optima(far, polish(far, truth), starts) == []
-
-
-def test_blocks_of_time_expose_what_single_frames_hide():
-    # Marks that drift slowly: a frame's neighbours tell its error, another minute does not.
-    problem, truth = simulated("pinhole", 7, pairs=120)
-    near = np.argsort(problem.points[:, 1], kind="stable")
-    drift = 6.0 * np.sin(2.0 * np.pi * np.arange(120) / 120.0)[:, None] * [1.0, 0.0]
-    points, marks = problem.points[near], problem.pixels[near] + drift
-
-    def held_out_px(blocks):
-        errors = []
-        for block in blocks:
-            weights = np.where(np.isin(np.arange(120), block), 0.0, 1.0)
-            fit = np.array(polish(replace(problem, points=points, pixels=marks, weights=weights), truth).parameters)
-            errors += distances(replace(problem, points=points, pixels=marks), fit)[block].tolist()
-        return float(np.mean(errors))
-
-    in_blocks = held_out_px([fold.indices for fold in folds(np.arange(120) * 100_000_000, 4)])
-    # Blocks lie between fitted ones, so they show less of a slow drift than whole parts of the walk.
-    assert in_blocks > 1.05 * held_out_px([np.arange(start, 120, 4) for start in range(4)])

@@ -1,11 +1,9 @@
 """The 80 recorded correspondences: how well each model fits, and what too few of them are told to hold."""
 
 import numpy as np
-import pytest
 
 from apexcal.documents.fit_requests import fit_request
-from tests.workers.solver.rigs import NOMINAL, finish_plain, real_correspondences, real_problem
-from tests.workers.solver.test_outliers import PUBLISHED
+from tests.workers.solver.rigs import NOMINAL, finish_plain, real_correspondences
 from workers.solver.folds import folds
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
@@ -17,15 +15,6 @@ REQUEST = {"model": "brown_conrady", "image_size": [1920, 1208], "nominal": NOMI
 
 def solve(problem):
     return finish_plain(problem, run_schedule(problem)[0])
-
-
-@pytest.mark.parametrize(
-    ("model", "known", "limit_px"), [("brown_conrady", {}, 4.3), ("kannala_brandt", {"locked": PUBLISHED}, 5.2)]
-)
-def test_the_board_is_fitted_from_a_short_search_too(model, known, limit_px):
-    solution = solve(real_problem(model, schedule=SHORT, **known))
-    assert solution["polished"]["mean_px"] <= limit_px
-    assert (solution["status"], solution["at_bounds"]) == ("ok", [])
 
 
 def test_the_top_vertices_alone_hold_too_little_and_held_out_poses_show_it():

@@ -23,6 +23,13 @@ def compared(cameras, *stated):
     return found
 
 
+def marked(seed):
+    """Points, and marks of 1 px in both cameras."""
+    points, pixels = walked(seed)
+    rng = np.random.default_rng(seed)
+    return points, [seen + rng.normal(size=seen.shape) for seen in pixels]
+
+
 def known_mount(camera):
     covariance = mount_covariance(camera.problem, camera.result)
     assert covariance is not None
@@ -84,9 +91,7 @@ def test_the_same_vertex_agrees_within_the_noise_of_both_marks():
 
 
 def test_a_mark_of_another_corner_stands_out_by_its_row_and_stamp():
-    points, pixels = walked(7)
-    rng = np.random.default_rng(7)
-    pixels = [seen + rng.normal(size=seen.shape) for seen in pixels]
+    points, pixels = marked(7)
     pixels[1][31] += (25.0, 0.0)
     found = compared([solved(m, points, seen) for m, seen in zip((FRONT, LEFT), pixels, strict=True)])
     (odd,) = found["shared"]["odd"]
@@ -98,9 +103,7 @@ def test_a_mark_of_another_corner_stands_out_by_its_row_and_stamp():
 
 def test_a_camera_that_was_moved_between_marks_and_vertices_raises_an_alarm():
     """The left camera's intrinsics are locked wrongly, so that its rays do not meet the front camera's."""
-    points, pixels = walked(8)
-    rng = np.random.default_rng(8)
-    pixels = [seen + rng.normal(size=seen.shape) for seen in pixels]
+    points, pixels = marked(8)
     wrong = {"locked": {"f_x": 700.0, "f_y": 700.0, "c_x": 639.5, "c_y": 479.5}}
     cameras = [solved(FRONT, points, pixels[0]), solved(LEFT, points, pixels[1], **wrong)]
     known = StatedTransform(TRUE, "rig", 0.05, 0.005)

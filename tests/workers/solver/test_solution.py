@@ -15,14 +15,13 @@ from tests.workers.solver.rigs import (
     real_problem,
     simulated,
 )
-from workers.geometry.models import INTRINSICS, MODELS
+from workers.geometry.models import INTRINSICS, MODELS, SEARCH_FORMS
 from workers.solver.errors import SolveError
 from workers.solver.folds import folds
 from workers.solver.polish import polish
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule, start
 from workers.solver.solution import evaluate
-from workers.solver.uncertainty import uncertainty
 
 
 def solve(problem):
@@ -92,9 +91,11 @@ def test_pairs_left_out_say_nothing_against_the_search():
     assert near["ga"]["rms_px"] > 4.0 * near["kept"]["rms_px"], "over all pairs"
 
 
-def test_documents_describe_the_same_solution():
-    problem, _ = simulated("brown_conrady", 50, **PLAIN)
+@pytest.mark.parametrize("search", SEARCH_FORMS)
+def test_documents_describe_the_same_solution(search):
+    problem, _ = simulated("brown_conrady", 50, search=search, **PLAIN)
     solution = solve(problem)
+    assert solution["search"] == search and set(solution["ga"]["parameters"]) == set(problem.names)
     again = evaluate(solution["intrinsics"], solution["transform"], problem.points, problem.pixels)
     np.testing.assert_allclose(again["errors_px"], solution["residuals_px"], atol=1e-6)
     assert again["mean_px"] == pytest.approx(solution["polished"]["mean_px"])
@@ -104,23 +105,6 @@ def test_documents_describe_the_same_solution():
     assert solution["parameters"]["t_x_m"] == transform.t[0]
     assert solution["parameters"]["k1"] == solution["intrinsics"]["k1"]
     assert set(solution["versions"]) >= {"numpy", "numba", "scipy"}
-
-
-def test_standard_deviations_are_those_of_repeated_walks():
-    errors, stds = [], []
-    for seed in range(60):
-        problem, truth = simulated("pinhole", 70)
-        noisy = problem.pixels + np.random.default_rng(seed).normal(size=problem.pixels.shape)
-        clean, _ = simulated("pinhole", 70, noise_px=0.0)
-        request = {"model": "pinhole", "image_size": problem.image_size, "nominal": NOMINAL}
-        repeat = fit_problem(fit_request(**request), problem.points, noisy - problem.pixels + clean.pixels)
-        fit = polish(repeat, truth)
-        spread = uncertainty(repeat, np.array(fit.parameters))
-        stds.append(spread.std[3:])
-        errors.append(np.array(fit.parameters)[3:] - truth[3:])
-    ratio = np.std(errors, axis=0) / np.mean(stds, axis=0)
-    assert (ratio > 0.7).all()
-    assert (ratio < 1.35).all()
 
 
 def test_locked_intrinsics_pin_the_rotation():
@@ -134,17 +118,9 @@ def test_locked_intrinsics_pin_the_rotation():
     assert {name: locked["intrinsics"][name] for name in locks} == locks
 
 
-def test_an_edge_and_a_lost_rank_are_stated():
+def test_an_edge_is_stated():
     edge, _ = simulated("pinhole", 52, bounds={"f_x": [900, 1000], "f_y": [900, 1000]})
-    solution = solve(edge)
-    assert "f_x" in solution["at_bounds"]
-
-    seen, _ = simulated("pinhole", 52)
-    one_place = np.repeat(seen.points[:1], 12, axis=0), np.repeat(seen.pixels[:1], 12, axis=0)
-    request = {"model": "pinhole", "image_size": seen.image_size, "nominal": NOMINAL}
-    degenerate = solve(fit_problem(fit_request(**request), *one_place))
-    assert degenerate["status"] == "not_determined" and degenerate["rank"] < degenerate["free_parameters"]
-    assert None in degenerate["std"].values()
+    assert "f_x" in solve(edge)["at_bounds"]
 
 
 def test_what_the_solution_forbids_counts_with_its_cost():
@@ -163,11 +139,3 @@ def test_a_run_stopped_from_outside_says_so():
     calls = iter(range(100))
     state, _ = run_schedule(problem, should_stop=lambda: next(calls) >= 5)
     assert finish_plain(problem, state)["status"] == "unfinished"
-
-
-def test_euler_form_says_when_its_box_cuts():
-    problem, _ = simulated("pinhole", 55, search="euler", bounds_preset="image-size", mount_deg=2)
-    solution = solve(problem)
-    assert solution["search"] == "euler"
-    assert solution["polished"]["rms_px"] > 0
-    assert set(solution["ga"]["parameters"]) >= {"alpha", "beta", "gamma"}

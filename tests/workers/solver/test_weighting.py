@@ -186,18 +186,20 @@ def test_covariances_that_are_none_are_refused():
             with pytest.raises(SolveError, match="pair 4") as caught:
                 Covariances(*bad)
             assert caught.value.code == "bad_covariances"
-    with pytest.raises(SolveError) as caught:
-        replace(problem, covariances=Covariances(good[0][:9], good[1][:9]))
-    assert caught.value.code == "bad_covariances"
-    with pytest.raises(SolveError) as caught:
-        covariances_of({"sigma_azimuth_rad": [1e-3]}, [[1, 2, 3]], 1.0)
-    assert caught.value.code == "no_covariances"
-    document = {"model": "pinhole", "image_size": SIZE, "nominal": NOMINAL}
     stated = Covariances(*good)
-    for asked, code in (("covariances", "no_covariances"), ("vertices", "bad_fit_request")):
+
+    def made(covariances=None, **asked):
+        request = fit_request(model="pinhole", image_size=SIZE, nominal=NOMINAL, **asked)
+        return fit_problem(request, problem.points, problem.pixels, covariances=covariances)
+
+    for make, code in (
+        (lambda: replace(problem, covariances=Covariances(good[0][:9], good[1][:9])), "bad_covariances"),
+        (lambda: covariances_of({"sigma_azimuth_rad": [1e-3]}, [[1, 2, 3]], 1.0), "no_covariances"),
+        (lambda: made(weights="covariances"), "no_covariances"),
+        (lambda: made(weights="vertices"), "bad_fit_request"),
+    ):
         with pytest.raises(DocumentError) as caught:
-            fit_problem(fit_request(**(document | {"weights": asked})), problem.points, problem.pixels)
+            make()
         assert caught.value.code == code
     for asked, used in (({}, None), ({"weights": "equal"}, None), ({"weights": "covariances"}, stated)):
-        made = fit_problem(fit_request(**(document | asked)), problem.points, problem.pixels, covariances=stated)
-        assert made.covariances is used
+        assert made(stated, **asked).covariances is used

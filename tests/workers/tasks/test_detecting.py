@@ -32,15 +32,9 @@ def make_run(database, fleet_id, recording_id, shards=1):
     """A detection and its jobs' ids."""
     with database.writing() as session:
         run = Detection(
-            fleet_id=fleet_id,
-            recording_id=recording_id,
-            region=REGION,
-            detector="tolerant",
-            options={},
-            pairing=PAIRING,
-            content_hash="0",
-            remaining=shards,
-        )
+            fleet_id=fleet_id, recording_id=recording_id, region=REGION, detector="tolerant", options={},
+            pairing=PAIRING, content_hash="0", remaining=shards,
+        )  # fmt: skip
         session.add(run)
         session.flush()
         payloads = [{"first": number, "stop": number + 1} for number in range(shards)]
@@ -78,14 +72,10 @@ def test_a_run_with_a_failed_shard_stays_failed_when_the_others_finish(database,
 def test_two_runs_at_once_find_one_apex(database, recording):
     fleet_id, recording_id, camera_id = recording
     runs = [make_run(database, fleet_id, recording_id) for _ in range(2)]
-    barrier = threading.Barrier(2)
+    wait = {"wait": threading.Barrier(2).wait}
+    given = (found((0, 0)), {camera_id: [Pair(0, 0)]})
     threads = [
-        threading.Thread(
-            target=finish,
-            args=(database, run, jobs[0], found((0, 0)), {camera_id: [Pair(0, 0)]}),
-            kwargs={"wait": barrier.wait},
-        )
-        for run, jobs in runs
+        threading.Thread(target=finish, args=(database, run, jobs[0], *given), kwargs=wait) for run, jobs in runs
     ]
     for thread in threads:
         thread.start()

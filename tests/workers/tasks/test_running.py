@@ -15,18 +15,30 @@ from workers.readers.recording import ReadError
 from workers.tasks.running import WORK, run_job
 
 
+@pytest.fixture
+def job_that_raises(database, monkeypatch):
+    """The id of a job whose work raises these errors, one after the other; the last one again and again."""
+
+    def make(*errors):
+        left = list(errors)
+
+        def work(*_: object) -> None:
+            raise left.pop(0) if len(left) > 1 else left[0]
+
+        monkeypatch.setitem(WORK, "solve", work)
+        return make_jobs(database, make_fleet(database), 1)[0]
+
+    return make
+
+
 @pytest.mark.parametrize(
     ("code", "state", "lost"),
     [("ingest_disk_full", "queued", 1), ("ingest_killed", "queued", 1), ("no_such_topic", "failed", 0)],
 )
 def test_a_reader_that_was_killed_or_had_no_disk_is_tried_again_and_a_refusal_is_not(
-    context, database, monkeypatch, code, state, lost
+    context, database, job_that_raises, code, state, lost
 ):
-    def refuse(*_: object) -> None:
-        raise ReadError(code, "It could not be read.", "Look at it.")
-
-    monkeypatch.setitem(WORK, "solve", refuse)
-    (job_id,) = make_jobs(database, make_fleet(database), 1)
+    job_id = job_that_raises(ReadError(code, "It could not be read.", "Look at it."))
     run_job(context, job_id)
     assert (job(database, job_id).state, job(database, job_id).lost) == (state, lost)
 
@@ -56,12 +68,8 @@ def problem_of(database, job_id):
     "error",
     [ReadError("ingest_disk_full", "The disk was full.", "Make room."), OSError(errno.ENOSPC, "x"), StoreFullError()],
 )
-def test_what_had_no_room_is_tried_four_times_and_then_says_what_to_do(context, database, monkeypatch, error):
-    def fill(*_: object) -> None:
-        raise error
-
-    monkeypatch.setitem(WORK, "solve", fill)
-    (job_id,) = make_jobs(database, make_fleet(database), 1)
+def test_what_had_no_room_is_tried_four_times_and_then_says_what_to_do(context, database, job_that_raises, error):
+    job_id = job_that_raises(error)
     waits = []
     for _ in range(4):
         assert job(database, job_id).state == "queued"
@@ -76,26 +84,17 @@ def test_what_had_no_room_is_tried_four_times_and_then_says_what_to_do(context, 
     assert "Nothing is wrong with your data" in ended.problem["hint"]
 
 
-def test_other_stumbles_do_not_count_against_the_tries_without_room(context, database, monkeypatch):
+def test_other_stumbles_do_not_count_against_the_tries_without_room(context, database, job_that_raises):
     errors = [OSError(errno.EIO, "x")] * 5 + [OSError(errno.ENOSPC, "x")] * 3
-
-    def stumble(*_: object) -> None:
-        raise errors.pop(0)
-
-    monkeypatch.setitem(WORK, "solve", stumble)
-    (job_id,) = make_jobs(database, make_fleet(database), 1)
-    while errors:
+    job_id = job_that_raises(*errors)
+    for _ in errors:
         run_job(context, job_id)
         let_backoff_end(database)
     assert job(database, job_id).state == "queued"
 
 
 @pytest.mark.parametrize("number", [errno.ENAMETOOLONG, errno.EFBIG, errno.E2BIG])
-def test_what_only_the_input_can_cause_is_not_tried_for_an_hour(context, database, monkeypatch, number):
-    def refuse(*_: object) -> None:
-        raise OSError(number, "x")
-
-    monkeypatch.setitem(WORK, "solve", refuse)
-    (job_id,) = make_jobs(database, make_fleet(database), 1)
+def test_what_only_the_input_can_cause_is_not_tried_for_an_hour(context, database, job_that_raises, number):
+    job_id = job_that_raises(OSError(number, "x"))
     run_job(context, job_id)
     assert (job(database, job_id).state, problem_of(database, job_id)) == ("failed", "internal_error")

@@ -31,18 +31,9 @@ class Recorded:
 
 @cache
 def walk(
-    seed,
-    seconds,
-    *,
-    sensor="vlp16",
-    rings=None,
-    noise_m=0.008,
-    plan="field",
-    disturbances=None,
-    hold=None,
-    mount=None,
-    flaws=None,
-):
+    seed, seconds, *, sensor="vlp16", rings=None, noise_m=0.008, plan="field", disturbances=None, hold=None,
+    mount=None, flaws=None,
+):  # fmt: skip
     spoiled = disturbances or Disturbances()
     scene = scene_with(spoiled.poles, seed)
     way = walker(seed, seconds, plan=plan, disturbances=spoiled, hold=hold)
@@ -56,7 +47,7 @@ def walk(
         sweep, surface = lidar.labelled_sweep(index, start_s, START_NS + round(start_s * 1e9))
         looked_s = start_s
         for _ in range(4):
-            apex = lidar.seen(way.poses(np.array([looked_s])).apex)[0]
+            apex = lidar.in_sensor_frame(way.poses(np.array([looked_s])).apex)[0]
             looked_s = start_s + float(lidar.scan_seconds(np.arctan2(apex[1], apex[0])))
         sweeps.append(sweep)
         apexes.append(apex)

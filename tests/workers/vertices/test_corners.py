@@ -104,11 +104,8 @@ def test_a_corner_moves_along_the_track_with_its_apex(seen):
             assert np.linalg.eigvalsh(corner.covariance).min() > 0.0
             wrong = (angles(corner.xyz) - angles(truth[CORNERS.index(corner.name)]))[0]
             scores.append(wrong @ np.linalg.solve(corner.covariance, wrong) / 3.0)
-            own = vertex.corners.xyz[vertex.corners.names.index(corner.name)]
-            stayed.append(
-                np.linalg.norm(own - truth[CORNERS.index(corner.name)])
-                / np.linalg.norm(corner.xyz - truth[CORNERS.index(corner.name)])
-            )
+            own, true = vertex.corners.xyz[vertex.corners.names.index(corner.name)], truth[CORNERS.index(corner.name)]
+            stayed.append(np.linalg.norm(own - true) / np.linalg.norm(corner.xyz - true))
     assert len(scores) > 300
     assert 0.3 < np.mean(scores) < 1.2
     assert np.median(stayed) > 1.3, "a corner that stayed would lie farther off"
@@ -137,7 +134,12 @@ def test_the_mean_of_a_poses_sweeps_has_the_mean_corners(seen):
         )
         for shift in random.normal(0.0, 0.002, (4, 4, 3))
     ]
-    (mean,) = [one for one in one_of(noisy) if not hasattr(one, "reason")]
+
+    def mean_of(vertices):
+        (mean,) = [one for one in one_of(vertices) if not hasattr(one, "reason")]
+        return mean
+
+    mean = mean_of(noisy)
     np.testing.assert_allclose(mean.corners.xyz, np.mean([one.corners.xyz for one in noisy], axis=0))
     covariance = np.array(mean.corners.covariance)
     np.testing.assert_allclose(covariance[:3, :3], mean.covariance, rtol=1e-6)
@@ -145,10 +147,8 @@ def test_the_mean_of_a_poses_sweeps_has_the_mean_corners(seen):
     assert (np.diag(covariance) < np.diag(before) * 1.02).all()
     assert np.linalg.eigvalsh(covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))).min() > -1e-9
     some = [replace(noisy[0], corners=Corners.of(("left",), [noisy[0].corners.xyz[0]], before[:6, :6])), *noisy[1:]]
-    (mean,) = [one for one in one_of(some) if not hasattr(one, "reason")]
-    assert mean.corners.names == ("left",)
-    (mean,) = [one for one in one_of([replace(noisy[0], corners=None), *noisy[1:]]) if not hasattr(one, "reason")]
-    assert mean.corners is None
+    assert mean_of(some).corners.names == ("left",)
+    assert mean_of([replace(noisy[0], corners=None), *noisy[1:]]).corners is None
 
 
 def test_a_real_board_has_its_corners_and_calibrates_better_from_all_of_them():

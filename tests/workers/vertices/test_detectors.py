@@ -30,24 +30,6 @@ def test_strict_takes_the_single_point_of_the_top_ring():
     assert found.time_ns == 7_000 + 9_000  # the tenth point's own moment, not the sweep's stamp
 
 
-@pytest.mark.parametrize(
-    ("points", "reason"),
-    [
-        ([], "no_points"),
-        (row(9, 8, x=-5.0), "no_points"),
-        (row(3, 5) + row(4, 4) + row(5, 1), "ring_span_too_small"),
-        (row(5, 1), "ring_span_too_small"),
-        (row(2, 5) + row(5, 2), "top_ring_not_single"),
-    ],
-)
-def test_strict_says_why_it_rejects(points, reason):
-    assert detect("strict", sweep(points), IN_FRONT) == Rejection(reason)
-
-
-def test_strict_needs_no_ring_in_between():
-    assert isinstance(detect("strict", sweep(row(0, 1) + row(3, 1)), EVERYTHING), Vertex)
-
-
 def test_points_that_are_not_finite_do_not_count():
     hidden = [(9, np.nan, 0.0, 0.0), (9, 5.0, np.inf, 0.0)]
     found = detect("strict", sweep(STRICT_FRAME + hidden), EVERYTHING)
@@ -64,37 +46,34 @@ def test_tolerant_averages_the_top_ring():
     assert found.time_ns == 1_000_000 + 12_500  # between the 13th and the 14th point
 
 
+WIDE = row(4, 5) + row(5, 3) + row(6, 4)
+
+
 @pytest.mark.parametrize(
-    ("points", "reason"),
+    ("name", "points", "options", "reason"),
     [
-        ([], "no_points"),
-        (row(4, 5) + row(5, 3) + row(6, 1), "too_few_points"),
-        (row(4, 5) + row(5, 3) + row(6, 4), "top_ring_too_wide"),
-        (row(4, 5) + row(5, 3) + row(6, 2, step=0.06), "top_points_apart"),
-        (row(4, 5) + row(5, 3) + row(6, 3, step=0.03), "top_points_apart"),
-        (row(3, 5) + row(4, 2) + row(5, 3) + row(6, 2), "too_few_points_two_rings_below"),
-        (row(5, 9) + row(6, 2), "too_few_points_two_rings_below"),
+        ("strict", [], None, "no_points"),
+        ("strict", row(9, 8, x=-5.0), None, "no_points"),
+        ("strict", row(3, 5) + row(4, 4) + row(5, 1), None, "ring_span_too_small"),
+        ("strict", row(5, 1), None, "ring_span_too_small"),
+        ("strict", row(2, 5) + row(5, 2), None, "top_ring_not_single"),
+        ("strict", row(0, 1) + row(3, 1), None, None),  # no ring in between is needed
+        ("strict", row(1, 1) + row(2, 1), {"min_ring_span": 1}, None),
+        ("tolerant", [], None, "no_points"),
+        ("tolerant", row(4, 5) + row(5, 3) + row(6, 1), None, "too_few_points"),
+        ("tolerant", row(4, 3) + row(5, 4) + row(6, 3, step=0.0249), None, None),  # exactly ten, nearly 5 cm
+        ("tolerant", WIDE, None, "top_ring_too_wide"),
+        ("tolerant", WIDE, {"max_top_points": 4, "max_spread_m": 0.1}, None),
+        ("tolerant", row(4, 5) + row(5, 3) + row(6, 2, step=0.06), None, "top_points_apart"),
+        ("tolerant", row(4, 5) + row(5, 3) + row(6, 3, step=0.03), None, "top_points_apart"),
+        ("tolerant", row(3, 5) + row(4, 2) + row(5, 3) + row(6, 2), None, "too_few_points_two_rings_below"),
+        ("tolerant", row(5, 9) + row(6, 2), None, "too_few_points_two_rings_below"),
+        ("tolerant", row(0, 3), {"min_points": 1}, "too_few_points_two_rings_below"),
     ],
 )
-def test_tolerant_says_why_it_rejects(points, reason):
-    assert detect("tolerant", sweep(points), EVERYTHING) == Rejection(reason)
-
-
-def test_tolerant_at_its_limits():
-    exactly_ten = row(4, 3) + row(5, 4) + row(6, 3, step=0.0249)
-    assert isinstance(detect("tolerant", sweep(exactly_ten), EVERYTHING), Vertex)
-
-
-def test_ring_zero_on_top_has_nothing_two_rings_below():
-    assert detect("tolerant", sweep(row(0, 3)), EVERYTHING, {"min_points": 1}) == Rejection(
-        "too_few_points_two_rings_below"
-    )
-
-
-def test_options_change_the_limits():
-    wide = row(4, 5) + row(5, 3) + row(6, 4)
-    assert isinstance(detect("tolerant", sweep(wide), EVERYTHING, {"max_top_points": 4, "max_spread_m": 0.1}), Vertex)
-    assert isinstance(detect("strict", sweep(row(1, 1) + row(2, 1)), EVERYTHING, {"min_ring_span": 1}), Vertex)
+def test_each_rule_says_why_it_rejects(name, points, options, reason):
+    found = detect(name, sweep(points), IN_FRONT, options)
+    assert isinstance(found, Vertex) if reason is None else found == Rejection(reason)
 
 
 def test_all_reasons_are_announced_and_counted():
@@ -105,11 +84,8 @@ def test_all_reasons_are_announced_and_counted():
     assert found.refused == {1: "no_points", 2: "top_ring_not_single", 4: "no_points"}
     assert found.rejected == {"no_points": 2, "top_ring_not_single": 1}
     assert set(found.rejected) <= set(DETECTORS["strict"].reasons)
-
-
-def test_no_sweeps():
-    found = detect_range(Listed([]), EVERYTHING, "tolerant", indices=range(0))
-    assert (found.vertices, found.frames, found.rejected) == ([], 0, {})
+    nothing = detect_range(Listed([]), EVERYTHING, "tolerant", indices=range(0))
+    assert (nothing.vertices, nothing.frames, nothing.rejected) == ([], 0, {})
 
 
 def test_a_range_gives_its_own_vertices_and_those_around_it_as_context():
@@ -157,9 +133,5 @@ def test_bad_options_are_refused(name, options, code):
 
 
 def test_the_defaults_are_those_of_the_papers_toolbox():
-    assert resolve_options("tolerant") == {
-        "min_points": 10,
-        "max_top_points": 3,
-        "max_spread_m": 0.05,
-        "min_points_two_below": 3,
-    }
+    papers = {"min_points": 10, "max_top_points": 3, "max_spread_m": 0.05, "min_points_two_below": 3}
+    assert resolve_options("tolerant") == papers

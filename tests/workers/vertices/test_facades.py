@@ -124,10 +124,8 @@ def test_people_who_walk_alike_are_no_drive():
     grid = learn_grid(walk)
     assert not passes_by(Listed(walk), grid)
     people = [(x, y) for x in (6.0, 8.0, 10.0) for y in (-3.0, -1.0, 1.0)]
-    both = [
-        street(k, [person(x, y + 0.14 * k) for x, y in people], random, facades_m=(), doorsteps_m=())
-        for k in range(12)
-    ]
+    walks = [[person(x, y + 0.14 * k) for x, y in people] for k in range(12)]
+    both = [street(k, boxes, random, facades_m=(), doorsteps_m=()) for k, boxes in enumerate(walks)]
     assert not passes_by(Listed(both), grid)
 
 

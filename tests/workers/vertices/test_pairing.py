@@ -10,7 +10,8 @@ from workers.vertices.pairing import NO_FRAME_GAP_NS, REACH_NS, on_track, pair, 
 from workers.vertices.tracks import MARGIN_SWEEPS
 
 MS = 1_000_000
-times = st.lists(st.integers(0, 2_000 * MS), max_size=30)
+# Stamps of today, whose nanoseconds a double would lose.
+times = st.lists(st.integers(START_NS, START_NS + 2_000 * MS), max_size=30)
 
 
 @given(times, times, st.integers(-50 * MS, 50 * MS), st.integers(0, 100 * MS))
@@ -28,25 +29,9 @@ def test_each_vertex_gets_the_nearest_frame(vertices, frames, offset, max_gap):
             assert frames[chosen] - moment - offset == difference
 
 
-def test_stamps_of_today_keep_their_nanoseconds():
-    moment = 1_780_000_000_123_456_789
-    index, gap = pair([moment], [moment - 3, moment + 2], max_gap_ns=10)
-    assert (index.tolist(), gap.tolist()) == ([1], [2])
-
-
 def test_of_two_frames_equally_near_the_earlier_is_taken():
     index, gap = pair([100], [90, 110], max_gap_ns=10)
     assert (index.tolist(), gap.tolist()) == ([0], [-10])
-
-
-def test_frames_in_any_order_keep_their_numbers():
-    index, _ = pair([11, 29, 41], [40, 10, 30], max_gap_ns=5)
-    assert index.tolist() == [1, 2, 0]
-
-
-def test_the_offset_is_the_cameras_clock_minus_the_lidars():
-    index, gap = pair([100], [100, 130], offset_ns=30, max_gap_ns=0)
-    assert (index.tolist(), gap.tolist()) == ([1], [0])
 
 
 def test_a_negative_limit_is_refused():

@@ -1,17 +1,10 @@
-import numpy as np
-
 from tests.workers.vertices.sweeps import IN_FRONT, row, sweep
 from workers.vertices.preview import preview
 
 
 def test_frames_points_and_rings_are_counted():
-    sweeps = [
-        sweep(row(0, 4) + row(5, 2)),
-        sweep(row(0, 3, x=-5.0) + row(7, 1)),
-        sweep(row(2, 2, x=-5.0)),
-        sweep([]),
-    ]
-    assert preview(sweeps, IN_FRONT) == {
+    sweeps = [sweep(row(0, 4) + row(5, 2)), sweep(row(0, 3, x=-5.0) + row(7, 1)), sweep(row(2, 2, x=-5.0)), sweep([])]
+    assert preview(sweeps, IN_FRONT).model_dump() == {
         "frames": 4,
         "frames_kept": 2,
         "points": 12,
@@ -28,6 +21,4 @@ def test_frames_points_and_rings_are_counted():
 
 def test_an_empty_recording():
     found = preview([], IN_FRONT)
-    assert found["frames"] == 0
-    assert found["per_ring"] == []
-    assert np.isfinite(found["points_per_frame_median"])
+    assert (found.frames, found.per_ring, found.points_per_frame_median) == (0, [], 0.0)

@@ -8,6 +8,7 @@ import pytest
 from tests.workers.vertices.refined_walks import REGION, SIZE, walk
 from workers.vertices.refined.board import find_boards, find_planes
 from workers.vertices.refined.board_model import BoardModel
+from workers.vertices.refined.planes import find_stretches
 from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import learn_grid
 
@@ -54,3 +55,13 @@ def test_a_ray_without_a_return_beside_a_head_may_have_met_the_board_too(near):
     assert plane.mixed[(along == -27) & ~plane.returned].all()
     assert np.count_nonzero((along == -27) & ~plane.returned) == RINGS
     assert not plane.mixed[(along > 25) | (np.abs(along) < 20)].any()
+
+
+def test_each_return_may_be_a_stretch_of_its_own():
+    """A fence or leaves: no two neighbours are at one range. Only the plain function checks its bounds."""
+    distance = np.tile([5.0, 7.0], (2, 20))
+    azimuth = np.tile(np.radians(0.2) * np.arange(40), (2, 1))
+    asked = azimuth, distance, np.ones((2, 40), np.bool_), 0.02, np.full(2, np.radians(0.2))
+    found = find_stretches.py_func(*asked)
+    assert found.shape == (80, 7)
+    np.testing.assert_allclose(find_stretches(*asked), found)

@@ -31,12 +31,8 @@ class Resting:
         rests = self.rests(time_s)[:, None]
         left = np.column_stack([raised.left, np.zeros(len(raised.left))])
         up = np.array([0.0, 0.0, 1.0])
-        corner = np.column_stack(
-            [
-                raised.body - 0.22 * np.cross(left, up)[:, :2] + 0.25 * raised.left,
-                np.full(len(left), self.ground_z + 1.0),
-            ]
-        )
+        beside = raised.body - 0.22 * np.cross(left, up)[:, :2] + 0.25 * raised.left
+        corner = np.column_stack([beside, np.full(len(left), self.ground_z + 1.0)])
         return replace(
             raised,
             apex=np.where(rests, corner, raised.apex),
@@ -63,8 +59,7 @@ def off_m(walked, vertices):
 # Before, 31 and 32 of 77 and 60 sweeps of the raised board gave a vertex: the others said `never_shown`. The last is
 # for comparison: its size is open, and it was found before, too.
 @pytest.mark.parametrize(
-    ("seed", "plan", "share", "known"),
-    [(27, "field", 0.6, True), (1, "yard", 0.75, True), (6, "yard", 0.75, False)],
+    ("seed", "plan", "share", "known"), [(27, "field", 0.6, True), (1, "yard", 0.75, True), (6, "yard", 0.75, False)]
 )
 def test_a_board_that_is_lowered_most_of_the_time_is_found_where_it_is_raised(seed, plan, share, known):
     walked, raised = simulated(seed, 24.0, share=share, plan=plan)

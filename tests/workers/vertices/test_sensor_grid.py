@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 from tests.workers.vertices.refined_walks import walk
-from tests.workers.vertices.sweeps import sweep
+from tests.workers.vertices.sweeps import row, sweep
 from workers.simulation.flaws import Flaws
 from workers.simulation.lidar import SENSORS
 from workers.vertices.refined.window import open_window
 from workers.vertices.sensor_grid import learn_grid
+
+
+def thinned(seen, kept, further=1.0):
+    """The returns of these indices, farther by a factor."""
+    columns = {name: getattr(seen, name)[kept] for name in ("intensity", "ring", "offset_ns")}
+    return replace(seen, xyz=further * seen.xyz[kept], **columns)
 
 
 @pytest.mark.parametrize("sensor", ["vlp16", "vlp32c", "os1-64"])
@@ -30,17 +36,12 @@ def test_the_grids_of_the_rings_lie_as_the_lasers_fire():
     assert later == pytest.approx(0.2 - 0.008294, abs=1e-4)
 
 
-def test_a_sweep_without_points_has_a_grid_too():
+def test_nothing_has_a_grid_too_and_a_ring_without_returns_lies_between_its_neighbours():
     grid = learn_grid([sweep([])])
     assert (grid.elevation.tolist(), grid.shift.tolist()) == ([0.0], [0.0])
-    assert (grid.R_level_lidar == np.eye(3)).all()
-    assert np.degrees(grid.step) == pytest.approx(0.2)
-
-
-def test_a_ring_without_returns_lies_between_its_neighbours():
-    points = [(ring, 5.0, 0.02 * i, 0.1 * ring) for ring in (0, 2) for i in range(9)]
-    grid = learn_grid([sweep(points)])
-    assert grid.elevation[1] == pytest.approx(0.5 * (grid.elevation[0] + grid.elevation[2]))
+    assert (grid.R_level_lidar == np.eye(3)).all() and np.degrees(grid.step) == pytest.approx(0.2)
+    elevation = learn_grid([sweep([*row(0, 9), *row(2, 9)])]).elevation
+    assert elevation[1] == pytest.approx(0.5 * (elevation[0] + elevation[2]))
 
 
 def test_a_ring_that_no_sensor_has_takes_no_memory():
@@ -88,16 +89,6 @@ def test_two_kinds_of_gaps_with_nothing_between_them_have_a_step():
         assert np.isfinite(grid.steps).all() and np.isfinite(grid.shift).all()
 
 
-def thinned(seen, kept):
-    return replace(
-        seen,
-        xyz=seen.xyz[kept],
-        intensity=seen.intensity[kept],
-        ring=seen.ring[kept],
-        offset_ns=seen.offset_ns[kept],
-    )
-
-
 def test_rings_below_all_that_ever_returned_anything_have_no_rays():
     """Their elevation is not known; taken for that of the next ring, they contradicted every board."""
     recorded = walk(3, 0.5)
@@ -111,15 +102,11 @@ def test_rings_below_all_that_ever_returned_anything_have_no_rays():
 def test_two_returns_of_a_shot_are_one_ray():
     recorded = walk(3, 0.5)
     first = recorded.sweeps[0]
-    twice = replace(
-        first,
-        xyz=np.concatenate([first.xyz, 1.2 * first.xyz[::3]]),
-        intensity=np.concatenate([first.intensity, first.intensity[::3]]),
-        ring=np.concatenate([first.ring, first.ring[::3]]),
-        offset_ns=np.concatenate([first.offset_ns, first.offset_ns[::3]]),
-    )
-    alone, both = learn_grid([first]), learn_grid([twice])
-    assert both.step == pytest.approx(alone.step, rel=1e-6)
+    every = np.arange(len(first.ring))
+    both = np.concatenate([every, every[::3]])
+    twice = thinned(first, both, np.where(np.arange(len(both)) < len(every), 1.0, 1.2)[:, None])
+    alone = learn_grid([first])
+    assert learn_grid([twice]).step == pytest.approx(alone.step, rel=1e-6)
     windows = [open_window(s, np.ones(len(s.ring), np.bool_), alone, 0.0, 0.2) for s in (first, twice)]
     np.testing.assert_array_equal(windows[0].distance, windows[1].distance)
 
@@ -135,13 +122,7 @@ def test_shots_without_a_return_lie_where_a_wandering_motor_had_them():
     off = []
     for k in away:
         kept = np.arange(len(seen.ring)) != window.point[row[k], column[k]]
-        fewer = replace(
-            seen,
-            xyz=seen.xyz[kept],
-            ring=seen.ring[kept],
-            intensity=seen.intensity[kept],
-            offset_ns=seen.offset_ns[kept],
-        )
+        fewer = thinned(seen, kept)
         without = open_window(fewer, np.ones(len(fewer.ring), np.bool_), grid, 0.0, np.radians(30.0))
         off.append(np.abs(without.azimuth[row[k]] - window.azimuth[row[k], column[k]]).min())
     assert np.degrees(max(off)) < 0.02

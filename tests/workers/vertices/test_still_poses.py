@@ -1,6 +1,5 @@
 """Still poses, simulated anew for each seed: region by `suggest` alone, one vertex a pose, no drive, no wall."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,6 +9,7 @@ from apexcal.documents.detectors import DETECTORS
 from apexcal.documents.errors import InputError
 from tests.support.scenes.still import SETTINGS, drive, still_poses
 from tests.workers.vertices.refined_walks import walk
+from workers.readers.recording import Sweep
 from workers.tasks.analysing import must_move
 from workers.vertices import backdrop
 from workers.vertices.detectors import detect_range
@@ -45,12 +45,7 @@ def off_m(recording, vertices):
 
 @pytest.mark.parametrize(
     ("place", "seed", "count"),
-    [
-        ("street", 1, 8),
-        ("room", 2, 8),
-        ("garage", 2, 4),
-        *(pytest.param("street", seed, 8, marks=pytest.mark.slow) for seed in (2, 5)),
-    ],
+    [("street", 1, 8), ("room", 2, 8), ("garage", 2, 4), pytest.param("street", 5, 8, marks=pytest.mark.slow)],
 )
 def test_the_suggestion_alone_finds_the_boards(place, seed, count):
     recording = recorded(place, seed, count)
@@ -164,7 +159,7 @@ def test_a_size_that_is_not_the_boards_is_said(seed):
     region = around("street", recording)
     assert detected(recording, region, size(recording)).size is None
     one, other = recording.edges_m
-    for said in ((0.85 * one, 0.85 * other), (1.1 * one, 1.1 * other), (other, other)):
+    for said in ((0.85 * one, 0.85 * other), (other, other)):
         seen = detected(recording, region, {"board_width_m": said[0], "board_height_m": said[1]}).size
         assert np.array(seen.seen_m) == pytest.approx(sorted(recording.edges_m), abs=3.0 * max(seen.sigma_m))
         assert max(seen.sigma_m) < 0.02
@@ -189,20 +184,17 @@ def test_what_stands_at_one_place_is_never_the_vertex():
     recording = recorded("room", 2, 8)
     region = around("room", recording)
     pillar = np.array([[1.0, 0.0, 0.8 - 0.1 * ring] for ring in range(8)], np.float32)
+    rings = np.arange(15, 7, -1).astype(np.uint16)
     sweeps = [
-        replace(
-            sweep,
-            xyz=np.concatenate([sweep.xyz, pillar]),
-            intensity=np.zeros(len(sweep.xyz) + 8, np.float32),
-            ring=np.concatenate([sweep.ring, np.arange(15, 7, -1).astype(np.uint16)]),
-            offset_ns=np.zeros(len(sweep.xyz) + 8, np.int64),
-        )
+        Sweep(sweep.stamp_ns, np.concatenate([sweep.xyz, pillar]), np.zeros(len(sweep.xyz) + 8, np.float32),
+              np.concatenate([sweep.ring, rings]), np.zeros(len(sweep.xyz) + 8, np.int64))
         for sweep in recording.sweeps
-    ]
+    ]  # fmt: skip
     found = detect_range(Listed(sweeps), region, "strict", indices=range(8))
     assert not [vertex for vertex in found.vertices if np.linalg.norm(np.array(vertex.xyz) - pillar[0]) < 0.1]
     only = Region.from_document({"box": {"min": [0.9, -0.1, 0.0], "max": [1.1, 0.1, 1.0]}})
     nothing = detect_range(Listed(sweeps), only, "strict", indices=range(8))
+    assert all({"nothing_differs", "same_pose"} <= set(words.reasons) for words in DETECTORS.values())
     assert set(nothing.rejected) <= {"nothing_differs", "no_points"}
     assert nothing.rejected["nothing_differs"] >= 6
 
@@ -234,8 +226,3 @@ def test_still_poses_tell_no_clock_offset():
             must_move(vertices, said)
         assert caught.value.code == "offset_not_determined"
         assert "walk" in caught.value.hint
-
-
-def test_every_detector_knows_the_reasons():
-    for words in DETECTORS.values():
-        assert {"nothing_differs", "same_pose"} <= set(words.reasons)

@@ -29,16 +29,8 @@ def recorded(seed, sweeps=150, plan="field", mount=None, **disturbances):
     spoiled = Disturbances(**disturbances)
     scene = scene_with(spoiled.poles, seed)
     way = Walk(seed, sweeps * 0.1, scene.ground_z, plan=plan, disturbances=spoiled)
-    lidar = SimulatedLidar(
-        SENSORS["vlp16"],
-        scene,
-        way,
-        sector_deg=55,
-        noise_m=0.008,
-        seed=seed,
-        disturbances=spoiled,
-        mount=mount or Mount(),
-    )
+    how = {"sector_deg": 55, "noise_m": 0.008, "seed": seed, "disturbances": spoiled, "mount": mount or Mount()}
+    lidar = SimulatedLidar(SENSORS["vlp16"], scene, way, **how)
     return [lidar.labelled_sweep(i, 0.1 * i, START_NS + 100_000_000 * i) for i in range(sweeps)]
 
 
@@ -101,46 +93,30 @@ def test_nothing_moves():
     assert single.facts["poses"] == 1
 
 
-def test_a_lidar_that_moves_is_told():
+def test_too_few_sweeps_and_a_lidar_that_moves_are_told():
     random = np.random.default_rng(0)
-    moved = [
-        replace(sweep, xyz=(sweep.xyz + random.uniform(-3, 3, 3)).astype(np.float32)) for sweep, _ in recorded(1, 40)
-    ]
-    with pytest.raises(InputError) as caught:
-        suggest(Listed(moved))
-    assert caught.value.code == "everything_moves"
+    seen = [sweep for sweep, _ in recorded(1, 40)]
+    moved = [replace(sweep, xyz=(sweep.xyz + random.uniform(-3, 3, 3)).astype(np.float32)) for sweep in seen]
+    for sweeps, code in ((moved, "everything_moves"), (seen[:7], "too_few_sweeps")):
+        with pytest.raises(InputError) as caught:
+            suggest(Listed(sweeps))
+        assert caught.value.code == code
 
 
-def test_too_few_sweeps():
-    with pytest.raises(InputError) as caught:
-        suggest(Listed([sweep for sweep, _ in recorded(1, 7)]))
-    assert caught.value.code == "too_few_sweeps"
-
-
-def test_empty_sweeps_do_no_harm_and_progress_is_told():
+def test_empty_sweeps_and_a_wild_ring_number_do_no_harm_and_progress_is_told():
     recording = [sweep for sweep, _ in recorded(2, 80)]
-    empty = replace(
-        recording[0],
-        xyz=np.zeros((0, 3), np.float32),
-        intensity=np.zeros(0, np.float32),
-        ring=np.zeros(0, np.uint16),
-        offset_ns=np.zeros(0, np.int64),
-    )
-    recording[10] = recording[11] = replace(empty, stamp_ns=recording[10].stamp_ns)
+    columns = ("xyz", "intensity", "ring", "offset_ns")
+    for index in (10, 11):
+        nothing = {name: getattr(recording[index], name)[:0] for name in columns}
+        recording[index] = replace(recording[index], **nothing)
+    ring = recording[30].ring.copy()
+    ring[:3] = 65535
+    recording[30] = replace(recording[30], ring=ring)
     told = []
     suggestion = suggest(Listed(recording), on_sweep=told.append)
     assert suggestion.facts["sweeps_read"] == 80
     read = [number for number in told if number]  # before that it is looked whether these are poses, or a drive
     assert read == [*range(1, 81), *[80] * 80]
-
-
-def test_a_wild_ring_number_costs_no_memory():
-    recording = [sweep for sweep, _ in recorded(2, 60)]
-    wild = recording[30]
-    ring = wild.ring.copy()
-    ring[:3] = 65535
-    recording[30] = replace(wild, ring=ring)
-    assert suggest(Listed(recording)).facts["sweeps_read"] == 60
 
 
 def test_the_recorded_board_on_its_tripod():

@@ -7,16 +7,12 @@ PACKET_NS = 1_327_104
 START_NS = 1_700_000_000_000_000_000
 
 
-def errors(moments, truth):
-    return np.asarray(moments) - truth
-
-
 def run(truth_ns, device_us, late_ns, device=True):
     """Moments that the clock tells; the host stamps packets when they are whole, and late."""
     clock = PacketClock(PACKET_NS, device)
     host = truth_ns + PACKET_NS + late_ns
     told = [clock.moment(int(h), int(d)) for h, d in zip(host, device_us, strict=True)]
-    return clock, errors(told, truth_ns)
+    return clock, np.asarray(told) - truth_ns
 
 
 def stream(seconds, step_ns=PACKET_NS):
@@ -25,9 +21,8 @@ def stream(seconds, step_ns=PACKET_NS):
 
 def delays(count, seed=0):
     rng = np.random.default_rng(seed)
-    return (rng.exponential(100_000, count) + (rng.random(count) < 0.02) * rng.uniform(0, 5e6, count)).astype(
-        np.int64
-    )
+    late = rng.exponential(100_000, count) + (rng.random(count) < 0.02) * rng.uniform(0, 5e6, count)
+    return late.astype(np.int64)
 
 
 def test_moments_are_even_although_the_host_is_not():

@@ -13,6 +13,11 @@ def read(path, **options):
     return recording, [sweep for _, sweep in recording.messages(recording.sensors)]
 
 
+def sent(*sensor, **how):
+    """Frames of a sensor's packets, stamped when their first laser fired."""
+    return [(moment, datagram(data)) for moment, data in packets(*sensor, **how)]
+
+
 def azimuth(sweep):
     return np.degrees(np.arctan2(-sweep.xyz[:, 1], sweep.xyz[:, 0])) % 360
 
@@ -65,7 +70,7 @@ def test_what_is_said_of_the_sensor(plain):
     [("hdl64e", 0x37), *((sensor, mode) for sensor in ("vlp32c", "hdl32e", "alpha_prime") for mode in (0x37, 0x39))],
 )
 def test_every_sensor(tmp_path, sensor, mode):
-    frames = [(moment, datagram(data)) for moment, data in packets(sensor, 1.5, mode=mode)]
+    frames = sent(sensor, 1.5, mode=mode)
     recording, sweeps = read(write_pcap(tmp_path / "a.pcap", frames))
     rings = {"vlp32c": 32, "hdl32e": 32, "hdl64e": 64, "alpha_prime": 128}[sensor]
     assert recording.lidar_facts(recording.sensors[0]).ring_count == rings
@@ -85,8 +90,7 @@ def test_every_sensor(tmp_path, sensor, mode):
 
 @pytest.mark.parametrize("sensor", ["vlp16", "vlp32c", "hdl32e", "alpha_prime"])
 def test_azimuths_go_on_evenly_where_a_sweep_begins(tmp_path, sensor):
-    frames = [(moment, datagram(data)) for moment, data in packets(sensor, 2.2, mode=0x38)]
-    _, sweeps = read(write_pcap(tmp_path / "a.pcap", frames))
+    _, sweeps = read(write_pcap(tmp_path / "a.pcap", sent(sensor, 2.2, mode=0x38)))
     before, after = sweeps[:2]
     for ring in range(0, int(after.ring.max()) + 1, 5):
         last, first = (azimuth(sweep)[sweep.ring == ring] for sweep in (before, after))
@@ -97,11 +101,11 @@ def test_azimuths_go_on_evenly_where_a_sweep_begins(tmp_path, sensor):
 
 @pytest.mark.parametrize("mode", [0x39, 0x38])
 def test_one_damaged_packet_does_not_tell_what_a_sweep_returns(tmp_path, mode):
-    sent = list(packets("hdl32e", 2.2, mode=mode))
-    _, whole = read(write_pcap(tmp_path / "a.pcap", [(moment, datagram(data)) for moment, data in sent]))
-    other = 0x37 if mode == 0x39 else 0x39
-    sent[0] = sent[0][0], sent[0][1][:-2] + bytes((other, sent[0][1][-1]))
-    _, sweeps = read(write_pcap(tmp_path / "b.pcap", [(moment, datagram(data)) for moment, data in sent]))
+    frames = sent("hdl32e", 2.2, mode=mode)
+    _, whole = read(write_pcap(tmp_path / "a.pcap", frames))
+    moment, frame = frames[0]
+    frames[0] = moment, frame[:-2] + bytes((0x37 if mode == 0x39 else 0x39, frame[-1]))
+    _, sweeps = read(write_pcap(tmp_path / "b.pcap", frames))
     assert len(sweeps) == len(whole)
     assert abs(len(sweeps[0].xyz) - len(whole[0].xyz)) <= 384
 
@@ -135,28 +139,34 @@ def test_an_hdl_64e_is_decoded_with_its_own_calibration(tmp_path):
     assert any("was not found" in note for note in recording.lidar_facts(recording.sensors[0]).notes)
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("exponent", [6, 9])
-def test_pcapng_holds_the_same(tmp_path, plain, order, exponent):
-    path = write_pcapng(tmp_path / "a.pcapng", captured(packets()), order=order, exponent=exponent)
-    same(read(path)[1], plain[1])
-
-
-@pytest.mark.parametrize("how", [{"order": ">"}, {"link": "cooked"}, {"link": "raw"}, {"tags": 1}, {"tags": 2}])
-def test_layers_around_the_packets(tmp_path, plain, how):
-    frames = captured(packets(), **{k: v for k, v in how.items() if k != "order"})
-    path = write_pcap(tmp_path / "a.pcap", frames, order=how.get("order", "<"), link=how.get("link", "ethernet"))
-    same(read(path)[1], plain[1])
-
-
-def test_fragments_are_put_together(tmp_path, plain):
+def fragments(path):
     frames = []
     for number, (stamp, frame) in enumerate(captured(packets())):
         udp = frame[34:]
         pieces = [(0x2000, udp[:800]), (100, udp[800:])]
         for piece, data in pieces if number % 2 else reversed(pieces):
             frames.append((stamp, datagram(data, identity=number, piece=piece)))
-    same(read(write_pcap(tmp_path / "a.pcap", frames))[1], plain[1])
+    return write_pcap(path, frames)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        *(
+            lambda path, how=how: write_pcapng(path, captured(packets()), order=how[0], exponent=how[1])
+            for how in (("<", 6), ("<", 9), (">", 6), (">", 9))
+        ),
+        lambda path: write_pcap(path, captured(packets()), order=">"),
+        *(
+            lambda path, link=link: write_pcap(path, captured(packets(), link=link), link=link)
+            for link in ("cooked", "raw")
+        ),
+        *(lambda path, tags=tags: write_pcap(path, captured(packets(), tags=tags)) for tags in (1, 2)),
+        fragments,
+    ],
+)
+def test_pcapng_and_any_layers_around_the_packets_hold_the_same(tmp_path, plain, write):
+    same(read(write(tmp_path / "a"))[1], plain[1])
 
 
 def test_other_traffic_is_passed_over(tmp_path, plain):
@@ -173,16 +183,12 @@ def test_other_traffic_is_passed_over(tmp_path, plain):
 
 
 def test_two_sensors_told_apart_by_address_and_port(tmp_path):
-    one = [(t, datagram(d)) for t, d in packets()]
-    two = [(t, datagram(d, sender=bytes((10, 0, 0, 7)))) for t, d in packets("vlp32c", 2)]
-    three = [(t, datagram(d, port=2369)) for t, d in packets(turns=2, first=0)]
-    path = write_pcap(tmp_path / "a.pcap", sorted(one + two + three))
-    recording, _ = read(path)
-    assert {s.name: s.notes["model"] for s in recording.sensors} == {
-        "192.168.1.201:2368": "VLP-16",
-        "192.168.1.201:2369": "VLP-16",
-        "10.0.0.7:2368": "VLP-32C",
-    }
+    frames = sent() + [(t, datagram(d, sender=bytes((10, 0, 0, 7)))) for t, d in packets("vlp32c", 2)]
+    frames += [(t, datagram(d, port=2369)) for t, d in packets(turns=2, first=0)]
+    recording, _ = read(write_pcap(tmp_path / "a.pcap", sorted(frames)))
+    models = {s.name: s.notes["model"] for s in recording.sensors}
+    names = ("192.168.1.201:2368", "192.168.1.201:2369", "10.0.0.7:2368")
+    assert models == dict(zip(names, ("VLP-16", "VLP-16", "VLP-32C"), strict=True))
     second = next(s for s in recording.sensors if s.name.startswith("10."))
     assert {sweep.ring.max() for sweep in recording.sweeps(second)} == {31}
 
@@ -198,8 +204,12 @@ def test_the_sensors_clock_evens_a_busy_host(tmp_path, plain):
 
 def test_a_sensor_without_a_clock(tmp_path, plain):
     frozen = ((moment, data[:1200] + bytes(4) + data[1204:]) for moment, data in packets())
-    recording, sweeps = read(write_pcap(tmp_path / "a.pcap", captured(frozen), nano=True))
+    path = write_pcap(tmp_path / "a.pcap", captured(frozen), nano=True)
+    recording, sweeps = read(path)
     same(sweeps, plain[1])
+    stamps_only, sweeps = read(path, point_times="stamp_only")
+    assert not any(sweep.offset_ns.any() for sweep in sweeps)
+    assert stamps_only.lidar_facts(stamps_only.sensors[0]).time_source == "stamp_only"
     assert any("moments at which they were captured" in n for n in recording.lidar_facts(recording.sensors[0]).notes)
 
 
@@ -240,29 +250,15 @@ def test_a_long_recording_is_cut_behind_the_sensor(tmp_path):
         assert 179.5 < azimuth(sweep)[0] < 180.5 and abs(len(sweep.xyz) - 28_935) < 40
 
 
-def test_stamp_only(plain):
-    recording, sweeps = read(plain[0]._path, point_times="stamp_only")
-    assert not any(sweep.offset_ns.any() for sweep in sweeps)
-    assert recording.lidar_facts(recording.sensors[0]).time_source == "stamp_only"
-
-
-def failure(path, **options):
-    with pytest.raises(ReadError) as caught:
-        read(path, **options)
-    assert caught.value.hint
-    return caught.value
-
-
-def test_the_model_can_be_stated(tmp_path):
+def test_the_model_can_be_stated_but_not_against_the_packets(tmp_path, plain):
     blank = ((moment, data[:1204] + bytes(2)) for moment, data in packets("hdl32e", 1.2))
     path = write_pcap(tmp_path / "a.pcap", captured(blank))
-    error = failure(path)
-    assert error.code == "lidar_model_unknown" and "hdl32e" in error.hint
+    with pytest.raises(ReadError) as caught:
+        read(path)
+    assert caught.value.code == "lidar_model_unknown" and "hdl32e" in caught.value.hint
     recording, sweeps = read(path, lidar_model="hdl32e")
     assert sweeps[0].ring.max() == 31
     assert "; an HDL-32E was stated." in " ".join(recording.lidar_facts(recording.sensors[0]).notes)
-
-
-def test_a_statement_that_the_packets_contradict(plain):
-    error = failure(plain[0]._path, lidar_model="alpha_prime")
-    assert error.code == "lidar_model_contradicted" and "VLP-16" in error.message
+    with pytest.raises(ReadError) as caught:
+        read(plain[0]._path, lidar_model="alpha_prime")
+    assert caught.value.code == "lidar_model_contradicted" and "VLP-16" in caught.value.message

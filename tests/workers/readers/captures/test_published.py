@@ -140,7 +140,7 @@ def test_a_sensor_that_is_set_to_a_sector_loses_nothing_and_turns_evenly():
     starts = np.array([sweep.stamp_ns for sweep in sweeps])
     np.testing.assert_allclose(np.diff(starts), 1e8, rtol=0.01)
     assert len(warnings) == 1
-    assert "5 packets hold the end of the field" in warnings[0]
+    assert "5 packets span the end of the field of view" in warnings[0]
     for sweep in sweeps:
         azimuth = np.degrees(np.arctan2(sweep.xyz[:, 1], sweep.xyz[:, 0]))
         assert -97.0 < azimuth.min() < azimuth.max() < 97.0  # lasers point aside by 4.2 degrees

@@ -6,18 +6,18 @@ from workers.readers.clouds.model import learn_clouds
 from workers.readers.recording import ReadError, ReadOptions
 
 
-def learn(columns):
-    return learn_clouds([(START_NS, columns)], 100_000_000, ReadOptions(), "/points")
+def learn(*clouds, period_ns=100_000_000):
+    return learn_clouds([(START_NS, columns) for columns in clouds], period_ns, ReadOptions(), "/points")
+
+
+def without(*names):
+    return {name: values.copy() for name, values in scene().items() if name not in names}
 
 
 def test_points_without_a_return_are_dropped_from_every_column():
-    columns = scene()
-    columns["x"] = columns["x"].copy()
-    columns["x"][3] = np.nan
-    columns["z"] = columns["z"].copy()
-    columns["z"][5] = np.inf
+    columns = without()
+    columns["x"][3], columns["z"][5] = np.nan, np.inf
     for axis in "xyz":
-        columns[axis] = columns[axis].copy()
         columns[axis][7] = 0
     sweep = learn(columns).sweep(START_NS, columns)
     kept = np.delete(np.arange(len(columns["x"])), [3, 5, 7])
@@ -30,10 +30,10 @@ def test_points_without_a_return_are_dropped_from_every_column():
 
 
 def test_no_ring_field():
-    columns = {name: values for name, values in scene().items() if name != "ring"}
+    columns = without("ring")
     model = learn(columns)
     assert model.facts.ring_count == 16 and any("VLP-16" in note for note in model.facts.notes)
-    between = {name: values.copy() for name, values in columns.items()}
+    between = without("ring")
     between["z"][5] = 0.0
     sweep = model.sweep(0, between)
     np.testing.assert_array_equal(sweep.ring, np.delete(scene()["ring"], 5))
@@ -41,16 +41,17 @@ def test_no_ring_field():
     assert "1 points were left out, because they lie between" in model.warnings()[0]
 
 
-def test_no_ring_field_and_no_rings():
+@pytest.mark.parametrize(
+    ("columns", "code"),
+    [
+        (scattered(), "rings_not_separable"),
+        ({"ring": np.zeros(3), "range": np.zeros(3)}, "cloud_without_xyz"),
+    ],
+)
+def test_neither_ring_field_nor_rings_and_no_coordinates(columns, code):
     with pytest.raises(ReadError) as caught:
-        learn(scattered())
-    assert caught.value.code == "rings_not_separable" and "PointXYZIR" in caught.value.hint
-
-
-def test_no_coordinates():
-    with pytest.raises(ReadError) as caught:
-        learn({"ring": np.zeros(3), "range": np.zeros(3)})
-    assert caught.value.code == "cloud_without_xyz"
+        learn(columns)
+    assert caught.value.code == code and "point" in caught.value.hint
 
 
 def test_ouster_names_and_order():
@@ -67,30 +68,22 @@ def test_ouster_names_and_order():
     assert (model.facts.time_source, model.facts.ring_count) == ("per_point", 16)
 
 
-def test_a_cloud_without_intensity_says_so():
-    columns = {name: values for name, values in scene().items() if name != "intensity"}
-    model = learn(columns)
-    assert not model.sweep(START_NS, columns).intensity.any()
+def test_a_cloud_without_intensity_says_so_and_an_empty_sweep_is_a_sweep():
+    model = learn(without("intensity"))
+    assert not model.sweep(START_NS, without("intensity")).intensity.any()
     assert any("no intensity" in note for note in model.facts.notes)
+    for columns in (scene(), without("time")):
+        sweep = learn(columns).sweep(START_NS, {name: values[:0] for name, values in scene().items()})
+        assert sweep.xyz.shape == (0, 3) and sweep.offset_ns.shape == sweep.ring.shape == (0,)
 
 
 def test_ring_ids_that_no_sample_had_are_left_out_and_counted():
-    model = learn(scene())
-    columns = scene()
-    columns["ring"] = columns["ring"].copy()
+    model, columns = learn(scene()), without()
     columns["ring"][:2] = 999
     sweep = model.sweep(START_NS, columns)
     assert len(sweep.xyz) == len(columns["x"]) - 2
     np.testing.assert_array_equal(sweep.intensity, columns["intensity"][2:])
     assert "2 points were left out" in model.warnings()[0]
-
-
-def test_an_empty_sweep_is_a_sweep():
-    model = learn(scene())
-    sweep = model.sweep(START_NS, {name: values[:0] for name, values in scene().items()})
-    assert sweep.xyz.shape == (0, 3) and sweep.offset_ns.shape == (0,)
-    derived = learn({name: values for name, values in scene().items() if name != "time"})
-    assert derived.sweep(START_NS, {name: values[:0] for name, values in scene().items()}).ring.shape == (0,)
 
 
 def test_a_dense_cloud_is_learned_from_a_part_of_it():
@@ -102,12 +95,8 @@ def test_a_dense_cloud_is_learned_from_a_part_of_it():
 
 @pytest.mark.parametrize("field", ["x", "ring", "intensity", "time"])
 def test_a_cloud_that_lacks_what_the_first_one_has(field):
-    columns = scene()
-    other = {name: values for name, values in columns.items() if name != field}
-    for look in (
-        lambda: learn(columns).sweep(START_NS, other),
-        lambda: learn_clouds([(START_NS, columns), (START_NS, other)], None, ReadOptions(), "/points"),
-    ):
+    lacking = without(field)
+    for look in (lambda: learn(scene()).sweep(START_NS, lacking), lambda: learn(scene(), lacking, period_ns=None)):
         with pytest.raises(ReadError) as caught:
             look()
         assert caught.value.code == "cloud_fields_differ" and f"no {field}, which" in caught.value.message

@@ -52,15 +52,12 @@ def test_an_avi_counts_from_its_first_frame_and_says_so(tmp_path):
     assert "camera_start_ns" in recording.warnings[0]
 
 
-def test_a_start_that_the_owner_knows(tmp_path):
+def test_a_start_that_the_owner_knows_and_times_that_count_from_1970_already(tmp_path):
     path = write_video(tmp_path / "camera.mp4", start_ms=5000)
     recording, frames = read(path, ReadOptions(camera_start_ns=17))
     assert [f.stamp_ns for f in frames[:2]] == [17, 67_000_017] and not recording.warnings
     _, frames = read(path, ReadOptions(camera_start_ns=17), start_ns=20)
     assert frames[0].stamp_ns == 20
-
-
-def test_times_that_count_from_1970_already(tmp_path):
     recording, frames = read(write_video(tmp_path / "camera.mkv", start_ms=1_700_000_000_000, created=None))
     assert frames[1].stamp_ns == 1_700_000_000_067_000_000 and not recording.warnings
 
@@ -76,17 +73,13 @@ def test_a_table_of_every_frame(tmp_path):
         assert error.code == "timestamps_incomplete" and "10 frames" in error.message and "9 lines" in error.message
 
 
-def test_a_table_of_some_frames(tmp_path):
-    recording, frames = read(write_video(tmp_path / "camera.mp4"), times=b"frame,stamp_ns\n7,700\n2,200\n")
+def test_a_table_of_some_frames_and_tables_that_are_none(tmp_path):
+    path = write_video(tmp_path / "camera.mp4")
+    recording, frames = read(path, times=b"frame,stamp_ns\n7,700\n2,200\n")
     assert [f.stamp_ns for f in frames] == [200, 700] and numbers(frames) == [2, 7]
     assert "8 frames" in recording.warnings[0]
-
-
-@pytest.mark.parametrize(
-    "table", [b"frame,stamp_ns\n1,2\n1,3\n", b"frame,stamp_ns\nx,2\n", b"time\n1\n", b"stamp_ns\n"]
-)
-def test_tables_that_are_none(tmp_path, table):
-    assert refused(write_video(tmp_path / "camera.mp4"), times=table).code == "timestamps_malformed"
+    for table in (b"frame,stamp_ns\n1,2\n1,3\n", b"frame,stamp_ns\nx,2\n", b"time\n1\n", b"stamp_ns\n"):
+        assert refused(path, times=table).code == "timestamps_malformed"
 
 
 def test_a_video_cut_short(tmp_path):

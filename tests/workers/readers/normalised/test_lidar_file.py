@@ -36,32 +36,25 @@ def test_sweeps_by_index_and_range_are_what_was_written(tmp_path):
         np.testing.assert_array_equal(file.stamps_ns, [s.stamp_ns for s in given])
         for index in (29, 0, 17, 16, 4):
             read = file.sweep(index)
-            np.testing.assert_array_equal(read.xyz, given[index].xyz)
-            np.testing.assert_array_equal(read.intensity, given[index].intensity)
-            np.testing.assert_array_equal(read.ring, given[index].ring)
-            np.testing.assert_array_equal(read.offset_ns, given[index].offset_ns)
+            for name in ("xyz", "intensity", "ring", "offset_ns"):
+                np.testing.assert_array_equal(getattr(read, name), getattr(given[index], name))
             assert read.stamp_ns == given[index].stamp_ns and read.time_source == "per_point"
         assert [s.stamp_ns for s in file.sweeps(10, 13)] == [2000, 2100, 2200]
         assert len(list(file.sweeps())) == 30
         assert [file.nearest(t) for t in (0, 1000, 1050, 1051, 2340, 3900, 10**18)] == [0, 0, 0, 1, 13, 29, 29]
-        with pytest.raises(IndexError):
-            file.sweep(30)
-        with pytest.raises(IndexError):
-            file.sweep(-1)
+        for index in (30, -1):
+            with pytest.raises(IndexError):
+                file.sweep(index)
         with pytest.raises(ValueError, match="read-only"):
             file.stamps_ns[0] = 1
 
 
-def test_stamps_out_of_order_are_read_in_order(tmp_path):
-    with LidarFile(
-        write(tmp_path / "lidar.mcap", [sweep(i, stamp) for i, stamp in enumerate([30, 10, 20, 10])])
-    ) as file:
+def test_no_sweeps_and_sweeps_out_of_order(tmp_path):
+    given = [sweep(i, stamp) for i, stamp in enumerate([30, 10, 20, 10])]
+    with LidarFile(write(tmp_path / "lidar.mcap", given)) as file:
         assert file.stamps_ns.tolist() == [10, 10, 20, 30]
         assert [float(s.intensity[0]) for s in file.sweeps()] == [1, 3, 2, 0]
-
-
-def test_no_sweeps(tmp_path):
-    with LidarFile(write(tmp_path / "lidar.mcap", [])) as file:
+    with LidarFile(write(tmp_path / "none.mcap", [])) as file:
         assert len(file) == 0 and list(file.sweeps()) == []
         with pytest.raises(IndexError):
             file.nearest(0)

@@ -7,9 +7,8 @@ import av
 import cv2
 import numpy as np
 import pytest
-from formats import frames_of, read, same, sweeps_of
+from formats import folder_of, frames_of, read, same, sweeps_of, tar_of
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
-from fuzz_seeds import tar_of
 from making_packets import packets
 from making_recordings import CLOUD, COMPRESSED, IMAGE, PERIOD_NS, START_NS, cloud, raw_image, scene, write_bag
 from making_recordings import TYPES as ROS1
@@ -265,9 +264,7 @@ def test_a_bag_that_was_split_is_one_recording(tmp_path, kind):
     if kind == "tar":
         (tmp_path / "walk").write_bytes(tar_of(files))
     else:
-        for name, data in files.items():
-            (tmp_path / "walk").mkdir(exist_ok=True)
-            (tmp_path / "walk" / name).write_bytes(data)
+        folder_of(tmp_path / "walk", files)
     recording, items, warnings = read(tmp_path / "walk")
     assert [(s.kind, s.name, s.count) for s in recording.sensors] == [("lidar", "/points", 6)]
     assert [sweep.stamp_ns for sweep in sweeps_of(items)] == [START_NS + i * PERIOD_NS for i in range(27, 33)]

@@ -21,13 +21,7 @@ HUNDREDTH_RAD = np.radians(0.0125)  # packets hold azimuths in hundredths of a d
 
 def settings(kind):
     return SimulationOptions(
-        seconds=1.0,
-        seed=6,
-        cameras="front,left",
-        camera_hz=6.0,
-        clock_offset_ms=30.0,
-        sector_deg=55.0,
-        format=kind,
+        seconds=1.0, seed=6, cameras="front,left", camera_hz=6.0, clock_offset_ms=30.0, sector_deg=55.0, format=kind
     )
 
 
