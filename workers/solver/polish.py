@@ -227,10 +227,10 @@ def _descend_near(problem: FitProblem, start: Floats, scale: float | None) -> Fi
         p[free] = x
         return quadratic(*weighted_residuals(problem, p), 2 * len(problem.points), scale)
 
-    found = newton(about, start[free], lower, upper, MAX_EVALUATIONS)
-    if found is None:
+    minimum = newton(about, start[free], lower, upper, MAX_EVALUATIONS)
+    if minimum is None:
         return _descend(problem, start, scale, tolerance=_ENDS)
-    p[free] = found
+    p[free] = minimum
     return _fit(problem, p, scale, Outcome.CONVERGED)
 
 
