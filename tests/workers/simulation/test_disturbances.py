@@ -34,7 +34,7 @@ def test_returns_are_lost_at_the_rate_and_specks_hide_what_is_behind_them():
     assert len(holed.label) / len(clear.label) == pytest.approx(0.8, abs=0.01)
     specks = dusty.xyz[dusty.label == SPECKLE]
     assert len(specks) == pytest.approx(0.05 * 4 * 599 * 16, rel=0.15)
-    assert np.median(ranges(specks)) < 4.0
+    assert np.median(ranges(specks)) < 4.0 and specks[:, 2].min() > Scene().ground_z  # none below the ground
     assert np.count_nonzero(dusty.label == WALL) < 0.97 * np.count_nonzero(clear.label == WALL)
 
 

@@ -42,12 +42,12 @@ def test_dark_surfaces_are_farther_and_lost_more_often(plain):
 
 
 def test_a_slanted_board_is_farther_by_what_is_said_at_60_degrees(plain):
-    slanted = scanned(flaws=Flaws(incidence_m=0.05))
+    slanted = scanned(flaws=Flaws(incidence_m=1.0))
     on = plain.label == BOARD
     left, right = (field[on] for field in plain.joined("edge_left", "edge_right"))
     cosine = np.abs((np.cross(left, right) * plain.xyz[on]).sum(axis=1)) / ranges(plain.xyz[on])
     off = ranges(slanted.xyz[on]) - ranges(plain.xyz[on])
-    np.testing.assert_allclose(off, 0.05 * (1.0 / cosine - 1.0), atol=0.003)
+    np.testing.assert_allclose(off, 1.0 / cosine - 1.0, atol=0.003)
 
 
 def test_surfaces_close_behind_one_another_mix_at_the_edges():
@@ -103,3 +103,8 @@ def test_a_tilted_sensor_sees_the_same_world(mount):
         (scan.xyz[on] - scan.lidar.in_sensor_frame(apex)) * scan.lidar.in_sensor_frame(np.cross(left, right))
     ).sum(axis=1)
     assert len(plane) > 50 and np.abs(plane).max() < 0.004
+
+
+def test_a_sensor_rolls_first_and_looks_down_after_that():
+    # Its left side is up, and then ahead.
+    np.testing.assert_allclose(Mount(90.0, 90.0).rotation() @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-12)
