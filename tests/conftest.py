@@ -1,8 +1,10 @@
 """Real parts for all tests: both databases, a broker, and the application on a data folder of its own."""
 
 import gc
+import os
 import shutil
 import sqlite3
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -29,7 +31,16 @@ from workers.tasks.context import Context
 
 _DATABASE = "apexcal"
 
+_MEMORY, _ROOM_BYTES = Path("/dev/shm"), 4 * 2**30
+
 compile_once()
+
+
+def pytest_configure() -> None:
+    """Keep what tests write in memory where there is room: on a disk each commit of SQLite waits for it."""
+    if "TMPDIR" not in os.environ and _MEMORY.is_dir() and shutil.disk_usage(_MEMORY).free > _ROOM_BYTES:
+        os.environ["TMPDIR"] = str(_MEMORY)
+        tempfile.tempdir = None
 
 
 def pytest_collection_finish() -> None:

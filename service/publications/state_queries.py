@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from hashlib import sha256
 
 from sqlalchemy import Select, String, Uuid, and_, bindparam, cast, func, or_, select
@@ -15,6 +16,7 @@ from service.platform.db.people import ApiToken, Membership, Person
 from service.platform.db.publications import Publication
 
 
+@cache
 def state_of_vehicle(dialect: str) -> Select[str]:
     """A query for a row of text for each camera of each rig; none if there is no such vehicle.
 
@@ -42,6 +44,7 @@ def state_of_vehicle(dialect: str) -> Select[str]:
     )
 
 
+@cache
 def state_for_token(dialect: str) -> Select[str]:
     """The same where the API token with the hash ``secret`` may see the vehicle, else no row."""
     lasts = or_(ApiToken.expires_at.is_(None), ApiToken.expires_at > now())

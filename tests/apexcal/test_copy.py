@@ -8,7 +8,7 @@ from apexcal.cli import app
 from apexcal.client import Client
 from apexcal.documents.copies import CopyView
 from tests.apexcal.conftest import Embedded
-from tests.faults.jobs import LEVEL_RIG, pairs
+from tests.faults.jobs import LEVEL_RIG, SHORT, pairs
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
 from tests.workers.readers.viewing.reading_viewer_files import messages
 from workers.readers.detect import open_recording
@@ -19,7 +19,8 @@ def test_the_command_writes_the_copy(embedded: Embedded, owner: Client, tmp_path
     vehicle = owner.vehicles.create(fleet.id, "Tram")
     rig = owner.vehicles.create_rig(vehicle.id, LEVEL_RIG)
     of = owner.correspondence_sets.import_pairs(rig.id, "front", pairs(60)).id
-    calibration = owner.wait(owner.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2), timeout_s=120)
+    asked = owner.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2, schedule=SHORT)
+    calibration = owner.wait(asked, timeout_s=120)
     owner.calibrations.publish(
         calibration.summary.cameras["front"].models["pinhole"].result_id, "For the copy.", override=True
     )

@@ -29,6 +29,7 @@ from apexcal.json_files import parse_document
 from service.admin.__main__ import app as admin
 from tests.apexcal.conftest import Embedded, start, stop
 from tests.apexcal.test_cli import apexcal
+from tests.faults.jobs import SHORT
 from workers.simulation.options import parser as simulation_parser
 
 ROOT = Path(__file__).parents[2]
@@ -164,7 +165,8 @@ def _truck(reader: Reader) -> None:
     reader.write("truck.urdf", _TRUCK)
     client, set_id = reader.client, reader.ids["SET_ID"]
     vehicle_id = client.correspondence_sets.get(set_id).vehicle_id
-    asked = client.calibrations.create(vehicle_id, [set_id], ["brown_conrady"], locked={"skew": 0}, folds=0)
+    quick = {"locked": {"skew": 0}, "folds": 0, "schedule": SHORT}
+    asked = client.calibrations.create(vehicle_id, [set_id], ["brown_conrady"], **quick)
     found = client.wait(asked).summary.cameras["front"].models["brown_conrady"]
     client.calibrations.publish(found.result_id, "For programs without skew.", override=True)
 
@@ -227,7 +229,11 @@ PAGE_SETUPS: dict[str, Setup] = {
     ),
     "docs/simulating.md": Setup(instead={"--seconds 240": "--seconds 3"}),
     "docs/api.md": Setup(
-        _walk, instead={'"Trucks"': '"Trucks of the program"', '["brown_conrady"])': '["brown_conrady"], folds=0)'}
+        _walk,
+        instead={
+            '"Trucks"': '"Trucks of the program"',
+            '["brown_conrady"])': f'["brown_conrady"], folds=0, schedule={SHORT})',
+        },
     ),
 }
 

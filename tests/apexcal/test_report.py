@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from apexcal.cli import app
 from apexcal.client import Client
 from tests.apexcal.conftest import Embedded
-from tests.faults.jobs import LEVEL_RIG, pairs
+from tests.faults.jobs import LEVEL_RIG, SHORT, pairs
 
 
 def test_a_report_is_written_and_its_pairs_are_left_out(embedded: Embedded, tmp_path):
@@ -19,7 +19,8 @@ def test_a_report_is_written_and_its_pairs_are_left_out(embedded: Embedded, tmp_
         vehicle = client.vehicles.create(client.fleets.create("Reports").id, "Wagon")
         rig = client.vehicles.create_rig(vehicle.id, LEVEL_RIG)
         of = client.correspondence_sets.import_pairs(rig.id, "front", pairs(60)).id
-        done = client.wait(client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2), timeout_s=120)
+        asked = client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2, schedule=SHORT)
+        done = client.wait(asked, timeout_s=120)
         result = str(done.summary.cameras["front"].models["pinhole"].result_id)
 
         def apexcal(*words: str):

@@ -8,7 +8,6 @@ import pytest
 from sqlalchemy import func, select
 
 from service.platform.db.models import Blob, CameraFrame, Sensor, UploadPart
-from tests.support.databases import one_database
 from tests.support.uploads import RIG, new_recording, upload
 from tests.support.work import work
 from tests.workers.readers.making_recordings import (
@@ -69,7 +68,6 @@ BAD = {
 }
 
 
-@one_database
 @pytest.mark.usefixtures("broker")
 @pytest.mark.parametrize("kind", BAD)
 def test_it_fails_with_its_reason_and_keeps_the_original(api, context, tmp_path, kind):
@@ -95,7 +93,6 @@ def test_it_fails_with_its_reason_and_keeps_the_original(api, context, tmp_path,
     assert engineer.get(f"/recordings/{made['id']}/original").content == data
 
 
-@one_database
 @pytest.mark.usefixtures("broker")
 def test_which_is_which_is_asked_with_what_there_is(api, context, tmp_path):
     engineer = api.member(api.fleet(), "engineer")
@@ -117,7 +114,6 @@ def test_which_is_which_is_asked_with_what_there_is(api, context, tmp_path):
     assert ready["sensors"][0]["facts"]["overlap_share"] > 0.9 and ready["facts"]["together_s"] > 0.3
 
 
-@one_database
 @pytest.mark.usefixtures("broker")
 def test_a_whole_whose_checksum_is_wrong_fails_before_it_is_read(api, context, tmp_path):
     engineer = api.member(api.fleet(), "engineer")
@@ -128,7 +124,6 @@ def test_a_whole_whose_checksum_is_wrong_fails_before_it_is_read(api, context, t
     assert (failed["state"], failed["problem"]["code"]) == ("failed", "checksum_mismatch")
 
 
-@one_database
 @pytest.mark.usefixtures("broker")
 @pytest.mark.parametrize(("reading", "source"), [({}, "per_point"), ({"point_times": "stamp_only"}, "stamp_only")])
 def test_what_the_owner_knows_of_the_file_reaches_the_reader(api, context, tmp_path, reading, source):
@@ -141,7 +136,6 @@ def test_what_the_owner_knows_of_the_file_reaches_the_reader(api, context, tmp_p
     assert lidar["facts"]["time_source"] == source
 
 
-@one_database
 @pytest.mark.usefixtures("broker")
 def test_a_good_one_is_ready_and_its_frames_are_served_as_they_were(api, context, tmp_path):
     engineer = api.member(api.fleet(), "engineer")

@@ -9,8 +9,9 @@ from benchmarks.marks.scenes import Draw, Scene
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.ids import new_id
 from service.platform.db.recordings import CameraFrame, Sensor
-from tests.service.detections.seeding import HEIGHT, WIDTH, seed_rig
+from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
+from tests.support.rows import HEIGHT, WIDTH
 from tests.support.work import work
 from tests.workers.readers.making_recordings import PERIOD_NS, START_NS, clouds, compressed, interleaved, write_bag
 from tests.workers.tasks.test_ingesting import uploaded

@@ -11,7 +11,6 @@ from apexcal.geometry.se3 import SE3, to_document
 from service.platform.db.models import Job
 from service.platform.jobs.claims import claim
 from service.platform.jobs.sweep import sweep
-from tests.support.databases import one_database
 from tests.support.work import work
 from tests.workers.solver.two_cameras import FRONT, LEFT, SIZE, walked
 from workers.tasks.running import run_job
@@ -95,7 +94,6 @@ def test_what_the_rig_states_is_of_the_cameras_before_their_images_are_rectified
     assert pair["stated"][1]["sigmas"] < 4.0
 
 
-@one_database
 def test_a_rig_that_states_something_else_is_an_alarm_that_publishes_nothing(api, context):
     wrong = copy.deepcopy(TRUE)
     wrong["translation_m"][0] += 1.0

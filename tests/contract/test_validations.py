@@ -6,8 +6,9 @@ import pytest
 
 from apexcal.documents.validations import PairScore, RoadScore
 from apexcal.geometry.se3 import to_document
-from tests.service.detections.seeding import LEVEL, seed_rig
+from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
+from tests.support.rows import LEVEL
 from tests.support.scenes.drive import Drive, record
 from tests.support.scenes.road import draw_road
 from tests.support.work import work

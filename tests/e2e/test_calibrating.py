@@ -46,6 +46,8 @@ def test_an_engineer_calibrates_and_publishes(sign_in: Callable[[str, str], Page
     page.get_by_label(re.compile("120 pairs from import")).check()
     page.get_by_role("checkbox", name=re.compile("kannala_brandt")).uncheck()
     page.get_by_role("checkbox", name=re.compile("pinhole")).uncheck()
+    page.get_by_text("Options", exact=True).click()
+    page.get_by_label("Folds").fill("2")
     page.get_by_role("button", name="Calibrate").click()
     expect(page.get_by_role("heading", level=1)).to_contain_text("Calibration of")
 
@@ -221,7 +223,7 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
         re.compile("Cart 2.*worker died.*Ask for it again", re.DOTALL)
     )
     page.get_by_role("button", name="Calibrate the failed again").click()
-    expect(page.get_by_role("status")).to_have_text("2 done, 1 skipped.", timeout=20_000)
+    expect(page.get_by_role("status")).to_have_text("2 done, 1 skipped.", timeout=60_000)
     page.get_by_role("link", name="All 3").click()
     page.get_by_role("link", name="Calibration of Cart 2").click()
     expect(page.get_by_role("link", name="Cart 2")).to_be_visible()
@@ -232,4 +234,4 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
     ask_for_the_carts(page, models=3, folds=5)
     page.on("dialog", lambda asked: asked.accept())
     page.get_by_role("button", name="Cancel").click()
-    expect(page.get_by_role("status")).to_have_text(re.compile("[12] cancelled, 1 skipped"), timeout=20_000)
+    expect(page.get_by_role("status")).to_have_text(re.compile("[12] cancelled, 1 skipped"), timeout=60_000)

@@ -10,7 +10,7 @@ from playwright.sync_api import Page, expect
 from apexcal.documents.results import ResultView
 from tests.e2e.conftest import Track
 from tests.e2e.looks import View, assert_looks, each_view
-from tests.faults.jobs import LEVEL_RIG, pairs
+from tests.faults.jobs import LEVEL_RIG, SHORT, pairs
 
 SignIn = Callable[[str, str], Page]
 MOVED_M = 0.06
@@ -33,7 +33,8 @@ def drifted(track: Track, name: str, seeds: tuple[int, ...]) -> list[ResultView]
     for seed in seeds:
         seen = [pair | {"y": pair["y"] + MOVED_M * (seed == seeds[-1])} for pair in pairs(150, seed)]
         made = owner.correspondence_sets.import_pairs(rig.id, "front", seen)
-        done = owner.wait(owner.calibrations.create(vehicle.id, [made.id], ["pinhole"], folds=2), timeout_s=90)
+        asked = owner.calibrations.create(vehicle.id, [made.id], ["pinhole"], folds=2, schedule=SHORT)
+        done = owner.wait(asked, timeout_s=90)
         assert done.summary
         found.append(owner.calibrations.result(done.summary.cameras["front"].models["pinhole"].result_id))
     return found

@@ -13,6 +13,7 @@ from apexcal.sweeps import unpack
 from tests.e2e.conftest import Track
 from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show
 from tests.e2e.test_calibrating import pairs_of_truth
+from tests.faults.jobs import SHORT
 from workers.geometry.projection import project
 
 SignIn = Callable[[str, str], Page]
@@ -23,7 +24,7 @@ MOVE = "move board and holder to the frame's time"
 def calibration_id(track: Track) -> str:
     """A calibration of the simulated camera, from pairs as the truth has them."""
     pairs = track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 130))
-    wanted = {"models": ["brown_conrady"], "folds": 0}
+    wanted = {"models": ["brown_conrady"], "folds": 0, "schedule": SHORT}
     made = track.owner.wait(track.owner.calibrations.create(track.vehicle_id, [pairs.id], **wanted), timeout_s=90)
     return str(made.id)
 

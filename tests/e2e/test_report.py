@@ -8,6 +8,7 @@ from playwright.sync_api import Page, expect
 from tests.e2e.conftest import Track
 from tests.e2e.looks import View, assert_looks, each_view
 from tests.e2e.test_calibrating import pairs_of_truth
+from tests.faults.jobs import SHORT
 
 # The numbers of the pairs that are chosen in a plot.
 CHOSEN = (
@@ -21,7 +22,7 @@ def test_a_report_is_read_and_pairs_are_left_out(
     sign_in: Callable[[str, str], Page], track: Track, views: tuple[View, ...]
 ) -> None:
     pairs = track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 60))
-    done = track.owner.calibrations.create(track.vehicle_id, [pairs.id], ["pinhole"], folds=2)
+    done = track.owner.calibrations.create(track.vehicle_id, [pairs.id], ["pinhole"], folds=2, schedule=SHORT)
     done = track.owner.wait(done, timeout_s=90)
     assert done.summary
     result = str(done.summary.cameras["front"].models["pinhole"].result_id)

@@ -11,7 +11,7 @@ from tests.e2e.conftest import Track
 from tests.e2e.dense import write_dense
 from tests.e2e.marking import Marker
 from tests.e2e.test_marking import NEXT_FRAME_MS, ask_marks
-from tests.faults.jobs import pairs
+from tests.faults.jobs import SHORT, pairs
 from tests.support.uploads import RIG
 
 SignIn = Callable[[str, str], Page]
@@ -42,7 +42,7 @@ def test_the_overlay_of_a_large_sweep_is_drawn_at_once(sign_in: SignIn, track: T
     recording = owner.wait(owner.recordings.upload(file, vehicle.id, rig.id), timeout_s=90)
     owner.wait(next(iter(owner.analyses.list(PackingView, recording_id=recording.id))), timeout_s=60)
     made = owner.correspondence_sets.import_pairs(rig.id, RIG["cameras"][0]["name"], pairs(60))
-    calibration = owner.calibrations.create(vehicle.id, [made.id], models=["pinhole"], folds=0)
+    calibration = owner.calibrations.create(vehicle.id, [made.id], models=["pinhole"], folds=0, schedule=SHORT)
     owner.wait(calibration, timeout_s=90)
     page = sign_in("Zita", "reviewer")
     page.goto(f"{track.url}/calibrations/{calibration.id}")

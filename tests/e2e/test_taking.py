@@ -19,7 +19,7 @@ from apexcal.errors import ApiError
 from tests.e2e.conftest import Track
 from tests.e2e.looks import assert_looks
 from tests.e2e.test_calibrating import add_cart
-from tests.faults.jobs import LEVEL_RIG, pairs
+from tests.faults.jobs import LEVEL_RIG, SHORT, pairs
 from tests.workers.readers.making_recordings import START_NS, TYPES, clouds, images, interleaved, png, write_bag
 from tests.workers.readers.making_transforms import CAMERA, LIDAR, TF, message
 from tests.workers.readers.viewing.reading_viewer_files import messages
@@ -40,10 +40,10 @@ class Given:
 @pytest.fixture(scope="module")
 def given(track: Track, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Given]:
     vehicle, pairs = add_cart(track, "Coach", 60)
+    wanted = {"folds": 3, "publish": "recommended", "schedule": SHORT}
     calibrations = [
         track.owner.wait(
-            track.owner.calibrations.create(vehicle, [pairs], ["pinhole"], folds=3, publish="recommended", seed=seed),
-            timeout_s=120,
+            track.owner.calibrations.create(vehicle, [pairs], ["pinhole"], seed=seed, **wanted), timeout_s=120
         )
         for seed in (1, 2)
     ]
@@ -219,7 +219,7 @@ def test_a_bag_with_its_tree_goes_in_and_a_verified_urdf_comes_out(
     rig = next(one for one in track.owner.vehicles.rigs(vehicle) if one.name == "from its frames")
     seen = pairs(120)
     brought = track.owner.correspondence_sets.import_pairs(rig.id, "front", seen)
-    made = track.owner.calibrations.create(vehicle, [brought.id], ["pinhole"], folds=0)
+    made = track.owner.calibrations.create(vehicle, [brought.id], ["pinhole"], folds=0, schedule=SHORT)
     track.owner.wait(made, timeout_s=120)
     page.goto(f"{track.url}/calibrations/{made.id}")
     publish_anyway(page)

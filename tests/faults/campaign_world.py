@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any
+from itertools import product
 from uuid import UUID
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.platform.db.ids import new_id
 from service.platform.db.models import (
     Answer,
     Blob,
@@ -35,6 +34,7 @@ from tests.faults.campaign.invariants import Findings, check
 from tests.faults.campaign.ledger import Ledger
 from tests.faults.campaign.requests import Expected, sensors, vertices
 from tests.faults.results import documents
+from tests.support.rows import add
 
 KIND, WALK = "pinhole by slots", "walk-0"
 
@@ -63,121 +63,57 @@ class World:
 def make_world(session: Session, store: Store) -> World:
     """Everything as the service leaves it after undisturbed work."""
     ledger, expected = Ledger(), Expected()
-    fleet, person = Fleet(id=new_id(), name="fleet"), Person(id=new_id(), name="annotator")
-    session.add_all([fleet, person])
-    session.flush()
-    vehicle = Vehicle(id=new_id(), fleet_id=fleet.id, name="car")
-    session.add(vehicle)
-    session.flush()
-    rig = Rig(id=new_id(), fleet_id=fleet.id, vehicle_id=vehicle.id, name="roof", lidar_frame="velodyne")
-    session.add(rig)
-    session.flush()
-    common: dict[str, Any] = {"fleet_id": fleet.id, "vehicle_id": vehicle.id, "rig_id": rig.id}
+    fleet, person = add(session, Fleet, name="fleet"), add(session, Person, name="annotator")
+    vehicle = add(session, Vehicle, fleet)
+    rig = add(session, Rig, vehicle)
     ledger.vehicles.add(vehicle.id)
     ledger.rigs.add(rig.id)
-    calibration, run = _calibration(session, common, ledger)
-    recording, part_key = _recording(session, store, common, ledger)
+    calibration, run = _calibration(session, rig, ledger)
+    recording, part_key = _recording(session, store, rig, ledger)
     _mark(session, recording, person, ledger)
-    detection = Detection(
-        id=new_id(),
-        fleet_id=fleet.id,
-        recording_id=recording.id,
-        region={},
-        detector="tolerant",
-        options={},
-        pairing={},
-        content_hash="0",
-        state="done",
-        remaining=0,
-        counts={"vertices": 0},
-    )
-    session.add(detection)
+    detection = add(session, Detection, recording, counts={"vertices": 0})
     ledger.detections[detection.id] = WALK
-    session.add(_done(fleet.id, "detect", detection.id, {}))
-    session.flush()
+    _done(session, fleet.id, "detect", detection.id)
     expected.calibrations[KIND] = documents(session, calibration.id)
     expected.recordings[WALK] = sensors(session, store, recording)
     expected.detections[WALK] = vertices(session, detection)
     return World(session, store, ledger, expected, calibration.id, run.id, recording.id, part_key)
 
 
-def _calibration(session: Session, common: dict[str, Any], ledger: Ledger) -> tuple[Calibration, CalibrationRun]:
-    pairs = CorrespondenceSet(
-        id=new_id(), **common, camera="front", source="import", content_hash="0", count=0, pairs={}
-    )
-    calibration = Calibration(
-        id=new_id(), **common, request={}, content_hash="0", remaining=0, publish="none", state="done"
-    )
-    session.add_all([pairs, calibration])
-    session.flush()
-    run = CalibrationRun(
-        id=new_id(),
-        fleet_id=common["fleet_id"],
-        calibration_id=calibration.id,
-        set_id=pairs.id,
-        camera="front",
-        model="pinhole",
-        fold=-1,
-        farm="runs",
-        slots=2,
-        bundle=2,
-        problem={},
-        state="done",
-        iteration=2,
-        remaining=0,
-    )
-    session.add(run)
-    session.flush()
-    of_slots = {"loss": 1.0, "parameters": [0.0], "evaluations": 1, "seconds": 0.1, "worker": "w"}
-    session.add_all([Slot(run_id=run.id, iteration=i, slot=s, **of_slots) for i in range(2) for s in range(2)])
-    of_run = {"fleet_id": run.fleet_id, "calibration_id": calibration.id, "run_id": run.id}
-    session.add(Result(**of_run, camera="front", model="pinhole", fold=-1, document={"rms_px": 1.0}))
-    session.add(_done(run.fleet_id, "solve", run.id, {"part": "run"}))
+def _calibration(session: Session, rig: Rig, ledger: Ledger) -> tuple[Calibration, CalibrationRun]:
+    pairs = add(session, CorrespondenceSet, rig)
+    calibration = add(session, Calibration, rig)
+    run = add(session, CalibrationRun, calibration, pairs, state="done", iteration=2, remaining=0)
+    for iteration, slot in product(range(2), range(2)):
+        add(session, Slot, run, iteration=iteration, slot=slot)
+    add(session, Result, run, document={"rms_px": 1.0})
+    _done(session, run.fleet_id, "solve", run.id, part="run")
     ledger.sets.add(pairs.id)
     ledger.calibrations[calibration.id] = KIND
     return calibration, run
 
 
-def _recording(session: Session, store: Store, common: dict[str, Any], ledger: Ledger) -> tuple[Recording, str]:
-    recording = Recording(id=new_id(), **common, name="drive", file_name="drive.bag", state="ready", facts={})
-    session.add(recording)
-    session.flush()
+def _recording(session: Session, store: Store, rig: Rig, ledger: Ledger) -> tuple[Recording, str]:
+    recording = add(session, Recording, rig, facts={})
     keys = [f"recordings/{recording.id}/{name}" for name in ("parts/1", "sensors/front.mcap")]
     for key in keys:
         store.put_bytes(key, b"bytes")
-        session.add(Blob(key=key, state="stored", size=5))
-    session.flush()
+        add(session, Blob, key=key, size=5)
     digest = hashlib.sha256(b"bytes").hexdigest()
-    session.add(UploadPart(recording_id=recording.id, number=1, blob_key=keys[0], size=5, sha256=digest))
-    of_sensor = {"topic": "/front", "frame_id": "front", "count": 1, "first_ns": 0, "last_ns": 0, "facts": {}}
-    camera = Sensor(
-        id=new_id(), recording_id=recording.id, kind="camera", name="front", blob_key=keys[1], **of_sensor
-    )
-    session.add(camera)
-    session.flush()
-    of_frame = {"stamp_ns": 0, "offset": 0, "length": 5, "media_type": "image/png", "width": 960, "height": 600}
-    session.add(CameraFrame(sensor_id=camera.id, index=0, **of_frame))
-    session.add(_done(recording.fleet_id, "ingest", recording.id, {}))
+    add(session, UploadPart, recording, number=1, blob_key=keys[0], size=5, sha256=digest)
+    add(session, CameraFrame, add(session, Sensor, recording, blob_key=keys[1]), length=5)
+    _done(session, recording.fleet_id, "ingest", recording.id)
     ledger.recordings[recording.id] = WALK
     ledger.parts[recording.id, 1] = ledger.completed[recording.id] = digest
     return recording, keys[0]
 
 
 def _mark(session: Session, recording: Recording, person: Person, ledger: Ledger) -> None:
-    session.flush()
     camera = session.scalars(select(Sensor).where(Sensor.recording_id == recording.id)).one()
-    whose = {"recording_id": recording.id, "person_id": person.id, "sensor_id": camera.id, "frame_index": 0}
-    session.add(Answer(**whose, u=10.0, v=20.0, is_mark=True, version=1))
+    add(session, Answer, recording, person, camera, frame_index=0, u=10.0, v=20.0, is_mark=True, version=1)
     ledger.marks[person.id, recording.id, 0] = (10.0, 20.0, 1)
 
 
-def _done(fleet_id: UUID, kind: str, subject_id: UUID, payload: dict[str, Any]) -> Job:
-    return Job(
-        fleet_id=fleet_id,
-        kind=kind,
-        queue="solve",
-        subject_id=subject_id,
-        payload=payload,
-        state="done",
-        attempt=1,
-    )
+def _done(session: Session, fleet_id: UUID, kind: str, subject_id: UUID, **payload: str) -> None:
+    ended = {"queue": "solve", "state": "done", "attempt": 1}
+    add(session, Job, fleet_id=fleet_id, kind=kind, subject_id=subject_id, payload=payload, **ended)

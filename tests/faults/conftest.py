@@ -15,7 +15,9 @@ from tests.faults.jobs import Walk, record
 from tests.support.postgres import Postgres
 
 
-@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+# The fleet's database always, and the embedded one in the long form: tests/apexcal/test_serve.py kills each process
+# of the embedded service.
+@pytest.fixture(scope="module", params=["postgresql", pytest.param("sqlite", marks=pytest.mark.slow)])
 def farm(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, sqlite_template: Path
 ) -> Iterator[Farm]:

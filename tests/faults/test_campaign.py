@@ -122,6 +122,7 @@ def test_a_clock_that_is_wrong_is_wrong_everywhere():
     assert ahead[1] / 1e9 - behind == pytest.approx(300, abs=30)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_campaign_in_its_short_form_finds_every_promise_kept(tmp_path: Path):
     """A few faults of different kinds; `make faults` is the long form."""

@@ -26,11 +26,6 @@ from tests.support.proxies import Proxy
 from tests.support.wrong_clocks import why_not
 
 pytestmark = [pytest.mark.faults, pytest.mark.timeout(300)]
-# Most runs on the fleet's database always, and on the embedded one in the long form. A process that dies while it
-# writes does so on both always; the embedded service whose every process is killed is in tests/apexcal/test_serve.py.
-both_in_the_long_form = pytest.mark.parametrize(
-    "farm", ["postgresql", pytest.param("sqlite", marks=pytest.mark.slow)], indirect=True
-)
 # A lease and two periods of the sweep are 3 s; the rest is for a busy machine.
 _RECOVERED_S = 60.0
 _names = (f"fleet {number}" for number in count())
@@ -56,6 +51,7 @@ def assert_ended_once_with_the_same_bits(farm: Farm, calibration, undisturbed) -
         assert session.execute(twice).all() == []
 
 
+@pytest.mark.parametrize("farm", ["sqlite", "postgresql"], indirect=True)
 def test_a_worker_process_killed_within_a_slot(farm: Farm, undisturbed):
     began = time.monotonic()
     calibration = ask(farm.client, next(_names))
@@ -67,7 +63,6 @@ def test_a_worker_process_killed_within_a_slot(farm: Farm, undisturbed):
     assert later < LEASE_S + 60
 
 
-@both_in_the_long_form
 def test_the_whole_worker_killed(farm: Farm, undisturbed):
     calibration = ask(farm.client, next(_names))
     wait_until(lambda: _running(farm) != [], "work", 120)
@@ -76,30 +71,13 @@ def test_the_whole_worker_killed(farm: Farm, undisturbed):
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
 
 
-@pytest.fixture(scope="module")
-def by_one_process(farm: Farm):
-    """What a single process finds by slots, and of two cameras in whole runs; once, as a worker's start is long."""
-    farm.use_worker(1)
-    by_slots = farm.finished(ask(farm.client, next(_names)))
-    assert by_slots.state == "done"
-    return farm.documents(by_slots), of_two_cameras(farm, "runs")
-
-
-@both_in_the_long_form
-def test_one_process_and_four_give_the_same_bits_farmed_either_way(farm: Farm, undisturbed, by_one_process):
-    assert by_one_process[0] == undisturbed[0]
-    farm.use_worker(4)
-    assert_ended_once_with_the_same_bits(farm, ask(farm.client, next(_names)), undisturbed)
-    whole = farm.finished(ask(farm.client, next(_names), farm="runs"))
-    assert farm.documents(whole) == undisturbed[0]
-
-
-@both_in_the_long_form
-def test_two_cameras_by_one_process_and_by_four_farmed_either_way_end_with_the_same_bits(farm: Farm, by_one_process):
+def test_two_cameras_by_one_process_and_by_four_farmed_either_way_end_with_the_same_bits(farm: Farm):
     """Every slot's best, every result and the comparison of the cameras, from the request and its seed alone."""
+    farm.use_worker(1)
+    by_one_process = of_two_cameras(farm, "runs")
     farm.use_worker(4)
     found = of_two_cameras(farm, "slots")
-    assert found == by_one_process[1]
+    assert found == by_one_process
     seed, documents, slots, *_ = found
     for document in documents.values():
         assert document["provenance"]["request"]["seed"] == seed
@@ -137,7 +115,6 @@ def test_the_api_killed_between_commit_and_send(farm: Farm, undisturbed):
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
 
 
-@both_in_the_long_form
 def test_every_message_delivered_three_times(farm: Farm, undisturbed):
     calibration = ask(farm.client, next(_names))
     sender = Sender(farm.broker.url)
@@ -153,7 +130,6 @@ def test_every_message_delivered_three_times(farm: Farm, undisturbed):
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
 
 
-@both_in_the_long_form
 def test_a_worker_told_to_stop_gives_its_job_back_uncounted_and_a_cancel_ends_it(farm: Farm):
     long = {"slots": 1, "population": 19_000, "generations": 10_000, "max_iterations": 1}
     calibration = ask(farm.client, next(_names), schedule=long)
@@ -175,7 +151,6 @@ def _running(farm: Farm) -> list[int]:
         return list(session.scalars(select(Job.id).where(Job.kind == "solve", Job.state == "running")))
 
 
-@both_in_the_long_form
 def test_a_conclusion_killed_at_work_ends_the_calibration_once(farm: Farm):
     """As a worker that died between its claim and its finish: the sweep gives the job to another."""
     farm.use_worker(2, "solve")
@@ -194,7 +169,6 @@ def test_a_conclusion_killed_at_work_ends_the_calibration_once(farm: Farm):
     assert (farm.job(job_id).lost, farm.job(job_id).attempt) == (1, 2)
 
 
-@both_in_the_long_form
 @pytest.mark.parametrize("seconds", [5, pytest.param(20, marks=pytest.mark.slow)])
 def test_the_broker_stopped_for_a_while_and_started_empty(farm: Farm, undisturbed, seconds: int):
     calibration = ask(farm.client, next(_names))
@@ -207,7 +181,6 @@ def test_the_broker_stopped_for_a_while_and_started_empty(farm: Farm, undisturbe
         assert_ended_once_with_the_same_bits(farm, meanwhile.result(), undisturbed)
 
 
-@both_in_the_long_form
 def test_sweeper_killed(farm: Farm, undisturbed):
     calibration = ask(farm.client, next(_names))
     farm.kill("sweeper")
@@ -220,11 +193,10 @@ def test_sweeper_killed(farm: Farm, undisturbed):
 @pytest.mark.parametrize(
     ("farm", "parts"),
     [
-        ("postgresql", ["sweeper"]),
-        ("postgresql", ["worker"]),
+        ("postgresql", ["sweeper", "worker"]),
         pytest.param("postgresql", ["api"], marks=pytest.mark.slow),
         # On one host all have one clock, and SQLite's is that one too.
-        ("sqlite", ["sweeper", "worker", "api"]),
+        pytest.param("sqlite", ["sweeper", "worker", "api"], marks=pytest.mark.slow),
     ],
     indirect=["farm"],
     ids=lambda given: "-".join(given) if isinstance(given, list) else given,

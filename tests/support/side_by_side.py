@@ -23,6 +23,7 @@ _FIRST = (
 
 # What is tested here is the database itself, who holds which row, what it takes as text, or how it orders.
 _EVERY_CASE = (
+    "tests/faults/",
     "tests/service/platform/db/",
     "tests/service/platform/jobs/",
     "tests/workers/tasks/",
@@ -31,17 +32,26 @@ _EVERY_CASE = (
     "tests/service/platform/http/test_texts.py::test_what_is_no_text",
 )
 
-
-# Each statement that these run on PostgreSQL is run there by other tests as well (docs/decisions/0080): what they
-# test is the object store, streams, and rules that look at what was read.
-_SAME_STATEMENTS = (
-    "tests/service/annotations/test_mark_routes.py",
-    "tests/service/annotations/test_own_pairs.py",
-    "tests/service/calibrations/test_weight_rules.py",
-    "tests/service/calibrations/test_work_rules.py",
-    "tests/service/pairs/test_streamed_views.py",
-    "tests/service/platform/events/",
-    "tests/service/recordings/test_presigned_routes.py",
+# Locks, constraints and statements that each database has of its own: each test's first case runs on PostgreSQL too.
+_EVERY_TEST = (
+    "tests/contract/test_work.py",
+    "tests/service/admin/",
+    "tests/service/analyses/",
+    "tests/service/annotations/test_answer_actions.py",
+    "tests/service/annotations/test_corners_of_long_walks.py",
+    "tests/service/annotations/test_disclosure_actions.py",
+    "tests/service/annotations/test_routes.py",
+    "tests/service/calibration_runs/",
+    "tests/service/calibrations/test_drift.py",
+    "tests/service/detections/",
+    "tests/service/fleet_requests/",
+    "tests/service/platform/auth/test_credential_actions.py",
+    "tests/service/platform/health/",
+    "tests/service/platform/http/test_one_thread.py",
+    "tests/service/platform/storage/",
+    "tests/service/publications/test_actions.py",
+    "tests/service/publications/test_retrieval.py",
+    "tests/service/recordings/",
 )
 
 
@@ -73,7 +83,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _leave_out_crossed(items: list[pytest.Item]) -> None:
-    """Mark as slow what runs on SQLite as well: on PostgreSQL, all but a test's first case, or all of its cases."""
+    """Mark as slow on PostgreSQL all but a file's first test, or all but a test's first case."""
     all_ids = {item.nodeid for item in items}
     seen: set[str] = set()
     for item in items:
@@ -81,6 +91,8 @@ def _leave_out_crossed(items: list[pytest.Item]) -> None:
         on_sqlite = f"{test}[{case.replace('postgresql', 'sqlite')}"
         if "postgresql" not in case or on_sqlite not in all_ids or test.startswith(_EVERY_CASE):
             continue
-        if test in seen or test.startswith(_SAME_STATEMENTS):
+        once = test if test.startswith(_EVERY_TEST) else test.partition("::")[0]
+        if once in seen:
             item.add_marker("slow")
-        seen.add(test)
+        elif not item.get_closest_marker("slow"):
+            seen.add(once)

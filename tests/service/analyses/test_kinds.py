@@ -10,8 +10,9 @@ from service.platform.db.ids import new_id
 from service.platform.db.jobs import Job
 from service.platform.jobs.claims import claim, finish
 from service.platform.jobs.retry import retry
-from tests.service.detections.seeding import LEVEL, seed_answer, seed_marking
+from tests.service.detections.seeding import seed_answer, seed_marking
 from tests.service.publications.given import publish
+from tests.support.rows import LEVEL
 
 pytestmark = pytest.mark.usefixtures("broker")
 

@@ -11,7 +11,8 @@ from service.platform.db.detections import VertexFrame
 from service.platform.db.ids import new_id
 from service.platform.db.recordings import Blob, CameraFrame, Sensor
 from tests.service.annotations.test_routes import ask, let_leases_end, reply
-from tests.service.detections.seeding import HEIGHT, WIDTH, seed_marking, standing
+from tests.service.detections.seeding import seed_marking, standing
+from tests.support.rows import HEIGHT, WIDTH
 
 
 @pytest.fixture

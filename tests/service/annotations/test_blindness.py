@@ -177,5 +177,5 @@ class Blindness(RuleBasedStateMachine):
 @one_database
 def test_nothing_that_was_told_is_independent_and_no_click_counts_twice(api):
     machine = type("BlindnessHere", (Blindness,), {"api": api})
-    bounds = settings(deadline=None, stateful_step_count=20, max_examples=25, suppress_health_check=list(HealthCheck))
+    bounds = settings(deadline=None, stateful_step_count=20, max_examples=12, suppress_health_check=list(HealthCheck))
     run_state_machine_as_test(machine, settings=bounds)

@@ -11,9 +11,9 @@ from sqlalchemy import event
 
 from apexcal.geometry.se3 import from_document, to_document
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from tests.service.detections.seeding import LEVEL
 from tests.support.databases import one_database
 from tests.support.results import fit_result, model_summary, summary
+from tests.support.rows import LEVEL
 
 pytestmark = pytest.mark.usefixtures("broker")
 

@@ -1,5 +1,7 @@
 """Results, their slots and publication, and the current calibration at its one address."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from sqlalchemy import text, update
@@ -9,8 +11,9 @@ from apexcal.geometry.se3 import from_document, to_document
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.platform.db.fleets import Rig
 from service.platform.db.ids import new_id
-from tests.service.detections.seeding import LEVEL, seed_rig
+from tests.service.detections.seeding import seed_rig
 from tests.support.results import ENDED, fit_result, model_summary, of_block, summary
+from tests.support.rows import LEVEL, add
 
 T_VEHICLE_LIDAR = {
     "to_frame": "base_link",
@@ -57,68 +60,21 @@ def seed_results(api, rig, folds=(-1, 0), found=FOUND):
     """A finished calibration with a result for each fold, and two slots a run."""
     checks = found.get("checks", [])
     verdict = checks[0]["verdict"] if checks else "pass"
-    common = {"fleet_id": rig.fleet_id, "vehicle_id": rig.vehicle_id, "rig_id": rig.id}
     with api.database.writing() as session:
-        pairs = session.query(CorrespondenceSet).first() or CorrespondenceSet(
-            **common,
-            camera="front",
-            source="import",
-            content_hash="0",
-            count=60,
-            notes=[],
-            pairs={"u": [10.0, 320.0, 630.0], "v": [20.0, 240.0, 470.0]} | PLACES,
+        marked = {"u": [10.0, 320.0, 630.0], "v": [20.0, 240.0, 470.0]} | PLACES
+        pairs = session.query(CorrespondenceSet).first() or add(
+            session, CorrespondenceSet, rig, count=60, notes=[], pairs=marked
         )
-        calibration = Calibration(**common, request={}, content_hash="0", state="done", remaining=0, publish="none")
-        calibration.summary = summary({"pinhole": found})
-        session.add_all([pairs, calibration])
-        session.flush()
+        calibration = add(session, Calibration, rig, summary=summary({"pinhole": found}))
         results = []
         for fold in folds:
-            run = CalibrationRun(
-                fleet_id=rig.fleet_id,
-                calibration_id=calibration.id,
-                set_id=pairs.id,
-                camera="front",
-                model="pinhole",
-                fold=fold,
-                farm="slots",
-                slots=2,
-                bundle=1,
-                problem={"seed": 5},
-                state="done",
-                iteration=1,
-                schedule={"best_loss": 1.5},
-            )
-            session.add(run)
-            session.flush()
-            result = Result(
-                fleet_id=rig.fleet_id,
-                calibration_id=calibration.id,
-                run_id=run.id,
-                camera="front",
-                model="pinhole",
-                fold=fold,
-                document=DOCUMENT,
-                checks=checks if fold == -1 else None,
-                verdict=verdict if fold == -1 else None,
-            )
-            session.add(result)
-            session.add_all(
-                Slot(
-                    run_id=run.id,
-                    iteration=iteration,
-                    slot=slot,
-                    loss=1.5 + slot,
-                    parameters=[0.0, 1.0],
-                    evaluations=24000,
-                    seconds=0.01,
-                    worker=f"worker-{slot}",
-                )
-                for iteration in range(2)
-                for slot in range(2)
-            )
-            session.flush()
-            results.append(result.id)
+            ended = {"state": "done", "iteration": 1, "schedule": {"best_loss": 1.5}}
+            run = add(session, CalibrationRun, calibration, pairs, fold=fold, problem={"seed": 5}, **ended)
+            judged = {"checks": checks, "verdict": verdict} if fold == -1 else {}
+            results.append(add(session, Result, run, fold=fold, document=DOCUMENT, **judged).id)
+            for iteration, slot in product(range(2), range(2)):
+                best = {"loss": 1.5 + slot, "parameters": [0.0, 1.0], "evaluations": 24000}
+                add(session, Slot, run, iteration=iteration, slot=slot, **best, worker=f"worker-{slot}")
         return calibration.id, results
 
 

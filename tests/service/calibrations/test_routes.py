@@ -8,7 +8,6 @@ from service.platform.db.calibrations import Calibration, CalibrationRun, Corres
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Sensor
 from tests.service.detections.seeding import seed_answer, seed_marking, seed_rig
-from tests.support.databases import one_database
 
 pytestmark = pytest.mark.usefixtures("broker")
 
@@ -337,7 +336,6 @@ def test_the_paper_preset_means_its_own_form_and_bounds(api, engineer, rig):
     assert documents(api, named.json()["id"])[("pinhole", -1)]["search"] == "rotation_vector"
 
 
-@one_database
 @pytest.mark.parametrize(
     ("body", "code", "says"),
     [

@@ -7,7 +7,6 @@ from service.calibrations.work_rules import LONGEST_SLOT_S, MOST_FITTED_PAIRS, M
 from service.platform.db.models import Calibration, CalibrationRun, CorrespondenceSet, Job
 from service.platform.settings import get_settings
 from tests.faults.jobs import pairs
-from tests.support.databases import one_database
 from tests.support.uploads import new_vehicle
 
 pytestmark = pytest.mark.usefixtures("broker")
@@ -49,7 +48,6 @@ def test_the_largest_schedule_is_refused_and_nothing_is_made(api, ask):
     assert made(api) == [0, 0, 0]
 
 
-@one_database
 def test_what_is_too_much_is_said_with_what_to_lower(api, ask, monkeypatch):
     with api.database.writing() as session:
         session.execute(update(CorrespondenceSet).values(count=100_000))
@@ -74,7 +72,6 @@ def test_what_is_too_much_is_said_with_what_to_lower(api, ask, monkeypatch):
     assert made(api)[0] == 1
 
 
-@one_database
 def test_a_run_that_is_too_long_for_one_job_is_cut_whatever_is_asked(api, ask):
     with api.database.writing() as session:
         session.execute(update(CorrespondenceSet).values(count=100_000))

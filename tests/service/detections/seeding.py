@@ -10,20 +10,12 @@ from sqlalchemy.orm import Session
 from service.platform.db.annotations import Answer
 from service.platform.db.base import Json
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.platform.db.fleets import Rig, RigCamera, Vehicle
-from service.platform.db.ids import new_id
+from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.platform.db.recordings import Blob, CameraFrame, Recording, Sensor
 from service.platform.db.session import Database
+from tests.support.rows import add, make
 
-WIDTH, HEIGHT = 640, 480
 SECOND = 10**9
-
-LEVEL = {
-    "to_frame": "camera_front_optical",
-    "from_frame": "velodyne",
-    "rotation": {"matrix": [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]},
-    "translation_m": [0.0, -0.1, -0.2],
-}
 
 
 @dataclass(frozen=True)
@@ -45,126 +37,43 @@ def seed_rig(
 ) -> Rig:
     """A vehicle with a rig of one camera, `front`, that looks where the LiDAR does."""
     with database.writing() as session:
-        vehicle = Vehicle(fleet_id=fleet_id, name="car")
-        session.add(vehicle)
-        session.flush()
-        rig = Rig(
-            fleet_id=fleet_id,
-            vehicle_id=vehicle.id,
-            name="roof",
-            lidar_frame="velodyne",
-            T_vehicle_lidar=T_vehicle_lidar,
-        )
-        session.add(rig)
-        session.flush()
-        session.add(
-            RigCamera(
-                rig_id=rig.id,
-                position=0,
-                name="front",
-                frame="camera_front_optical",
-                image_width=WIDTH,
-                image_height=HEIGHT,
-                nominal=LEVEL,
-                bounds=bounds or {},
-            )
-        )
+        vehicle = add(session, Vehicle, session.get_one(Fleet, fleet_id))
+        rig = add(session, Rig, vehicle, T_vehicle_lidar=T_vehicle_lidar)
+        add(session, RigCamera, rig, bounds=bounds or {})
         return rig
 
 
 def seed_recording(database: Database, rig: Rig, frames: int, marks_per_vertex: int = 1) -> tuple[UUID, UUID]:
     """A ready recording of 10 Hz with `frames` frames of the camera; returns its id and the camera's."""
     with database.writing() as session:
-        recording = Recording(
-            fleet_id=rig.fleet_id,
-            vehicle_id=rig.vehicle_id,
-            rig_id=rig.id,
-            name="walk",
-            file_name="walk.bag",
-            state="ready",
-            marks_per_vertex=marks_per_vertex,
-        )
-        session.add(recording)
-        session.flush()
-        sensors = []
+        recording = add(session, Recording, rig, marks_per_vertex=marks_per_vertex)
         for name, kind in (("lidar", "lidar"), ("front", "camera")):
-            session.add(Blob(key=f"{recording.id}/{name}", state="stored"))
-            session.flush()
-            sensors.append(
-                Sensor(
-                    recording_id=recording.id,
-                    kind=kind,
-                    name=name,
-                    topic=f"/{name}",
-                    frame_id=name,
-                    blob_key=f"{recording.id}/{name}",
-                    count=frames,
-                    first_ns=0,
-                    last_ns=frames * SECOND // 10,
-                    facts={},
-                )
-            )
-        session.add_all(sensors)
-        session.flush()
-        camera = sensors[1]
-        session.add_all(
-            CameraFrame(
-                sensor_id=camera.id,
-                index=index,
-                stamp_ns=index * SECOND // 10,
-                offset=0,
-                length=1,
-                media_type="image/jpeg",
-                width=WIDTH,
-                height=HEIGHT,
-            )
-            for index in range(frames)
-        )
-        return recording.id, camera.id
+            blob = add(session, Blob, key=f"{recording.id}/{name}")
+            named = {"kind": kind, "name": name, "topic": f"/{name}", "frame_id": name}
+            span = {"count": frames, "last_ns": frames * SECOND // 10}
+            sensor = add(session, Sensor, recording, blob_key=blob.key, **named, **span)
+        session.add_all(make(CameraFrame, sensor, index=n, stamp_ns=n * SECOND // 10) for n in range(frames))
+        return recording.id, sensor.id
 
 
 def seed_detection(database: Database, fleet_id: UUID, recording_id: UUID, apexes: list[UUID]) -> UUID:
     """A finished detection that found a vertex for each apex, in the order of their ranks."""
     with database.writing() as session:
-        detection = Detection(
-            fleet_id=fleet_id,
-            recording_id=recording_id,
-            region={"quantity": "x", "op": ">", "value": 0.0},
-            detector="tolerant",
-            options={},
-            pairing={"mode": "nearest", "offset_ns": 0, "max_gap_ns": 50_000_000},
-            content_hash="0" * 64,
-            state="done",
-            remaining=0,
-            counts={},
-        )
-        session.add(detection)
-        session.flush()
+        recording = session.get_one(Recording, recording_id)
+        pairing = {"mode": "nearest", "offset_ns": 0, "max_gap_ns": 50_000_000}
+        detection = add(session, Detection, recording, pairing=pairing)
         camera = session.query(Sensor).filter_by(recording_id=recording_id, name="front").one()
         known = {apex.id: apex for apex in session.query(Apex).filter_by(recording_id=recording_id)}
-        vertices = [
-            Vertex(
-                id=new_id(),
-                detection_id=detection.id,
-                apex_id=apex_id,
-                rank=rank,
-                sweep_index=known[apex_id].sweep_index,
-                time_ns=known[apex_id].sweep_index * SECOND // 10,
-                x=known[apex_id].x,
-                y=known[apex_id].y,
-                z=known[apex_id].z,
-                ring=7,
-                points=2,
-            )
-            for rank, apex_id in enumerate(apexes)
-        ]
-        session.add_all(vertices)
+        rows = [vertex_of(detection, known[apex_id], rank) for rank, apex_id in enumerate(apexes)]
+        session.add_all(rows)
         session.flush()
-        session.add_all(
-            VertexFrame(vertex_id=row.id, sensor_id=camera.id, frame_index=row.sweep_index, gap_ns=row.rank)
-            for row in vertices
-        )
+        session.add_all(make(VertexFrame, row, camera, frame_index=row.sweep_index, gap_ns=row.rank) for row in rows)
         return detection.id
+
+
+def vertex_of(detection: Detection, apex: Apex, rank: int) -> Vertex:
+    where = {"sweep_index": apex.sweep_index, "time_ns": apex.sweep_index * SECOND // 10}
+    return make(Vertex, detection, apex, rank=rank, x=apex.x, y=apex.y, z=apex.z, **where)
 
 
 def seed_apexes(database: Database, recording_id: UUID, count: int) -> list[UUID]:

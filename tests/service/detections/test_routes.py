@@ -7,7 +7,6 @@ from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Recording
 from tests.service.detections.seeding import seed_marking, seed_recording, seed_rig
-from tests.support.databases import one_database
 
 pytestmark = pytest.mark.usefixtures("broker")
 
@@ -78,7 +77,6 @@ def test_the_same_request_sent_again_makes_one_detection(api, fleet, engineer):
         assert session.query(Detection).count() == 1
 
 
-@one_database
 @pytest.mark.parametrize(
     ("change", "code", "says"),
     [

@@ -16,7 +16,6 @@ from service.platform.db.calibrations import Result
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
 from tests.service.detections.seeding import seed_rig
 from tests.service.exports.rigs import rig_of
-from tests.support.databases import one_database
 
 URDF = (
     '<robot name="car"><link name="velodyne"/><link name="camera_front_optical"/>\n<joint name="mount" type="fixed">'
@@ -72,7 +71,6 @@ def test_what_carries_no_lens_takes_the_mount_for_the_lens_that_the_vehicle_uses
     assert (SENTENCE in note) == (explains != "none")
 
 
-@one_database
 def test_the_answer_says_with_which_lens_a_mount_holds(api, fleet):
     rig = seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
     _, (full, _) = seed_results(api, rig)

@@ -14,10 +14,11 @@ from sqlalchemy import select
 from apexcal.geometry.se3 import SE3, from_document
 from service.platform.db.fleets import RigCamera
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
-from tests.service.detections.seeding import LEVEL, seed_rig
+from tests.service.detections.seeding import seed_rig
 from tests.service.exports.readers import joints
 from tests.service.exports.test_routes import URDF
 from tests.support.databases import one_database
+from tests.support.rows import LEVEL
 
 pytestmark = one_database
 R = Rotation.from_rotvec(np.radians([0.7, -0.9, 0.4])).as_matrix()

@@ -14,9 +14,10 @@ from service.exports.urdf_tree import read_joints
 from service.imports.drafting import urdf_tree
 from service.platform.db.recordings import Recording
 from tests.service.calibrations.test_results import DOCUMENT, current_address, seed_results
-from tests.service.detections.seeding import LEVEL, seed_recording, seed_rig
+from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.publications.given import publish
 from tests.support.databases import one_database
+from tests.support.rows import LEVEL
 
 pytestmark = one_database
 

@@ -14,7 +14,6 @@ from sqlalchemy import event
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.http.limits import ConcurrencyLimiter
 from tests.service.detections.seeding import seed_rig
-from tests.support.databases import one_database
 from tests.support.people import Api
 
 COUNT = 40_000
@@ -76,7 +75,6 @@ def peak_of_this_process() -> int:
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) * 1024
 
 
-@one_database
 def test_twelve_at_once_cost_little_more_than_a_few(served: tuple[Api, str]) -> None:
     """Before, each took 17 MiB for 1 MB of numbers, and all twelve at once."""
     api, url = served
@@ -102,7 +100,6 @@ def test_twelve_at_once_cost_little_more_than_a_few(served: tuple[Api, str]) -> 
     assert peak_of_this_process() - before < 150 * MIB
 
 
-@one_database
 def test_who_finds_no_place_waits_and_is_then_told(served: tuple[Api, str]) -> None:
     api, url = served
     api.app.state.long_answers = ConcurrencyLimiter(1, 1, 0.2)
@@ -128,7 +125,6 @@ def test_imports_share_places_too(api: Api, given: bytes) -> None:
     assert engineer.post(path, content=given, headers=headers).json()["code"] == "busy"
 
 
-@one_database
 def test_bodies_that_are_still_on_their_way_hold_no_place_of_an_import(served: tuple[Api, str]) -> None:
     api, url = served
     api.app.state.imports = ConcurrencyLimiter(1, 1, 0.2)

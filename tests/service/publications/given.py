@@ -7,9 +7,9 @@ from datetime import datetime
 from sqlalchemy import update
 
 from service.platform.db.calibrations import CorrespondenceSet
-from service.platform.db.fleets import Rig, RigCamera
+from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from tests.service.calibrations.test_results import seed_results
-from tests.service.detections.seeding import LEVEL
+from tests.support.rows import add
 
 
 def publish(api, rig, reviewer, **body):
@@ -37,17 +37,9 @@ def history(actor, rig, alias="current"):
 def another_rig(api, rig, name, **changed):
     """A later rig of the same vehicle with the same camera; ``serial`` and ``lidar_serial`` of its sensors."""
     with api.database.writing() as session:
-        made = Rig(
-            fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, name=name, lidar_frame=rig.lidar_frame,
-            lidar_serial=changed.get("lidar_serial"),
-        )  # fmt: skip
-        session.add(made)
-        session.flush()
-        camera = RigCamera(
-            rig_id=made.id, position=0, name="front", frame="camera_front_optical", image_width=640, image_height=480,
-            nominal=LEVEL, bounds={}, serial=changed.get("serial"),
-        )  # fmt: skip
-        session.add(camera)
+        vehicle = session.get_one(Vehicle, rig.vehicle_id)
+        made = add(session, Rig, vehicle, name=name, lidar_serial=changed.get("lidar_serial"))
+        add(session, RigCamera, made, serial=changed.get("serial"))
         return made
 
 

@@ -9,18 +9,15 @@ from service.platform.db.calibrations import Calibration, CalibrationRun, Result
 from service.platform.db.fleets import RigCamera
 from service.platform.db.ids import new_id
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
-from tests.service.detections.seeding import LEVEL, seed_rig
+from tests.service.detections.seeding import seed_rig
+from tests.support.rows import add
 
 
 @pytest.fixture
 def rig(api, fleet):
     rig = seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
     with api.database.writing() as session:
-        rear = RigCamera(
-            rig_id=rig.id, position=1, name="rear", frame="camera_rear_optical", nominal=LEVEL, bounds={}
-        )
-        rear.image_width, rear.image_height = 640, 480
-        session.add(rear)
+        add(session, RigCamera, rig, position=1, name="rear", frame="camera_rear_optical")
     return rig
 
 

@@ -11,8 +11,8 @@ from service.platform.db.fleets import Rig, RigCamera
 from service.platform.db.publications import Publication
 from service.publications import routes
 from tests.service.calibrations.test_results import FOUND, NEWER, current_address, failed, seed_results
-from tests.service.detections.seeding import LEVEL
 from tests.service.publications.given import history, publish, same_moment, withdraw
+from tests.support.rows import LEVEL
 
 
 def addresses(rig):

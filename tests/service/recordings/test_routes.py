@@ -34,21 +34,11 @@ from service.recordings.actions import delete_recording
 from service.recordings.retention import delete_overdue
 from tests.service.detections.seeding import answered, seed_recording, seed_rig
 from tests.support.people import Api
+from tests.support.rows import add
 from tests.support.uploads import new_recording, upload
 
-KEPT = {
-    "alembic_version",
-    "fleet",
-    "vehicle",
-    "rig",
-    "rig_camera",
-    "person",
-    "membership",
-    "api_token",
-    "job",
-    "job_event",
-    "blob",
-}
+KEPT = {"alembic_version", "fleet", "vehicle", "rig", "rig_camera", "person", "membership", "api_token", "job"}
+KEPT |= {"job_event", "blob"}
 
 
 @pytest.fixture
@@ -67,20 +57,15 @@ def add_camera(api: Api, recording: dict, images: list[bytes]) -> Sensor:
     api.app.state.store.put_bytes(key, b"head" + b"".join(images))
     stamps = [index * 66_000_000 for index in range(len(images))]
     with api.database.writing() as session:
-        session.add(Blob(key=key, state="stored"))
-        session.flush()
-        sensor = Sensor(id=new_id(), recording_id=UUID(recording["id"]), kind="camera")
-        sensor.name, sensor.topic, sensor.frame_id, sensor.blob_key = "front", "/image", "front_optical", key
-        sensor.count, sensor.first_ns, sensor.last_ns, sensor.facts = len(images), stamps[0], stamps[-1], {}
-        session.add(sensor)
-        session.flush()
+        row = session.get_one(Recording, UUID(recording["id"]))
+        add(session, Blob, key=key)
+        sensor = add(session, Sensor, row, blob_key=key, count=len(images), last_ns=stamps[-1])
         offset = 4
         for index, image in enumerate(images):
-            frame = CameraFrame(sensor_id=sensor.id, index=index, stamp_ns=stamps[index], offset=offset)
-            frame.length, frame.media_type, frame.width, frame.height = len(image), "image/jpeg", 1280, 720
-            session.add(frame)
+            where = {"index": index, "stamp_ns": stamps[index], "offset": offset, "length": len(image)}
+            add(session, CameraFrame, sensor, **where)
             offset += len(image)
-        session.execute(update(Recording).values(state="ready"))
+        row.state = "ready"
     return sensor
 
 
@@ -94,8 +79,8 @@ def test_frames_are_byte_ranges_and_cached_for_ever(api: Api, engineer, recordin
         "index": 1,
         "stamp_ns": 66_000_000,
         "media_type": "image/jpeg",
-        "width": 1280,
-        "height": 720,
+        "width": 640,
+        "height": 480,
     }
     assert len(engineer.get(path, params={"limit": 5000}).json()["items"]) == 12
     for index in (0, 7, 11):
@@ -204,36 +189,23 @@ def calibrated(api: Api, engineer, recording: dict) -> Result:
     sensor = add_camera(api, recording, [b"image"])
     with api.database.writing() as session:
         row = session.get_one(Recording, sensor.recording_id)
-        owned = {"fleet_id": row.fleet_id, "recording_id": row.id}
-        detection = Detection(id=new_id(), **owned, region={}, detector="strict", options={}, pairing={})
-        detection.content_hash = "0"
-        apex = Apex(id=new_id(), recording_id=row.id, sweep_index=0, x=1, y=0, z=0)
-        session.add_all([detection, apex])
-        session.flush()
-        vertex = Vertex(id=new_id(), detection_id=detection.id, apex_id=apex.id, rank=0, sweep_index=0, time_ns=0)
-        vertex.x, vertex.y, vertex.z, vertex.ring, vertex.points = 1, 0, 0, 3, 1
+        detection, apex = add(session, Detection, row, state="queued"), add(session, Apex, row)
+        add(session, Vertex, detection, apex)
         said = answered(row.id, engineer.person_id, sensor.id, 0, "confirmed", (1.0, 2.0))
-        mark = Answer(apex_id=apex.id, **said)
-        pairs = CorrespondenceSet(id=new_id(), **owned, vehicle_id=row.vehicle_id, rig_id=row.rig_id, camera="front")
-        pairs.detection_id, pairs.source, pairs.content_hash = detection.id, "annotations", "0"
-        pairs.count, pairs.pairs = 0, {}
-        calibration = Calibration(id=new_id(), fleet_id=row.fleet_id, vehicle_id=row.vehicle_id, rig_id=row.rig_id)
-        calibration.request, calibration.content_hash = {}, "0"
-        calibration.remaining, calibration.publish = 1, "none"
-        session.add_all([vertex, mark, pairs, calibration])
-        session.flush()
-        run = CalibrationRun(id=new_id(), fleet_id=row.fleet_id, calibration_id=calibration.id, set_id=pairs.id)
-        run.camera, run.model, run.fold, run.farm, run.slots, run.bundle = "front", "pinhole", -1, "runs", 1, 1
-        run.problem = {}
-        session.add(run)
-        session.flush()
-        result = Result(id=new_id(), fleet_id=row.fleet_id, calibration_id=calibration.id, run_id=run.id)
-        result.camera, result.model, result.fold, result.document = "front", "pinhole", -1, {}
-        slot = Slot(run_id=run.id, iteration=0, slot=0, loss=1, parameters=[], evaluations=1, seconds=1, worker="w")
-        session.add_all([result, slot])
+        add(session, Answer, apex_id=apex.id, **said)
+        pairs = add(session, CorrespondenceSet, row, detection, source="annotations")
+        calibration = add(session, Calibration, row, state="queued", remaining=1)
+        run = add(session, CalibrationRun, calibration, pairs)
+        result = add(session, Result, run)
+        add(session, Slot, run)
         enqueue(session, kind="detect", fleet_id=row.fleet_id, subject_id=detection.id)
         enqueue(session, kind="solve", fleet_id=row.fleet_id, subject_id=run.id)
     return result
+
+
+def publish(session, result: Result) -> None:
+    calibration = session.get_one(Calibration, result.calibration_id)
+    add(session, Publication, calibration, result, led_to=result.id)
 
 
 def rows(api: Api) -> dict[str, int]:
@@ -265,10 +237,7 @@ def test_deleting_takes_all_that_came_from_it(api: Api, engineer, recording) -> 
 def test_a_calibration_in_use_is_not_lost_by_accident(api: Api, engineer, recording) -> None:
     result = calibrated(api, engineer, recording)
     with api.database.writing() as session:
-        publication = Publication(fleet_id=result.fleet_id, camera="front", alias="current", number=1)
-        publication.result_id = publication.led_to = result.id
-        publication.vehicle_id = session.get_one(Calibration, result.calibration_id).vehicle_id
-        session.add(publication)
+        publish(session, result)
     before = rows(api)
     refused = engineer.delete(f"/recordings/{recording['id']}")
     assert (refused.status_code, refused.json()["code"]) == (409, "calibration_in_use")
@@ -292,10 +261,7 @@ def test_what_was_to_go_goes_by_itself(api: Api, engineer, recording) -> None:
     with api.database.writing() as session:
         late = update(Recording).where(Recording.id == UUID(recording["id"]))
         session.execute(late.values(retain_until=utc_now() - timedelta(seconds=1)))
-        publication = Publication(fleet_id=result.fleet_id, camera="front", alias="current", number=1)
-        publication.result_id = publication.led_to = result.id
-        publication.vehicle_id = UUID(recording["vehicle_id"])
-        session.add(publication)
+        publish(session, result)
     for _ in range(2):
         assert delete_overdue(api.database) == 0
     assert len(engineer.get(f"/recordings/{recording['id']}").json()["warnings"]) == 1

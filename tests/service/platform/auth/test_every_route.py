@@ -7,7 +7,6 @@ from sqlalchemy import func, select
 
 from apexcal.documents.roles import ROLES
 from service.platform.db.clock import utc_now
-from service.platform.db.ids import new_id
 from service.platform.db.models import (
     Analysis,
     Apex,
@@ -19,6 +18,7 @@ from service.platform.db.models import (
     CameraFrame,
     CorrespondenceSet,
     Detection,
+    Fleet,
     FleetRequest,
     Job,
     MarkingTask,
@@ -34,6 +34,7 @@ from service.platform.db.models import (
 from tests.service.calibrations.test_results import DOCUMENT
 from tests.support.databases import one_database
 from tests.support.people import Api
+from tests.support.rows import add
 from tests.support.uploads import RIG
 
 pytestmark = one_database
@@ -102,122 +103,37 @@ def routes(api: Api) -> list[tuple[str, str, dict]]:
 
 def fill(session, fleet_id) -> dict[str, str]:
     """One row of every table that belongs to the fleet, by the first word of its route."""
-    vehicle = Vehicle(id=new_id(), fleet_id=fleet_id, name="van")
-    rig = Rig(id=new_id(), fleet_id=fleet_id, vehicle_id=vehicle.id, name="roof", lidar_frame="velodyne")
-    recording = Recording(
-        id=new_id(),
-        fleet_id=fleet_id,
-        vehicle_id=vehicle.id,
-        rig_id=rig.id,
-        name="drive",
-        file_name="drive.bag",
-        state="ready",
-    )
-    blob = Blob(key=f"recordings/{recording.id}/front", state="stored")
-    sensor = Sensor(
-        id=new_id(),
-        recording_id=recording.id,
-        kind="camera",
-        name="front",
-        topic="/front",
-        frame_id="front",
-        blob_key=blob.key,
-        count=1,
-        first_ns=0,
-        last_ns=0,
-        facts={},
-    )
-    frame = CameraFrame(
-        sensor_id=sensor.id, index=0, stamp_ns=0, offset=0, length=1, media_type="image/png", width=1, height=1
-    )
-    job = Job(fleet_id=fleet_id, kind="ingest", queue="ingest", subject_id=recording.id)
-    for row in (vehicle, rig, blob, recording, sensor, frame, job):
-        session.add(row)
-        session.flush()
-    made = {"fleets": fleet_id, "vehicles": vehicle.id, "rigs": rig.id, "recordings": recording.id, "jobs": job.id}
-    return {room: str(value) for room, value in (made | found(session, recording, rig, sensor)).items()}
-
-
-def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, object]:
-    """What detection, marking and calibration leave of a recording."""
-    owned = {"fleet_id": recording.fleet_id, "recording_id": recording.id}
-    detection = Detection(
-        id=new_id(),
-        **owned,
-        region={"quantity": "x", "op": ">", "value": 0.0},
-        detector="strict",
-        options={},
-        pairing={},
-        content_hash="0",
-        state="done",
-    )
-    analysis = Analysis(id=new_id(), **owned, vehicle_id=rig.vehicle_id, kind="suggestion", asked={})
-    apex = Apex(id=new_id(), recording_id=recording.id, sweep_index=0, x=1, y=0, z=0)
-    vertex = Vertex(
-        id=new_id(), detection_id=detection.id, apex_id=apex.id, rank=0, sweep_index=0, time_ns=0, x=1, y=0, z=0
-    )
-    vertex.ring, vertex.points = 3, 1
-    pairs = CorrespondenceSet(
-        id=new_id(), **owned, vehicle_id=rig.vehicle_id, rig_id=rig.id, camera="front", source="import"
-    )
-    pairs.content_hash, pairs.count, pairs.pairs = "0", 0, {}
-    calibration = Calibration(
-        id=new_id(), fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, rig_id=rig.id, request={}, content_hash="0"
-    )
-    calibration.remaining, calibration.publish = 1, "none"
-    run = CalibrationRun(
-        id=new_id(), fleet_id=rig.fleet_id, calibration_id=calibration.id, set_id=pairs.id, camera="front", fold=-1
-    )
-    run.model, run.farm, run.slots, run.bundle, run.problem = "pinhole", "runs", 1, 1, {"seed": 1}
-    result = Result(id=new_id(), fleet_id=rig.fleet_id, calibration_id=calibration.id, run_id=run.id, camera="front")
-    result.model, result.fold, result.document = "pinhole", -1, DOCUMENT
-    person = session.scalars(select(Person)).first()
-    token = ApiToken(id=new_id(), secret_hash="0", name="t", person_id=person.id, fleet_id=rig.fleet_id)
-    task = MarkingTask(
-        id=new_id(), detection_id=detection.id, vertex_id=vertex.id, sensor_id=sensor.id, person_id=person.id
-    )
-    task.leased_until = utc_now()
-    request = FleetRequest(
-        id=new_id(),
-        fleet_id=rig.fleet_id,
-        asked={"vehicles": {}, "calibration": {"publish": "none"}},
-        state="done",
-        matched=1,
-        remaining=0,
-        wave=0,
-    )
-    publication = Publication(
-        id=new_id(), fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, camera="front", alias="current", number=1
-    )
-    publication.result_id = publication.led_to = result.id
-    own = (
-        detection,
-        analysis,
-        apex,
-        vertex,
-        pairs,
-        calibration,
-        run,
-        result,
-        publication,
-        token,
-        task,
-    )
-    for row in (*own, request):
-        session.add(row)
-        session.flush()
-    return {
-        "detections": detection.id,
-        "analyses": analysis.id,
-        "vertices": vertex.id,
-        "correspondence-sets": pairs.id,
-        "calibrations": calibration.id,
-        "results": result.id,
-        "publications": publication.id,
-        "tokens": token.id,
-        "tasks": task.id,
-        "fleet-requests": request.id,
+    fleet, person = session.get_one(Fleet, fleet_id), session.scalars(select(Person)).first()
+    vehicle = add(session, Vehicle, fleet, name="van")
+    rig = add(session, Rig, vehicle)
+    recording = add(session, Recording, rig)
+    blob = add(session, Blob, key=f"recordings/{recording.id}/front")
+    sensor = add(session, Sensor, recording, blob_key=blob.key)
+    add(session, CameraFrame, sensor)
+    detection = add(session, Detection, recording)
+    vertex = add(session, Vertex, detection, add(session, Apex, recording))
+    pairs = add(session, CorrespondenceSet, recording)
+    calibration = add(session, Calibration, rig, state="queued", remaining=1)
+    run = add(session, CalibrationRun, calibration, pairs, problem={"seed": 1})
+    result = add(session, Result, run, document=DOCUMENT)
+    made = {
+        "fleets": fleet,
+        "vehicles": vehicle,
+        "rigs": rig,
+        "recordings": recording,
+        "jobs": add(session, Job, fleet, subject_id=recording.id),
+        "detections": detection,
+        "analyses": add(session, Analysis, recording, kind="suggestion", asked={}),
+        "vertices": vertex,
+        "correspondence-sets": pairs,
+        "calibrations": calibration,
+        "results": result,
+        "publications": add(session, Publication, vehicle, result, led_to=result.id),
+        "tokens": add(session, ApiToken, person, fleet, secret_hash="0", name="t"),
+        "tasks": add(session, MarkingTask, vertex, sensor, person, leased_until=utc_now()),
+        "fleet-requests": add(session, FleetRequest, fleet),
     }
+    return {room: str(row.id) for room, row in made.items()}
 
 
 def address(path: str, rows: dict[str, str]) -> str:

@@ -5,12 +5,17 @@ Ids are numbers written as UUIDs, so rows of one number belong together and sort
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from typing import Any
 from uuid import UUID
 
 from sqlalchemy import Connection, text
 
+from service.platform.db import models
+from service.platform.db.base import Base
 from service.platform.db.session import Database
+from tests.support.rows import USUAL
 
 # Rows of one kind begin here, so that no two tables share an id.
 FLEET, PERSON, VEHICLE, RIG = (UUID(int=kind << 96) for kind in range(1, 5))
@@ -24,9 +29,8 @@ RUNS_OF_A_CALIBRATION = 4
 _MINUTE = 60_000_000
 _APART = 20_000_000
 _SENT_JOBS = 20
-_NOT_NULL_JSON = "'{}'"
 # What a vehicle's document takes from a result.
-_RESULT_JSON = """'{"intrinsics": {}, "transform": {}, "polished": {"mean_px": 1.0, "rms_px": 1.0}}'"""
+_RESULT_JSON = {"intrinsics": {}, "transform": {}, "polished": {"mean_px": 1.0, "rms_px": 1.0}}
 
 
 @dataclass(frozen=True)
@@ -60,24 +64,32 @@ class _Filler:
         """SQL of a moment: the last of ``count`` rows is the newest."""
         return f"({self._now_us - newest_minutes_ago * _MINUTE} - ({count} - ({number})) * {_APART})"
 
-    def bool(self, value: bool) -> str:
-        return str(value).lower() if self._postgresql else str(int(value))
+    def literal(self, value: Any) -> str:
+        """SQL of a Python value."""
+        if isinstance(value, bool):
+            return str(value).lower() if self._postgresql else str(int(value))
+        if isinstance(value, int | float):
+            return str(value)
+        return f"'{value if isinstance(value, str) else json.dumps(value)}'"
 
-    def fill(self, table: str, count: int, columns: dict[str, str]) -> None:
-        """Rows 0 to ``count`` - 1, each column by its SQL of ``n``."""
+    def fill(self, table: type[Base], rows: int, **columns: str) -> None:
+        """Rows 0 to ``rows`` - 1, each column by its SQL of ``n``; columns that are not named hold the usual."""
+        usual: dict[str, Any] = {}
+        for column in table.__table__.columns:
+            default = column.default
+            if default is not None and not column.primary_key and default.is_scalar:
+                usual[column.name] = default.arg
+            elif default is not None and default.is_callable and default.arg.__name__ in ("list", "dict"):
+                usual[column.name] = [] if default.arg.__name__ == "list" else {}
+        sql = {name: self.literal(value) for name, value in (usual | USUAL.get(table, {})).items()} | columns
         series = (
-            f"WITH g(n) AS (SELECT * FROM generate_series(0::bigint, {count - 1}))"
+            f"WITH g(n) AS (SELECT * FROM generate_series(0::bigint, {rows - 1}))"
             if self._postgresql
-            else f"WITH RECURSIVE g(n) AS (SELECT 0 UNION ALL SELECT n + 1 FROM g WHERE n < {count - 1})"
+            else f"WITH RECURSIVE g(n) AS (SELECT 0 UNION ALL SELECT n + 1 FROM g WHERE n < {rows - 1})"
         )
-        names = ", ".join(f'"{name}"' for name in columns)
-        self._connection.execute(
-            text(
-                f"{series} INSERT INTO {table} ({names}) SELECT {', '.join(columns.values())} FROM g".replace(
-                    ":", "\\:"
-                )
-            )
-        )
+        names = ", ".join(f'"{name}"' for name in sql)
+        statement = f"{series} INSERT INTO {table.__tablename__} ({names}) SELECT {', '.join(sql.values())} FROM g"
+        self._connection.execute(text(statement.replace(":", "\\:")))
 
 
 def fill(database: Database, size: Size) -> None:
@@ -101,40 +113,22 @@ def fill(database: Database, size: Size) -> None:
 
 
 def _fleets(filler: _Filler, size: Size) -> None:
-    at = filler.at(10_000_000)
+    at = {"created_at": filler.at(10_000_000)}
+    filler.fill(models.Person, 3, id=filler.id(2), name="'person ' || n", **at)
     for kind, name in ((1, "busy"), (_QUIET_FLEET, "quiet")):
-        filler.fill("fleet", 1, {"id": filler.id(kind), "name": f"'{name}'", "version": "1", "created_at": at})
+        filler.fill(models.Fleet, 1, id=filler.id(kind), name=f"'{name}'", **at)
+        member = {"person_id": filler.id(2), "fleet_id": filler.id(kind, "0"), "role": "'engineer'"}
+        filler.fill(models.Membership, 3, **member, **at)
+    common = {"fleet_id": filler.id(1, "0"), **at}
+    filler.fill(models.Vehicle, size.vehicles, id=filler.id(3), name="'car ' || n", **common)
+    filler.fill(models.Rig, size.vehicles, id=filler.id(4), vehicle_id=filler.id(3), **common)
     filler.fill(
-        "person",
-        3,
-        {"id": filler.id(2), "name": "'person ' || n", "is_owner": filler.bool(False), "created_at": at},
-    )
-    for fleet in (1, _QUIET_FLEET):
-        member = {
-            "person_id": filler.id(2),
-            "fleet_id": filler.id(fleet, "0"),
-            "role": "'engineer'",
-            "created_at": at,
-        }
-        filler.fill("membership", 3, member)
-    common = {"fleet_id": filler.id(1, "0"), "version": "1", "created_at": at}
-    filler.fill("vehicle", size.vehicles, {"id": filler.id(3), "name": "'car ' || n", **common})
-    rig = {"id": filler.id(4), "vehicle_id": filler.id(3), "name": "'roof'", "lidar_frame": "'velodyne'", **common}
-    filler.fill("rig", size.vehicles, rig)
-    filler.fill(
-        "rig_camera",
+        models.RigCamera,
         2 * size.vehicles,
-        {
-            "id": filler.id(_CAMERA),
-            "rig_id": filler.id(4, "n / 2"),
-            "position": "n % 2",
-            "name": "CASE n % 2 WHEN 0 THEN 'front' ELSE 'rear' END",
-            "frame": "'optical'",
-            "image_width": "640",
-            "image_height": "480",
-            "nominal": _NOT_NULL_JSON,
-            "bounds": _NOT_NULL_JSON,
-        },
+        id=filler.id(_CAMERA),
+        rig_id=filler.id(4, "n / 2"),
+        position="n % 2",
+        name="CASE n % 2 WHEN 0 THEN 'front' ELSE 'rear' END",
     )
 
 
@@ -142,195 +136,85 @@ def _calibrations(filler: _Filler, size: Size) -> None:
     """Each vehicle in turn: a set of one camera, a calibration from it, four runs of that, and their results."""
     count, of_vehicle = size.calibrations, f"n % {size.vehicles}"
     camera = f"CASE (n / {size.vehicles}) % 2 WHEN 0 THEN 'front' ELSE 'rear' END"
-    common = {
-        "fleet_id": filler.id(1, "0"),
-        "vehicle_id": filler.id(3, of_vehicle),
-        "rig_id": filler.id(4, of_vehicle),
-    }
-    at = filler.at(count=count)
+    fleet, at = {"fleet_id": filler.id(1, "0")}, filler.at(count=count)
+    common = {**fleet, "vehicle_id": filler.id(3, of_vehicle), "rig_id": filler.id(4, of_vehicle), "created_at": at}
     filler.fill(
-        "correspondence_set",
-        count,
-        {
-            "id": filler.id(_SET),
-            **common,
-            "camera": camera,
-            "source": "'import'",
-            "content_hash": "'hash ' || n",
-            "count": "0",
-            "pairs": _NOT_NULL_JSON,
-            "flagged": "0",
-            "notes": "'[]'",
-            "created_at": at,
-        },
+        models.CorrespondenceSet, count, id=filler.id(_SET), camera=camera, content_hash="'hash ' || n", **common
     )
-    filler.fill(
-        "calibration",
-        count,
-        {
-            "id": filler.id(_CALIBRATION),
-            **common,
-            "request": _NOT_NULL_JSON,
-            "content_hash": "'hash'",
-            "state": "'done'",
-            "remaining": "0",
-            "publish": "'recommended'",
-            "notes": "'[]'",
-            "summary": _NOT_NULL_JSON,
-            "created_at": at,
-            "finished_at": at,
-        },
-    )
+    asked = {"publish": "'recommended'", "summary": "'{}'", "finished_at": at}
+    filler.fill(models.Calibration, count, id=filler.id(_CALIBRATION), **asked, **common)
     one = f"n / {RUNS_OF_A_CALIBRATION}"
     its_camera = camera.replace("(n /", f"(({one}) /")
-    of_run = {
-        "fleet_id": filler.id(1, "0"),
-        "calibration_id": filler.id(_CALIBRATION, one),
-        "camera": its_camera,
-        "model": "'pinhole'",
-        "fold": f"n % {RUNS_OF_A_CALIBRATION} - 1",
-    }
     at = filler.at(number=one, count=count)
-    filler.fill(
-        "calibration_run",
-        size.runs,
-        {
-            "id": filler.id(_RUN),
-            **of_run,
-            "set_id": filler.id(_SET, one),
-            "farm": "'runs'",
-            "slots": "2",
-            "bundle": "2",
-            "problem": _NOT_NULL_JSON,
-            "state": "'done'",
-            "iteration": "2",
-            "remaining": "0",
-            "cancel_requested": filler.bool(False),
-            "created_at": at,
-            "finished_at": at,
-        },
-    )
-    document = {"document": _RESULT_JSON, "created_at": at}
-    filler.fill("result", size.runs, {"id": filler.id(_RESULT), **of_run, "run_id": filler.id(_RUN), **document})
+    of_run = {"calibration_id": filler.id(_CALIBRATION, one), "camera": its_camera, "created_at": at}
+    of_run |= {"fold": f"n % {RUNS_OF_A_CALIBRATION} - 1", **fleet}
+    ended = {"state": "'done'", "iteration": "2", "finished_at": at}
+    filler.fill(models.CalibrationRun, size.runs, id=filler.id(_RUN), set_id=filler.id(_SET, one), **ended, **of_run)
+    document = {"document": filler.literal(_RESULT_JSON)}
+    filler.fill(models.Result, size.runs, id=filler.id(_RESULT), run_id=filler.id(_RUN), **document, **of_run)
 
 
 def _published(filler: _Filler, size: Size) -> None:
     """Each calibration's first result was published; each round of all vehicles was a fleet request."""
-    count, of_vehicle = size.calibrations, f"n % {size.vehicles}"
-    camera = f"CASE (n / {size.vehicles}) % 2 WHEN 0 THEN 'front' ELSE 'rear' END"
+    count, requests = size.calibrations, size.calibrations // size.vehicles
+    fleet, vehicle = filler.id(1, "0"), filler.id(3, f"n % {size.vehicles}")
+    first = filler.id(_RESULT, f"n * {RUNS_OF_A_CALIBRATION}")
     filler.fill(
-        "publication",
+        models.Publication,
         count,
-        {
-            "id": filler.id(_PUBLICATION),
-            "fleet_id": filler.id(1, "0"),
-            "vehicle_id": filler.id(3, of_vehicle),
-            "camera": camera,
-            "alias": "'current'",
-            "number": "n + 1",
-            "result_id": filler.id(_RESULT, f"n * {RUNS_OF_A_CALIBRATION}"),
-            "led_to": filler.id(_RESULT, f"n * {RUNS_OF_A_CALIBRATION}"),
-            "created_at": filler.at(count=count),
-        },
+        id=filler.id(_PUBLICATION),
+        fleet_id=fleet,
+        vehicle_id=vehicle,
+        camera=f"CASE (n / {size.vehicles}) % 2 WHEN 0 THEN 'front' ELSE 'rear' END",
+        number="n + 1",
+        result_id=first,
+        led_to=first,
+        created_at=filler.at(count=count),
     )
-    requests = count // size.vehicles
     at = filler.at(number=f"n * {size.vehicles}", count=count)
-    counts = {"done": str(size.vehicles), "failed": "0", "cancelled": "0", "skipped": "0", "wave": str(size.vehicles)}
+    times = dict.fromkeys(("created_at", "started_at", "finished_at"), at)
+    counts = dict.fromkeys(("done", "matched", "wave"), str(size.vehicles))
+    filler.fill(models.FleetRequest, requests, id=filler.id(_REQUEST), fleet_id=fleet, **counts, **times)
     filler.fill(
-        "fleet_request",
-        requests,
-        {
-            "id": filler.id(_REQUEST),
-            "fleet_id": filler.id(1, "0"),
-            "asked": '\'{"vehicles": {}, "calibration": {"publish": "recommended"}}\'',
-            "state": "'done'",
-            "matched": str(size.vehicles),
-            "remaining": "0",
-            **counts,
-            "cancel_requested": filler.bool(False),
-            "created_at": at,
-            "started_at": at,
-            "finished_at": at,
-        },
-    )
-    filler.fill(
-        "fleet_request_vehicle",
+        models.FleetRequestVehicle,
         requests * size.vehicles,
-        {
-            "id": filler.id(_ASKED),
-            "fleet_request_id": filler.id(_REQUEST, f"n / {size.vehicles}"),
-            "vehicle_id": filler.id(3, of_vehicle),
-            "calibration_id": filler.id(_CALIBRATION),
-            "state": "'done'",
-            "finished_at": filler.at(count=count),
-        },
+        id=filler.id(_ASKED),
+        fleet_request_id=filler.id(_REQUEST, f"n / {size.vehicles}"),
+        vehicle_id=vehicle,
+        calibration_id=filler.id(_CALIBRATION),
+        state="'done'",
+        finished_at=filler.at(count=count),
     )
 
 
 def _work(filler: _Filler, size: Size) -> None:
     """A job for each run, all of one fleet; recordings with their blobs; answers to repeated requests."""
-    at = filler.at(number=f"n / {RUNS_OF_A_CALIBRATION}", count=size.calibrations)
+    fleet, at = filler.id(1, "0"), filler.at(number=f"n / {RUNS_OF_A_CALIBRATION}", count=size.calibrations)
     job = {"kind": "'solve'", "attempt": "1", "started_at": at}
-    ended = {
-        "id": "n + 1",
-        "fleet_id": filler.id(1, "0"),
-        **job,
-        "queue": "'solve'",
-        "subject_id": filler.id(_RUN),
-        "payload": _NOT_NULL_JSON,
-        "state": "'done'",
-        "lost": "0",
-        "sends": "1",
-        "send_after": at,
-        "cancel_requested": filler.bool(False),
-        "created_at": at,
-        "finished_at": at,
-    }
-    filler.fill("job", size.runs, ended)
+    ended = {"id": "n + 1", "fleet_id": fleet, **job, "queue": "'solve'", "subject_id": filler.id(_RUN)}
+    ended |= {"state": "'done'", "sends": "1", "send_after": at, "created_at": at, "finished_at": at}
+    filler.fill(models.Job, size.runs, **ended)
     # A few are sent and not claimed yet, so that nothing is skipped because there is no work.
-    tomorrow = filler.at(-24 * 60)
-    sent = {"id": f"n + {size.runs + 1}", "state": "'queued'", "send_after": tomorrow, "finished_at": "NULL"}
-    filler.fill("job", _SENT_JOBS, ended | sent)
-    told = {"what": "'done'", "at": at, "tallied": filler.bool(True)}
-    filler.fill("job_event", size.runs, {"id": "n + 1", "job_id": "n + 1", **job, **told})
-    count = size.runs // 20
-    at, of_vehicle = filler.at(count=count), f"n % {size.vehicles}"
+    sent = {"id": f"n + {size.runs + 1}", "state": "'queued'", "finished_at": "NULL"}
+    filler.fill(models.Job, _SENT_JOBS, **(ended | sent | {"send_after": filler.at(-24 * 60)}))
+    told = {"what": "'done'", "at": at, "tallied": filler.literal(True)}
+    filler.fill(models.JobEvent, size.runs, id="n + 1", job_id="n + 1", **job, **told)
+    count, of_vehicle = size.runs // 20, f"n % {size.vehicles}"
+    at = filler.at(count=count)
     filler.fill(
-        "recording",
+        models.Recording,
         count,
-        {
-            "id": filler.id(_RECORDING),
-            "fleet_id": filler.id(1, "0"),
-            "vehicle_id": filler.id(3, of_vehicle),
-            "rig_id": filler.id(4, of_vehicle),
-            "name": "'walk'",
-            "file_name": "'walk.bag'",
-            "state": "'ready'",
-            "size": "1",
-            "marks_per_vertex": "1",
-            "reading": _NOT_NULL_JSON,
-            "taken_bytes": "1",
-            "warnings": "'[]'",
-            "job_id": "n + 1",
-            "version": "1",
-            "created_at": at,
-        },
+        id=filler.id(_RECORDING),
+        fleet_id=fleet,
+        vehicle_id=filler.id(3, of_vehicle),
+        rig_id=filler.id(4, of_vehicle),
+        job_id="n + 1",
+        created_at=at,
     )
-    blob = {"key": "'blob/' || n", "state": "'stored'", "size": "1", "failed_removals": "0", "created_at": at}
-    filler.fill("blob", 2 * count, blob)
-    filler.fill(
-        "idempotency_key",
-        count,
-        {
-            "id": filler.id(_KEY),
-            "person_id": filler.id(2, "0"),
-            "key": "'key ' || n",
-            "request_hash": "'hash'",
-            "status": "202",
-            "body": _NOT_NULL_JSON,
-            "created_at": filler.at(number=f"n * 40000 / {count}", count=40_000),
-        },
-    )
+    filler.fill(models.Blob, 2 * count, key="'blob/' || n", created_at=at)
+    key = {"id": filler.id(_KEY), "person_id": filler.id(2, "0"), "key": "'key ' || n", "request_hash": "'hash'"}
+    key |= {"status": "202", "body": "'{}'", "created_at": filler.at(number=f"n * 40000 / {count}", count=40_000)}
+    filler.fill(models.IdempotencyKey, count, **key)
     if filler._postgresql:
         filler._connection.execute(text(f"SELECT setval('job_id_seq', {size.runs + _SENT_JOBS + 1})"))
         filler._connection.execute(text(f"SELECT setval('job_event_id_seq', {size.runs + 1})"))
@@ -338,113 +222,25 @@ def _work(filler: _Filler, size: Size) -> None:
 
 def _marking(filler: _Filler, size: Size) -> None:
     """A detection of the first recording: person 0 has answered all its vertices but the last ten."""
-    count, at = size.answered + 10, filler.at(100)
+    count, at = size.answered + 10, {"created_at": filler.at(100)}
+    recording, sensor, detection = (filler.id(kind, "0") for kind in (_RECORDING, _SENSOR, _DETECTION))
+    filler.fill(models.Sensor, 1, id=sensor, recording_id=recording, blob_key="'blob/0'", count=str(count))
+    filler.fill(models.Detection, 1, id=detection, fleet_id=filler.id(1, "0"), recording_id=recording, **at)
+    filler.fill(models.Apex, count, id=filler.id(_APEX), recording_id=recording, sweep_index="n")
+    vertex = {"id": filler.id(_VERTEX), "detection_id": detection, "apex_id": filler.id(_APEX), "rank": "n"}
+    filler.fill(models.Vertex, count, **vertex, sweep_index="n", time_ns="n")
     filler.fill(
-        "sensor",
-        1,
-        {
-            "id": filler.id(_SENSOR),
-            "recording_id": filler.id(_RECORDING),
-            "kind": "'camera'",
-            "name": "'front'",
-            "topic": "'/front'",
-            "frame_id": "'front'",
-            "blob_key": "'blob/0'",
-            "count": str(count),
-            "first_ns": "0",
-            "last_ns": "0",
-            "facts": _NOT_NULL_JSON,
-        },
+        models.VertexFrame, count, vertex_id=filler.id(_VERTEX), sensor_id=sensor, frame_index="n", gap_ns="0"
     )
-    filler.fill(
-        "detection",
-        1,
-        {
-            "id": filler.id(_DETECTION),
-            "fleet_id": filler.id(1, "0"),
-            "recording_id": filler.id(_RECORDING),
-            "region": _NOT_NULL_JSON,
-            "detector": "'tolerant'",
-            "options": _NOT_NULL_JSON,
-            "pairing": _NOT_NULL_JSON,
-            "content_hash": "'hash'",
-            "state": "'done'",
-            "remaining": "0",
-            "counts": _NOT_NULL_JSON,
-            "created_at": at,
-        },
-    )
-    tip = {"corner": "'top'"}
-    sweep = {"sweep_index": "n", "x": "1.0", "y": "1.0", "z": "1.0", **tip}
-    filler.fill("apex", count, {"id": filler.id(_APEX), "recording_id": filler.id(_RECORDING, "0"), **sweep})
-    filler.fill(
-        "vertex",
-        count,
-        {
-            "id": filler.id(_VERTEX),
-            "detection_id": filler.id(_DETECTION, "0"),
-            "apex_id": filler.id(_APEX),
-            "rank": "n",
-            "time_ns": "n",
-            **sweep,
-            "ring": "0",
-            "points": "10",
-            "flags": "'[]'",
-        },
-    )
-    frame = {"frame_index": "n", "gap_ns": "0"}
-    camera = {"sensor_id": filler.id(_SENSOR, "0")}
-    filler.fill("vertex_frame", count, {"vertex_id": filler.id(_VERTEX), **camera, **frame})
-    filler.fill(
-        "camera_frame",
-        count,
-        {
-            **camera,
-            "index": "n",
-            "stamp_ns": "n",
-            "offset": "0",
-            "length": "1",
-            "media_type": "'image/png'",
-            "width": "640",
-            "height": "480",
-        },
-    )
-    mine = {"person_id": filler.id(2, "0")}
-    filler.fill(
-        "answer",
-        size.answered,
-        {
-            "id": filler.id(_ANSWER),
-            "recording_id": filler.id(_RECORDING, "0"),
-            "apex_id": filler.id(_APEX),
-            **camera,
-            **mine,
-            **tip,
-            "frame_index": "n",
-            "verdict": "'confirmed'",
-            "u": "1.0",
-            "v": "1.0",
-            "reviewed": filler.bool(False),
-            "is_mark": filler.bool(True),
-            "is_verdict": filler.bool(True),
-            "version": "1",
-            "created_at": at,
-        },
-    )
-    filler.fill(
-        "marking_task",
-        size.answered,
-        {
-            "id": filler.id(_TASK),
-            "detection_id": filler.id(_DETECTION, "0"),
-            "vertex_id": filler.id(_VERTEX),
-            **camera,
-            **mine,
-            "leased_until": at,
-            "answered_at": at,
-            "created_at": at,
-        },
-    )
+    filler.fill(models.CameraFrame, count, sensor_id=sensor, index="n", stamp_ns="n")
+    mine = {"person_id": filler.id(2, "0"), "sensor_id": sensor, **at}
+    said = {"verdict": "'confirmed'", "u": "1.0", "v": "1.0", "frame_index": "n"}
+    said |= dict.fromkeys(("is_mark", "is_verdict"), filler.literal(True))
+    whose = {"id": filler.id(_ANSWER), "recording_id": recording, "apex_id": filler.id(_APEX)}
+    filler.fill(models.Answer, size.answered, **whose, **said, **mine)
+    task = {"id": filler.id(_TASK), "detection_id": detection, "vertex_id": filler.id(_VERTEX)}
+    times = dict.fromkeys(("leased_until", "answered_at"), at["created_at"])
+    filler.fill(models.MarkingTask, size.answered, **task, **times, **mine)
 
 
 def newest(database: Database, table: str) -> UUID:

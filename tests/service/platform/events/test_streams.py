@@ -19,7 +19,6 @@ from service.platform.db.people import ApiToken, BrowserSession, Person
 from service.platform.events import fanout
 from service.platform.events.follower import Follower, anything
 from tests.support.broker import Broker
-from tests.support.databases import one_database
 from tests.support.people import Actor, Api
 from tests.support.processes import wait_until
 
@@ -137,7 +136,6 @@ def test_many_streams_cost_one_subscription_and_no_connection_of_the_database(se
     assert not any(has_ended(stream) for stream in streams)
 
 
-@one_database
 def test_a_persons_oldest_stream_gives_way(served, follow) -> None:
     api, _ = served
     fleet = api.fleet()
@@ -153,7 +151,6 @@ def test_a_persons_oldest_stream_gives_way(served, follow) -> None:
     assert not any(has_ended(stream) for stream in (*streams[3:], undisturbed))
 
 
-@one_database
 def test_a_full_process_says_so(served, follow, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fanout, "STREAMS_OF_A_PROCESS", 2)
     api, _ = served
@@ -164,7 +161,6 @@ def test_a_full_process_says_so(served, follow, monkeypatch: pytest.MonkeyPatch)
     assert "503" in refused and "too_many_streams" in refused and "retry-after: 60" in refused.lower()
 
 
-@one_database
 def test_who_does_not_listen_is_told_to_read_anew(api: Api) -> None:
     with api.database.reading() as session:
         person = session.get(Person, api.owner().person_id)
@@ -183,7 +179,6 @@ def test_who_does_not_listen_is_told_to_read_anew(api: Api) -> None:
     assert asyncio.run(heard()) == []
 
 
-@one_database
 def test_who_leaves_at_once_is_no_fault(served, follow, caplog: pytest.LogCaptureFixture) -> None:
     """Also where the stream has given way meanwhile, so that more waits for its client than the first event."""
     api, _ = served

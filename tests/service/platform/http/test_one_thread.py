@@ -87,7 +87,9 @@ def parts(api: Api, fleet: UUID, writers: Sequence[Actor]) -> tuple[Write, Any]:
     return write, select(Fleet).where(Fleet.id == fleet)
 
 
-@pytest.mark.parametrize("kind", [publications, vehicles, parts], ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize(
+    "kind", [publications, parts, pytest.param(vehicles, marks=pytest.mark.slow)], ids=lambda kind: kind.__name__
+)
 def test_writers_of_a_row_that_is_held_end_together_and_hold_up_nobody(
     api: Api, process: ServedProcess, kind: Callable[[Api, UUID, Sequence[Actor]], tuple[Write, Any]]
 ) -> None:

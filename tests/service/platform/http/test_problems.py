@@ -8,7 +8,6 @@ from sqlalchemy.exc import OperationalError
 
 from service.platform.http.problems import Problem
 from service.platform.http.web import Pages
-from tests.support.databases import one_database
 from tests.support.people import Api
 
 
@@ -29,7 +28,6 @@ def test_no_such_address_and_method(api: Api) -> None:
     assert "GET" in document["hint"]
 
 
-@one_database
 @pytest.mark.parametrize(
     ("body", "field", "says"),
     [
@@ -85,7 +83,6 @@ def test_large_bodies_are_refused(api: Api) -> None:
     check_document(answer, 413, "body_too_large")
 
 
-@one_database
 def test_thousands_of_wrong_fields_are_answered_shortly(api: Api) -> None:
     answer = api.owner().post("/fleets", {f"field {number}": 0 for number in range(4000)})
     document = check_document(answer, 422, "invalid_request")
@@ -137,7 +134,6 @@ def test_a_schema_of_another_version_is_said(api: Api) -> None:
         assert "python -m service.platform.db.migrate" in document["hint"]
 
 
-@one_database
 @pytest.mark.parametrize("host", ["[", "]", "[::1", "127.0.0.1:x", "a b"])
 @pytest.mark.parametrize("origin", ["http://[", "null"])
 def test_hosts_and_origins_that_are_none_are_refused(api: Api, host: str, origin: str) -> None:
@@ -155,7 +151,6 @@ def test_a_link_that_is_none_is_unknown(api: Api) -> None:
         check_document(api.client.post("/v1/sign-in", json={"link": link}), 404, "link_unknown")
 
 
-@one_database
 @pytest.mark.parametrize(
     "path", ["%0a" + "x" * 230, "x" * 300, "%00", "a/" * 600 + "x" * 300, "%ff%fe%0a" + "x" * 230]
 )
@@ -166,7 +161,6 @@ def test_an_address_that_no_file_can_have_is_a_page(api: Api, path: str) -> None
     check_document(api.client.get(f"/v1/{path}"), 404, "no_such_route")
 
 
-@one_database
 @pytest.mark.parametrize(
     ("path", "parameter", "nearest"),
     [
@@ -190,7 +184,6 @@ def test_a_parameter_that_nobody_reads_is_refused(api: Api, path: str, parameter
     assert nearest is None or nearest in found["known"]
 
 
-@one_database
 def test_every_parameter_of_the_description_is_read(api: Api) -> None:
     owner, somewhere = api.owner(), "0" * 32
     for path, operations in api.app.openapi()["paths"].items():
@@ -201,7 +194,6 @@ def test_every_parameter_of_the_description_is_read(api: Api) -> None:
                 assert f"query {one['name']}: is not known here" not in answer.text, (path, one["name"])
 
 
-@one_database
 def test_no_route_overlooks_a_misspelt_parameter(api: Api) -> None:
     headers = {"Authorization": f"Bearer {api.owner().token}"}
     for path, operations in api.app.openapi()["paths"].items():

@@ -8,6 +8,8 @@ from service.platform.http.web import Pages
 from tests.support.databases import one_database
 from tests.support.people import Api
 
+pytestmark = one_database
+
 PLAIN = b"let pages = 1;" * 50
 
 
@@ -32,7 +34,6 @@ def asked(
         return dict(answer.headers), b"".join(answer.iter_raw())
 
 
-@one_database
 @pytest.mark.parametrize(
     ("encodings", "body"),
     [
@@ -53,24 +54,20 @@ def test_a_script_is_sent_as_the_browser_takes_it(built: Api, encodings: str, bo
     assert asked(built, encodings, method="HEAD")[0]["content-length"] == headers["content-length"]
 
 
-@one_database
 def test_each_form_has_its_own_etag(built: Api) -> None:
     assert len({asked(built, encodings)[0]["etag"] for encodings in ("br", "gzip", "identity")}) == 3
 
 
-@one_database
 def test_what_has_no_compressed_form_is_sent_as_it_is(built: Api) -> None:
     headers, sent = asked(built, "br, gzip", "/recordings/7", accept="text/html,*/*;q=0.8")
     assert sent == b"<p>pages</p>" and "content-encoding" not in headers
     assert headers["vary"] == "Accept, Accept-Encoding" and headers["cache-control"] == "no-cache"
 
 
-@one_database
 def test_the_compressed_forms_have_no_addresses_of_their_own(built: Api) -> None:
     assert built.client.get("/assets/app-1a2b.js.br").status_code == 404
 
 
-@one_database
 @pytest.mark.parametrize("accept", ["", "*/*", "application/json", "text/html;q=0, application/json"])
 @pytest.mark.parametrize("path", ["/", "/recordings/7", "/calibration.json"])
 def test_a_page_is_no_answer_to_a_program(built: Api, path: str, accept: str) -> None:
@@ -78,7 +75,6 @@ def test_a_page_is_no_answer_to_a_program(built: Api, path: str, accept: str) ->
     assert (answer.status_code, answer.json()["code"]) == (404, "no_such_route")
 
 
-@one_database
 @pytest.mark.parametrize("path", ["/v1", "/v1/nothing", "/apexcal/v1/me", "/a/b/v1/vehicles/1/calibration"])
 @pytest.mark.parametrize("accept", ["text/html", "*/*"])
 def test_an_address_of_the_api_is_never_a_page(built: Api, path: str, accept: str) -> None:

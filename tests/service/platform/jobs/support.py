@@ -15,6 +15,7 @@ from service.platform.db.session import Database
 from service.platform.jobs.messages import COURIER, Message
 from service.platform.jobs.queue import enqueue_all
 from service.platform.jobs.sweep import _end_backoff, _release_waiting
+from tests.support.rows import add
 
 
 class Postbox:
@@ -31,50 +32,18 @@ class Postbox:
 
 def make_fleet(database: Database, name: str = "fleet") -> UUID:
     with database.writing() as session:
-        fleet = Fleet(name=name)
-        session.add(fleet)
-        session.flush()
-        return fleet.id
+        return add(session, Fleet, name=name).id
 
 
 def make_calibration(database: Database, *, models: Iterable[str] = ("pinhole",), slots: int = 2, bundle: int = 1):
     """A calibration whose runs have not been started; returns (calibration id, run ids)."""
     with database.writing() as session:
-        fleet = Fleet(name="fleet")
-        session.add(fleet)
-        session.flush()
-        vehicle = Vehicle(fleet_id=fleet.id, name="car")
-        session.add(vehicle)
-        session.flush()
-        rig = Rig(fleet_id=fleet.id, vehicle_id=vehicle.id, name="roof", lidar_frame="velodyne")
-        session.add(rig)
-        session.flush()
-        common = {"fleet_id": fleet.id, "vehicle_id": vehicle.id, "rig_id": rig.id}
+        rig = add(session, Rig, add(session, Vehicle, add(session, Fleet, name="fleet")))
         places = {name: [float(2 + n % 7) for n in range(60)] for name in "xyzuv"}
-        pairs = CorrespondenceSet(**common, camera="front", source="import", content_hash="0", count=60, pairs=places)
-        models = list(models)
-        calibration = Calibration(
-            **common, request={}, content_hash="0", remaining=len(models), publish="none", state="queued"
-        )
-        session.add_all([pairs, calibration])
-        session.flush()
-        runs = [
-            CalibrationRun(
-                fleet_id=fleet.id,
-                calibration_id=calibration.id,
-                set_id=pairs.id,
-                camera="front",
-                model=model,
-                fold=-1,
-                farm="slots",
-                slots=slots,
-                bundle=bundle,
-                problem={},
-            )
-            for model in models
-        ]
-        session.add_all(runs)
-        session.flush()
+        pairs, models = add(session, CorrespondenceSet, rig, count=60, pairs=places), list(models)
+        calibration = add(session, Calibration, rig, remaining=len(models), state="queued")
+        cut = {"slots": slots, "bundle": bundle}
+        runs = [add(session, CalibrationRun, calibration, pairs, model=model, **cut) for model in models]
         return calibration.id, [run.id for run in runs]
 
 
