@@ -11,11 +11,11 @@ def test_pairs_are_told_by_their_values_and_not_by_their_order_of_columns():
         "x": [1.0, 2.0],
         "y": [0.5, 0.25],
         "z": [0, 1],
-        "u": [3.0, 4.0],
+        "u": [3, 4],
         "v": [1e-3, 2.0],
         "stamp_ns": [1, 2**62],
     }
-    same = dict(reversed(pairs.items())) | {"z": [0.0, 1.0]}
+    same = dict(reversed(pairs.items())) | {"z": [0.0, 1.0], "u": [3.0, 4.0]}
     assert pairs_sha256(pairs) == pairs_sha256(same)
     assert pairs_sha256(pairs) != pairs_sha256(pairs | {"u": [3.0, 4.0 + 1e-15 * 4]})
     assert pairs_sha256(pairs) != pairs_sha256(pairs | {"stamp_ns": [1, 2**62 + 1]})
