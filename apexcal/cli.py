@@ -31,6 +31,7 @@ COMMANDS = {
     "simulate": Command("programs", "Write a simulated recording with its ground truth."),
     "invite": Command("people", "Make a one-time sign-in link for a person."),
     "token": Command("people", "Make an API token for a program."),
+    "solve": Command("solve", "Calibrate a camera from a recording in one command, without a person."),
     "rig": Command("rig", "Describe a vehicle's LiDAR and cameras to the service."),
     "draft-rig": Command("rig", "Write a rig's description from a URDF or a recording's /tf_static."),
     "inspect": Command("inspection", "Say what a recording holds and lacks, before any upload."),
