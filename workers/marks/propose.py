@@ -54,9 +54,9 @@ _SHAPE_M: Final = 0.005  # shape and bending of a board, and the beam: what stat
 _OFF_MOUNT: Final = 4.0  # standard scores
 _STEP_M: Final = 1e-3
 _FEWEST_SIGHTS: Final = 5  # whose edges confirm a mount: three marks determine it
-_BELOW_HEAD_M: Final = (-0.07, -0.14)
-"""Where a head was taken for the tip in all seeds, the board's edges lie farther in: a tip 0.1 or 0.2 m lower."""
+_BELOW_HEAD_M: Final = (-0.07, -0.14)  # of edges, where seeds took a head for the tip: a tip 0.1 or 0.2 m lower
 _STILL_CONFIRMED: Final = 0.8  # of the sights, by edges farther out
+Answers = list[dict[CornerName, MarkProposal | MarkRefusal]]
 _GAIN_STEP: Final = 0.3
 _ENOUGH_TIPS: Final = 0.5  # of the sights: with fewer, the other corners are measured for the mount too
 
@@ -181,8 +181,7 @@ def _marked(measured: dict[int, Measured]) -> int:
 
 def _confirmed(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> int:
     """In how many sights a corner was measured where the mount sees it."""
-    scores = _scores(task, measured, camera)
-    return len({index for (index, _), score in scores.items() if score < _OFF_MOUNT})
+    return len({index for (index, _), score in _scores(task, measured, camera).items() if score < _OFF_MOUNT})
 
 
 def _apart_px(task: MarkTask, camera: MountedLens, other: MountedLens) -> float:
@@ -206,13 +205,11 @@ def _refit(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -
     return again, float(np.median([fit.softness_px for _, fit, _ in fits]))
 
 
-def _answers(
-    task: MarkTask, measured: dict[int, Measured], camera: MountedLens
-) -> list[dict[CornerName, MarkProposal | MarkRefusal]]:
+def _answers(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> Answers:
     """Proposals of the asked corners. A mark far from its mount's projection, as such marks go, is none."""
     scores = _scores(task, measured, camera)
     scale = max(1.0, float(np.median(list(scores.values()))) / 1.1774) if scores else 1.0
-    answers: list[dict[CornerName, MarkProposal | MarkRefusal]] = []
+    answers: Answers = []
     for index, sight in enumerate(task.sights):
         of_sight: dict[CornerName, MarkProposal | MarkRefusal] = {}
         for name in task.corners:
@@ -297,7 +294,7 @@ def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None, sights: Sequence[S
 
 
 def _failed(task: MarkTask, reason: FailureReason, sentence: str) -> MachineMarks:
-    asked: list[dict[CornerName, MarkProposal | MarkRefusal]] = [
+    none: Answers = [
         {name: MarkRefusal("no_mount") for name in task.corners if name in sight.corners} for sight in task.sights
     ]
-    return MachineMarks(asked, None, RecordingFailure(reason, sentence + " Mark this recording by hand."))
+    return MachineMarks(none, None, RecordingFailure(reason, sentence + " Mark this recording by hand."))
