@@ -56,7 +56,7 @@ def fit(
     from apexcal.documents.errors import DocumentError
     from apexcal.documents.fit_requests import fit_request
     from apexcal.errors import InputError
-    from workers.solver.errors import SolveError
+    from workers.solver.outcomes import SolveError
     from workers.solver.schedule import run_schedule
     from workers.tasks.solving import read_run, solved
 

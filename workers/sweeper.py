@@ -2,10 +2,15 @@
 
 It is no pool process of the workers that solve, so a farm whose every process is busy for an hour is still swept. It
 needs no broker and no clock of day: a period is told by the monotonic clock, which nobody sets.
+
+The sweep recovers everything else, so nothing else can recover the sweep: a sweeper that gets nowhere ends, and
+whoever supervises it starts it again. What hangs in a library or in the kernel raises no error; a thread of the
+interpreter's own, outside of Python, counts the time.
 """
 
 from __future__ import annotations
 
+import faulthandler
 import logging
 import signal
 import threading
@@ -19,9 +24,14 @@ from service.platform.observability import logs
 from service.platform.settings import get_settings, settings_or_exit
 from service.platform.storage.store import Store
 from workers.alive import touch
-from workers.stalls import expect_progress
-from workers.tasks.context import get_context
-from workers.tasks.leftovers import remove_leftovers
+from workers.tasks.context import get_context, remove_leftovers
+
+
+def expect_progress() -> None:
+    """Write the stacks of all threads to the log and exit, unless this is called again within ``stalled_s``."""
+    settings = get_settings()
+    faulthandler.dump_traceback_later(max(settings.stalled_s, 5 * settings.sweep_s), exit=True)
+
 
 # Removing objects is the least urgent thing that a sweep does: a store that hangs must not hold up the next sweep.
 _PATIENCE_S = 2.0

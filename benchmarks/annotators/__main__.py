@@ -26,10 +26,10 @@ from sqlalchemy import func, insert, select
 
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
-from service.platform.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
+from service.platform.auth.credential_actions import TOKEN_PREFIX, new_secret, secret_hash
 from service.platform.db.annotations import Answer, MarkingProgress
+from service.platform.db.base import new_id
 from service.platform.db.fleets import Fleet
-from service.platform.db.ids import new_id
 from service.platform.db.migrate import upgrade
 from service.platform.db.people import ApiToken, Membership, Person
 from service.platform.db.session import Database

@@ -25,8 +25,8 @@ from benchmarks.detection.real import DATA, RECORDINGS, angles, read, regions
 from workers.geometry.projection import project
 from workers.solver.blocks import blocks_of
 from workers.solver.covariances import covariances_of
-from workers.solver.errors import SolveError
-from workers.solver.folds import folds
+from workers.solver.held_out import folds
+from workers.solver.outcomes import SolveError
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import solve_finish

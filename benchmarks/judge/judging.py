@@ -21,7 +21,7 @@ from workers.judge.held_out_check import held_out_pairs
 from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.models.summary import CameraFit, camera_summary
 from workers.simulation.camera import FRONT
-from workers.solver.errors import SolveError
+from workers.solver.outcomes import SolveError
 from workers.solver.schedule import run_schedule
 from workers.tasks.solving import read_run, solved
 

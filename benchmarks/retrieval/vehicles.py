@@ -11,7 +11,7 @@ from sqlalchemy import text
 
 from apexcal.geometry.rotations import rotation_from_euler
 from apexcal.geometry.se3 import SE3, to_document
-from service.platform.auth.secrets import new_secret, secret_hash
+from service.platform.auth.credential_actions import new_secret, secret_hash
 from service.platform.db.session import Database
 from tests.support.results import fit_result, model_summary, summary
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from benchmarks.solver.contest import GENERATIONS, POPULATION, Contest
 from workers.solver.fitness import evaluate_population
 from workers.solver.genetic import ELITE_FRACTION, breed, first_generation
+from workers.solver.outcomes import flag_of
 from workers.solver.random_streams import stream_key
 from workers.solver.slot import run_slot
-from workers.solver.stopping import flag_of
 
 _REPEATS: Final = 15
 

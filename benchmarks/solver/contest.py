@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.solver.fitness import Fitness, evaluate_population, fitness_of, loss_px
+from workers.solver.outcomes import flag_of
 from workers.solver.problem import FitProblem
-from workers.solver.stopping import flag_of
 
 Floats = NDArray[np.float64]
 POPULATION: Final = 800

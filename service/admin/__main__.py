@@ -14,8 +14,7 @@ import typer
 
 from apexcal.documents.served_folder import is_served
 from service.admin.backup import back_up
-from service.admin.context import FAILED, GIVEN_FOLDER, opened, program, spoken
-from service.admin.errors import AdminError
+from service.admin.context import FAILED, GIVEN_FOLDER, AdminError, opened, program, spoken
 from service.admin.job_commands import job, jobs, requeue
 from service.admin.manifest import Manifest, verify
 from service.admin.people_commands import tokens, users
@@ -115,8 +114,8 @@ def restore(
 
 def _name_damaged(manifest: Manifest) -> bool:
     """Say on standard error which objects were not whole when the backup was made; whether there are any."""
-    for one in manifest.damaged:
-        print(f"{one.key}: {one.what}", file=sys.stderr)
+    for object in manifest.damaged:
+        print(f"{object.key}: {object.what}", file=sys.stderr)
     if manifest.damaged:
         print(
             f"apexcal admin: the store had lost, changed or could not read {len(manifest.damaged)} objects when this "
@@ -131,14 +130,14 @@ def _made(folder: Path) -> Iterator[None]:
     """The folder, made where it is missing; a refusal in the block takes with it what is empty of it."""
     if is_served(folder):
         raise AdminError(f"a service runs on {folder}", "Stop it first, or restore into another folder.")
-    missing = [one for one in (folder / "blobs", folder, *folder.parents) if not one.exists()]
+    missing = [path for path in (folder / "blobs", folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     try:
         yield
     except BaseException:
         with suppress(OSError):  # what has something in it stays, and so does all above
-            for one in missing:
-                one.rmdir()
+            for path in missing:
+                path.rmdir()
         raise
 
 

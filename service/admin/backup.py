@@ -23,16 +23,14 @@ from typing import NamedTuple
 
 from sqlalchemy import Connection, select
 
-from service.admin.errors import AdminError
-from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, ROWS, BlobFile, Damaged, Manifest, digest
+from service.admin.context import AdminError
+from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, ROWS, BlobFile, Damaged, Manifest, digest, write_rows
 from service.admin.objects import holding, retried
-from service.admin.rows import write_rows
 from service.platform.db.clock import now, utc_now
 from service.platform.db.jobs import Heartbeat
 from service.platform.db.recordings import Blob
 from service.platform.db.revisions import newest
-from service.platform.db.session import Database
-from service.platform.db.upserts import put
+from service.platform.db.session import Database, put
 from service.platform.storage.errors import MissingBlobError, StoreUnavailableError
 from service.platform.storage.store import Store
 
@@ -113,8 +111,8 @@ def _snapshot(database: Database) -> Iterator[Connection]:
 def _rows(database: Database, file: Path) -> tuple[dict[str, int], list[_Named]]:
     with _snapshot(database) as connection:
         # The first statement fixes the moment.
-        asked = select(Blob.key, Blob.size, Blob.sha256).where(Blob.state == "stored").order_by(Blob.key)
-        named = [_Named(key, size, sha256) for key, size, sha256 in connection.execute(asked)]
+        statement = select(Blob.key, Blob.size, Blob.sha256).where(Blob.state == "stored").order_by(Blob.key)
+        named = [_Named(key, size, sha256) for key, size, sha256 in connection.execute(statement)]
         return write_rows(connection, file), named
 
 
@@ -125,8 +123,9 @@ def _copy(store: Store, named: list[_Named], staged: Path, report: Report) -> tu
         copied = list(pool.map(copies.make, named))
     if named and copies.unreadable == len(named):
         raise StoreUnavailableError
-    files = [one.file for one in copied if one.file]
-    damaged = [Damaged(key=blob.key, what=one.damage) for blob, one in zip(named, copied, strict=True) if one.damage]
+    files = [copy.file for copy in copied if copy.file]
+    pairs = zip(named, copied, strict=True)
+    damaged = [Damaged(key=blob.key, what=copy.damage) for blob, copy in pairs if copy.damage]
     report(f"{len(files)} objects, {sum(file.size for file in files)} bytes")
     return files, damaged
 
@@ -169,14 +168,14 @@ class _Copies:
 
 def _fetch(store: Store, key: str, path: Path) -> str:
     """Write an object's bytes into a file, and return their SHA-256."""
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     with path.open("wb") as file:
         for chunk in store.stream(key):
             file.write(chunk)
-            found.update(chunk)
+            sha256.update(chunk)
         file.flush()
         os.fsync(file.fileno())
-    return found.hexdigest()
+    return sha256.hexdigest()
 
 
 def _compared(named: _Named, copied: BlobFile) -> _Copied:
@@ -188,7 +187,7 @@ def _compared(named: _Named, copied: BlobFile) -> _Copied:
 
 
 def _make_durable(folder: Path) -> None:
-    for path in (*(one for one in folder.rglob("*") if one.is_dir()), *folder.iterdir(), folder):
+    for path in (*(inner for inner in folder.rglob("*") if inner.is_dir()), *folder.iterdir(), folder):
         descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)

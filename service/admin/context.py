@@ -16,7 +16,6 @@ import typer
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
-from service.admin.errors import AdminError, WrongUsageError
 from service.platform.db.revisions import is_older, newest
 from service.platform.db.session import Database
 from service.platform.jobs.messages import COURIER, Sender
@@ -24,6 +23,19 @@ from service.platform.observability.logs import visible
 from service.platform.settings import Settings, SettingsError, get_settings
 from service.platform.storage.errors import StoreFullError, StoreUnavailableError
 from service.platform.storage.store import Store, open_store
+
+
+class AdminError(Exception):
+    """What is wrong, and ``hint``: what to do about it."""
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.hint = hint
+
+
+class WrongUsageError(AdminError):
+    """An argument that could name nothing, whatever the service holds."""
+
 
 FAILED, WRONG_USAGE = 1, 2
 # The variable that holds what --data gave, as it was typed.
@@ -90,8 +102,8 @@ def spoken(command: Callable[P, Any]) -> Callable[P, None]:
         except AdminError as error:
             _complain(str(error), error.hint)
         except SQLAlchemyError as error:
-            said = str(getattr(error, "orig", None) or error).strip().splitlines()
-            _complain(f"the database: {said[0] if said else type(error).__name__}", "")
+            lines = str(getattr(error, "orig", None) or error).strip().splitlines()
+            _complain(f"the database: {lines[0] if lines else type(error).__name__}", "")
         except SettingsError as error:
             _complain(str(error), "Give the command the environment that the service has.", WRONG_USAGE)
         except (StoreUnavailableError, StoreFullError) as error:

@@ -10,11 +10,10 @@ import typer
 from sqlalchemy import select
 
 from apexcal.documents.states import WorkState
-from service.admin.context import JsonOption, command, opened, spoken, table
-from service.admin.errors import AdminError
+from service.admin.context import AdminError, JsonOption, command, opened, spoken, table
 from service.platform.db.jobs import Job, JobEvent
 from service.platform.jobs.kinds import CannotRetryError
-from service.platform.jobs.retry import retry
+from service.platform.jobs.queue import retry
 from service.platform.observability.logs import visible
 
 # What a column of the database holds.
@@ -31,11 +30,11 @@ def jobs(
     as_json: JsonOption = False,
 ) -> None:
     """List jobs, the newest first."""
-    asked = select(Job).order_by(Job.id.desc()).limit(limit)
+    statement = select(Job).order_by(Job.id.desc()).limit(limit)
     for column, value in ((Job.state, state or ""), (Job.kind, kind), (Job.request_id, request)):
-        asked = asked.where(column == value) if value else asked
+        statement = statement.where(column == value) if value else statement
     with opened() as service, service.database.reading() as session:
-        rows = [_short(job) for job in session.scalars(asked)]
+        rows = [_short(job) for job in session.scalars(statement)]
     print(json.dumps(rows, indent=2) if as_json else table(rows, _COLUMNS))
 
 

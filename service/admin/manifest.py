@@ -6,8 +6,12 @@ import hashlib
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from sqlalchemy import Connection, func, insert, select, text
 
-from service.admin.errors import AdminError
+from service.admin.context import AdminError
+from service.platform.db.migrate import upgrade
+from service.platform.db.models import Base
+from service.platform.db.session import Database
 
 FORMAT = 1
 MANIFEST, BLOBS, BLOB_LIST, ROWS = "manifest.json", "blobs", "blobs.jsonl", "rows.sqlite"
@@ -63,7 +67,7 @@ class Manifest(_Written):
 def read_manifest(folder: Path) -> Manifest:
     """A backup's manifest. Raises :class:`AdminError` where there is none, or one of another format."""
     try:
-        found = Manifest.model_validate_json((folder / MANIFEST).read_bytes())
+        manifest = Manifest.model_validate_json((folder / MANIFEST).read_bytes())
     except FileNotFoundError:
         raise AdminError(
             f"{folder} is no finished backup: it has no {MANIFEST}", "Name the folder that `backup` printed."
@@ -74,12 +78,12 @@ def read_manifest(folder: Path) -> Manifest:
         raise AdminError(
             f"{folder / MANIFEST} cannot be read: {where}: {first['msg']}", "Use another backup."
         ) from None
-    if found.format != FORMAT:
+    if manifest.format != FORMAT:
         raise AdminError(
-            f"this is a backup of format {found.format}; this version reads format {FORMAT}",
+            f"this is a backup of format {manifest.format}; this version reads format {FORMAT}",
             "Restore it with the version that made it, or a newer one.",
         )
-    return found
+    return manifest
 
 
 def verify(folder: Path) -> tuple[Manifest, list[BlobFile]]:
@@ -101,12 +105,60 @@ def digest(path: Path) -> str:
 
 def _check(path: Path, sha256: str) -> None:
     try:
-        found = digest(path)
+        actual = digest(path)
     except OSError as error:
         raise AdminError(
             f"{path} of the backup cannot be read: {error.strerror}", "Nothing was restored. Use another backup."
         ) from None
-    if found != sha256:
+    if actual != sha256:
         raise AdminError(
             f"{path} is not what was backed up: its SHA-256 differs", "Nothing was restored. Use another backup."
         )
+
+
+# What only says how the service is at this moment.
+TRANSIENT = frozenset(("heartbeat", "worker", "blob_hold"))
+KEPT = tuple(table for table in Base.metadata.sorted_tables if table.name not in TRANSIENT)
+_BATCH = 1000
+
+
+def url_of(file: Path) -> str:
+    """The database that a file of rows is."""
+    return f"sqlite:///{file}"
+
+
+def write_rows(source: Connection, file: Path) -> dict[str, int]:
+    """Write every row that the connection's snapshot sees into a new file; how many there are by table."""
+    upgrade(url_of(file))
+    rows = Database(url_of(file))
+    try:
+        with rows.engine.begin() as target:
+            counts = copy_rows(source, target)
+        with rows.alone() as connection:
+            # All of it in the one file: the write-ahead log goes.
+            connection.exec_driver_sql("PRAGMA journal_mode=DELETE")
+    finally:
+        rows.close()
+    return counts
+
+
+def copy_rows(source: Connection, target: Connection) -> dict[str, int]:
+    """Insert all rows of one database into another of the same schema, never holding many of them.
+
+    A row comes after those that it refers to: tables are in that order, and in a table ids grow with time.
+    """
+    counts: dict[str, int] = {}
+    for table in KEPT:
+        counts[table.name] = 0
+        statement = select(table).order_by(*table.primary_key)
+        for rows in source.execution_options(yield_per=_BATCH).execute(statement).mappings().partitions():
+            target.execute(insert(table), [dict(row) for row in rows])
+            counts[table.name] += len(rows)
+        numbered = table.autoincrement_column
+        if numbered is not None and counts[table.name] and target.dialect.name == "postgresql":
+            # SQLite numbers on after the highest by itself.
+            target.execute(
+                text("SELECT setval(pg_get_serial_sequence(:table, :column), :highest)"),
+                {"table": table.name, "column": numbered.name, "highest": target.scalar(select(func.max(numbered)))},
+            )
+    return counts

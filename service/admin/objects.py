@@ -12,9 +12,9 @@ from typing import TypeVar
 from sqlalchemy import delete, select, update
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.admin.errors import AdminError
+from service.admin.context import AdminError
+from service.platform.db.base import new_id
 from service.platform.db.clock import now
-from service.platform.db.ids import new_id
 from service.platform.db.recordings import BlobHold
 from service.platform.db.session import Database
 from service.platform.storage.errors import StoreUnavailableError
@@ -56,8 +56,8 @@ def holding(database: Database, reason: str) -> Iterator[Callable[[], None]]:
 
     def check() -> None:
         with database.reading() as session:
-            held = session.scalar(select(BlobHold.id).where(BlobHold.id == hold_id, BlobHold.until > now()))
-        if held is None:
+            hold = session.scalar(select(BlobHold.id).where(BlobHold.id == hold_id, BlobHold.until > now()))
+        if hold is None:
             raise AdminError(
                 "the hold on the store lapsed, so objects may have been removed before they were copied",
                 "Was the database away for two minutes? Start the backup again.",

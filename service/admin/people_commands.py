@@ -13,8 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.served_folder import is_served, read_status
-from service.admin.context import JsonOption, as_id, command, opened, spoken, table
-from service.admin.errors import AdminError
+from service.admin.context import AdminError, JsonOption, as_id, command, opened, spoken, table
 from service.platform.auth.credential_actions import end_credentials, revoke
 from service.platform.auth.session_actions import make_link
 from service.platform.db.clock import utc_now
@@ -33,8 +32,10 @@ def list_users(as_json: JsonOption = False) -> None:
     """List everybody with their roles."""
     with opened() as service, service.database.reading() as session:
         roles: dict[UUID, list[str]] = defaultdict(list)
-        asked = select(Membership.person_id, Fleet.name, Membership.role).join(Fleet, Fleet.id == Membership.fleet_id)
-        for person_id, fleet, role in session.execute(asked.order_by(Fleet.name)):
+        statement = select(Membership.person_id, Fleet.name, Membership.role).join(
+            Fleet, Fleet.id == Membership.fleet_id
+        )
+        for person_id, fleet, role in session.execute(statement.order_by(Fleet.name)):
             roles[person_id].append(f"{role} of {fleet}")
         rows: list[dict[str, Any]] = [
             {
@@ -55,11 +56,11 @@ def list_users(as_json: JsonOption = False) -> None:
 def link(person: Annotated[str, typer.Argument(help="Name or id, as `users list` shows it.")]) -> None:
     """Make a one-time sign-in link, also for an owner who lost every other way in."""
     with opened() as service, service.database.writing() as session:
-        found = find_person(session, person)
+        row = find_person(session, person)
         address, is_known = public_url(service.settings)
-        made, until = make_link(session, found.id, address, service.settings.invitation_hours)
-        name = visible(found.name)
-    print(f"{name} signs in with this link, which works once until {until:%Y-%m-%d %H:%M} UTC:\n{made}")
+        url, until = make_link(session, row.id, address, service.settings.invitation_hours)
+        name = visible(row.name)
+    print(f"{name} signs in with this link, which works once until {until:%Y-%m-%d %H:%M} UTC:\n{url}")
     if not is_known:
         print(
             f"No service runs on {service.settings.data_dir.resolve()} now. If it starts at another address than "
@@ -73,9 +74,9 @@ def link(person: Annotated[str, typer.Argument(help="Name or id, as `users list`
 def shut_out(person: Annotated[str, typer.Argument(help="Name or id, as `users list` shows it.")]) -> None:
     """End somebody's sessions, unused links and tokens. What they marked stays, under their name."""
     with opened() as service, service.database.writing() as session:
-        found = find_person(session, person)
-        ended = end_credentials(session, found.id)
-        name = visible(found.name)
+        row = find_person(session, person)
+        ended = end_credentials(session, row.id)
+        name = visible(row.name)
     print(f"{name}: {ended.sessions} sessions, {ended.links} links and {ended.tokens} tokens ended.")
 
 
@@ -88,7 +89,7 @@ def list_tokens(
     """List tokens; none shows its secret, which is stored nowhere."""
     moment = utc_now()
     with opened() as service, service.database.reading() as session:
-        asked = (
+        statement = (
             select(ApiToken, Person.name, Fleet.name)
             .join(Person, Person.id == ApiToken.person_id)
             .outerjoin(Fleet, Fleet.id == ApiToken.fleet_id)
@@ -103,7 +104,7 @@ def list_tokens(
                 "state": _state(token, moment),
                 "expires_at": token.expires_at.isoformat(timespec="seconds") if token.expires_at else None,
             }
-            for token, person, fleet in session.execute(asked.order_by(ApiToken.created_at))
+            for token, person, fleet in session.execute(statement.order_by(ApiToken.created_at))
         ]
     rows = [row for row in rows if everything or row["state"] == "valid"]
     columns = ("id", "name", "person", "fleet", "role", "state", "expires_at")
@@ -121,8 +122,8 @@ def revoke_token(token: Annotated[str, typer.Argument(help="Id, as `tokens list`
             raise AdminError(f"there is no valid token {token}", f"{command('tokens list')} shows the valid ones.")
     print("It is revoked.")
     if ended.sessions or ended.links or ended.tokens > 1:
-        made = f"{ended.sessions} sessions, {ended.links} links and {ended.tokens - 1} tokens"
-        print(f"What was made with it ended too: {made}.")
+        counts = f"{ended.sessions} sessions, {ended.links} links and {ended.tokens - 1} tokens"
+        print(f"What was made with it ended too: {counts}.")
 
 
 def public_url(settings: Settings) -> tuple[str, bool]:
@@ -143,15 +144,15 @@ def _state(token: ApiToken, moment: Any) -> str:
     return "expired" if token.expires_at and token.expires_at <= moment else "valid"
 
 
-def find_person(session: Session, asked: str) -> Person:
+def find_person(session: Session, wording: str) -> Person:
     """The person with this id, or the only one with this name. Raises :class:`AdminError`."""
-    found = session.scalars(select(Person).where((Person.name == asked) | (Person.id == _as_uuid(asked)))).all()
-    if len(found) == 1:
-        return found[0]
-    if not found:
-        raise AdminError(f"there is nobody called {asked!r}", f"{command('users list')} shows names and ids.")
+    people = session.scalars(select(Person).where((Person.name == wording) | (Person.id == _as_uuid(wording)))).all()
+    if len(people) == 1:
+        return people[0]
+    if not people:
+        raise AdminError(f"there is nobody called {wording!r}", f"{command('users list')} shows names and ids.")
     raise AdminError(
-        f"{len(found)} people are called {asked!r}", f"Say which one by its id: {command('users list')}."
+        f"{len(people)} people are called {wording!r}", f"Say which one by its id: {command('users list')}."
     )
 
 

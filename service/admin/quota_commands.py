@@ -9,8 +9,7 @@ from typing import Annotated, Any
 import typer
 from sqlalchemy import select
 
-from service.admin.context import JsonOption, command, opened, spoken, table
-from service.admin.errors import AdminError, WrongUsageError
+from service.admin.context import AdminError, JsonOption, WrongUsageError, command, opened, spoken, table
 from service.platform.db.fleets import Fleet
 from service.platform.storage.quota import spoken as said
 from service.platform.storage.quota import uses
@@ -29,12 +28,12 @@ def show(as_json: JsonOption = False) -> None:
     """Show for each fleet what its recordings take and may take."""
     with opened() as service, service.database.reading() as session:
         fleets = session.scalars(select(Fleet).order_by(Fleet.name)).all()
-        found = uses(session, fleets, service.settings.fleet_quota_bytes)
+        taken = uses(session, fleets, service.settings.fleet_quota_bytes)
         rows: list[dict[str, Any]] = [
             {
                 "fleet": fleet.name,
-                "taken_bytes": found[fleet.id].taken,
-                "quota_bytes": found[fleet.id].allowed,
+                "taken_bytes": taken[fleet.id].taken,
+                "quota_bytes": taken[fleet.id].allowed,
                 "own": fleet.quota_bytes is not None,
             }
             for fleet in fleets
@@ -61,12 +60,12 @@ def set_quota(
     size: Annotated[str, typer.Argument(help="For example 500GB, or 'default' for APEXCAL_FLEET_QUOTA_BYTES.")],
 ) -> None:
     """Set how much the recordings of a fleet may take. Nothing is deleted where they take more already."""
-    wanted = None if size == "default" else _bytes(size)
+    quota = None if size == "default" else _bytes(size)
     with opened() as service, service.database.writing() as session:
         row = session.scalars(select(Fleet).where(Fleet.name == fleet).with_for_update()).one_or_none()
         if row is None:
             raise AdminError(f"there is no fleet called {fleet!r}", f"{command('quota show')} lists the fleets.")
-        row.quota_bytes = wanted
+        row.quota_bytes = quota
         row.version += 1
         use = uses(session, [row], service.settings.fleet_quota_bytes)[row.id]
     print(f"The recordings of {fleet} may take {said(use.allowed)}; they take {said(use.taken)}.")
@@ -74,9 +73,9 @@ def set_quota(
 
 def _bytes(text: str) -> int:
     """Raises :class:`WrongUsageError`."""
-    found = _SIZE.fullmatch(text)
-    base = 1024 if found and found[3] else 1000
-    size = round(float(found[1]) * base ** _POWERS[found[2] or ""]) if found else _LARGEST + 1
+    match = _SIZE.fullmatch(text)
+    base = 1024 if match and match[3] else 1000
+    size = round(float(match[1]) * base ** _POWERS[match[2] or ""]) if match else _LARGEST + 1
     if size > _LARGEST:
         raise WrongUsageError(f"{text!r} is no size", "Write it as 500GB, 1.5TB, a number of bytes, or 'default'.")
     return size

@@ -10,12 +10,11 @@ from tempfile import TemporaryDirectory
 
 from sqlalchemy import inspect, select
 
-from service.admin.errors import AdminError
-from service.admin.manifest import ROWS, BlobFile, Manifest, verify
+from service.admin.context import AdminError
+from service.admin.manifest import KEPT, ROWS, BlobFile, Manifest, copy_rows, url_of, verify
 from service.admin.objects import retried
-from service.admin.rows import KEPT, copy_rows, url_of
 from service.platform.db.migrate import upgrade
-from service.platform.db.revisions import known, newest
+from service.platform.db.revisions import all_revisions, newest
 from service.platform.db.session import Database
 from service.platform.storage.store import Store
 
@@ -31,7 +30,7 @@ def restore(url: str, store: Store, folder: Path, *, report: Report = lambda _: 
     """
     manifest, blobs = verify(folder)
     report(f"checked {sum(manifest.rows.values())} rows and {len(blobs)} objects of {manifest.made_at}")
-    if manifest.schema_revision not in known():
+    if manifest.schema_revision not in all_revisions():
         raise AdminError(
             f"the backup's schema {manifest.schema_revision} is newer than this version's {newest()}",
             "Restore it with the version that made it, or a newer one.",
@@ -79,11 +78,11 @@ def _refuse_rows(database: Database) -> None:
 
 
 def _refuse_unless_empty(store: Store, blobs: list[BlobFile]) -> None:
-    known = {blob.key for blob in blobs}
-    for found in store.list_unprepared():
+    keys = {blob.key for blob in blobs}
+    for listed in store.list_unprepared():
         # What an earlier try at this restore brought is no other history.
-        if found.key.partition("#")[0] not in known:
+        if listed.key.partition("#")[0] not in keys:
             raise AdminError(
-                f"the store is not empty: it holds {found.key!r}",
+                f"the store is not empty: it holds {listed.key!r}",
                 "Give the restore a new folder or bucket (APEXCAL_BLOB_URL, or another --data folder).",
             )

@@ -9,8 +9,7 @@ from typing import Annotated, Any
 import typer
 from sqlalchemy import func, select
 
-from service.admin.context import JsonOption, as_id, command, opened, spoken, table
-from service.admin.errors import AdminError
+from service.admin.context import AdminError, JsonOption, as_id, command, opened, spoken, table
 from service.platform.auth.retention import remove_ended
 from service.platform.db.clock import utc_now
 from service.platform.db.fleets import Fleet
@@ -68,14 +67,14 @@ def set_end(
             recording, "recording", "For all recordings of a fleet, give its name and --fleet."
         )
     with opened() as service, service.database.writing() as session:
-        found = session.scalars(select(Recording).where(which).with_for_update()).all()
-        if not found:
+        recordings = session.scalars(select(Recording).where(which).with_for_update()).all()
+        if not recordings:
             what = f"no recording in a fleet called {recording!r}" if fleet else f"no recording {recording}"
             raise AdminError(f"there is {what}", f"{command('retention show')} lists the fleets.")
-        for row in found:
+        for row in recordings:
             row.retain_until = end
             row.version += 1
-        count = len(found)
+        count = len(recordings)
     print(f"{count} recordings {f'are deleted after {end:%Y-%m-%d %H:%M} UTC' if end else 'are kept'}.")
 
 

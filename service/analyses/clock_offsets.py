@@ -24,7 +24,7 @@ from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.fleets import Rig
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.http.problems import Problem
-from service.platform.jobs.costs import run_cost
+from service.platform.jobs.bundles import run_cost
 
 # Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.
 _MARK_US = 2500.0

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.copies import CopyRequest
 from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import CalibratedCamera
-from service.exports.numbers import numbers
+from service.exports.format import numbers
 from service.imports.drafting import recorded_tree
 from service.imports.frame_tree import FrameTree, Joint, unusable
 from service.platform.db.base import Json

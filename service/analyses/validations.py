@@ -15,8 +15,7 @@ from service.detections.queries import find_camera, ready_recording
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
-from service.platform.db.calibrations import Calibration, CorrespondenceSet, Result
-from service.platform.db.publications import current_publication
+from service.platform.db.calibrations import Calibration, CorrespondenceSet, Result, current_publication
 from service.platform.db.recordings import Recording
 from service.platform.http.problems import Problem
 

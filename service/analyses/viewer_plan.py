@@ -11,7 +11,7 @@ from apexcal.documents.copies import CopyRequest
 from apexcal.geometry.se3 import SE3
 from service.analyses.copy_plan import frame_of, recorded_cameras
 from service.exports.calibrated import CalibratedCamera
-from service.exports.numbers import numbers
+from service.exports.format import numbers
 from service.platform.db.base import Json
 from service.platform.db.fleets import Vehicle
 from service.platform.db.recordings import Recording

@@ -33,7 +33,7 @@ _ANSWERED = _OF_TASK.values(answered_at=now())
 _LEASED_AGAIN = _OF_TASK.values(answered_at=None, leased_until=now_plus("lease_s"))
 
 
-def give(session: Session, found: Subject, said: Answer) -> AnswerView:
+def give(session: Session, subject: Subject, answer: Answer) -> AnswerView:
     """Write mark and verdict of a task's vertex. The same id again changes nothing and gives the same row.
 
     An answer counts also when its lease ran out, and when the vertex has as many answers as wanted already.
@@ -42,29 +42,29 @@ def give(session: Session, found: Subject, said: Answer) -> AnswerView:
         Problem: ``mark_required``, ``mark_outside_image``, ``answer_id_used``, ``answer_changed``,
             ``answered_too_often``.
     """
-    verdict, mark = said.verdict, said.mark if said.verdict == "confirmed" else None
+    verdict, mark = answer.verdict, answer.mark if answer.verdict == "confirmed" else None
     if verdict == "confirmed" and mark is None:
         raise Problem(
             422, "mark_required", "A confirmed vertex needs its mark.", 'Send "mark": {"u": ..., "v": ...} in pixels.'
         )
     if mark is not None:
-        check_inside(mark.u, mark.v, found.frame.width, found.frame.height)
+        check_inside(mark.u, mark.v, subject.frame.width, subject.frame.height)
     content: Json = {"verdict": verdict, "u": mark and mark.u, "v": mark and mark.v}
-    version, reviewed = said.version + 1, bool(found.told)
-    repeated = _repeated(session, found, said, content)
+    version, reviewed = answer.version + 1, bool(subject.is_told)
+    repeated = _repeated(session, subject, answer, content)
     if repeated is not None:
         version, reviewed = repeated.version, repeated.reviewed
     else:
-        if found.verdict is not None and found.verdict.verdict != verdict:
-            reopen(session, found.person_id, found.recording_id, found.apex_id)
-        with _counted(session, found, found.frame.frame_index):
-            _write(session, found, said, content, found.mark, found.verdict)
-            session.connection().execute(_ANSWERED, {"task": found.task_id})
-    progress = progress_of(session, found.person_id, found.detection_id, found.frame.sensor_id)
-    return AnswerView(id=said.id, version=version, verdict=verdict, mark=mark, reviewed=reviewed, progress=progress)
+        if subject.verdict is not None and subject.verdict.verdict != verdict:
+            reopen(session, subject.person_id, subject.recording_id, subject.apex_id)
+        with _counted(session, subject, subject.frame.frame_index):
+            _write(session, subject, answer, content, subject.mark, subject.verdict)
+            session.connection().execute(_ANSWERED, {"task": subject.task_id})
+    progress = progress_of(session, subject.person_id, subject.detection_id, subject.frame.sensor_id)
+    return AnswerView(id=answer.id, version=version, verdict=verdict, mark=mark, reviewed=reviewed, progress=progress)
 
 
-def undo(session: Session, found: Subject, said: Undo, lease_s: float) -> Subject:
+def undo(session: Session, subject: Subject, undone: Undo, lease_s: float) -> Subject:
     """Take the last answer back, and lease its vertex to the same person again in the same transaction.
 
     The mark stays in the history, and is shown to its person as it was. Returns what the task asks now.
@@ -72,59 +72,61 @@ def undo(session: Session, found: Subject, said: Undo, lease_s: float) -> Subjec
     Raises:
         Problem: ``nothing_to_undo``, ``answer_id_used``, ``answer_changed``, ``answered_too_often``.
     """
-    last = found.last
-    if _repeated(session, found, said, {"verdict": None}) is None:
+    last = subject.last
+    if _repeated(session, subject, undone, {"verdict": None}) is None:
         if last is None or last.verdict is None:
             raise Problem(
                 409, "nothing_to_undo", "There is no answer of yours to take back.", "Ask for the task again."
             )
-        reopen(session, found.person_id, found.recording_id, found.apex_id)
-        with _counted(session, found, last.frame_index):
-            mark = find_mark(session, found.person_id, last.sensor_id, last.frame_index, found.vertex.corner)
+        reopen(session, subject.person_id, subject.recording_id, subject.apex_id)
+        with _counted(session, subject, last.frame_index):
+            mark = find_mark(session, subject.person_id, last.sensor_id, last.frame_index, subject.vertex.corner)
             if mark is not None:
                 let_stand(session, mark.id, is_mark=False)
-            _restore_verdict(session, found)
-            _write(session, found, said, {"verdict": None, "u": last.u, "v": last.v}, last, None)
-            session.connection().execute(_LEASED_AGAIN, {"task": found.task_id, "lease_s": lease_s})
-    return subjects(session, found.person_id, task_id=found.task_id)[0]
+            _restore_verdict(session, subject)
+            _write(session, subject, undone, {"verdict": None, "u": last.u, "v": last.v}, last, None)
+            session.connection().execute(_LEASED_AGAIN, {"task": subject.task_id, "lease_s": lease_s})
+    return subjects(session, subject.person_id, task_id=subject.task_id)[0]
 
 
-def _counted(session: Session, found: Subject, frame_index: int) -> AbstractContextManager[None]:
-    is_first = found.mark is None and found.verdict is None
-    whose = (found.person_id, found.frame.sensor_id, frame_index)
-    return counted(session, *whose, found.vertex.corner, found.apex_id, is_first=is_first)
+def _counted(session: Session, subject: Subject, frame_index: int) -> AbstractContextManager[None]:
+    is_first = subject.mark is None and subject.verdict is None
+    whose = (subject.person_id, subject.frame.sensor_id, frame_index)
+    return counted(session, *whose, subject.vertex.corner, subject.apex_id, is_first=is_first)
 
 
-def _restore_verdict(session: Session, found: Subject) -> None:
+def _restore_verdict(session: Session, subject: Subject) -> None:
     """Let the verdict of the person's answer in another camera stand, if there is one; else none."""
-    if found.verdict is None:
+    if subject.verdict is None:
         return
-    let_stand(session, found.verdict.id, is_verdict=False)
-    own = select(AnswerRow).filter_by(person_id=found.person_id, apex_id=found.apex_id).order_by(AnswerRow.version)
-    elsewhere = own.where(AnswerRow.sensor_id != found.frame.sensor_id)
+    let_stand(session, subject.verdict.id, is_verdict=False)
+    own = (
+        select(AnswerRow).filter_by(person_id=subject.person_id, apex_id=subject.apex_id).order_by(AnswerRow.version)
+    )
+    elsewhere = own.where(AnswerRow.sensor_id != subject.frame.sensor_id)
     last = {row.sensor_id: row for row in session.scalars(elsewhere)}
     standing = sorted((row for row in last.values() if row.verdict), key=lambda row: row.created_at)
     if standing:
         let_stand(session, standing[-1].id, is_verdict=True)
 
 
-def _repeated(session: Session, found: Subject, said: Answer | Undo, content: Json) -> AnswerRow | None:
+def _repeated(session: Session, subject: Subject, answer: Answer | Undo, content: Json) -> AnswerRow | None:
     """The answer if it was given before; None where it is new, and made on the version that stands.
 
     Raises:
         Problem: ``answer_id_used``, ``answer_changed``, ``answered_too_often``.
     """
-    if said.version == own_version(found):
-        if said.version >= MOST_ANSWERS:
-            _check_patience(session, found)
+    if answer.version == own_version(subject):
+        if answer.version >= MOST_ANSWERS:
+            _check_patience(session, subject)
         return None
-    earlier = session.get(AnswerRow, said.id)
+    earlier = session.get(AnswerRow, answer.id)
     if earlier is not None:
-        subject = {"person_id": found.person_id, "apex_id": found.apex_id, "sensor_id": found.frame.sensor_id}
-        if all(getattr(earlier, name) == value for name, value in (subject | content).items()):
+        whose = {"person_id": subject.person_id, "apex_id": subject.apex_id, "sensor_id": subject.frame.sensor_id}
+        if all(getattr(earlier, name) == value for name, value in (whose | content).items()):
             return earlier
-        raise _id_used(said.id)
-    own = own_answer(found)
+        raise _id_used(answer.id)
+    own = own_answer(subject)
     raise Problem(
         409,
         "answer_changed",
@@ -148,9 +150,9 @@ def _in_words(own: Own) -> str:
     return f"{word} at ({own.mark.u:g}, {own.mark.v:g})" if own.mark else word
 
 
-def _check_patience(session: Session, found: Subject) -> None:
+def _check_patience(session: Session, subject: Subject) -> None:
     """Refuse more answers; also to take the last one back, which would leave none."""
-    own = {"person_id": found.person_id, "apex_id": found.apex_id, "sensor_id": found.frame.sensor_id}
+    own = {"person_id": subject.person_id, "apex_id": subject.apex_id, "sensor_id": subject.frame.sensor_id}
     if (session.scalar(select(func.count(AnswerRow.verdict)).filter_by(**own)) or 0) >= MOST_ANSWERS:
         raise Problem(
             409,
@@ -162,14 +164,19 @@ def _check_patience(session: Session, found: Subject) -> None:
 
 def _write(
     session: Session,
-    found: Subject,
-    said: Answer | Undo,
+    subject: Subject,
+    answer: Answer | Undo,
     content: Json,
     mark: Said | None,
     verdict: Said | None,
 ) -> None:
-    whose = {"recording_id": found.recording_id, "person_id": found.person_id, "apex_id": found.apex_id}
-    frame = {"sensor_id": found.frame.sensor_id, "frame_index": found.frame.frame_index}
-    row = {"id": said.id, "version": said.version + 1, "corner": found.vertex.corner, "reviewed": bool(found.told)}
+    whose = {"recording_id": subject.recording_id, "person_id": subject.person_id, "apex_id": subject.apex_id}
+    frame = {"sensor_id": subject.frame.sensor_id, "frame_index": subject.frame.frame_index}
+    row = {
+        "id": answer.id,
+        "version": answer.version + 1,
+        "corner": subject.vertex.corner,
+        "reviewed": bool(subject.is_told),
+    }
     if not write_answer(session, row | whose | frame | content, mark, verdict):
-        raise _id_used(said.id)
+        raise _id_used(answer.id)

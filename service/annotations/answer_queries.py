@@ -47,9 +47,9 @@ def answers_of_others(person_id: Any) -> ColumnElement[int]:
     )
 
 
-def answers_closing(person: Any, wanted: Any) -> ColumnElement[int]:
-    """The number of answers on the enclosing query's ``Vertex``; one of ``person`` counts as ``wanted``."""
-    counted = func.sum(case((_verdict.person_id == person, wanted), else_=1))
+def answers_closing(person: Any, count: Any) -> ColumnElement[int]:
+    """The number of answers on the enclosing query's ``Vertex``; one of ``person`` counts as ``count``."""
+    counted = func.sum(case((_verdict.person_id == person, count), else_=1))
     answers = select(func.coalesce(counted, 0)).select_from(_verdict)
     return answers.where(is_on_apex(_verdict), _is_complete()).correlate_except(_verdict).scalar_subquery()
 

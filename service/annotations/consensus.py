@@ -23,7 +23,7 @@ from uuid import UUID
 Pixel = tuple[float, float]
 
 
-class Outcome(StrEnum):
+class ConsensusOutcome(StrEnum):
     """What becomes of a vertex."""
 
     KEPT = "kept"
@@ -60,7 +60,7 @@ class Consensus:
         reviewed: how many of them had been told something of others' answers.
     """
 
-    outcome: Outcome
+    outcome: ConsensusOutcome
     pixel: Pixel | None
     spread_px: float | None
     marks: int
@@ -81,18 +81,18 @@ def agree(opinions: Sequence[Opinion], apart_px: float = math.inf) -> Consensus:
 
     ``apart_px``: two marks farther from each other give no correspondence.
     """
-    confirming = [one for one in opinions if one.verdict == "confirmed"]
-    rejected = sum(one.verdict == "rejected" for one in opinions)
-    answers, reviewed = len(opinions), sum(one.reviewed for one in opinions)
+    confirming = [opinion for opinion in opinions if opinion.verdict == "confirmed"]
+    rejected = sum(opinion.verdict == "rejected" for opinion in opinions)
+    answers, reviewed = len(opinions), sum(opinion.reviewed for opinion in opinions)
     if rejected > len(confirming):
-        return Consensus(Outcome.REMOVED, None, None, 0, answers, reviewed)
-    marks = [one.mark for one in confirming if one.mark]
+        return Consensus(ConsensusOutcome.REMOVED, None, None, 0, answers, reviewed)
+    marks = [opinion.mark for opinion in confirming if opinion.mark]
     if not marks:
-        return Consensus(Outcome.UNMARKED, None, None, 0, answers, reviewed)
-    independent = sorted(one.mark for one in confirming if one.mark and not one.reviewed)
+        return Consensus(ConsensusOutcome.UNMARKED, None, None, 0, answers, reviewed)
+    independent = sorted(opinion.mark for opinion in confirming if opinion.mark and not opinion.reviewed)
     if len(marks) == 2 and _distance(*marks) > apart_px:
-        return Consensus(Outcome.APART, None, None, len(independent), answers, reviewed)
-    outcome = Outcome.TIED if rejected == len(confirming) else Outcome.KEPT
+        return Consensus(ConsensusOutcome.APART, None, None, len(independent), answers, reviewed)
+    outcome = ConsensusOutcome.TIED if rejected == len(confirming) else ConsensusOutcome.KEPT
     return Consensus(outcome, combine(marks), _spread(independent), len(independent), answers, reviewed)
 
 
@@ -195,8 +195,8 @@ def _newton_steps(guess: Pixel, points: Sequence[Pixel]) -> list[Pixel]:
     return [(guess[0] + step_u / 4**k, guess[1] + step_v / 4**k) for k in range(8)]
 
 
-def _sum_of_distances(place: Pixel, points: Sequence[Pixel]) -> float:
-    return math.fsum(_distance(point, place) for point in points)
+def _sum_of_distances(center: Pixel, points: Sequence[Pixel]) -> float:
+    return math.fsum(_distance(point, center) for point in points)
 
 
 def _mean(points: Sequence[Pixel]) -> Pixel:

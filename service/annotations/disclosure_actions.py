@@ -74,7 +74,7 @@ def keep(session: Session, person_id: UUID, camera: Sensor, keys: Iterable[Discl
     common |= {"told_in": told_in, "told_at": utc_now()}
     news = sorted(_news(session, person_id, camera.id, keys))
     if news:
-        session.execute(insert(Disclosure), [common | one._asdict() for one in news])
+        session.execute(insert(Disclosure), [common | key._asdict() for key in news])
 
 
 def tell(access: Access, database: Database, camera: Sensor, keys: Iterable[DisclosureKey], told_in: Place) -> None:
@@ -116,7 +116,7 @@ def _ever_answered(session: Session, detection_id: UUID, sensor_id: UUID, person
 
 
 def _news(session: Session, person_id: UUID, sensor_id: UUID, keys: Iterable[DisclosureKey]) -> set[DisclosureKey]:
-    told = select(Disclosure.frame_index, Disclosure.sweep_index, Disclosure.corner).where(
+    disclosed = select(Disclosure.frame_index, Disclosure.sweep_index, Disclosure.corner).where(
         Disclosure.person_id == person_id, Disclosure.sensor_id == sensor_id
     )
-    return set(keys) - {DisclosureKey(*row) for row in session.execute(told)}
+    return set(keys) - {DisclosureKey(*row) for row in session.execute(disclosed)}

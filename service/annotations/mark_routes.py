@@ -21,8 +21,8 @@ from service.annotations.views import mark_view
 from service.detections.queries import find_camera
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.db.annotations import Answer
+from service.platform.db.base import new_id
 from service.platform.db.detections import Apex
-from service.platform.db.ids import new_id
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.http.etags import Conditional, Conditions, version_etag
 from service.platform.http.problems import Problem

@@ -90,10 +90,10 @@ def read_progress(access: Access, database: Database, detection: Detection, came
         # No answer is under way then: each refers to the recording. While some are, the count is not kept.
         recording = select(Recording.id).where(Recording.id == detection.recording_id)
         is_alone = writing.scalar(recording.with_for_update(skip_locked=True)) is not None
-        found, people = _count(writing, detection, camera, person_id, wanted_now)
+        counts, people = _count(writing, detection, camera, person_id, wanted_now)
         if not is_alone:
-            return _progress(*found)
-        counters = (*found[:3], found[4])
+            return _progress(*counts)
+        counters = (*counts[:3], counts[4])
         writing.execute(delete(MarkingProgress).where(_of(detection.id, camera.id)))
         own, names = (detection.id, camera.id), [column.key for column in MarkingProgress.__table__.columns]
         people.setdefault(person_id, 0)
@@ -103,14 +103,14 @@ def read_progress(access: Access, database: Database, detection: Detection, came
             for person, mine in people.items()
         ]
         writing.execute(insert(MarkingProgress), [dict(zip(names, row, strict=True)) for row in rows])
-    return _progress(*found)
+    return _progress(*counts)
 
 
 def progress_of(session: Session, person_id: UUID, detection_id: UUID, sensor_id: UUID) -> Progress | None:
     """Progress as the counters tell it to a person; None where all has to be counted again."""
     names = {"detection": detection_id, "sensor": sensor_id, "person": person_id}
-    *sums, wanted = session.connection().execute(_sums(), names).one()
-    return _progress(*sums) if sums[0] is not None and sums[1] == wanted else None
+    *sums, count = session.connection().execute(_sums(), names).one()
+    return _progress(*sums) if sums[0] is not None and sums[1] == count else None
 
 
 @cache
@@ -170,7 +170,7 @@ def _changing(dialect: str) -> Any:
 
 
 def _count(
-    session: Session, detection: Detection, camera: Sensor, person_id: UUID, wanted: int
+    session: Session, detection: Detection, camera: Sensor, person_id: UUID, per_vertex: int
 ) -> tuple[tuple[int, int, int, int, int], Counter[UUID]]:
     """The progress (vertices, marks wanted, answered, mine, complete) of all rows, and the answers of each person."""
     is_asked = Vertex.corner.in_(marked_corners(detection))
@@ -182,5 +182,5 @@ def _count(
     )
     rows = session.execute(answers_of(detection.id, camera.id, Vertex.id, VERDICT.person_id).where(is_asked)).all()
     of_vertex, people = Counter(row[0] for row in rows), Counter(row[1] for row in rows)
-    complete = sum(count >= wanted for count in of_vertex.values())
-    return (vertices or 0, wanted, len(of_vertex), people[person_id], complete), people
+    complete = sum(count >= per_vertex for count in of_vertex.values())
+    return (vertices or 0, per_vertex, len(of_vertex), people[person_id], complete), people

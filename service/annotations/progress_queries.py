@@ -78,12 +78,12 @@ def is_reviewed() -> ColumnElement[bool]:
 
 
 def visible_answers(
-    detection_id: UUID, camera_id: UUID, person_id: UUID, wanted: int, *, everyone: bool
+    detection_id: UUID, camera_id: UUID, person_id: UUID, per_vertex: int, *, everyone: bool
 ) -> Select[*tuple[Any, ...]]:
     """Answers with their parts: all of them, or a person's own and those on vertices that are complete for them.
 
-    That is, which they confirmed or rejected, and which have as many answers as ``wanted``: of such a vertex nobody
-    is asked any more.
+    That is, which they confirmed or rejected, and which have as many answers as ``per_vertex``: nobody
+    is asked about such a vertex any more.
     """
     first_told = (
         select(func.min(Disclosure.told_at))
@@ -104,5 +104,5 @@ def visible_answers(
     statement = statement.join(Person, Person.id == VERDICT.person_id)
     if everyone:
         return statement
-    is_complete = and_(has_answered(person_id, decided=True), answers_of_others(person_id) >= wanted - 1)
+    is_complete = and_(has_answered(person_id, decided=True), answers_of_others(person_id) >= per_vertex - 1)
     return statement.where(or_(VERDICT.person_id == person_id, is_complete))

@@ -46,15 +46,15 @@ CameraQuery = Annotated[Sought, Query(description="a camera's name in the rig")]
     response_model=TaskView,
     responses={204: {"description": "nothing is left for this person"}},
 )
-def ask_task(detection_id: UUID, wanted: NextTask, access: WriteAccess, request: Request) -> TaskView | Response:
+def ask_task(detection_id: UUID, body: NextTask, access: WriteAccess, request: Request) -> TaskView | Response:
     """The next vertex for this person to judge, leased to them; the one that they hold, renewed. [annotator]
 
     With ``ahead`` so many more are leased and told, in the order in which they will come.
     """
     detection = done_detection(access, detection_id, "annotator")
-    camera = find_camera(access.session, detection.recording_id, wanted.camera)
+    camera = find_camera(access.session, detection.recording_id, body.camera)
     lease_s = request.app.state.settings.mark_lease_s
-    tasks = next_tasks(access.session, detection, camera, access.person.id, lease_s, wanted.skip, wanted.ahead)
+    tasks = next_tasks(access.session, detection, camera, access.person.id, lease_s, body.skip, body.ahead)
     if not tasks:
         return Response(status_code=204)
     first, *ahead = map(task_view, tasks)
@@ -64,18 +64,18 @@ def ask_task(detection_id: UUID, wanted: NextTask, access: WriteAccess, request:
 @router.post("/tasks/{task_id}/answer")
 def answer_task(task_id: UUID, answer: Answer, access: WriteAccess) -> AnswerView:
     """Judge a vertex: verdict and mark at once. The same id again is the same answer. [annotator]"""
-    found = _locked(access, task_id)
-    given = give(access.session, found, answer)
-    hint(access.session, found.fleet_id, "marking", found.detection_id)
-    return given
+    subject = _locked(access, task_id)
+    view = give(access.session, subject, answer)
+    hint(access.session, subject.fleet_id, "marking", subject.detection_id)
+    return view
 
 
 @router.post("/tasks/{task_id}/undo")
 def undo_answer(task_id: UUID, answer: Undo, access: WriteAccess, request: Request) -> TaskView:
     """Take one's own last answer back; its vertex is leased to the same person at once. [annotator]"""
-    found = _locked(access, task_id)
-    again = undo(access.session, found, answer, request.app.state.settings.mark_lease_s)
-    hint(access.session, found.fleet_id, "marking", found.detection_id)
+    subject = _locked(access, task_id)
+    again = undo(access.session, subject, answer, request.app.state.settings.mark_lease_s)
+    hint(access.session, subject.fleet_id, "marking", subject.detection_id)
     return task_view(again)
 
 
@@ -97,10 +97,10 @@ def read_tally(detection_id: UUID, access: ReadAccess, camera: CameraQuery, requ
     """What people said in one camera, in numbers. What one answers afterwards counts as reviewed. [reviewer]"""
     detection = access.find(Detection, detection_id, "reviewer")
     sensor = find_camera(access.session, detection.recording_id, camera)
-    found = tally(access.session, detection.id, sensor.id)
+    counts = tally(access.session, detection.id, sensor.id)
     others = answered_by_others(access.session, detection.id, sensor.id, access.person.id)
     tell(access, request.app.state.database, sensor, others, "tally")
-    return found
+    return counts
 
 
 @router.get("/detections/{detection_id}/own-pairs")
@@ -122,8 +122,8 @@ def list_marks(
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera)
     everyone = rank(access.role(detection.fleet_id) or "") >= rank("reviewer")
-    wanted = access.session.get_one(Recording, detection.recording_id).marks_per_vertex
-    statement = visible_answers(detection.id, sensor.id, access.person.id, wanted, everyone=everyone)
+    per_vertex = access.session.get_one(Recording, detection.recording_id).marks_per_vertex
+    statement = visible_answers(detection.id, sensor.id, access.person.id, per_vertex, everyone=everyone)
     rows, following = fetch(access.session, statement, VERDICT.id, window)
     items = [
         GivenMark(

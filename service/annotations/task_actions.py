@@ -19,8 +19,8 @@ from service.annotations.locks import lock_person, lock_recording
 from service.annotations.task_queries import Seeker
 from service.annotations.views import Subject, subjects
 from service.platform.db.annotations import MarkingFrontier, MarkingTask
+from service.platform.db.base import new_id
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
-from service.platform.db.ids import new_id
 from service.platform.db.recordings import Sensor
 from service.platform.db.session import upserting
 
@@ -50,8 +50,8 @@ def next_tasks(
         passed += session.connection().scalars(_giving_back(), names | {"skipped": skip, "clock": clock})
     leased = [*session.connection().scalars(_held(), names | {"most": 1 + ahead})]
     if len(leased) < 1 + ahead:
-        wanted = lock_recording(session, detection.recording_id, shared=True)
-        seeker = Seeker(session, detection.recording_id, names | {"wanted": wanted}, [*passed, *leased])
+        per_vertex = lock_recording(session, detection.recording_id, shared=True)
+        seeker = Seeker(session, detection.recording_id, names | {"wanted": per_vertex}, [*passed, *leased])
         leased += seeker.take(1 + ahead - len(leased))
     if not leased:
         return []

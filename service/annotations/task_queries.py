@@ -15,7 +15,7 @@ from service.annotations.answer_queries import answers_closing, leases_of_others
 from service.platform.db.annotations import MarkingFrontier, MarkingTask
 from service.platform.db.base import Json
 from service.platform.db.detections import Apex, Vertex, VertexFrame
-from service.platform.db.upserts import put
+from service.platform.db.session import put
 
 # The frontier is written when it has moved so far; until then the search passes the vertices in between again.
 _STEP = 30
@@ -53,7 +53,7 @@ class Seeker:
             while len(taken) < count and (sought := self._lock(count - len(taken), tried, wait=wait)):
                 tried += sought
                 open_now = set(self.session.connection().scalars(_still_open(), self.names | {"sought": sought}))
-                taken += [one for one in sought if one in open_now]
+                taken += [vertex_id for vertex_id in sought if vertex_id in open_now]
             if taken:
                 break
         return taken
@@ -116,8 +116,8 @@ def _new(*, is_near: bool, wait: bool) -> Select[Any, Any, Any]:
 @cache
 def _seen(*, wait: bool) -> Select[Any, Any]:
     """Open vertices whose tasks the person had longest ago and did not answer, with locks on their apexes."""
-    seen = _open().join(MarkingTask, _is_own()).where(MarkingTask.answered_at.is_(None))
-    return _locking(seen.order_by(MarkingTask.leased_until, Vertex.rank, Vertex.corner.desc()), wait=wait)
+    statement = _open().join(MarkingTask, _is_own()).where(MarkingTask.answered_at.is_(None))
+    return _locking(statement.order_by(MarkingTask.leased_until, Vertex.rank, Vertex.corner.desc()), wait=wait)
 
 
 def _locking(rows: Any, *, wait: bool) -> Any:

@@ -50,7 +50,7 @@ class FrameFacts(NamedTuple):
 class Subject(NamedTuple):
     """A task with all that its answer touches; its person's standing mark and verdict, and their last answer.
 
-    ``told``: something of others' answers was told to the person. ``moved``: the vertex at the frame's time.
+    ``is_told``: something of others' answers was told to the person. ``moved``: the vertex at the frame's time.
     """
 
     task_id: UUID
@@ -61,7 +61,7 @@ class Subject(NamedTuple):
     recording_id: UUID
     camera: str
     gap_ns: int
-    told: bool
+    is_told: bool
     apex_id: UUID
     frame: FrameFacts
     mark: Said | None
@@ -97,10 +97,10 @@ def _subject(row: Sequence[Any]) -> Subject:
     columns = iter(row)
     counts = (len(part) for part in _PARTS)
     facts, frame, *answers, moved, vertex = ([*islice(columns, count)] for count in counts)
-    mark, verdict, last = (Said._make(one) if one[0] is not None else None for one in answers)
-    place = Moved(**dict(zip(Moved.model_fields, moved, strict=True))) if moved[0] is not None else None
+    mark, verdict, last = (Said._make(answer) if answer[0] is not None else None for answer in answers)
+    displacement = Moved(**dict(zip(Moved.model_fields, moved, strict=True))) if moved[0] is not None else None
     summary = VertexSummary(**dict(zip(VertexSummary.model_fields, vertex, strict=True)))
-    return Subject._make([*facts, FrameFacts._make(frame), mark, verdict, last, place, summary])
+    return Subject._make([*facts, FrameFacts._make(frame), mark, verdict, last, displacement, summary])
 
 
 def _columns(of: Any, names: Iterable[str]) -> tuple[Any, ...]:
@@ -169,15 +169,15 @@ def mark_view(mark: Answer) -> MarkView:
     return MarkView(u=mark.u, v=mark.v, version=mark.version)
 
 
-def task_view(found: Subject) -> TaskView:
+def task_view(subject: Subject) -> TaskView:
     """A person's task, with all that is needed to judge it and nothing of what others said."""
-    frame, address = found.frame, f"/v1/recordings/{found.recording_id}/cameras/{quote(found.camera, safe='')}"
+    frame, address = subject.frame, f"/v1/recordings/{subject.recording_id}/cameras/{quote(subject.camera, safe='')}"
     return TaskView(
-        task_id=found.task_id,
-        person_id=found.person_id,
-        leased_until=found.leased_until,
-        vertex=found.vertex,
-        camera=found.camera,
+        task_id=subject.task_id,
+        person_id=subject.person_id,
+        leased_until=subject.leased_until,
+        vertex=subject.vertex,
+        camera=subject.camera,
         frame=TaskFrame(
             index=frame.frame_index,
             stamp_ns=frame.stamp_ns,
@@ -185,28 +185,28 @@ def task_view(found: Subject) -> TaskView:
             height=frame.height,
             url=f"{address}/frames/{frame.frame_index}",
         ),
-        gap_ns=found.gap_ns,
-        moved=found.moved,
+        gap_ns=subject.gap_ns,
+        moved=subject.moved,
         predicted=None,
-        own=own_answer(found),
+        own=own_answer(subject),
     )
 
 
-def own_answer(found: Subject) -> Own:
+def own_answer(subject: Subject) -> Own:
     """What a person says of a vertex, and where they marked it; also the mark of an answer that they took back."""
-    last, mark = found.last, found.mark
-    if mark is None and last is not None and last.frame_index == found.frame.frame_index:
+    last, mark = subject.last, subject.mark
+    if mark is None and last is not None and last.frame_index == subject.frame.frame_index:
         mark = last
     # Without a version: the verdict of an answer in another camera.
-    said = last or found.verdict
+    answer = last or subject.verdict
     u, v = (mark.u, mark.v) if mark else (None, None)
     return Own(
-        version=own_version(found),
+        version=own_version(subject),
         mark=None if u is None or v is None else Pixel(u=u, v=v),
-        verdict=said.verdict if said else None,  # pyright: ignore[reportArgumentType] - only verdicts
+        verdict=answer.verdict if answer else None,  # pyright: ignore[reportArgumentType] - only verdicts
     )
 
 
-def own_version(found: Subject) -> int:
+def own_version(subject: Subject) -> int:
     """The version of what a person said last of a vertex, by an answer or by a mark alone; 0 for nothing."""
-    return max(found.last.version if found.last else 0, found.mark.version if found.mark else 0)
+    return max(subject.last.version if subject.last else 0, subject.mark.version if subject.mark else 0)

@@ -1,7 +1,7 @@
 """State transitions of runs: iterations as bundles of slots, the fan-in, the end of run and request.
 
 Every function here works inside the caller's transaction. Locks are taken in one order: job, run, calibration, then
-those of :mod:`service.calibration_runs.fleet_request_actions`.
+those of :mod:`service.calibration_runs.conclusion`.
 """
 
 from __future__ import annotations

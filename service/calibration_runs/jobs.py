@@ -12,7 +12,7 @@ from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import end_run, go_on, start_runs
 from service.calibration_runs.conclusion import end_calibration
 from service.platform.broker.hints import hint
-from service.platform.db.base import Json, written
+from service.platform.db.base import Json, state_literal
 from service.platform.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.jobs import Job
@@ -21,7 +21,7 @@ from service.platform.jobs.kinds import CannotRetryError, Kind, failed_subject
 from service.platform.jobs.queue import enqueue
 
 _CANCELLED_RUNS = select(CalibrationRun.id).where(
-    CalibrationRun.cancel_requested, CalibrationRun.state.in_([written(state) for state in UNENDED])
+    CalibrationRun.cancel_requested, CalibrationRun.state.in_([state_literal(state) for state in UNENDED])
 )
 
 

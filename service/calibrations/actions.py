@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import start_runs
 from service.calibrations.plan import CalibrationPlan, FitPlan
-from service.platform.db.base import written
+from service.platform.db.base import state_literal
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun
 from service.platform.db.fleets import Rig
 from service.platform.jobs.bundles import choose_farming
@@ -29,13 +29,13 @@ def create(
 
 def waiting_runs(session: Session, enough: int) -> int:
     """How many runs have not ended, of all fleets; of more than ``enough`` it says just that many."""
-    unended = select(CalibrationRun.id).where(CalibrationRun.state.in_([written(state) for state in UNENDED]))
+    unended = select(CalibrationRun.id).where(CalibrationRun.state.in_([state_literal(state) for state in UNENDED]))
     return session.scalar(select(func.count()).select_from(unended.limit(enough).subquery())) or 0
 
 
 def create_all(
     session: Session,
-    wanted: Sequence[tuple[Rig, CalibrationPlan]],
+    plans: Sequence[tuple[Rig, CalibrationPlan]],
     farm: str,
     publish: str,
     person_id: UUID,
@@ -46,12 +46,12 @@ def create_all(
 
     ``waiting``: how many runs there are to be worked on, these included.
     """
-    calibrations = [_calibration(rig, plan, publish, person_id) for rig, plan in wanted]
+    calibrations = [_calibration(rig, plan, publish, person_id) for rig, plan in plans]
     session.add_all(calibrations)
     session.flush()
     runs = [
         _run(calibration, fit, fold, farm, waiting, workers)
-        for calibration, (_, plan) in zip(calibrations, wanted, strict=True)
+        for calibration, (_, plan) in zip(calibrations, plans, strict=True)
         for fit, fold in sorted(_runs(plan), key=lambda run: run[1])
     ]
     session.add_all(runs)

@@ -15,8 +15,7 @@ from apexcal.documents.results import ComparedResult
 from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import BetweenModels, Summary
 from service.platform.db.base import Json
-from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.platform.db.publications import Publication
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.platform.http.problems import Problem
 from service.publications.queries import withdrawals
 from service.publications.views import publication_views

@@ -13,15 +13,15 @@ from service.platform.db.base import Json
 _MOST: Final = 20
 
 
-def fold_count(pairs: Json, wanted: int, free: Mapping[str, int], camera: str) -> tuple[dict[str, int], list[str]]:
-    """For each model the number of folds, and sentences where it is not the ``wanted`` one.
+def fold_count(pairs: Json, folds: int, free: Mapping[str, int], camera: str) -> tuple[dict[str, int], list[str]]:
+    """For each model the number of folds, and sentences where it is not ``folds``.
 
     Models are compared on the same held-out pairs, so all that can be judged get the same number: the lowest one,
-    from ``wanted`` on, that leaves each model at least as many pairs as it has free parameters. ``pairs`` is a set's
+    from ``folds`` on, that leaves each model at least as many pairs as it has free parameters. ``pairs`` is a set's
     object of columns; ``free`` the number of free parameters by model.
     """
     none = dict.fromkeys(free, 0)
-    if wanted == 0:
+    if folds == 0:
         return none, []
     values = held_together(pairs)
     total, different = len(values), len(set(values))
@@ -40,15 +40,15 @@ def fold_count(pairs: Json, wanted: int, free: Mapping[str, int], camera: str) -
         return none, sentences
     # One after the other: to cut 100,000 pairs takes 50 ms.
     largest = max(judged.values())
-    fewer = range(max(2, min(wanted, most)), most)
+    fewer = range(max(2, min(folds, most)), most)
     count = next((count for count in fewer if _remaining(values, count) >= largest), most)
-    if count != wanted:
+    if count != folds:
         because = (
             f"there are {different} frames or poses"
-            if count < wanted
-            else f"with {wanted} too few pairs would remain to fit the largest model"
+            if count < folds
+            else f"with {folds} too few pairs would remain to fit the largest model"
         )
-        sentences.append(f"{count} folds instead of {wanted} are held out of {camera}: {because}.")
+        sentences.append(f"{count} folds instead of {folds} are held out of {camera}: {because}.")
     return none | dict.fromkeys(judged, count), sentences
 
 

@@ -21,7 +21,7 @@ from service.platform.http.problems import Problem
 
 
 def with_recorded_lenses(
-    session: Session, wanted: CalibrationTemplate, sources: Sequence[CameraPairs]
+    session: Session, template: CalibrationTemplate, sources: Sequence[CameraPairs]
 ) -> Sequence[CameraPairs]:
     """The cameras with the lenses that their recordings state, where the request does not ignore these.
 
@@ -30,12 +30,12 @@ def with_recorded_lenses(
     Raises:
         Problem: 422 ``no_intrinsics_stated`` or ``intrinsics_of_another_size``.
     """
-    if wanted.intrinsics_from == "bounds":
+    if template.intrinsics_from == "bounds":
         return sources
-    insists = wanted.intrinsics_from == "recording" or wanted.intrinsics_as == "locked"
+    insists = template.intrinsics_from == "recording" or template.intrinsics_as == "locked"
     return [
         source
-        if source.camera.name in wanted.intrinsics
+        if source.camera.name in template.intrinsics
         else replace(source, stated=_stated_intrinsics(session, source.camera, source.pairs, insists))
         for source in sources
     ]
@@ -43,8 +43,8 @@ def with_recorded_lenses(
 
 def _stated_intrinsics(session: Session, camera: RigCamera, pairs: CorrespondenceSet, insists: bool) -> Json | None:
     """What the recording of these pairs says of the camera (CameraInfo)."""
-    found = select(Sensor.facts).where(Sensor.recording_id == pairs.recording_id, Sensor.name == camera.name)
-    facts = session.scalar(found) or {}
+    statement = select(Sensor.facts).where(Sensor.recording_id == pairs.recording_id, Sensor.name == camera.name)
+    facts = session.scalar(statement) or {}
     kind: ImageKind | None = camera.images["kind"] if camera.images else facts.get("image_kind")
     stated: Json | None = facts.get("camera_info") and lens_of_images(facts["camera_info"], kind)
     if not insists and (stated is None or not is_of_images(stated, camera)):

@@ -40,23 +40,23 @@ class Known:
     locked: dict[str, float] = field(default_factory=dict[str, float])
 
 
-def as_stated(camera: str, given: Json) -> Json:
+def as_stated(camera: str, intrinsics: Json) -> Json:
     """A lens as people send it, under our model's name.
 
     Raises:
         Problem: 422 ``unknown_distortion_model``, ``distortion_without_equal``, ``invalid_intrinsics``.
     """
-    name = str(given["distortion_model"])
+    name = str(intrinsics["distortion_model"])
     model = model_stated(name)
     if model is None:
         raise Problem(
             422,
             "unknown_distortion_model",
             f"The intrinsics of {camera} are of the distortion model {name!r}, which is none here.",
-            f"Known are {', '.join(sorted(one for one in MODEL_OF if one))}. Leave the intrinsics out, or give their "
+            f"Known are {', '.join(sorted(filter(None, MODEL_OF)))}. Leave the intrinsics out, or give their "
             "focal lengths and centre as bounds of the rig or the request.",
         )
-    stated = [float(value) for value in given["D"]]
+    stated = [float(value) for value in intrinsics["D"]]
     D = coefficients_of(model, stated)
     if D is None:
         raise Problem(
@@ -67,7 +67,7 @@ def as_stated(camera: str, given: Json) -> Json:
             "Calibrate the lens as plumb_bob (k1 k2 p1 p2 k3) or equidistant (k1 k2 k3 k4), or give focal lengths "
             "and centre as bounds of the rig or the request.",
         )
-    K = [float(value) for value in given["K"]]
+    K = [float(value) for value in intrinsics["K"]]
     if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
         raise Problem(
             422,
@@ -75,7 +75,7 @@ def as_stated(camera: str, given: Json) -> Json:
             f"K of {camera} is no camera matrix: it is [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows.",
             "A CameraInfo without a calibration has zeros there.",
         )
-    return {"model": model, "K": K, "D": D, "width": given["width"], "height": given["height"]}
+    return {"model": model, "K": K, "D": D, "width": intrinsics["width"], "height": intrinsics["height"]}
 
 
 def is_of_images(stated: Json, camera: RigCamera) -> bool:
@@ -107,12 +107,12 @@ def check_size(stated: Json, camera: RigCamera, what: str) -> None:
 
 
 @dataclass(frozen=True)
-class Lens:
-    """A stated lens, and what it says of the parameters of each model that is fitted: ``known``, in their order."""
+class LensConstraints:
+    """A stated lens, and what it says of the parameters of each fitted model: ``by_model``, in their order."""
 
     stated: Json
     use_as: LensUse
-    known: Mapping[ModelName, Known]
+    by_model: Mapping[ModelName, Known]
 
     @property
     def parameters(self) -> Json | None:
@@ -122,17 +122,17 @@ class Lens:
         return values and {"model": model, **values}
 
 
-def take_over(camera: str, stated: Json, models: Sequence[ModelName], use_as: LensUse) -> Lens:
+def take_over(camera: str, stated: Json, models: Sequence[ModelName], use_as: LensUse) -> LensConstraints:
     """The lens as the models take it over. If it is locked, those that cannot be it are left out.
 
     Raises:
         Problem: 422 ``intrinsics_of_another_model`` where none is left.
     """
-    known: dict[ModelName, Known] = {
-        model: found for model in models if (found := _known_of(stated, model, use_as)) is not None
+    priors: dict[ModelName, Known] = {
+        model: prior for model in models if (prior := _known_of(stated, model, use_as)) is not None
     }
-    if known:
-        return Lens(stated, use_as, known)
+    if priors:
+        return LensConstraints(stated, use_as, priors)
     lens = stated["model"]
     what = f"are of {lens}" if lens else f"({stated.get('distortion_model')}) are of a model that has no equal here"
     raise Problem(
@@ -144,14 +144,14 @@ def take_over(camera: str, stated: Json, models: Sequence[ModelName], use_as: Le
     )
 
 
-def lens_notes(lens: Lens, models: Sequence[ModelName], settled: Collection[str]) -> list[str]:
+def lens_notes(lens: LensConstraints, models: Sequence[ModelName], settled: Collection[str]) -> list[str]:
     """What became of a lens. ``settled`` are the parameters that the request or the rig bounds or locks."""
     if lens.use_as == "bounds":
         return [_bounds_note(lens.stated, settled)]
     if lens.use_as == "free":
         return ["the lens is fitted, and compared with the stated one."]
     locks = lens.use_as == "locked"
-    rest = [model for model in models if lens.known.get(model, Known()) == Known()]
+    rest = [model for model in models if lens.by_model.get(model, Known()) == Known()]
     notes = [f"the intrinsics are {'locked at' if locks else 'drawn to'} those stated."] if rest != models else []
     if rest:
         verb, ways = ("is", "its own lens") if len(rest) == 1 else ("are", "their own lenses")

@@ -16,15 +16,15 @@ _ELEVATION_DEG = {"refined": 0.01, "ring_rules": 0.1}
 _PERSON_PX = 0.289
 
 
-def weighing(camera: str, pairs: Json, wanted: WeightRule) -> Weights:
+def weighing(camera: str, pairs: Json, rule: WeightRule) -> Weights:
     """What the pairs weigh by; the workers make weights of it. ``pairs``: a set's columns, each for all its pairs.
 
     Raises:
         Problem: 422 ``no_covariances``, weights by covariances are asked for and the pairs state none.
     """
     if states_errors(pairs):
-        return "equal" if wanted == "equal" else "covariances"
-    if wanted == "covariances":
+        return "equal" if rule == "equal" else "covariances"
+    if rule == "covariances":
         raise Problem(
             422,
             "no_covariances",
@@ -43,33 +43,33 @@ def weighing_note(camera: str, weights: Weights) -> list[str]:
     return [f"{camera}: pairs weigh by the standard deviations that they state (weights: equal counts all alike)."]
 
 
-def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
+def common_errors(pairs: CorrespondenceSet, deviations: Json) -> Json:
     """Standard deviations by name; empty if nothing is known.
 
-    ``asked`` are the deviations that the request gives. Nothing is known of imported pairs.
+    ``deviations`` are the deviations that the request gives. Nothing is known of imported pairs.
 
     Raises:
         Problem: 422 ``no_motion`` if a deviation in time is asked for and the pairs do not tell how the apex moved.
     """
-    _check_motion(pairs, asked)
-    known: Json = {}
+    _check_motion(pairs, deviations)
+    defaults: Json = {}
     if pairs.source == "annotations":
         refined = all(name in pairs.columns for name in SIGMAS)
-        known["elevation_deg"] = _ELEVATION_DEG["refined" if refined else "ring_rules"]
-        known["person_px"] = _PERSON_PX
+        defaults["elevation_deg"] = _ELEVATION_DEG["refined" if refined else "ring_rules"]
+        defaults["person_px"] = _PERSON_PX
         if CLOCK_SIGMA in pairs.columns and "stamp_ns" in pairs.columns:
-            known["clock_ms"] = pairs.columns[CLOCK_SIGMA][0]
-    return {name: value for name, value in (known | asked).items() if value}
+            defaults["clock_ms"] = pairs.columns[CLOCK_SIGMA][0]
+    return {name: value for name, value in (defaults | deviations).items() if value}
 
 
-def _check_motion(pairs: CorrespondenceSet, asked: Json) -> None:
+def _check_motion(pairs: CorrespondenceSet, deviations: Json) -> None:
     # Pairs that state the clocks' deviation themselves are solved without it if the board stood still.
     names = ["line_time_us"] if CLOCK_SIGMA in pairs.columns else ["clock_ms", "line_time_us"]
-    wanted = [name for name in names if asked.get(name)]
-    if wanted and not tells_motion(pairs.columns.get("stamp_ns") or [], pairs.columns.get(CORNER)):
+    in_time = [name for name in names if deviations.get(name)]
+    if in_time and not tells_motion(pairs.columns.get("stamp_ns") or [], pairs.columns.get(CORNER)):
         raise Problem(
             422,
             "no_motion",
-            f"The pairs of {pairs.camera} do not say how the apex moved, so nothing follows from {wanted[0]}.",
-            f"Give stamp_ns of pairs from a walk, or leave {' and '.join(wanted)} out of common_errors.",
+            f"The pairs of {pairs.camera} do not say how the apex moved, so nothing follows from {in_time[0]}.",
+            f"Give stamp_ns of pairs from a walk, or leave {' and '.join(in_time)} out of common_errors.",
         )

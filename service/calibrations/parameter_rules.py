@@ -24,7 +24,7 @@ _OF_LENS = (
 
 
 def check_names(
-    given: Mapping[str, Any], where: str, models: Iterable[ModelName], search: SearchForm
+    parameters: Mapping[str, Any], where: str, models: Iterable[ModelName], search: SearchForm
 ) -> dict[str, Any]:
     """The values by parameter name, angles in radians; every name must be a parameter of one of the models.
 
@@ -32,7 +32,7 @@ def check_names(
         Problem: 422 ``unknown_parameter``.
     """
     names = all_names(models, search)
-    for name in given:
+    for name in parameters:
         if bare_name(name) not in names:
             raise Problem(
                 422,
@@ -41,8 +41,8 @@ def check_names(
                 f"The parameters are {', '.join(names)}; angles are in radians, or in degrees with _deg behind.",
                 parameters=list(names),
             )
-    values = in_radians(given)
-    if len(values) < len(given):
+    values = in_radians(parameters)
+    if len(values) < len(parameters):
         raise Problem(
             422, "unknown_parameter", f"{where} names an angle twice, in radians and in degrees.", "Give it once."
         )

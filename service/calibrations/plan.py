@@ -20,10 +20,9 @@ from service.calibrations.resolve import (
     resolve_template,
 )
 from service.calibrations.work_rules import FitWork, check_work, predicted_s
-from service.platform.db.base import Json
-from service.platform.db.digests import content_hash
+from service.platform.db.base import Json, content_hash
 from service.platform.http.problems import Problem
-from service.platform.jobs.costs import run_cost
+from service.platform.jobs.bundles import run_cost
 
 # Members of a request that default to what its preset means.
 _OF_PRESET: Final = ("search", "bounds_preset", "loss", "outliers")
@@ -62,25 +61,25 @@ class CalibrationPlan:
         return predicted_s([fit.work for fit in self.fits])
 
 
-def plan_request(wanted: CalibrationTemplate, sources: Sequence[CameraPairs]) -> CalibrationPlan:
+def plan_request(body: CalibrationTemplate, sources: Sequence[CameraPairs]) -> CalibrationPlan:
     """Check a request against its rig and pairs, and resolve what each fit is to do.
 
     Raises:
         DocumentError, Problem: 422 of the functions of :mod:`service.calibrations.resolve`, of
             :func:`~service.calibrations.work_rules.check_work`, and ``too_few_pairs``.
     """
-    template = resolve_template(wanted)
+    template = resolve_template(body)
     cameras = resolve_cameras(template, sources)
     work = _work(template, cameras)
     check_work(work, template.schedule)
     resolved = [(camera, fit) for camera in cameras for fit in resolve_fits(template, camera)]
     digest = _digest(template, cameras, [fit for _, fit in resolved])
-    seed = wanted.seed if wanted.seed is not None else int(digest[:13], 16)  # 52 bits
+    seed = body.seed if body.seed is not None else int(digest[:13], 16)  # 52 bits
     notes = [note for camera in cameras for note in camera.notes(template)]
     folds: dict[str, dict[str, int]] = {}
     for camera in cameras:
-        free = {fit.model: _free(camera, fit) for one, fit in resolved if one is camera}
-        folds[camera.name], sentences = fold_count(camera.pairs.columns, wanted.folds, free, camera.name)
+        free = {fit.model: _free(camera, fit) for fitted, fit in resolved if fitted is camera}
+        folds[camera.name], sentences = fold_count(camera.pairs.columns, body.folds, free, camera.name)
         notes += sentences
     fits: list[FitPlan] = []
     for (camera, fit), of_fit in zip(resolved, work, strict=False):
@@ -88,7 +87,7 @@ def plan_request(wanted: CalibrationTemplate, sources: Sequence[CameraPairs]) ->
         count = folds[camera.name][fit.model]
         complete = fit.model_copy(update={"seed": seed, "folds": count})
         fits.append(FitPlan(camera, complete, of_fit._replace(runs=1 + count)))
-    request = wanted.model_dump(mode="json") | {"models": template.models, "seed": seed}
+    request = body.model_dump(mode="json") | {"models": template.models, "seed": seed}
     # What the preset means where the request names nothing is alike in all fits.
     request |= {name: getattr(fit, name) for _, fit in resolved[:1] for name in _OF_PRESET}
     return CalibrationPlan(fits, digest, request, list(dict.fromkeys(notes)))
@@ -100,7 +99,7 @@ def _work(template: ResolvedTemplate, cameras: Sequence[ResolvedCamera]) -> list
         (camera.name, model, camera.pairs.count) for camera in cameras for model in camera.models
     ]
     return [
-        FitWork(camera, model, pairs, 1 + template.asked.folds, run_cost(model, pairs, template.schedule))
+        FitWork(camera, model, pairs, 1 + template.request.folds, run_cost(model, pairs, template.schedule))
         for camera, model, pairs in fits or [("", model, 0) for model in template.models]
     ]
 
@@ -108,7 +107,7 @@ def _work(template: ResolvedTemplate, cameras: Sequence[ResolvedCamera]) -> list
 def _digest(template: ResolvedTemplate, cameras: Sequence[ResolvedCamera], fits: Sequence[FitRequest]) -> str:
     return content_hash(
         {
-            "folds": template.asked.folds,
+            "folds": template.request.folds,
             "fits": [fit.model_dump(mode="json") for fit in fits],
             # Not the sets' own hashes, which say where the pairs came from too: the same pairs give the same bits.
             "pairs": {camera.name: content_hash(camera.pairs.columns) for camera in cameras},

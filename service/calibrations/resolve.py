@@ -21,7 +21,7 @@ from apexcal.documents.camera_models import (
 from apexcal.documents.fit_requests import FitRequest, fit_request, in_radians
 from apexcal.documents.schedules import PRESETS, Schedule, schedule_of
 from apexcal.geometry.image_frames import T_images_camera
-from service.calibrations.lenses import Known, Lens, as_stated, check_size, lens_notes, take_over
+from service.calibrations.lenses import Known, LensConstraints, as_stated, check_size, lens_notes, take_over
 from service.calibrations.pair_rules import common_errors, weighing
 from service.calibrations.parameter_rules import check_camera_locks, check_locks, check_names, check_order
 from service.platform.db.base import Json
@@ -49,14 +49,14 @@ class ResolvedTemplate:
     Bounds, locks and priors go by the parameters' own names, in radians. ``lenses`` are the request's own, by camera.
     """
 
-    asked: CalibrationTemplate
+    request: CalibrationTemplate
     models: list[ModelName]
     search: SearchForm
     schedule: Schedule
     bounds: Mapping[str, Interval]
     locked: Mapping[str, float]
     priors: Mapping[str, Json]
-    lenses: Mapping[str, Lens]
+    lenses: Mapping[str, LensConstraints]
 
     @property
     def named(self) -> set[str]:
@@ -70,7 +70,7 @@ class ResolvedCamera:
 
     camera: RigCamera
     pairs: CorrespondenceSet
-    lens: Lens | None
+    lens: LensConstraints | None
     models: Sequence[ModelName]
 
     @property
@@ -90,7 +90,7 @@ class ResolvedCamera:
         return notes
 
 
-def resolve_template(asked: CalibrationTemplate) -> ResolvedTemplate:
+def resolve_template(body: CalibrationTemplate) -> ResolvedTemplate:
     """Check what can be checked without a camera.
 
     Raises:
@@ -98,20 +98,20 @@ def resolve_template(asked: CalibrationTemplate) -> ResolvedTemplate:
         Problem: 422 ``unknown_parameter``, ``bounds_inside_out``, ``locked_out_of_bounds``, and of the given lenses
             those of :func:`~service.calibrations.lenses.as_stated` and ``intrinsics_of_another_model``.
     """
-    models: list[ModelName] = list(dict.fromkeys(parse_model(name) for name in asked.models))
-    preset = PRESETS[asked.preset]
-    search = asked.search or preset.search
-    schedule = schedule_of(preset, asked.schedule.model_dump(exclude_none=True))
-    locked = check_names(asked.locked, "locked", models, search)
-    priors = check_names({name: prior.model_dump() for name, prior in asked.priors.items()}, "priors", models, search)
-    bounds = check_names(asked.bounds, "bounds", models, search)
+    models: list[ModelName] = list(dict.fromkeys(parse_model(name) for name in body.models))
+    preset = PRESETS[body.preset]
+    search = body.search or preset.search
+    schedule = schedule_of(preset, body.schedule.model_dump(exclude_none=True))
+    locked = check_names(body.locked, "locked", models, search)
+    priors = check_names({name: prior.model_dump() for name, prior in body.priors.items()}, "priors", models, search)
+    bounds = check_names(body.bounds, "bounds", models, search)
     check_order(bounds)
     check_locks(locked, bounds)
     lenses = {
-        camera: take_over(camera, as_stated(camera, given.model_dump()), models, asked.intrinsics_as)
-        for camera, given in asked.intrinsics.items()
+        camera: take_over(camera, as_stated(camera, lens.model_dump()), models, body.intrinsics_as)
+        for camera, lens in body.intrinsics.items()
     }
-    return ResolvedTemplate(asked, models, search, schedule, bounds, locked, priors, lenses)
+    return ResolvedTemplate(body, models, search, schedule, bounds, locked, priors, lenses)
 
 
 def resolve_cameras(template: ResolvedTemplate, sources: Sequence[CameraPairs]) -> list[ResolvedCamera]:
@@ -139,8 +139,8 @@ def _camera(template: ResolvedTemplate, source: CameraPairs) -> ResolvedCamera:
     if lens is not None:
         check_size(lens.stated, camera, f"The intrinsics of {camera.name} are")
     elif source.stated is not None:
-        lens = take_over(camera.name, source.stated, template.models, template.asked.intrinsics_as)
-    models = template.models if lens is None else list(lens.known)
+        lens = take_over(camera.name, source.stated, template.models, template.request.intrinsics_as)
+    models = template.models if lens is None else list(lens.by_model)
     return ResolvedCamera(camera, source.pairs, lens, models)
 
 
@@ -165,9 +165,9 @@ def _fit(
     What the template says of a parameter goes before what is known of the lens; the rig's bounds go before its
     bounds. Skew is 0 unless anyone names it. Table I of the paper leaves it open.
     """
-    asked, named = template.asked, template.named
+    body, named = template.request, template.named
     names = parameter_names(model, template.search)
-    known = camera.lens.known[model] if camera.lens else Known()
+    stated = camera.lens.by_model[model] if camera.lens else Known()
 
     def of_model(values: Mapping[str, object]) -> Json:
         return {name: value for name, value in values.items() if name in names}
@@ -175,26 +175,26 @@ def _fit(
     def unnamed(values: Mapping[str, object]) -> Json:
         return {name: value for name, value in values.items() if name not in named}
 
-    bounds = known.bounds | of_model(rig)
-    preset = asked.bounds_preset or PRESETS[asked.preset].bounds
-    skews = "skew" in names and preset != "paper-table-1" and "skew" not in {*named, *bounds, *known.priors}
+    bounds = stated.bounds | of_model(rig)
+    preset = body.bounds_preset or PRESETS[body.preset].bounds
+    skews = "skew" in names and preset != "paper-table-1" and "skew" not in {*named, *bounds, *stated.priors}
     return camera_request(
         camera.camera,
         model,
-        preset=asked.preset,
+        preset=body.preset,
         search=template.search,
         bounds_preset=preset,
-        rotation_range_deg=asked.rotation_range_deg,
+        rotation_range_deg=body.rotation_range_deg,
         bounds=bounds | of_model(template.bounds),
-        locked=({"skew": 0.0} if skews else {}) | unnamed(known.locked) | of_model(template.locked),
-        priors=unnamed(known.priors) | of_model(template.priors),
-        loss=asked.loss,
-        outliers=asked.outliers,
-        weights=weighing(camera.name, camera.pairs.columns, asked.weights),
-        common_errors=common_errors(camera.pairs, asked.common_errors.model_dump(exclude_none=True)),
-        line_time_us=asked.line_time_us,
+        locked=({"skew": 0.0} if skews else {}) | unnamed(stated.locked) | of_model(template.locked),
+        priors=unnamed(stated.priors) | of_model(template.priors),
+        loss=body.loss,
+        outliers=body.outliers,
+        weights=weighing(camera.name, camera.pairs.columns, body.weights),
+        common_errors=common_errors(camera.pairs, body.common_errors.model_dump(exclude_none=True)),
+        line_time_us=body.line_time_us,
         stated_lens=camera.lens and camera.lens.parameters,
-        schedule=asked.schedule.model_dump(exclude_none=True),
+        schedule=body.schedule.model_dump(exclude_none=True),
     )
 
 
@@ -208,6 +208,6 @@ def camera_request(
     frame = T_images_camera(camera.nominal["to_frame"], camera.images)["to_frame"]
     of_rig = in_radians(camera.bounds)
     names = parameter_names(model, search)
-    given: Json = {"bounds": {name: value for name, value in of_rig.items() if name in names}, **options}
+    fields: Json = {"bounds": {name: value for name, value in of_rig.items() if name in names}, **options}
     size = (camera.image_width, camera.image_height)
-    return fit_request(model, size, camera.nominal | {"to_frame": frame}, camera=camera.name, search=search, **given)
+    return fit_request(model, size, camera.nominal | {"to_frame": frame}, camera=camera.name, search=search, **fields)

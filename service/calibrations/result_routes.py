@@ -31,7 +31,7 @@ router = Router(tags=["calibrations"])
 
 @router.get("/results/{result_id}", response_model=Stored[ResultView])
 def read_result(
-    result_id: UUID, access: ReadAccess, request: Request, wanted: WantedFormat, conditions: Conditional
+    result_id: UUID, access: ReadAccess, request: Request, format_name: WantedFormat, conditions: Conditional
 ) -> dict[str, Any] | Response:
     """The solver's whole document: parameters, errors of every stage, deviations, checks; and its ids.
 
@@ -40,18 +40,18 @@ def read_result(
     as reviewed. ``format``: its lens and mount in another format.
     """
     result = access.find(Result, result_id)
-    if wanted is not None:
-        return exported(wanted, of_result(access.session, result.id), conditions)
-    found = access.session.execute(
+    if format_name is not None:
+        return exported(format_name, of_result(access.session, result.id), conditions)
+    row = access.session.execute(
         select(CalibrationRun, Calibration, CorrespondenceSet)
         .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
         .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
         .where(CalibrationRun.id == result.run_id)
     ).one_or_none()
-    if found is None:
+    if row is None:
         # Deleted at this moment.
         raise not_found()
-    run, calibration, pairs = found
+    run, calibration, pairs = row
     with_pairs = may_see_pairs(access, pairs)
     checks = checks_now(access.session, result) if result.fold == FULL else None
     document = result_document(result, run, calibration, pairs, checks, with_pairs=with_pairs)

@@ -17,8 +17,7 @@ from service.calibrations.actions import ask_to_end, create
 from service.calibrations.lens_queries import with_recorded_lenses
 from service.calibrations.plan import plan_request
 from service.calibrations.resolve import CameraPairs
-from service.calibrations.slot_views import slot_page
-from service.calibrations.views import calibration_views, vertices_apart
+from service.calibrations.views import calibration_views, slot_page, vertices_apart
 from service.fleets.queries import rig_camera
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
@@ -33,18 +32,18 @@ router = Router(tags=["calibrations"])
 
 @router.post("/vehicles/{vehicle_id}/calibrations", status_code=202, response_model=CalibrationView)
 def ask_calibration(
-    vehicle_id: UUID, wanted: CalibrationRequest, access: WriteAccess, request: Request
+    vehicle_id: UUID, body: CalibrationRequest, access: WriteAccess, request: Request
 ) -> JSONResponse:
     """Fit models to a vehicle's correspondences: one set for each camera, all of one rig. [engineer]"""
     vehicle = access.find(Vehicle, vehicle_id, "engineer")
-    rig, sources = _sources(access, vehicle, wanted.correspondence_set_ids)
-    plan = plan_request(wanted, with_recorded_lenses(access.session, wanted, sources))
+    rig, sources = _sources(access, vehicle, body.correspondence_set_ids)
+    plan = plan_request(body, with_recorded_lenses(access.session, body, sources))
     calibration = create(
         access.session,
         rig,
         plan,
-        farm=wanted.farm,
-        publish=wanted.publish,
+        farm=body.farm,
+        publish=body.publish,
         person_id=access.person.id,
         workers=request.app.state.settings.workers,
     )
@@ -55,22 +54,22 @@ def ask_calibration(
 def _sources(access: Access, vehicle: Vehicle, set_ids: list[UUID]) -> tuple[Rig, list[CameraPairs]]:
     """The cameras of the sets, in the order of their names, and the one rig that they belong to."""
     sets = [access.find(CorrespondenceSet, set_id, "engineer") for set_id in set_ids]
-    for one in sets:
-        if one.vehicle_id != vehicle.id:
+    for pair_set in sets:
+        if pair_set.vehicle_id != vehicle.id:
             raise Problem(
                 422,
                 "set_of_another_vehicle",
-                f"The correspondence set {one.id} belongs to another vehicle.",
+                f"The correspondence set {pair_set.id} belongs to another vehicle.",
                 "Ask for the calibration at the vehicle of the set.",
             )
-    if len({one.rig_id for one in sets}) > 1:
+    if len({pair_set.rig_id for pair_set in sets}) > 1:
         raise Problem(
             422,
             "rigs_differ",
             "The correspondence sets belong to different rigs of the vehicle.",
             "Ask for one calibration for each rig.",
         )
-    cameras = [one.camera for one in sets]
+    cameras = [pair_set.camera for pair_set in sets]
     twice = next((camera for camera in cameras if cameras.count(camera) > 1), None)
     if twice is not None:
         raise Problem(
@@ -80,7 +79,7 @@ def _sources(access: Access, vehicle: Vehicle, set_ids: list[UUID]) -> tuple[Rig
             "Give one set for each camera.",
         )
     rig = access.find(Rig, sets[0].rig_id, "engineer")
-    sources = [CameraPairs(rig_camera(access.session, rig, one.camera), one) for one in sets]
+    sources = [CameraPairs(rig_camera(access.session, rig, pair_set.camera), pair_set) for pair_set in sets]
     return rig, sorted(sources, key=lambda source: source.camera.name)
 
 

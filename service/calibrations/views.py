@@ -1,4 +1,7 @@
-"""Calibrations and results, as the answers show them."""
+"""Calibrations and results, as the answers show them.
+
+Slots come in pages: their key is three columns, so the cursor is too.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,19 @@ from collections.abc import Sequence
 from math import isfinite
 from uuid import UUID
 
-from sqlalchemy import select
+from sqlalchemy import Select, select, tuple_
 from sqlalchemy.orm import Session
 
 from apexcal.documents.base import stored
-from apexcal.documents.calibrations import CalibrationView, ProgressView, RunView
+from apexcal.documents.calibrations import CalibrationView, ProgressView, RunView, SlotView
 from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.pairs import CORNER
 from apexcal.documents.results import SINGLE_HELD_OUT_PAIRS
 from apexcal.documents.states import UNENDED
 from service.platform.db.base import Json
-from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
+from service.platform.http.pages import Page, Window
+from service.platform.http.problems import Problem
 
 
 def calibration_views(
@@ -69,7 +74,7 @@ def _calibration_view(row: Calibration, runs: list[CalibrationRun], *, with_pair
 def vertices_apart(summary: Json | None) -> list[Json]:
     """What the comparison of two cameras says of single vertices, a list for each two that share some."""
     shared = [pair.get("shared") for pair in ((summary or {}).get("rig") or {}).get("pairs", [])]
-    return [one["odd"] for one in shared if one and one["odd"]]
+    return [comparison["odd"] for comparison in shared if comparison and comparison["odd"]]
 
 
 def _without_vertices(summary: Json | None) -> Json | None:
@@ -107,10 +112,10 @@ def result_document(
     outliers: list[Json] = document["outliers"]
     # In a fit without a held-out block, indices count the remaining pairs.
     if row.fold == FULL:
-        outliers = [one | {"pair": _origin(pairs, one["index"])} for one in outliers]
+        outliers = [outlier | {"pair": _origin(pairs, outlier["index"])} for outlier in outliers]
     return document | {
         "outliers": outliers,
-        "checks": document["checks"] if checks is None else [one.model_dump(mode="json") for one in checks],
+        "checks": document["checks"] if checks is None else [check.model_dump(mode="json") for check in checks],
         "verdict": None if checks is None else verdict_of(checks, "mount_with_lens"),
         "verdict_alone": None if checks is None else verdict_of(checks, "mount_alone"),
         "recording_id": str(pairs.recording_id) if pairs.recording_id else None,
@@ -139,5 +144,47 @@ def _without_pairs(document: Json) -> Json:
 
 def _origin(pairs: CorrespondenceSet, index: int) -> Json:
     """What a set knows of one of its pairs: its stamp, sweep, camera frame or pose, corner, and the mark."""
-    known = ("stamp_ns", "sweep_index", "frame_index", "group", CORNER, "u", "v")
-    return {name: pairs.columns[name][index] for name in known if name in pairs.columns}
+    names = ("stamp_ns", "sweep_index", "frame_index", "group", CORNER, "u", "v")
+    return {name: pairs.columns[name][index] for name in names if name in pairs.columns}
+
+
+def slot_page(session: Session, statement: Select[CalibrationRun, Slot], window: Window) -> Page[SlotView]:
+    """One page of a query for (CalibrationRun, Slot), run by run, in the order of iterations and slots."""
+    key = (Slot.run_id, Slot.iteration, Slot.slot)
+    if window.after is not None:
+        statement = statement.where(tuple_(*key) > tuple_(*_parse(window.after)))
+    rows = session.execute(statement.order_by(*key).limit(window.limit + 1)).all()
+    following = None
+    if len(rows) > window.limit:
+        rows = rows[: window.limit]
+        last: Slot = rows[-1][1]
+        following = f"{last.run_id.hex}.{last.iteration}.{last.slot}"
+    return Page(items=[_view(run, slot) for run, slot in rows], next=following)
+
+
+def _parse(cursor: str) -> tuple[UUID, int, int]:
+    try:
+        run_id, iteration, slot = cursor.split(".")
+        key = UUID(hex=run_id), int(iteration), int(slot)
+        if not all(0 <= number < 2**31 for number in key[1:]):
+            raise ValueError(cursor)
+        return key
+    except ValueError:
+        raise Problem(
+            422, "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of a page."
+        ) from None
+
+
+def _view(run: CalibrationRun, slot: Slot) -> SlotView:
+    return SlotView(
+        camera=run.camera,
+        model=run.model,
+        fold=run.fold,
+        iteration=slot.iteration,
+        slot=slot.slot,
+        loss=slot.loss,
+        parameters=slot.parameters,
+        evaluations=slot.evaluations,
+        seconds=slot.seconds,
+        worker=slot.worker,
+    )

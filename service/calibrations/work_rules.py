@@ -10,7 +10,7 @@ from apexcal.documents.camera_models import ModelName
 from apexcal.documents.checks import figure
 from apexcal.documents.schedules import Schedule
 from service.platform.http.problems import Problem
-from service.platform.jobs.costs import RunCost, comparison_s
+from service.platform.jobs.bundles import RunCost, comparison_s
 from service.platform.settings import get_settings
 
 # A worker may be so many times slower, or busier, than the machine on which the costs were measured.

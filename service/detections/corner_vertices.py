@@ -12,9 +12,8 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP, CornerName, nearest
 from service.platform.db.annotations import MarkingFrontier, MarkingProgress
-from service.platform.db.base import Json
+from service.platform.db.base import Json, new_id
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.platform.db.ids import new_id
 
 Known = tuple[UUID, tuple[float, float, float]]
 """An apex's id and place."""
@@ -28,16 +27,16 @@ def make_corners(session: Session, detection: Detection, ranks: range) -> None:
     of_ranks = (Vertex.detection_id == detection.id, Vertex.rank >= ranks.start, Vertex.rank < ranks.stop)
     there = {(rank, corner) for rank, corner in session.execute(select(Vertex.rank, Vertex.corner).where(*of_ranks))}
     tips = session.scalars(select(Vertex).where(*of_ranks, Vertex.corner == TOP)).all()
-    wanted = [name for name in detection.marked_corners or () if name != TOP]
+    corners = [name for name in detection.marked_corners or () if name != TOP]
     new = [
         (tip, stated)
         for tip in tips
-        for corner in wanted
+        for corner in corners
         if (tip.rank, corner) not in there and (stated := named(tip.corners, corner)) is not None
     ]
     if not new:
         return
-    known = _apexes(session, detection.recording_id, {tip.sweep_index for tip, _ in new})
+    near = _apexes(session, detection.recording_id, {tip.sweep_index for tip, _ in new})
     frames: dict[UUID, list[VertexFrame]] = defaultdict(list)
     of_tips = select(VertexFrame).join(Vertex, Vertex.id == VertexFrame.vertex_id)
     for frame in session.scalars(of_tips.where(*of_ranks, Vertex.corner == TOP)):
@@ -46,7 +45,7 @@ def make_corners(session: Session, detection: Detection, ranks: range) -> None:
     vertices: list[Json] = []
     paired: list[Json] = []
     for tip, stated in new:
-        apex_id = nearest(known[tip.sweep_index, stated["corner"]], [stated[axis] for axis in "xyz"])
+        apex_id = nearest(near[tip.sweep_index, stated["corner"]], [stated[axis] for axis in "xyz"])
         if apex_id is None:
             apexes.append(_apex(tip, detection.recording_id, stated))
             apex_id = apexes[-1]["id"]
@@ -62,7 +61,7 @@ def make_corners(session: Session, detection: Detection, ranks: range) -> None:
 
 def named(corners: Sequence[Json] | None, name: CornerName) -> Json | None:
     """What a vertex states of a corner."""
-    return next((one for one in corners or () if one["corner"] == name), None)
+    return next((corner for corner in corners or () if corner["corner"] == name), None)
 
 
 def _take_back_frontiers(session: Session, detection: Detection, rank: int) -> None:
@@ -76,23 +75,23 @@ def _take_back_frontiers(session: Session, detection: Detection, rank: int) -> N
 
 
 def _apexes(session: Session, recording_id: UUID, sweeps: set[int]) -> dict[tuple[int, str], list[Known]]:
-    known: dict[tuple[int, str], list[Known]] = defaultdict(list)
-    asked = select(Apex.sweep_index, Apex.corner, Apex.id, Apex.x, Apex.y, Apex.z).where(
+    apexes: dict[tuple[int, str], list[Known]] = defaultdict(list)
+    statement = select(Apex.sweep_index, Apex.corner, Apex.id, Apex.x, Apex.y, Apex.z).where(
         Apex.recording_id == recording_id, Apex.sweep_index.in_(sorted(sweeps)), Apex.corner != TOP
     )
-    for sweep, corner, apex_id, x, y, z in session.execute(asked):
-        known[sweep, corner].append((apex_id, (x, y, z)))
-    return known
+    for sweep, corner, apex_id, x, y, z in session.execute(statement):
+        apexes[sweep, corner].append((apex_id, (x, y, z)))
+    return apexes
 
 
 def _apex(tip: Vertex, recording_id: UUID, stated: Json) -> Json:
-    place = {axis: stated[axis] for axis in "xyz"}
+    position = {axis: stated[axis] for axis in "xyz"}
     return {
         "id": new_id(),
         "recording_id": recording_id,
         "sweep_index": tip.sweep_index,
         "corner": stated["corner"],
-        **place,
+        **position,
     }
 
 

@@ -19,8 +19,7 @@ from apexcal.documents.detections import (
     VertexSummary,
     VertexView,
 )
-from service.detections.actions import new_detection
-from service.detections.corner_actions import ask_corners
+from service.detections.actions import ask_corners, new_detection
 from service.detections.jobs import queue_detection
 from service.detections.queries import done_detection, find_camera, ready_recording, vertices_of
 from service.detections.views import SUMMARY, detection_view, vertex_views
@@ -49,13 +48,11 @@ Joint = Annotated[bool, Query(description="with the covariance that the corners 
     response_model=DetectionView,
     max_body_size=DOCUMENT,
 )
-def ask_detection(
-    recording_id: UUID, wanted: DetectionRequest, access: WriteAccess, request: Request
-) -> JSONResponse:
+def ask_detection(recording_id: UUID, body: DetectionRequest, access: WriteAccess, request: Request) -> JSONResponse:
     """Find the board's vertices in a recording. [engineer]"""
     recording = ready_recording(access, recording_id, "engineer")
     rig = access.session.get_one(Rig, recording.rig_id)
-    detection = new_detection(recording, rig, wanted, access.person.id)
+    detection = new_detection(recording, rig, body, access.person.id)
     access.session.add(detection)
     access.session.flush()
     jobs = queue_detection(access.session, detection, request.app.state.settings.workers)
@@ -80,10 +77,10 @@ def read_detection(detection_id: UUID, access: ReadAccess) -> DetectionView:
 
 
 @router.patch("/detections/{detection_id}")
-def edit_detection(detection_id: UUID, wanted: DetectionEdit, access: WriteAccess) -> DetectionView:
+def edit_detection(detection_id: UUID, body: DetectionEdit, access: WriteAccess) -> DetectionView:
     """Say which corners of the board people are to mark. Marks that there are stay. [engineer]"""
     detection = done_detection(access, detection_id, "engineer")
-    ask_corners(access.session, detection, wanted.marked_corners)
+    ask_corners(access.session, detection, body.marked_corners)
     hint(access.session, detection.fleet_id, "detection", detection.id)
     return detection_view(detection, jobs_of(access.session, [detection.id]).get(detection.id))
 

@@ -37,32 +37,32 @@ WantedFormat = Annotated[str | None, Depends(_wanted)]
 
 def format_of_accept(request: Request) -> str | None:
     """The first of our formats that `Accept` names; None, which is JSON, if it names none."""
-    for one in request.headers.get("accept", "").split(","):
-        named = one.partition(";")[0].strip().lower()
+    for accepted in request.headers.get("accept", "").split(","):
+        named = accepted.partition(";")[0].strip().lower()
         if named.startswith(_TYPE):
             return named.removeprefix(_TYPE).partition("+")[0]
     return None
 
 
-def exported(wanted: str, calibrated: Calibrated, conditions: Conditions) -> Response:
+def exported(format_name: str, calibrated: Calibrated, conditions: Conditions) -> Response:
     """The answer with its ETag.
 
     Raises what 304 is answered by, and :class:`Problem` 422 ``unknown_format``, 406 ``format_cannot_carry``.
     """
     from service.exports.formats import export, find_format
 
-    made = export(find_format(wanted), calibrated)
-    etag = content_etag(sha256(made.content).hexdigest())
+    file = export(find_format(format_name), calibrated)
+    etag = content_etag(sha256(file.content).hexdigest())
     conditions.offer(etag)
     headers = {
-        **notes_header(made.notes),
+        **notes_header(file.notes),
         "ETag": etag,
         "Vary": "Accept",
-        "Content-Disposition": f'attachment; filename="{made.name}"',
+        "Content-Disposition": f'attachment; filename="{file.name}"',
         "Cache-Control": "private, no-cache",
-        **repr_digest(made.content),
+        **repr_digest(file.content),
     }
-    return Response(made.content, media_type=made.media_type, headers=headers)
+    return Response(file.content, media_type=file.media_type, headers=headers)
 
 
 def notes_header(notes: Sequence[str]) -> dict[str, str]:
@@ -76,15 +76,15 @@ def table() -> list[dict[str, object]]:
 
     return [
         {
-            "name": one.name,
-            "title": one.title,
-            "media_type": f"{_TYPE}{one.name}",
-            "direction": one.direction,
-            "lenses": sorted(one.lenses) if one.carries_lens else [],
-            "skew": one.skew and one.carries_lens,
-            "third_radial": one.third_radial and one.carries_lens,
-            "needs_T_vehicle_lidar": one.needs_vehicle,
-            "one_lidar": one.one_lidar,
+            "name": format.name,
+            "title": format.title,
+            "media_type": f"{_TYPE}{format.name}",
+            "direction": format.direction,
+            "lenses": sorted(format.lenses) if format.carries_lens else [],
+            "skew": format.skew and format.carries_lens,
+            "third_radial": format.third_radial and format.carries_lens,
+            "needs_T_vehicle_lidar": format.needs_vehicle,
+            "one_lidar": format.one_lidar,
         }
-        for one in FORMATS.values()
+        for format in FORMATS.values()
     ]

@@ -6,11 +6,9 @@ import json
 
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from apexcal.geometry.se3 import SE3
-from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
+from service.exports.calibrated import Calibrated, CalibratedCamera, file_name, solved_edge
 from service.exports.camera_info import camera_info
-from service.exports.format import Files, Format
-from service.exports.mounts import solved_edge
-from service.exports.numbers import numbers, yaml_number
+from service.exports.format import Files, Format, numbers, yaml_number
 
 _KIT = "sensor_kit_base_link"
 _OPTICAL, _BODY = "camera_optical_link", "camera_link"
@@ -41,7 +39,7 @@ def _trees(edges: list[SE3]) -> str:
     lines: list[str] = []
     for parent in dict.fromkeys(edge.to_frame for edge in edges):
         lines.append(f"{json.dumps(parent, ensure_ascii=False)}:")
-        for edge in (one for one in edges if one.to_frame == parent):
+        for edge in (edge for edge in edges if edge.to_frame == parent):
             lines.append(f"  {json.dumps(edge.from_frame, ensure_ascii=False)}:")
             lines += [f"    {name}: {value}" for name, value in values(edge).items()]
     return "\n".join(lines) + "\n"
@@ -53,7 +51,7 @@ def _lidar_in_kit(calibrated: Calibrated) -> SE3:
     stated = [camera.joint.T_parent_lidar for camera in calibrated.cameras if camera.joint]
     stated += [first.T_vehicle_lidar] if first.T_vehicle_lidar else []
     on_lidar = SE3(_KIT, first.lidar_frame)
-    return next((one for one in stated if one.to_frame == _KIT), on_lidar)
+    return next((edge for edge in stated if edge.to_frame == _KIT), on_lidar)
 
 
 def _files(calibrated: Calibrated) -> Files:

@@ -44,12 +44,12 @@ def patched(document: str, child: str, camera: CalibratedCamera) -> str:
 
 def _entry(node: yaml.Node | None, key: str) -> yaml.Node:
     entries = [(name.value, value) for name, value in node.value] if isinstance(node, yaml.MappingNode) else []
-    found = [value for name, value in entries if name == key]
-    if len(found) != 1:
+    values = [value for name, value in entries if name == key]
+    if len(values) != 1:
         there = ", ".join(str(name) for name, _ in entries)[:500] or "nothing"
         hint = f"There is {there}. State the camera's joint in the rig as your tree has it: `apexcal draft-rig`."
-        raise _refused(f"The file has {'no' if not found else 'more than one'} entry {key!r}.", hint)
-    return found[0]
+        raise _refused(f"The file has {'no' if not values else 'more than one'} entry {key!r}.", hint)
+    return values[0]
 
 
 def _refused(what: str, hint: str) -> Problem:

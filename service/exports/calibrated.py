@@ -1,4 +1,7 @@
-"""What is exported: the calibrated cameras of one vehicle, each with its lens and its mount."""
+"""What is exported: the calibrated cameras of one vehicle, each with its lens and its mount.
+
+A calibration changes one edge of the vehicle's tree; :func:`poses` is the tree around it.
+"""
 
 from __future__ import annotations
 
@@ -151,9 +154,32 @@ class Calibrated:
         of = [camera for camera in self.cameras if camera.lidar_frame == lidar_frame]
         vehicles = [camera.T_vehicle_lidar for camera in of if camera.T_vehicle_lidar]
         parents = [camera.joint.T_parent_lidar for camera in of if camera.joint]
-        return next((one for one in (*vehicles, *parents) if one.to_frame != lidar_frame), None)
+        return next((pose for pose in (*vehicles, *parents) if pose.to_frame != lidar_frame), None)
 
 
 def file_name(name: str) -> str:
     """A name that is one plain step of a path everywhere."""
     return re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_") or "unnamed"
+
+
+def solved_edge(camera: CalibratedCamera) -> SE3:
+    """The one edge that the calibration changes: the child's pose in its parent.
+
+    It is the joint that the rig states. Without one it is the optical frame below the LiDAR's.
+    """
+    return camera.T_parent_child or camera.T_lidar_camera
+
+
+def poses(calibrated: Calibrated) -> list[SE3]:
+    """Each frame's pose in its parent, once: the solved edges, and what joins them to the LiDAR and the vehicle."""
+    tree: dict[str, SE3] = {}
+    for camera in calibrated.cameras:
+        root, edge = calibrated.T_root_lidar(camera.lidar_frame), solved_edge(camera)
+        if root is not None:
+            tree[camera.lidar_frame] = root
+            if camera.joint and edge.to_frame not in (root.to_frame, camera.lidar_frame):
+                tree[edge.to_frame] = root @ camera.joint.T_parent_lidar.inverse()
+        tree[edge.from_frame] = edge
+        if camera.joint and edge.from_frame != camera.frame:
+            tree[camera.frame] = camera.joint.T_child_camera
+    return list(tree.values())

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import Files, Format
-from service.exports.numbers import yaml_list
+from service.exports.format import Files, Format, yaml_list
 
 
 def camera_info(camera: CalibratedCamera) -> str:

@@ -1,4 +1,7 @@
-"""What a format is, and how it refuses what it cannot carry."""
+"""What a format is, and how it refuses what it cannot carry.
+
+Numbers are written so that reading gives the same bits.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,28 @@ import numpy as np
 
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
 from apexcal.documents.checks import figure
-from apexcal.geometry.se3 import SE3
+from apexcal.geometry.se3 import SE3, Floats
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 
 if TYPE_CHECKING:
     from service.exports.dropped import Dropped
+
+
+def numbers(values: Floats | list[float]) -> list[float]:
+    """Numbers by rows, as Python's own: they are written so that reading gives the same bits. No negative zeros."""
+    return [float(value) + 0.0 for value in np.ravel(values)]
+
+
+def yaml_number(value: float) -> str:
+    """YAML 1.1 takes ``1e-05`` for text: a number has a point."""
+    text = repr(float(value) + 0.0)
+    return text if "." in text else text.replace("e", ".0e")
+
+
+def yaml_list(values: Floats | list[float]) -> str:
+    """Numbers by rows, in brackets."""
+    return f"[{', '.join(map(yaml_number, numbers(values)))}]"
+
 
 # A person's mark errs by as much: what is left out is less than what one pair says.
 MOST_DROPPED_PX = 1.0
@@ -60,19 +80,19 @@ class Format:
     plain_frames: bool = False
 
 
-def obstacle(wanted: Format, calibrated: Calibrated) -> tuple[str, str] | None:
+def obstacle(target: Format, calibrated: Calibrated) -> tuple[str, str] | None:
     """Why the format cannot carry this, and what to change, as sentences; None where it can."""
     for camera in calibrated.cameras:
-        reason = (_of_lens(wanted, camera) if wanted.carries_lens else None) or _of_mount(wanted, camera)
+        reason = (_of_lens(target, camera) if target.carries_lens else None) or _of_mount(target, camera)
         if reason:
             return reason
     frames = " and ".join(calibrated.lidar_frames)
     if reason := _clash(calibrated):
         return reason, "Ask for one camera."
-    if wanted.one_lidar and len(calibrated.lidar_frames) > 1:
-        return f"{wanted.title} has one LiDAR, and the cameras are calibrated to {frames}.", "Ask for one camera."
-    if wanted.one_tree and _is_apart(calibrated):
-        return f"{wanted.title} is one tree, and nothing says how {frames} lie together.", _STATE_VEHICLE
+    if target.one_lidar and len(calibrated.lidar_frames) > 1:
+        return f"{target.title} has one LiDAR, and the cameras are calibrated to {frames}.", "Ask for one camera."
+    if target.one_tree and _is_apart(calibrated):
+        return f"{target.title} is one tree, and nothing says how {frames} lie together.", _STATE_VEHICLE
     return None
 
 
@@ -87,8 +107,8 @@ def _clash(calibrated: Calibrated) -> str | None:
     for camera in calibrated.cameras:
         if camera.T_vehicle_lidar is None:
             continue
-        known, own = placed.setdefault(camera.lidar_frame, camera.T_vehicle_lidar), camera.T_vehicle_lidar
-        if known.to_frame != own.to_frame or not np.allclose(known.matrix, own.matrix, rtol=0.0, atol=1e-9):
+        first, own = placed.setdefault(camera.lidar_frame, camera.T_vehicle_lidar), camera.T_vehicle_lidar
+        if first.to_frame != own.to_frame or not np.allclose(first.matrix, own.matrix, rtol=0.0, atol=1e-9):
             return f"Two rigs place {camera.lidar_frame} differently on the vehicle."
     frames = [camera.frame for camera in calibrated.cameras]
     names = [file_name(camera.name).upper() for camera in calibrated.cameras]
@@ -108,14 +128,14 @@ def _odd_frames(camera: CalibratedCamera) -> list[str]:
     return [name for name in (camera.frame, camera.lidar_frame, *others) if not _PLAIN_FRAME.fullmatch(name)]
 
 
-def carried(wanted: Format, camera: CalibratedCamera) -> Dropped | None:
+def carried(target: Format, camera: CalibratedCamera) -> Dropped | None:
     """The camera as the format's readers see it, and what they leave out; None if they leave out nothing."""
-    terms = ["skew"] if camera.skew and not wanted.skew else []
-    if camera.lens == "brown_conrady" and camera.lens not in wanted.lenses:
+    terms = ["skew"] if camera.skew and not target.skew else []
+    if camera.lens == "brown_conrady" and camera.lens not in target.lenses:
         terms += CAMERA_MODELS[camera.model].distortion
-    elif _third_radial(camera) and not wanted.third_radial:
+    elif _third_radial(camera) and not target.third_radial:
         terms.append("k5")
-    if not wanted.carries_lens or not terms:
+    if not target.carries_lens or not terms:
         return None
     # Imported here: it needs OpenCV.
     from service.exports.dropped import drop
@@ -123,38 +143,38 @@ def carried(wanted: Format, camera: CalibratedCamera) -> Dropped | None:
     return drop(camera, terms)
 
 
-def _of_lens(wanted: Format, camera: CalibratedCamera) -> tuple[str, str] | None:
-    dropped, models = carried(wanted, camera), f"Calibrate as {' or '.join(sorted(wanted.lenses))}."
-    if camera.lens not in wanted.lenses and dropped is None:
-        return f"{wanted.title} has no lens model for {camera.name}'s {camera.lens} distortion.", models
+def _of_lens(target: Format, camera: CalibratedCamera) -> tuple[str, str] | None:
+    dropped, models = carried(target, camera), f"Calibrate as {' or '.join(sorted(target.lenses))}."
+    if camera.lens not in target.lenses and dropped is None:
+        return f"{target.title} has no lens model for {camera.name}'s {camera.lens} distortion.", models
     if dropped is None or dropped.max_px <= MOST_DROPPED_PX:
         return None
-    locks = ["skew"] if camera.skew and not wanted.skew else []
-    locks += ["k5"] if _third_radial(camera) and not wanted.third_radial else []
+    locks = ["skew"] if camera.skew and not target.skew else []
+    locks += ["k5"] if _third_radial(camera) and not target.third_radial else []
     locked = f"Calibrate with {' and '.join(locks)} locked at 0 (`locked`)."
-    remedy = locked if camera.lens in wanted.lenses else models
-    return f"{lacking(wanted, camera)}: {dropped.sentence}.", remedy
+    remedy = locked if camera.lens in target.lenses else models
+    return f"{lacking(target, camera)}: {dropped.sentence}.", remedy
 
 
-def lacking(wanted: Format, camera: CalibratedCamera) -> str:
+def lacking(target: Format, camera: CalibratedCamera) -> str:
     """What the format's readers leave out of the camera's lens."""
-    if camera.lens not in wanted.lenses:
-        return f"{wanted.title} leaves out the {camera.lens} distortion of {camera.name}"
-    if camera.skew and not wanted.skew:
+    if camera.lens not in target.lenses:
+        return f"{target.title} leaves out the {camera.lens} distortion of {camera.name}"
+    if camera.skew and not target.skew:
         skew = figure(camera.skew, 3)
-        return f"The lens of {camera.name} has a skew of {skew}, which readers of {wanted.title} ignore"
-    return f"The lens of {camera.name} has a third radial coefficient (k5), {wanted.title} has two"
+        return f"The lens of {camera.name} has a skew of {skew}, which readers of {target.title} ignore"
+    return f"The lens of {camera.name} has a third radial coefficient (k5), {target.title} has two"
 
 
 def _third_radial(camera: CalibratedCamera) -> bool:
     return camera.lens in RADIAL_TANGENTIAL and bool(camera.D[4])
 
 
-def _of_mount(wanted: Format, camera: CalibratedCamera) -> tuple[str, str] | None:
-    if wanted.needs_vehicle and camera.T_vehicle_lidar is None:
-        reason = f"{wanted.title} starts at the vehicle's frame, and the rig {camera.rig} does not say where that is."
+def _of_mount(target: Format, camera: CalibratedCamera) -> tuple[str, str] | None:
+    if target.needs_vehicle and camera.T_vehicle_lidar is None:
+        reason = f"{target.title} starts at the vehicle's frame, and the rig {camera.rig} does not say where that is."
         return reason, _STATE_VEHICLE
-    if wanted.plain_frames and (odd := _odd_frames(camera)):
-        reason = f"{wanted.title} takes no frame named {odd[0]!r}, but letters, digits and _ . / - alone."
+    if target.plain_frames and (odd := _odd_frames(camera)):
+        reason = f"{target.title} takes no frame named {odd[0]!r}, but letters, digits and _ . / - alone."
         return reason, "Name the frame plainly in a new rig."
     return None

@@ -14,9 +14,12 @@ from service.exports.format import Files, Format, carried, lacking, obstacle
 from service.platform.http.problems import Problem
 
 FORMATS: dict[str, Format] = {
-    one.name: one
-    for one in (
-        *(one.FORMAT for one in (camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel)),
+    format.name: format
+    for format in (
+        *(
+            module.FORMAT
+            for module in (camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel)
+        ),
         openlabel.VCD,
     )
 }
@@ -33,54 +36,56 @@ class Exported(NamedTuple):
     notes: Sequence[str] = ()
 
 
-def media_type(wanted: Format, kind: str) -> str:
+def media_type(target: Format, kind: str) -> str:
     """The type of a format's one file, or of the ZIP of its files."""
-    return f"application/vnd.apexcal.{wanted.name}+{kind}"
+    return f"application/vnd.apexcal.{target.name}+{kind}"
 
 
 def find_format(name: str) -> Format:
     """Raises :class:`Problem` 422 ``unknown_format``."""
     if name not in FORMATS:
-        known = ["json", *FORMATS]
+        names = ["json", *FORMATS]
         raise Problem(
             422,
             "unknown_format",
             f"There is no format {name!r}.",
-            f"The formats are {', '.join(known)}.",
-            formats=known,
+            f"The formats are {', '.join(names)}.",
+            formats=names,
         )
     return FORMATS[name]
 
 
-def export(wanted: Format, calibrated: Calibrated) -> Exported:
+def export(target: Format, calibrated: Calibrated) -> Exported:
     """Raises :class:`Problem` 406 ``format_cannot_carry``, which names the formats that can."""
-    if (found := obstacle(wanted, calibrated)) is not None:
-        reason, remedy = found
-        able = ["json", *(name for name, one in FORMATS.items() if obstacle(one, calibrated) is None)]
+    if (refusal := obstacle(target, calibrated)) is not None:
+        reason, remedy = refusal
+        able = ["json", *(name for name, other in FORMATS.items() if obstacle(other, calibrated) is None)]
         raise Problem(
             406,
             "format_cannot_carry",
             reason,
             f"{remedy} Or take one of {', '.join(able)}.",
-            format=wanted.name,
+            format=target.name,
             formats=able,
         )
-    tells_lens = wanted.mount_apart or not wanted.carries_lens
-    notes = [one.needs(carries_lens=wanted.carries_lens) for one in calibrated.cameras if tells_lens]
-    if not wanted.carries_lens:
+    tells_lens = target.mount_apart or not target.carries_lens
+    notes = [camera.needs(carries_lens=target.carries_lens) for camera in calibrated.cameras if tells_lens]
+    if not target.carries_lens:
         notes += [
-            f"{one.name}, this mount alone: {sentence}" for one in calibrated.cameras for sentence in one.mount_checks
+            f"{camera.name}, this mount alone: {sentence}"
+            for camera in calibrated.cameras
+            for sentence in camera.mount_checks
         ]
         calibrated = calibrated.alone()
-    pairs = [(camera, carried(wanted, camera)) for camera in calibrated.cameras]
-    notes += [f"{lacking(wanted, camera)}: {less.sentence}." for camera, less in pairs if less]
-    files = wanted.write(replace(calibrated, cameras=[less.camera if less else camera for camera, less in pairs]))
-    name = "-".join([*(file_name(part) for part in _named(calibrated)), wanted.name])
-    if len(files) == 1 and wanted.kind != "zip":
+    pairs = [(camera, carried(target, camera)) for camera in calibrated.cameras]
+    notes += [f"{lacking(target, camera)}: {less.sentence}." for camera, less in pairs if less]
+    files = target.write(replace(calibrated, cameras=[less.camera if less else camera for camera, less in pairs]))
+    name = "-".join([*(file_name(part) for part in _named(calibrated)), target.name])
+    if len(files) == 1 and target.kind != "zip":
         (inside, text), *_ = files.items()
         suffix = inside.partition(".")[2]
-        return Exported(f"{name}.{suffix}", media_type(wanted, wanted.kind), text.encode(), notes)
-    return Exported(f"{name}.zip", media_type(wanted, "zip"), _zipped(files), notes)
+        return Exported(f"{name}.{suffix}", media_type(target, target.kind), text.encode(), notes)
+    return Exported(f"{name}.zip", media_type(target, "zip"), _zipped(files), notes)
 
 
 def _named(calibrated: Calibrated) -> list[str]:

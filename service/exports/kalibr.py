@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 
 from service.exports.calibrated import Calibrated, CalibratedCamera
-from service.exports.format import Files, Format
-from service.exports.numbers import yaml_list
+from service.exports.format import Files, Format, yaml_list
 
 
-def _camera(place: int, camera: CalibratedCamera, before: CalibratedCamera | None) -> list[str]:
+def _camera(index: int, camera: CalibratedCamera, before: CalibratedCamera | None) -> list[str]:
     (f_x, _, c_x), (_, f_y, c_y), _ = camera.K
     lines = [
-        f"cam{place}:",
+        f"cam{index}:",
         "  camera_model: pinhole",
         f"  intrinsics: {yaml_list([f_x, f_y, c_x, c_y])}",
         f"  distortion_model: {camera.written_as.kalibr}",
@@ -29,8 +28,8 @@ def _camera(place: int, camera: CalibratedCamera, before: CalibratedCamera | Non
 def _files(calibrated: Calibrated) -> Files:
     lines: list[str] = []
     before: CalibratedCamera | None = None
-    for place, camera in enumerate(calibrated.cameras):
-        lines += _camera(place, camera, before)
+    for index, camera in enumerate(calibrated.cameras):
+        lines += _camera(index, camera, before)
         before = camera
     return {"camchain.yaml": "\n".join([*lines, ""])}
 

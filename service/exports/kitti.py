@@ -8,8 +8,7 @@ import numpy as np
 
 from apexcal.geometry.se3 import SE3, Floats
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import RADIAL_TANGENTIAL, Files, Format
-from service.exports.numbers import numbers
+from service.exports.format import RADIAL_TANGENTIAL, Files, Format, numbers
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 
@@ -42,7 +41,7 @@ def _cam_to_cam(camera: CalibratedCamera) -> str:
         ("R_rect", np.eye(3)),
         ("P_rect", np.c_[K, np.zeros(3)]),
     )
-    lines = [_line(f"{name}_{place:02d}", values) for place in range(4) for name, values in named]
+    lines = [_line(f"{name}_{number:02d}", values) for number in range(4) for name, values in named]
     return "\n".join([_time(camera.at), _line("corner_dist", [0.0]), *lines, ""])
 
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated
-from service.exports.format import PLAIN, Files, Format
-from service.exports.numbers import numbers
+from service.exports.format import PLAIN, Files, Format, numbers
 
 Record = dict[str, Any]
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from apexcal.geometry.se3 import Floats
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import Files, Format
-from service.exports.numbers import numbers
+from service.exports.format import Files, Format, numbers
 
 
 def _matrix(name: str, values: Floats) -> list[str]:

@@ -12,8 +12,7 @@ from typing import Any
 
 from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import Files, Format
-from service.exports.numbers import numbers
+from service.exports.format import Files, Format, numbers
 
 Json = dict[str, Any]
 # raillabel takes no other name for the frame that all poses are stated in.

@@ -10,10 +10,9 @@ import re
 from xml.sax.saxutils import quoteattr
 
 from apexcal.geometry.se3 import SE3
-from service.exports.calibrated import Calibrated, file_name
+from service.exports.calibrated import Calibrated, file_name, solved_edge
 from service.exports.camera_info import camera_info
 from service.exports.format import Files, Format
-from service.exports.mounts import solved_edge
 
 
 def arguments(pose: SE3) -> list[tuple[str, str]]:

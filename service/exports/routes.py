@@ -52,5 +52,5 @@ def patched_answer(body: UrdfRequest, calibrated: Calibrated) -> Response:
     mount = replace(
         mount, to_frame=body.camera_link or mount.to_frame, from_frame=body.lidar_link or mount.from_frame
     )
-    made = patched(body.urdf.encode(), body.joint, mount)
-    return Response(made, media_type="application/xml", headers=notes_header([camera.needs()]))
+    document = patched(body.urdf.encode(), body.joint, mount)
+    return Response(document, media_type="application/xml", headers=notes_header([camera.needs()]))

@@ -5,10 +5,8 @@ from __future__ import annotations
 from xml.sax.saxutils import quoteattr
 
 from apexcal.geometry.se3 import SE3
-from service.exports.calibrated import Calibrated, file_name
-from service.exports.format import Files, Format
-from service.exports.mounts import poses
-from service.exports.numbers import numbers
+from service.exports.calibrated import Calibrated, file_name, poses
+from service.exports.format import Files, Format, numbers
 
 
 def origin(pose: SE3) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from apexcal.geometry.se3 import SE3
 from service.exports.urdf import origin
-from service.exports.urdf_tree import Joint, read_joints, refused
+from service.exports.urdf_tree import UrdfJoint, read_joints, refused
 
 
 def patched(document: bytes, joint_name: str, T_camera_lidar: SE3) -> bytes:
@@ -27,14 +27,14 @@ def patched(document: bytes, joint_name: str, T_camera_lidar: SE3) -> bytes:
         raise refused(f"The joint {joint_name!r} is {joint.kind}.", "A calibration is of a fixed joint.")
     twins = [
         name
-        for name, one in joints.items()
-        if name != joint_name and {one.parent, one.child} == {joint.parent, joint.child}
+        for name, other in joints.items()
+        if name != joint_name and {other.parent, other.child} == {joint.parent, joint.child}
     ]
     if twins:
         raise refused(
             f"The joint {twins[0]!r} joins the same links as {joint_name!r}.", "Remove the one that is not meant."
         )
-    others = {name: one for name, one in joints.items() if name != joint_name}
+    others = {name: other for name, other in joints.items() if name != joint_name}
     T_parent_child = _solved(joint, others, T_camera_lidar)
     element = origin(T_parent_child).encode()
     if joint.origin is not None:
@@ -44,7 +44,7 @@ def patched(document: bytes, joint_name: str, T_camera_lidar: SE3) -> bytes:
     return document[: joint.inside] + element + document[joint.inside :]
 
 
-def _solved(joint: Joint, others: Mapping[str, Joint], T_camera_lidar: SE3) -> SE3:
+def _solved(joint: UrdfJoint, others: Mapping[str, UrdfJoint], T_camera_lidar: SE3) -> SE3:
     """``T_parent_child`` of the joint: the calibration between two chains of the other joints."""
     camera, lidar = T_camera_lidar.to_frame, T_camera_lidar.from_frame
     below = _poses_from(joint.child, others)
@@ -65,7 +65,7 @@ def _solved(joint: Joint, others: Mapping[str, Joint], T_camera_lidar: SE3) -> S
     )
 
 
-def _poses_from(link: str, joints: Mapping[str, Joint]) -> dict[str, SE3]:
+def _poses_from(link: str, joints: Mapping[str, UrdfJoint]) -> dict[str, SE3]:
     """``T_link_other`` of every link that fixed joints lead to."""
     beside: dict[str, list[SE3]] = {}
     for joint in joints.values():

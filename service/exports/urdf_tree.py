@@ -28,7 +28,7 @@ class Span(NamedTuple):
 
 
 @dataclass
-class Joint:
+class UrdfJoint:
     """One joint. ``T_parent_child`` is its origin; ``origin`` is where that element stands, None where it has none.
 
     ``inside`` is the byte behind the joint's own start tag.
@@ -55,7 +55,7 @@ def refused(what: str, hint: str) -> Problem:
     return Problem(422, "urdf_not_read", what, hint)
 
 
-def read_joints(document: bytes) -> Mapping[str, Joint]:
+def read_joints(document: bytes) -> Mapping[str, UrdfJoint]:
     """The joints by name. Nothing outside the document is read, and no entity is expanded.
 
     Raises:
@@ -75,11 +75,11 @@ class _Reader:
     """Collects joints while expat walks over the document."""
 
     def __init__(self, document: bytes) -> None:
-        self.joints: dict[str, Joint] = {}
+        self.joints: dict[str, UrdfJoint] = {}
         self.is_robot = False
         self._document = document
         self._path: list[str] = []
-        self._joint: Joint | None = None
+        self._joint: UrdfJoint | None = None
         # Expat does not know every name of UTF-8. The declaration of any other encoding is refused.
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self._start
@@ -111,10 +111,10 @@ class _Reader:
             raise refused(f"Two joints are named {name!r}.", "Joints have names of their own.")
         if len(self.joints) >= _MOST_JOINTS:
             raise refused(f"The file has more than {_MOST_JOINTS} joints.", "Send a smaller one.")
-        self._joint = Joint(name, attributes.get("type", ""), inside=self._behind_tag())
+        self._joint = UrdfJoint(name, attributes.get("type", ""), inside=self._behind_tag())
         self.joints[name] = self._joint
 
-    def _inside_joint(self, joint: Joint, tag: str, attributes: dict[str, str]) -> None:
+    def _inside_joint(self, joint: UrdfJoint, tag: str, attributes: dict[str, str]) -> None:
         if tag == "parent":
             joint.parent = attributes.get("link", "")
         elif tag == "child":
@@ -138,17 +138,17 @@ class _Reader:
         """The byte behind the start tag that begins here; a > may stand inside of a quoted value."""
         at, quote = self.parser.CurrentByteIndex, 0
         while True:
-            one = self._document[at]
+            byte = self._document[at]
             at += 1
             if quote:
-                quote = 0 if one == quote else quote
-            elif one in b"\"'":
-                quote = one
-            elif one == ord(">"):
+                quote = 0 if byte == quote else quote
+            elif byte in b"\"'":
+                quote = byte
+            elif byte == ord(">"):
                 return at
 
 
-def _three(joint: Joint, text: str) -> Floats:
+def _three(joint: UrdfJoint, text: str) -> Floats:
     try:
         values = [float(part) for part in text.split()]
     except ValueError:

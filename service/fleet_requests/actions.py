@@ -18,10 +18,10 @@ from service.calibrations.actions import ask_to_end, create_all, waiting_runs
 from service.calibrations.work_rules import check_fleet_total
 from service.fleet_requests.plan import VehiclePlan, check_template, plan_vehicles
 from service.fleet_requests.vehicle_queries import Chosen, choose
+from service.platform.db.base import new_id
 from service.platform.db.clock import utc_now
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Fleet
-from service.platform.db.ids import new_id
 from service.platform.http.problems import Problem
 
 # More at once would hold the database for longer than a lease (docs/decisions/0018).
@@ -33,16 +33,16 @@ _MOST_SLOTS = 10_000_000
 _SHOWN = 100
 
 
-def ask(session: Session, fleet: Fleet, wanted: FleetRequestBody, person_id: UUID, workers: int) -> FleetRequest:
+def ask(session: Session, fleet: Fleet, body: FleetRequestBody, person_id: UUID, workers: int) -> FleetRequest:
     """Insert a request, its vehicles and their calibrations.
 
     Raises:
         Problem: 422 of the filter, of the template, or ``fleet_request_too_large``.
     """
-    chosen = _choose(session, fleet.id, wanted)
+    chosen = _choose(session, fleet.id, body)
     row = FleetRequest(
         fleet_id=fleet.id,
-        asked=wanted.model_dump(mode="json", include={"vehicles", "calibration"}),
+        asked=body.model_dump(mode="json", include={"vehicles", "calibration"}),
         state=RequestState.RUNNING,
         matched=len(chosen),
         remaining=0,
@@ -52,28 +52,28 @@ def ask(session: Session, fleet: Fleet, wanted: FleetRequestBody, person_id: UUI
     session.add(row)
     session.flush()
     # Ids sort by time, but not within a millisecond.
-    ids = dict(zip((one.id for one in chosen), sorted(new_id() for _ in chosen), strict=True))
+    ids = dict(zip((vehicle.id for vehicle in chosen), sorted(new_id() for _ in chosen), strict=True))
     total = _Total()
-    for planned in plan_vehicles(session, wanted.calibration, chosen):
+    for planned in plan_vehicles(session, body.calibration, chosen):
         total.add(planned)
-        calibrations = _calibrate(session, planned, wanted.calibration, person_id, workers, len(chosen))
-        session.add_all(_vehicle(row, ids[one.vehicle.id], one, calibrations) for one in planned)
-        row.skipped += sum(one.plan is None for one in planned)
+        calibrations = _calibrate(session, planned, body.calibration, person_id, workers, len(chosen))
+        session.add_all(_vehicle(row, ids[plan.vehicle.id], plan, calibrations) for plan in planned)
+        row.skipped += sum(plan.plan is None for plan in planned)
     _begin(row, row.matched - row.skipped)
     return row
 
 
-def preview(session: Session, fleet: Fleet, wanted: FleetRequestBody) -> DryRunView:
+def preview(session: Session, fleet: Fleet, body: FleetRequestBody) -> DryRunView:
     """The prediction of :func:`ask`, which makes nothing. Raises as it does."""
-    chosen = _choose(session, fleet.id, wanted)
+    chosen = _choose(session, fleet.id, body)
     skipped: list[SkippedView] = []
     total = _Total()
-    for planned in plan_vehicles(session, wanted.calibration, chosen):
+    for planned in plan_vehicles(session, body.calibration, chosen):
         total.add(planned)
         skipped += [
-            SkippedView(vehicle_id=one.vehicle.id, vehicle=one.vehicle.name, problem=stored(one.problem))
-            for one in planned
-            if one.problem is not None
+            SkippedView(vehicle_id=plan.vehicle.id, vehicle=plan.vehicle.name, problem=stored(plan.problem))
+            for plan in planned
+            if plan.problem is not None
         ]
     return DryRunView(
         matched=len(chosen),
@@ -119,18 +119,18 @@ def retry_failed(session: Session, row: FleetRequest, person_id: UUID, workers: 
     if not failed:
         return
     template = CalibrationTemplate.model_validate(row.asked["calibration"])
-    by_vehicle = {one.vehicle_id: one for one in failed}
+    by_vehicle = {vehicle.vehicle_id: vehicle for vehicle in failed}
     rig = VehicleFilter.model_validate(row.asked["vehicles"]).rig
     chosen = choose(session, row.fleet_id, VehicleFilter(vehicle_ids=list(by_vehicle), rig=rig))
     begun, total = 0, _Total()
     for planned in plan_vehicles(session, template, chosen):
         total.add(planned)
         calibrations = _calibrate(session, planned, template, person_id, workers, len(chosen))
-        for one in planned:
-            vehicle = by_vehicle[one.vehicle.id]
-            vehicle.calibration_id = calibrations.get(one.vehicle.id)
-            vehicle.state, vehicle.problem, vehicle.finished_at = _first_state(one)
-            begun += one.plan is not None
+        for plan in planned:
+            vehicle = by_vehicle[plan.vehicle.id]
+            vehicle.calibration_id = calibrations.get(plan.vehicle.id)
+            vehicle.state, vehicle.problem, vehicle.finished_at = _first_state(plan)
+            begun += plan.plan is not None
     session.flush()
     session.refresh(row, with_for_update=True)
     row.failed -= len(failed)
@@ -139,10 +139,10 @@ def retry_failed(session: Session, row: FleetRequest, person_id: UUID, workers: 
     _begin(row, begun)
 
 
-def _choose(session: Session, fleet_id: UUID, wanted: FleetRequestBody) -> list[Chosen]:
+def _choose(session: Session, fleet_id: UUID, body: FleetRequestBody) -> list[Chosen]:
     # First, so that an unusable template is refused even if no vehicle is due.
-    check_template(wanted.calibration)
-    chosen = choose(session, fleet_id, wanted.vehicles)
+    check_template(body.calibration)
+    chosen = choose(session, fleet_id, body.vehicles)
     if len(chosen) > _MOST_VEHICLES:
         raise _too_large(f"{len(chosen)} vehicles", f"{_MOST_VEHICLES} vehicles")
     return chosen
@@ -158,7 +158,7 @@ class _Total:
 
     def add(self, planned: Sequence[VehiclePlan]) -> None:
         """Count some vehicles more. Raises :class:`Problem` 422 ``fleet_request_too_large``."""
-        plans = [one.plan for one in planned if one.plan]
+        plans = [vehicle.plan for vehicle in planned if vehicle.plan]
         self.runs += sum(plan.runs for plan in plans)
         self.slots += sum(fit.work.runs * fit.work.cost.slots for plan in plans for fit in plan.fits)
         self.seconds += sum(plan.predicted_s for plan in plans)
@@ -187,30 +187,34 @@ def _calibrate(
     vehicles: int,
 ) -> dict[UUID, UUID]:
     """Insert these vehicles' calibrations; their ids by vehicle."""
-    wanted = [(one.rig, one.plan) for one in planned if one.rig is not None and one.plan is not None]
-    if not wanted:
+    plans = [
+        (vehicle.rig, vehicle.plan) for vehicle in planned if vehicle.rig is not None and vehicle.plan is not None
+    ]
+    if not plans:
         return {}
     waiting = waiting_runs(session, workers) + vehicles
-    made = create_all(session, wanted, template.farm, template.publish, person_id, workers, waiting)
-    return {calibration.vehicle_id: calibration.id for calibration in made}
+    calibrations = create_all(session, plans, template.farm, template.publish, person_id, workers, waiting)
+    return {calibration.vehicle_id: calibration.id for calibration in calibrations}
 
 
-def _vehicle(row: FleetRequest, id: UUID, one: VehiclePlan, calibrations: dict[UUID, UUID]) -> FleetRequestVehicle:
-    state, problem, finished_at = _first_state(one)
+def _vehicle(row: FleetRequest, id: UUID, plan: VehiclePlan, calibrations: dict[UUID, UUID]) -> FleetRequestVehicle:
+    state, problem, finished_at = _first_state(plan)
     return FleetRequestVehicle(
         id=id,
         fleet_request_id=row.id,
-        vehicle_id=one.vehicle.id,
-        calibration_id=calibrations.get(one.vehicle.id),
+        vehicle_id=plan.vehicle.id,
+        calibration_id=calibrations.get(plan.vehicle.id),
         state=state,
         problem=problem,
         finished_at=finished_at,
     )
 
 
-def _first_state(one: VehiclePlan) -> tuple[str, dict[str, object] | None, datetime | None]:
+def _first_state(plan: VehiclePlan) -> tuple[str, dict[str, object] | None, datetime | None]:
     return (
-        (VehicleState.QUEUED, None, None) if one.plan is not None else (VehicleState.SKIPPED, one.problem, utc_now())
+        (VehicleState.QUEUED, None, None)
+        if plan.plan is not None
+        else (VehicleState.SKIPPED, plan.problem, utc_now())
     )
 
 

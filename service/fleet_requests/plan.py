@@ -43,15 +43,15 @@ def plan_vehicles(
     session: Session, template: CalibrationTemplate, chosen: list[Chosen]
 ) -> Iterator[list[VehiclePlan]]:
     """The plans of vehicles of a template that :func:`check_template` lets pass, some at a time."""
-    asked = template.model_dump()
+    content = template.model_dump()
     for chunk in in_chunks(chosen, _CHUNK):
         sets = _sets(session, chunk)
-        rigs = _rigs(session, {one.rig_id for one in sets.values()})
-        yield [_plan(session, template, asked, one, sets, rigs) for one in chunk]
+        rigs = _rigs(session, {pair_set.rig_id for pair_set in sets.values()})
+        yield [_plan(session, template, content, vehicle, sets, rigs) for vehicle in chunk]
 
 
 def _sets(session: Session, chunk: Sequence[Chosen]) -> dict[UUID, CorrespondenceSet]:
-    ids = [set_id for one in chunk for set_id in one.sets.values()]
+    ids = [set_id for vehicle in chunk for set_id in vehicle.sets.values()]
     return {row.id: row for row in session.scalars(select(CorrespondenceSet).where(CorrespondenceSet.id.in_(ids)))}
 
 
@@ -63,26 +63,26 @@ def _rigs(session: Session, ids: set[UUID]) -> dict[UUID, Rig]:
 def _plan(
     session: Session,
     template: CalibrationTemplate,
-    asked: dict[str, Any],
-    one: Chosen,
+    content: dict[str, Any],
+    vehicle: Chosen,
     sets: dict[UUID, CorrespondenceSet],
     rigs: dict[UUID, Rig],
 ) -> VehiclePlan:
-    if not one.sets:
-        return VehiclePlan(one, problem=_NO_PAIRS)
-    rig = rigs[next(sets[set_id].rig_id for set_id in one.sets.values())]
+    if not vehicle.sets:
+        return VehiclePlan(vehicle, problem=_NO_PAIRS)
+    rig = rigs[next(sets[set_id].rig_id for set_id in vehicle.sets.values())]
     sources = [
-        CameraPairs(camera, sets[one.sets[camera.name]])
+        CameraPairs(camera, sets[vehicle.sets[camera.name]])
         for camera in sorted(rig.cameras, key=lambda camera: camera.name)
-        if camera.name in one.sets
+        if camera.name in vehicle.sets
     ]
     try:
         ids = [of.pairs.id for of in sources]
-        alone = CalibrationRequest.model_validate({**asked, "correspondence_set_ids": ids})
-        return VehiclePlan(one, rig, plan_request(alone, with_recorded_lenses(session, template, sources)))
+        alone = CalibrationRequest.model_validate({**content, "correspondence_set_ids": ids})
+        return VehiclePlan(vehicle, rig, plan_request(alone, with_recorded_lenses(session, template, sources)))
     except Problem as problem:
         # The template itself was checked before, so this is about the vehicle's own pairs.
-        return VehiclePlan(one, problem=problem.document())
+        return VehiclePlan(vehicle, problem=problem.document())
 
 
 _NO_PAIRS: Json = Problem(

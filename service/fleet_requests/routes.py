@@ -21,7 +21,7 @@ from service.fleet_requests.actions import ask, ask_all_to_end, preview, retry_f
 from service.fleet_requests.views import in_state, request_views, vehicle_view, vehicles_of
 from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
-from service.platform.db.digests import content_hash
+from service.platform.db.base import content_hash
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Fleet
 from service.platform.http.bodies import DOCUMENT
@@ -40,15 +40,15 @@ router = Router(tags=["fleet requests"])
     max_body_size=DOCUMENT,
 )
 def ask_fleet(
-    id: UUID, wanted: FleetRequestBody, access: WriteAccess, reader: ReadAccess, request: Request
+    id: UUID, body: FleetRequestBody, access: WriteAccess, reader: ReadAccess, request: Request
 ) -> JSONResponse:
     """Calibrate every vehicle that a filter names, each from its newest pairs. [engineer]"""
-    if wanted.dry_run:
+    if body.dry_run:
         # Asked at every pause in typing: it must not wait for SQLite's one writer.
         fleet = reader.find(Fleet, id, "engineer")
-        return reader.answer(preview(reader.session, fleet, wanted), 200)
+        return reader.answer(preview(reader.session, fleet, body), 200)
     fleet = access.find(Fleet, id, "engineer")
-    row = ask(access.session, fleet, wanted, access.person.id, request.app.state.settings.workers)
+    row = ask(access.session, fleet, body, access.person.id, request.app.state.settings.workers)
     access.session.flush()
     hint(access.session, fleet.id, "fleet_request", row.id)
     return access.answer(request_views(access.session, [row])[0], 202)
@@ -82,7 +82,7 @@ def list_request_vehicles(
     row = access.find(FleetRequest, fleet_request_id)
     statement = vehicles_of(row.id) if state is None else in_state(vehicles_of(row.id), state)
     rows, following = fetch(access.session, statement, FleetRequestVehicle.id, window)
-    return Page(items=[vehicle_view(*found) for found in rows], next=following)
+    return Page(items=[vehicle_view(*row) for row in rows], next=following)
 
 
 @router.post("/fleet-requests/{fleet_request_id}/cancel", status_code=202)

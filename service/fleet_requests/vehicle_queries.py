@@ -23,10 +23,9 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 from apexcal.documents.fleet_requests import VehicleFilter
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import WorkState
-from service.platform.db.base import written
-from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.base import state_literal
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
-from service.platform.db.publications import Publication
 from service.platform.http.problems import Problem
 
 
@@ -50,7 +49,7 @@ class _Newest(NamedTuple):
     camera: str
 
 
-def choose(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> list[Chosen]:
+def choose(session: Session, fleet_id: UUID, chooser: VehicleFilter) -> list[Chosen]:
     """The vehicles of a fleet that the filter names, in the order of their names: 2 before 10.
 
     Empty where vehicles are named, and of those none is due by ``not_calibrated_since`` and ``new_pairs``: a quiet
@@ -59,21 +58,25 @@ def choose(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> list[Chos
     Raises:
         Problem: 422 ``unknown_vehicle``, ``no_vehicle_matches``.
     """
-    vehicles = _vehicles(session, fleet_id, wanted)
-    if wanted.rig:
-        with_rig = _with_rig(session, fleet_id, wanted.rig)
+    vehicles = _vehicles(session, fleet_id, chooser)
+    if chooser.rig:
+        with_rig = _with_rig(session, fleet_id, chooser.rig)
         vehicles = {id: name for id, name in vehicles.items() if id in with_rig}
     if not vehicles:
         raise _no_match(session, fleet_id)
-    newest = _newest_sets(session, fleet_id, wanted.rig)
+    newest = _newest_sets(session, fleet_id, chooser.rig)
     chosen = [Chosen(id, name, newest.get(id, {})) for id, name in vehicles.items()]
-    if wanted.not_calibrated_since:
-        recent = _calibrated_since(session, fleet_id, wanted.not_calibrated_since)
-        chosen = [one for one in chosen if one.id not in recent]
-    if wanted.new_pairs:
+    if chooser.not_calibrated_since:
+        recent = _calibrated_since(session, fleet_id, chooser.not_calibrated_since)
+        chosen = [vehicle for vehicle in chosen if vehicle.id not in recent]
+    if chooser.new_pairs:
         published = _published_sets(session, fleet_id)
-        chosen = [one for one in chosen if any(published.get((one.id, c)) != of for c, of in one.sets.items())]
-    return sorted(chosen, key=lambda one: (*_as_people_order(one.name), one.id))
+        chosen = [
+            vehicle
+            for vehicle in chosen
+            if any(published.get((vehicle.id, c)) != of for c, of in vehicle.sets.items())
+        ]
+    return sorted(chosen, key=lambda vehicle: (*_as_people_order(vehicle.name), vehicle.id))
 
 
 def _as_people_order(name: str) -> tuple[list[tuple[bool, int, str]], str]:
@@ -93,24 +96,24 @@ def _no_match(session: Session, fleet_id: UUID) -> Problem:
     )
 
 
-def _vehicles(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> dict[UUID, str]:
+def _vehicles(session: Session, fleet_id: UUID, chooser: VehicleFilter) -> dict[UUID, str]:
     """Id and name of the vehicles that ids and name pattern leave."""
     rows = session.execute(select(Vehicle.id, Vehicle.name).where(Vehicle.fleet_id == fleet_id))
     vehicles: dict[UUID, str] = {row.id: row.name for row in rows}
-    if wanted.vehicle_ids is not None:
-        strange = [str(one) for one in wanted.vehicle_ids if one not in vehicles]
+    if chooser.vehicle_ids is not None:
+        strange = [str(id) for id in chooser.vehicle_ids if id not in vehicles]
         if strange:
             raise Problem(
                 422,
                 "unknown_vehicle",
-                f"{len(strange)} of the {len(wanted.vehicle_ids)} vehicle ids are of no vehicle of this fleet; "
+                f"{len(strange)} of the {len(chooser.vehicle_ids)} vehicle ids are of no vehicle of this fleet; "
                 f"the first is {strange[0]}.",
                 "Give ids of GET /v1/fleets/{id}/vehicles.",
                 vehicle_ids=strange[:100],
             )
-        vehicles = {one: vehicles[one] for one in wanted.vehicle_ids}
-    if wanted.name is not None:
-        matches = _matcher(wanted.name)
+        vehicles = {id: vehicles[id] for id in chooser.vehicle_ids}
+    if chooser.name is not None:
+        matches = _matcher(chooser.name)
         vehicles = {id: name for id, name in vehicles.items() if matches.fullmatch(name)}
     return vehicles
 
@@ -129,13 +132,13 @@ def _with_rig(session: Session, fleet_id: UUID, pattern: str) -> set[UUID]:
 
 def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> dict[UUID, dict[str, UUID]]:
     """By vehicle, the newest set of each camera of the rig whose newest set is the newest."""
-    made = (CorrespondenceSet.brought_at.is_(None), CorrespondenceSet.created_at)
+    once = (CorrespondenceSet.brought_at.is_(None), CorrespondenceSet.created_at)
     brought = (CorrespondenceSet.brought_at.is_not(None), CorrespondenceSet.brought_at)
     # Each camera's newest set of those made once, and of those imported again; there is an index for each.
     cameras = (
         select(
             *(Rig.vehicle_id, Rig.id.label("rig_id"), Rig.name.label("rig"), RigCamera.name.label("camera")),
-            *(_newest_set(CorrespondenceSet.id, *made), _newest_set(made[1], *made)),
+            *(_newest_set(CorrespondenceSet.id, *once), _newest_set(once[1], *once)),
             *(_newest_set(CorrespondenceSet.id, *brought), _newest_set(brought[1], *brought)),
         )
         .join(RigCamera, RigCamera.rig_id == Rig.id)
@@ -143,9 +146,9 @@ def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> d
     )
     rows: list[_Newest] = []
     for vehicle_id, rig_id, rig, camera, *sets in session.execute(cameras):
-        known = [(at, set_id) for set_id, at in (sets[:2], sets[2:]) if set_id is not None]
-        if known:
-            rows.append(_Newest(*max(known), vehicle_id, rig_id, rig, camera))
+        dated = [(at, set_id) for set_id, at in (sets[:2], sets[2:]) if set_id is not None]
+        if dated:
+            rows.append(_Newest(*max(dated), vehicle_id, rig_id, rig, camera))
     rows.sort()
     if rig_pattern is not None:
         matches = _matcher(rig_pattern)
@@ -160,11 +163,11 @@ def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> d
 
 
 def _newest_set(
-    wanted: InstrumentedAttribute[Any], which: ColumnElement[bool], by: InstrumentedAttribute[Any]
+    column: InstrumentedAttribute[Any], which: ColumnElement[bool], by: InstrumentedAttribute[Any]
 ) -> ScalarSelect[Any]:
     """A column of the newest of such sets of the enclosing query's camera."""
     return (
-        select(wanted)
+        select(column)
         .where(CorrespondenceSet.rig_id == RigCamera.rig_id, CorrespondenceSet.camera == RigCamera.name, which)
         .order_by(by.desc(), CorrespondenceSet.id.desc())
         .limit(1)
@@ -176,7 +179,7 @@ def _newest_set(
 def _calibrated_since(session: Session, fleet_id: UUID, since: datetime) -> set[UUID]:
     done = exists().where(
         Calibration.vehicle_id == Vehicle.id,
-        Calibration.state == written(WorkState.DONE),
+        Calibration.state == state_literal(WorkState.DONE),
         Calibration.finished_at >= since,
     )
     return set(session.scalars(select(Vehicle.id).where(Vehicle.fleet_id == fleet_id, done)))

@@ -17,13 +17,12 @@ from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import VehicleState, WorkState
 from apexcal.documents.summaries import CameraSummary, Summary
 from service.platform.db.base import Json
-from service.platform.db.calibrations import Calibration, CalibrationRun, Result
+from service.platform.db.calibrations import Calibration, CalibrationRun, Publication, Result
 from service.platform.db.clock import utc_now
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Vehicle
 from service.platform.db.jobs import Job
 from service.platform.db.people import Person
-from service.platform.db.publications import Publication
 from service.publications.check_queries import failing
 
 # Before this many vehicles have ended, their pace tells too little.

@@ -18,8 +18,8 @@ from service.fleets.queries import rig_camera
 from service.fleets.views import rig_view
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
+from service.platform.db.base import new_id
 from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
-from service.platform.db.ids import new_id
 from service.platform.http.bodies import DOCUMENT
 from service.platform.http.etags import Conditional, version_etag
 from service.platform.http.pages import Page, Paging, fetch
@@ -130,7 +130,7 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
         lidar_topic=body.lidar.topic,
         lidar_serial=body.lidar.serial,
         T_vehicle_lidar=body.T_vehicle_lidar and body.T_vehicle_lidar.model_dump(mode="json"),
-        camera_transforms=[one.model_dump(mode="json") for one in body.camera_transforms],
+        camera_transforms=[transform.model_dump(mode="json") for transform in body.camera_transforms],
         version=1,
         cameras=[
             RigCamera(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from service.imports.found import Found, FoundCamera, Lens, image_size, numbers, refused
+from service.imports.contents import Contents, FileCamera, FileLens, image_size, numbers, refused
 
 
 def is_camera_info(document: Mapping[str, Any]) -> bool:
@@ -13,19 +13,19 @@ def is_camera_info(document: Mapping[str, Any]) -> bool:
     return "distortion_model" in document and _first(document, "camera_matrix", "K", "k") is not None
 
 
-def read_camera_info(name: str, document: Mapping[str, Any]) -> Found:
+def read_camera_info(name: str, document: Mapping[str, Any]) -> Contents:
     """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
     width, height = (_first(document, *names) for names in (("image_width", "width"), ("image_height", "height")))
     if width is None or height is None:
         raise refused(f"{name} says no image size.", "It has image_width and image_height, or width and height.")
     K = numbers(f"K of {name}", _data(_first(document, "camera_matrix", "K", "k")), 9)
     D = numbers(f"D of {name}", _data(_first(document, "distortion_coefficients", "D", "d") or []))
-    lens = Lens(str(document["distortion_model"])[:64], K, D, image_size(f"The images of {name}", width, height))
+    lens = FileLens(str(document["distortion_model"])[:64], K, D, image_size(f"The images of {name}", width, height))
     notes: list[str] = []
     R = _data(_first(document, "rectification_matrix", "R", "r"))
     if R is not None and numbers(f"R of {name}", R) not in ([1, 0, 0, 0, 1, 0, 0, 0, 1], [0] * 9):
         notes.append("The file rectifies (R is not the identity). K and D are for the images as recorded.")
-    return Found([FoundCamera(str(document.get("camera_name") or "camera")[:200], lens=lens)], notes=notes)
+    return Contents([FileCamera(str(document.get("camera_name") or "camera")[:200], lens=lens)], notes=notes)
 
 
 def _first(document: Mapping[str, Any], *names: str) -> Any:

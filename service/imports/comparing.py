@@ -13,9 +13,9 @@ from apexcal.documents.summaries import BetweenModels
 from apexcal.geometry.result_differences import compared_with_stated
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, vector_from_rotation
 from apexcal.geometry.se3 import SE3, Floats, from_document
-from service.imports.found import refused
+from service.imports.contents import refused
+from service.imports.formats import files_view, transform_view
 from service.imports.plausibility import mount_doubts
-from service.imports.views import files_view, transform_view
 from service.platform.http.problems import Problem
 
 ReadAs = Literal["stated", "inverted", "body", "inverted_body", "none"]
@@ -29,14 +29,14 @@ _ADVICE: Final[dict[ReadAs, str]] = {
 }
 
 
-def stated_comparison(asked: ComparisonRequest, result: FitResult, spread: BetweenModels | None) -> StatedComparison:
+def stated_comparison(body: ComparisonRequest, result: FitResult, spread: BetweenModels | None) -> StatedComparison:
     """Return how far a result is; ``spread``: its deviations with other models counted, if there are any.
 
     Raises:
         Problem: 422 ``calibration_file_not_read``, ``nothing_to_compare``.
     """
-    stated, camera = _stated(asked)
-    found = from_document(result.transform)
+    stated, camera = _stated(body)
+    solved = from_document(result.transform)
     hints = list(camera.doubts) if camera is not None else [] if stated is None else mount_doubts(stated)
     lens = _lens_difference(camera, result, hints)
     if stated is None:
@@ -44,16 +44,16 @@ def stated_comparison(asked: ComparisonRequest, result: FitResult, spread: Betwe
             T_camera_lidar=None, rotation_deg=None, translation_mm=None, sigmas=None, differs=None, read_as=None,
             lens=lens, hints=hints,
         )  # fmt: skip
-    if (stated.to_frame, stated.from_frame) == (found.from_frame, found.to_frame):
+    if (stated.to_frame, stated.from_frame) == (solved.from_frame, solved.to_frame):
         raise Problem(
             422,
             "invalid_request",
-            f"T_camera_lidar maps points of {found.from_frame!r} into {found.to_frame!r}, and this one says the "
+            f"T_camera_lidar maps points of {solved.from_frame!r} into {solved.to_frame!r}, and this one says the "
             "opposite.",
             "Invert it, or name its frames the other way round.",
         )
-    stated = replace(stated, to_frame=found.to_frame, from_frame=found.from_frame)
-    read_as = _reading(stated, found)
+    stated = replace(stated, to_frame=solved.to_frame, from_frame=solved.from_frame)
+    read_as = _reading(stated, solved)
     if read_as != "stated":
         hints.append(_ADVICE[read_as])
     measured = compared_with_stated(result, spread, stated)
@@ -62,24 +62,24 @@ def stated_comparison(asked: ComparisonRequest, result: FitResult, spread: Betwe
     )
 
 
-def _stated(asked: ComparisonRequest) -> tuple[SE3 | None, ReadCamera | None]:
-    if (asked.T_camera_lidar is None) == (asked.files is None):
+def _stated(body: ComparisonRequest) -> tuple[SE3 | None, ReadCamera | None]:
+    if (body.T_camera_lidar is None) == (body.files is None):
         raise Problem(
             422, "nothing_to_compare", "The body needs either T_camera_lidar or files.", "Send one of the two."
         )
-    if asked.T_camera_lidar is not None:
-        return from_document(asked.T_camera_lidar), None
-    assert asked.files is not None
-    cameras = files_view(asked.files).cameras
-    names = ", ".join(one.name for one in cameras)
-    chosen = [one for one in cameras if asked.camera in (None, one.name)]
+    if body.T_camera_lidar is not None:
+        return from_document(body.T_camera_lidar), None
+    assert body.files is not None
+    cameras = files_view(body.files).cameras
+    names = ", ".join(camera.name for camera in cameras)
+    chosen = [camera for camera in cameras if body.camera in (None, camera.name)]
     if len(chosen) != 1:
         raise refused(f"The files hold the cameras {names}.", "Name one of them as `camera`.")
     mount = chosen[0].T_camera_lidar
     return (None if mount is None else from_document(mount)), chosen[0]
 
 
-def _reading(stated: SE3, found: SE3) -> ReadAs:
+def _reading(stated: SE3, solved: SE3) -> ReadAs:
     inverse = stated.inverse()
     readings: dict[ReadAs, Floats] = {
         "stated": stated.R,
@@ -88,7 +88,7 @@ def _reading(stated: SE3, found: SE3) -> ReadAs:
         "inverted_body": FORWARD_LIDAR_TO_OPTICAL @ inverse.R,
     }
     off: dict[ReadAs, float] = {
-        name: float(np.degrees(np.linalg.norm(vector_from_rotation(R @ found.R.T)))) for name, R in readings.items()
+        name: float(np.degrees(np.linalg.norm(vector_from_rotation(R @ solved.R.T)))) for name, R in readings.items()
     }
     if off["stated"] <= _ALIKE_DEG:
         return "stated"

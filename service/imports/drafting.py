@@ -10,45 +10,45 @@ from pydantic import ValidationError
 from apexcal.documents.fleets import NewRig
 from apexcal.documents.imports import DraftCamera, DraftRequest, RigDraft
 from apexcal.geometry.se3 import SE3, from_document
-from service.exports.numbers import numbers
+from service.exports.format import numbers
 from service.exports.urdf_tree import read_joints
-from service.imports.frame_tree import FrameTree, Joint, Way, unusable
+from service.imports.frame_tree import FrameTree, Joint, JointPath, unusable
 
 
 def urdf_tree(document: bytes) -> FrameTree:
     """Raises :class:`Problem` 422 ``urdf_not_read``, ``frames_not_usable``."""
     joints = read_joints(document)
-    return FrameTree(Joint(name, one.kind == "fixed", one.T_parent_child) for name, one in joints.items())
+    return FrameTree(Joint(name, joint.kind == "fixed", joint.T_parent_child) for name, joint in joints.items())
 
 
 def recorded_tree(transforms: Iterable[Mapping[str, Any]]) -> FrameTree:
     """The tree of a recording's ``/tf_static``, as its facts keep it. A joint is named after its child."""
     return FrameTree(
         Joint(
-            one["child"],
+            transform["child"],
             True,
             from_document(
                 {
-                    "to_frame": one["parent"],
-                    "from_frame": one["child"],
-                    "rotation": {"quaternion_xyzw": one["quaternion_xyzw"]},
-                    "translation_m": one["translation_m"],
+                    "to_frame": transform["parent"],
+                    "from_frame": transform["child"],
+                    "rotation": {"quaternion_xyzw": transform["quaternion_xyzw"]},
+                    "translation_m": transform["translation_m"],
                 }
             ),
         )
-        for one in transforms
+        for transform in transforms
     )
 
 
-def draft(asked: DraftRequest, tree: FrameTree) -> RigDraft:
+def draft(request: DraftRequest, tree: FrameTree) -> RigDraft:
     """Raises :class:`Problem` 422 ``frames_not_usable``."""
     notes: list[str] = []
-    lidar = asked.lidar_link
-    vehicle = asked.vehicle_link or tree.root(lidar)
+    lidar = request.lidar_link
+    vehicle = request.vehicle_link or tree.root(lidar)
     rig: dict[str, Any] = {
-        "name": asked.name,
-        "lidar": {"frame": lidar, "topic": asked.lidar_topic},
-        "cameras": [_camera(tree, lidar, camera, notes) for camera in asked.cameras],
+        "name": request.name,
+        "lidar": {"frame": lidar, "topic": request.lidar_topic},
+        "cameras": [_camera(tree, lidar, camera, notes) for camera in request.cameras],
     }
     if vehicle != lidar:
         _check_fixed(tree.way(lidar, vehicle).joints)
@@ -61,53 +61,53 @@ def draft(asked: DraftRequest, tree: FrameTree) -> RigDraft:
         raise unusable(f"The rig would be refused: {where}: {first['msg']}.", "Name other links.") from None
 
 
-def _camera(tree: FrameTree, lidar: str, asked: DraftCamera, notes: list[str]) -> dict[str, Any]:
-    way = tree.way(lidar, asked.link)
-    joint = _joint(way, asked)
-    _check_fixed([one for one in way.joints if one is not joint])
-    found: dict[str, Any] = {
-        "name": asked.name,
-        "frame": asked.link,
-        "topic": asked.topic,
-        "serial": asked.serial,
-        "image_size": asked.image_size,
-        "nominal": _document(tree.transform(asked.link, lidar)),
+def _camera(tree: FrameTree, lidar: str, camera: DraftCamera, notes: list[str]) -> dict[str, Any]:
+    way = tree.way(lidar, camera.link)
+    joint = _joint(way, camera)
+    _check_fixed([other for other in way.joints if other is not joint])
+    drafted: dict[str, Any] = {
+        "name": camera.name,
+        "frame": camera.link,
+        "topic": camera.topic,
+        "serial": camera.serial,
+        "image_size": camera.image_size,
+        "nominal": _document(tree.transform(camera.link, lidar)),
     }
     if joint is None:
         notes.append(
-            f"The LiDAR is mounted on {asked.link}, so no joint on the camera's side is solved for. Results are "
+            f"The LiDAR is mounted on {camera.link}, so no joint on the camera's side is solved for. Results are "
             "T_camera_lidar."
         )
-        return found
+        return drafted
     notes.append(
-        f"Results of {asked.name} are also given for the joint {joint.name!r}: the pose of {joint.child} in "
+        f"Results of {camera.name} are also given for the joint {joint.name!r}: the pose of {joint.child} in "
         f"{joint.parent}."
     )
-    T_parent_lidar, T_child_camera = tree.transform(joint.parent, lidar), tree.transform(joint.child, asked.link)
-    return found | {
+    T_parent_lidar, T_child_camera = tree.transform(joint.parent, lidar), tree.transform(joint.child, camera.link)
+    return drafted | {
         "joint": {"T_parent_lidar": _document(T_parent_lidar), "T_child_camera": _document(T_child_camera)}
     }
 
 
-def _joint(way: Way, asked: DraftCamera) -> Joint | None:
+def _joint(way: JointPath, camera: DraftCamera) -> Joint | None:
     """The joint to solve for: the named one, else the first on the camera's side."""
-    if asked.joint is None:
-        found = way.down[0] if way.down else None
+    if camera.joint is None:
+        joint = way.down[0] if way.down else None
     else:
-        found = next((one for one in way.down if asked.joint in (one.name, one.child)), None)
-        if found is None:
-            named = ", ".join(one.name for one in way.down) or "none"
+        joint = next((candidate for candidate in way.down if camera.joint in (candidate.name, candidate.child)), None)
+        if joint is None:
+            named = ", ".join(candidate.name for candidate in way.down) or "none"
             raise unusable(
-                f"The joint {asked.joint!r} is not on the camera's side of the way from LiDAR to {asked.link!r}.",
+                f"The joint {camera.joint!r} is not on the camera's side of the way from LiDAR to {camera.link!r}.",
                 f"The joints there are {named}.",
             )
-    if found is not None:
-        _check_fixed([found])
-    return found
+    if joint is not None:
+        _check_fixed([joint])
+    return joint
 
 
 def _check_fixed(joints: Iterable[Joint]) -> None:
-    moving = next((one for one in joints if not one.fixed), None)
+    moving = next((joint for joint in joints if not joint.fixed), None)
     if moving is not None:
         raise unusable(
             f"The joint {moving.name!r} between {moving.parent!r} and {moving.child!r} moves.",

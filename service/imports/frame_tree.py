@@ -27,7 +27,7 @@ class Joint(NamedTuple):
         return self.T_parent_child.from_frame
 
 
-class Way(NamedTuple):
+class JointPath(NamedTuple):
     """From one frame to another: joints up from the first to the common ancestor, and down to the second.
 
     Both are in the order in which they are passed.
@@ -54,10 +54,10 @@ class FrameTree:
         self._above: dict[str, Joint] = {}
         self.frames: dict[str, None] = {}
         for joint in joints:
-            known = self._above.setdefault(joint.child, joint)
-            if known is not joint and known.parent != joint.parent:
+            existing = self._above.setdefault(joint.child, joint)
+            if existing is not joint and existing.parent != joint.parent:
                 raise unusable(
-                    f"The frame {joint.child!r} has two parents, {known.parent!r} and {joint.parent!r}.",
+                    f"The frame {joint.child!r} has two parents, {existing.parent!r} and {joint.parent!r}.",
                     "Every frame has one parent. Remove the wrong joint.",
                 )
             # Said again, the later one counts, as for tf2.
@@ -73,20 +73,20 @@ class FrameTree:
         if frame not in self.frames:
             listed = ", ".join(list(self.frames)[:50])
             raise unusable(f"There is no frame {frame!r}.", f"The frames are {listed or 'none'}.")
-        found: list[Joint] = []
+        path: list[Joint] = []
         while frame in self._above:
-            found.append(self._above[frame])
-            frame = found[-1].parent
-            if len(found) > len(self._above):
+            path.append(self._above[frame])
+            frame = path[-1].parent
+            if len(path) > len(self._above):
                 raise unusable(f"The frame {frame!r} is its own ancestor.", "Remove a joint of the circle.")
-        return found
+        return path
 
     def root(self, frame: str) -> str:
         """The root above a frame."""
         above = self.above(frame)
         return above[-1].parent if above else frame
 
-    def way(self, start: str, end: str) -> Way:
+    def way(self, start: str, end: str) -> JointPath:
         """Raises :class:`Problem` where no joints lead from one to the other."""
         up, down = self.above(start), self.above(end)
         if self.root(start) != self.root(end):
@@ -98,14 +98,14 @@ class FrameTree:
         while up and down and up[-1] == down[-1]:
             up.pop()
             down.pop()
-        return Way(up, down[::-1])
+        return JointPath(up, down[::-1])
 
     def transform(self, to_frame: str, from_frame: str) -> SE3:
         """``T_<to_frame>_<from_frame>`` by the joints between."""
-        found = SE3(from_frame, from_frame)
+        total = SE3(from_frame, from_frame)
         way = self.way(from_frame, to_frame)
         for joint in way.up:
-            found = joint.T_parent_child @ found
+            total = joint.T_parent_child @ total
         for joint in way.down:
-            found = joint.T_parent_child.inverse() @ found
-        return found
+            total = joint.T_parent_child.inverse() @ total
+        return total

@@ -12,11 +12,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from apexcal.geometry.se3 import SE3, Floats
-from service.imports.found import (
+from service.imports.contents import (
     LIDAR,
-    Found,
-    FoundCamera,
-    Lens,
+    Contents,
+    FileCamera,
+    FileLens,
     camera_matrix,
     image_size,
     numbers,
@@ -33,21 +33,21 @@ _FIRST = "00"
 def is_kitti(text: str) -> bool:
     """Whether a line holds a matrix as KITTI writes it: a name, then its numbers with blanks between."""
     return any(
-        found and found[1].partition("_")[0] in ("R", "P", "P0", "K", "Tr") and len(found[2].split()) in (9, 12)
-        for found in map(_LINE.fullmatch, map(str.strip, text.splitlines()))
+        match and match[1].partition("_")[0] in ("R", "P", "P0", "K", "Tr") and len(match[2].split()) in (9, 12)
+        for match in map(_LINE.fullmatch, map(str.strip, text.splitlines()))
     )
 
 
-def read_kitti(files: Mapping[str, str]) -> Found:
+def read_kitti(files: Mapping[str, str]) -> Contents:
     """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
     members: dict[str, list[float]] = {}
     for name, text in files.items():
         for line in text.splitlines():
-            found = _LINE.fullmatch(line.strip())
-            if found:
-                members[found[1]] = numbers(f"{found[1]} of {name}", found[2].split())
-    raw = [one[1] for one in map(_RAW.fullmatch, members) if one]
-    plain = [one[1] for one in map(_PLAIN.fullmatch, members) if one]
+            match = _LINE.fullmatch(line.strip())
+            if match:
+                members[match[1]] = numbers(f"{match[1]} of {name}", match[2].split())
+    raw = [match[1] for match in map(_RAW.fullmatch, members) if match]
+    plain = [match[1] for match in map(_PLAIN.fullmatch, members) if match]
     if raw:
         return _raw(members, raw)
     if plain:
@@ -58,70 +58,70 @@ def read_kitti(files: Mapping[str, str]) -> Found:
     )
 
 
-def _raw(members: Members, places: list[str]) -> Found:
+def _raw(members: Members, places: list[str]) -> Contents:
     notes: list[str] = []
     if not {"R", "T"} <= set(members):
         notes.append("calib_velo_to_cam.txt is not among the files: no mount on the LiDAR is known.")
-    cameras: list[FoundCamera] = []
-    for place in places:
-        lens = Lens(
-            "plumb_bob", _of(members, f"K_{place}", 9), _of(members, f"D_{place}", 5), _size(members, "S", place)
+    cameras: list[FileCamera] = []
+    for camera in places:
+        lens = FileLens(
+            "plumb_bob", _of(members, f"K_{camera}", 9), _of(members, f"D_{camera}", 5), _size(members, "S", camera)
         )
-        cameras.append(FoundCamera(place, lens=lens, T_camera_lidar=_mount(members, place)))
-    for place in places:
-        rectified = _rectified(members, place) if f"P_rect_{place}" in members else None
+        cameras.append(FileCamera(camera, lens=lens, T_camera_lidar=_mount(members, camera)))
+    for camera in places:
+        rectified = _rectified(members, camera) if f"P_rect_{camera}" in members else None
         if rectified is not None:
             cameras.append(rectified)
-    return Found(cameras, notes=notes)
+    return Contents(cameras, notes=notes)
 
 
-def _mount(members: Members, place: str) -> SE3 | None:
+def _mount(members: Members, camera: str) -> SE3 | None:
     """T_camera_lidar of a camera as recorded: R_xx, T_xx map camera 00 into it, R, T the LiDAR into camera 00."""
     if not {"R", "T"} <= set(members):
         return None
     first = transform(_FIRST, LIDAR, _of_matrix(members, "R", (3, 3)), _of_matrix(members, "T", (3,)))
-    if place == _FIRST and f"R_{place}" not in members:
+    if camera == _FIRST and f"R_{camera}" not in members:
         return first
-    R, t = _of_matrix(members, f"R_{place}", (3, 3)), _of_matrix(members, f"T_{place}", (3,))
-    return transform(place, _FIRST, R, t) @ first
+    R, t = _of_matrix(members, f"R_{camera}", (3, 3)), _of_matrix(members, f"T_{camera}", (3,))
+    return transform(camera, _FIRST, R, t) @ first
 
 
-def _rectified(members: Members, place: str) -> FoundCamera | None:
+def _rectified(members: Members, camera: str) -> FileCamera | None:
     """A camera as rectified; None where P_rect is no camera matrix beside an offset (files of our own export)."""
-    P = _of_matrix(members, f"P_rect_{place}", (3, 4))
-    lens = _projection_lens(P, _size(members, "S_rect", place))
+    P = _of_matrix(members, f"P_rect_{camera}", (3, 4))
+    lens = _projection_lens(P, _size(members, "S_rect", camera))
     if lens is None:
         return None
-    name, mount = f"rect_{place}", None
+    name, mount = f"rect_{camera}", None
     if {"R", "T", f"R_rect_{_FIRST}"} <= set(members):
         first = transform(_FIRST, LIDAR, _of_matrix(members, "R", (3, 3)), _of_matrix(members, "T", (3,)))
         mount = transform(name, _FIRST, _of_matrix(members, f"R_rect_{_FIRST}", (3, 3)), _offset(P)) @ first
-    return FoundCamera(name, lens=lens, T_camera_lidar=mount)
+    return FileCamera(name, lens=lens, T_camera_lidar=mount)
 
 
-def _plain(members: Members, places: list[str]) -> Found:
+def _plain(members: Members, places: list[str]) -> Contents:
     """Object (``R0_rect``, ``Tr_velo_to_cam``) and odometry (``Tr``, which leads into the rectified camera)."""
-    name = next((one for one in ("Tr_velo_to_cam", "Tr_velo_cam", "Tr") if one in members), None)
+    name = next((key for key in ("Tr_velo_to_cam", "Tr_velo_cam", "Tr") if key in members), None)
     Tr = None if name is None else _of_matrix(members, name, (3, 4))
-    turn = next((one for one in ("R0_rect", "R_rect") if one in members), None)
+    turn = next((key for key in ("R0_rect", "R_rect") if key in members), None)
     R_rect = np.eye(3) if turn is None else _of_matrix(members, turn, (3, 3))
-    cameras: list[FoundCamera] = []
-    for place in places:
-        P = _of_matrix(members, f"P{place}", (3, 4))
+    cameras: list[FileCamera] = []
+    for camera in places:
+        P = _of_matrix(members, f"P{camera}", (3, 4))
         mount = None
         if Tr is not None:
             first = transform(_FIRST, LIDAR, Tr[:, :3], Tr[:, 3])
-            mount = transform(f"P{place}", _FIRST, R_rect, _offset(P)) @ first
-        cameras.append(FoundCamera(f"P{place}", lens=_projection_lens(P, None), T_camera_lidar=mount))
+            mount = transform(f"P{camera}", _FIRST, R_rect, _offset(P)) @ first
+        cameras.append(FileCamera(f"P{camera}", lens=_projection_lens(P, None), T_camera_lidar=mount))
     notes = [] if Tr is not None else ["There is no Tr_velo_to_cam and no Tr: no mount on the LiDAR is known."]
-    return Found(cameras, notes=notes)
+    return Contents(cameras, notes=notes)
 
 
-def _projection_lens(P: Floats, size: tuple[int, int] | None) -> Lens | None:
+def _projection_lens(P: Floats, size: tuple[int, int] | None) -> FileLens | None:
     K = P[:, :3]
     if abs(K[0, 1]) + abs(K[1, 0]) + abs(K[2, 0]) + abs(K[2, 1]) > 0.0 or K[2, 2] != 1.0:
         return None
-    return Lens("plumb_bob", camera_matrix(K[0, 0], K[1, 1], K[0, 2], K[1, 2]), [], size)
+    return FileLens("plumb_bob", camera_matrix(K[0, 0], K[1, 1], K[0, 2], K[1, 2]), [], size)
 
 
 def _offset(P: Floats) -> Floats:
@@ -132,9 +132,9 @@ def _offset(P: Floats) -> Floats:
         raise refused("A P has no focal length.", "Send KITTI's files as they are.") from None
 
 
-def _size(members: Members, kind: str, place: str) -> tuple[int, int] | None:
-    size = members.get(f"{kind}_{place}")
-    return None if size is None or len(size) != 2 else image_size(f"The images of {place}", *map(round, size))
+def _size(members: Members, kind: str, camera: str) -> tuple[int, int] | None:
+    size = members.get(f"{kind}_{camera}")
+    return None if size is None or len(size) != 2 else image_size(f"The images of {camera}", *map(round, size))
 
 
 def _of(members: Members, name: str, count: int) -> list[float]:

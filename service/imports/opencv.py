@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from apexcal.geometry.se3 import SE3
-from service.imports.found import LIDAR, Found, FoundCamera, Lens, image_size, numbers, refused, transform
+from service.imports.contents import LIDAR, Contents, FileCamera, FileLens, image_size, numbers, refused, transform
 
 _K = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "CameraMatrix", "CameraMat", "K")
 _D = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "DistCoeff", "D")
@@ -30,30 +30,30 @@ def is_opencv(text: str, document: Mapping[str, Any]) -> bool:
     return isinstance(matrix, dict) and {"rows", "cols", "data"} <= set(matrix)
 
 
-def read_opencv(name: str, document: Mapping[str, Any]) -> Found:
+def read_opencv(name: str, document: Mapping[str, Any]) -> Contents:
     """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
-    K = next((one for one in _K if one in document), None)
+    K = next((key for key in _K if key in document), None)
     if K is None:
         raise refused(f"{name} has no camera matrix ({', '.join(_K)}).", "Send the file with the camera's lens.")
-    D = next((one for one in _D if one in document), None)
+    D = next((key for key in _D if key in document), None)
     coefficients = numbers(f"{D} of {name}", _data(document[D])) if D else []
     fisheye = bool(document.get("fisheye_model", 0))
     model = "equidistant" if fisheye else "plumb_bob" if len(coefficients) < _RATIONAL_FROM else "rational_polynomial"
-    lens = Lens(model, numbers(f"{K} of {name}", _data(document[K]), 9), coefficients, _size(name, document))
+    lens = FileLens(model, numbers(f"{K} of {name}", _data(document[K]), 9), coefficients, _size(name, document))
     notes = (
         [] if "fisheye_model" in document else ["The file does not say fisheye_model, so it is not cv2.fisheye's."]
     )
-    others = [one for one in document if one in _UNDIRECTED]
+    others = [key for key in document if key in _UNDIRECTED]
     if others:
         notes.append(f"{', '.join(others)}: the file does not state its direction, so it was left out.")
-    return Found([FoundCamera("camera", lens=lens, T_camera_lidar=_mount(name, document))], notes=notes)
+    return Contents([FileCamera("camera", lens=lens, T_camera_lidar=_mount(name, document))], notes=notes)
 
 
 def _size(name: str, document: Mapping[str, Any]) -> tuple[int, int] | None:
     for width, height in _SIZES:
         if width in document and height in document:
             return image_size(f"The images of {name}", document[width], document[height])
-    listed = next((document[one] for one in _LISTED if one in document), None)
+    listed = next((document[key] for key in _LISTED if key in document), None)
     return None if listed is None else image_size(f"The images of {name}", *numbers(f"The size in {name}", listed, 2))
 
 

@@ -11,7 +11,7 @@ from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
 from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated
 from apexcal.geometry.se3 import SE3, Floats
-from service.imports.found import Lens, refused
+from service.imports.contents import FileLens, refused
 
 # The default bounds of a search, as shares of the image's width (preset `image-size`).
 _FOCAL_SHARES: Final = (0.2, 3.0)
@@ -30,7 +30,7 @@ class KnownLens(NamedTuple):
     height: int
 
 
-def known_lens(camera: str, lens: Lens, size: tuple[int, int] | None) -> KnownLens:
+def known_lens(camera: str, lens: FileLens, size: tuple[int, int] | None) -> KnownLens:
     """``size`` is that of the images, for a lens that states none.
 
     Raises:
@@ -38,8 +38,8 @@ def known_lens(camera: str, lens: Lens, size: tuple[int, int] | None) -> KnownLe
     """
     model = model_stated(lens.distortion_model)
     if model is None:
-        known = ", ".join(sorted(one for one in MODEL_OF if one))
-        raise refused(f"The lens of {camera} is of the model {lens.distortion_model!r}.", f"Known are {known}.")
+        models = ", ".join(sorted(model for model in MODEL_OF if model))
+        raise refused(f"The lens of {camera} is of the model {lens.distortion_model!r}.", f"Known are {models}.")
     D = coefficients_of(model, lens.D)
     if D is None:
         raise refused(
@@ -68,25 +68,25 @@ def lens_doubts(lens: KnownLens) -> list[str]:
     """What is unlikely of a lens, in sentences."""
     f_x, _, c_x, _, f_y, c_y = lens.K[:6]
     width, height = lens.width, lens.height
-    found: list[str] = []
+    doubts: list[str] = []
     if not (0.0 <= c_x <= width - 1 and 0.0 <= c_y <= height - 1):
-        found.append(
+        doubts.append(
             f"The principal point ({c_x:.0f}, {c_y:.0f}) lies outside of the image of {width} x {height} pixels: is "
             "the lens for another image size?"
         )
     least, most = (share * width for share in _FOCAL_SHARES)
     if not (least <= f_x <= most and least <= f_y <= most):
-        found.append(
+        doubts.append(
             f"The focal lengths {f_x:.0f} and {f_y:.0f} px are outside of 0.2 to 3 image widths: are they pixels, "
             "and of this image size?"
         )
     share = _fold_share(lens)
     if share < 1.0:
-        found.append(
+        doubts.append(
             f"The distortion stops growing at {share:.2f} of the way to the image's nearest edge: are the "
             "coefficients in the order of their model, and is the image size right?"
         )
-    return found
+    return doubts
 
 
 def _fold_share(lens: KnownLens) -> float:
@@ -97,7 +97,7 @@ def _fold_share(lens: KnownLens) -> float:
     edge = min(lens.width / lens.K[0], lens.height / lens.K[4]) / 2.0
     if lens.model == "kannala_brandt":
         angle = np.linspace(0.0, pi, _STEPS)
-        radius = angle * (1.0 + sum(k * angle ** (2 * place + 2) for place, k in enumerate(lens.D)))
+        radius = angle * (1.0 + sum(k * angle ** (2 * index + 2) for index, k in enumerate(lens.D)))
         reached = _growing(radius)
     else:
         k1, k2, _, _, k3 = lens.D or [0.0] * 5

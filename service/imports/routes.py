@@ -27,7 +27,7 @@ router = Router(tags=["imports"])
 def read_calibration_files(body: CalibrationFiles, identity: CurrentIdentity) -> ReadFiles:
     """Lenses and mounts in files of ROS, OpenCV, Kalibr or KITTI, with what is implausible of them."""
     # Imported here, as below: it needs NumPy and YAML, which take a twentieth of the start.
-    from service.imports.views import files_view
+    from service.imports.formats import files_view
 
     return files_view(body)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from service.imports.found import refused
+from service.imports.contents import refused
 
 _MATRIX = "tag:yaml.org,2002:opencv-matrix"
 # Libyaml's composer calls itself for each level without a limit: some ten thousand end the process. No format that is

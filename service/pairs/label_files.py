@@ -43,7 +43,7 @@ def read_labels(text: str) -> Columns:
     columns: Columns = {name: [] for name in ("x", "y", "z", "u", "v", "group")}
     for number, row in _rows(text):
         frame, image, *point, u, v = row
-        if any(one < 1 or one != int(one) for one in (frame, image)):
+        if any(number < 1 or number != int(number) for number in (frame, image)):
             raise _refused(number, "the first two numbers must be frame numbers from 1")
         if math.hypot(*point) > _FARTHEST_M:
             raise _refused(number, f"the vertex lies {math.hypot(*point):.0f} m away: x, y and z are metres")

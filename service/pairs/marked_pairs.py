@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
 from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MACHINE, MARK_SIGMA, MARKED_BY, SIGMAS
-from service.annotations.consensus import Consensus, Opinion, Outcome, agree, far_apart_px
+from service.annotations.consensus import Consensus, ConsensusOutcome, Opinion, agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.pairs.machine_opinions import machine_opinions
 from service.pairs.pair_files import Columns
@@ -52,13 +52,13 @@ def build(
     Raises:
         Problem: 409 ``nothing_marked``.
     """
-    wanted = session.get_one(Recording, detection.recording_id).marks_per_vertex
+    per_vertex = session.get_one(Recording, detection.recording_id).marks_per_vertex
     opinions = opinions_of(session, detection.id, camera.id)
     machine = machine_opinions(session, detection.id, camera.name) if machine_marks else {}
     alone = {
         vertex_id: mark.sigma_px
         for vertex_id, mark in machine.items()
-        if not any(one.mark for one in opinions.get(vertex_id, []))
+        if not any(opinion.mark for opinion in opinions.get(vertex_id, []))
     }
     for vertex_id, mark in machine.items():
         opinions.setdefault(vertex_id, []).append(mark.opinion)
@@ -69,8 +69,8 @@ def build(
         .order_by(Vertex.time_ns, Vertex.sweep_index, Vertex.corner.desc(), Vertex.x, Vertex.y, Vertex.z)
     ).all()
     # What was marked counts also if its corner is no longer asked for.
-    asked = marked_corners(detection)
-    vertices = [(one, frame) for one, frame in everything if one.corner in asked or one.id in opinions]
+    corners = marked_corners(detection)
+    vertices = [(vertex, frame) for vertex, frame in everything if vertex.corner in corners or vertex.id in opinions]
     apart_px = _apart_px(session, detection, camera)
     consensus = {vertex.id: agree(opinions.get(vertex.id, []), apart_px) for vertex, _ in vertices}
     rows: list[dict[str, Any]] = [
@@ -78,7 +78,8 @@ def build(
         | {MARKED_BY: _markers(opinions[vertex.id]), MACHINE: vertex.id in alone}
         | ({MARK_SIGMA: alone[vertex.id]} if vertex.id in alone else {})
         for vertex, frame in vertices
-        if consensus[vertex.id].pixel and not (exclude_flagged and consensus[vertex.id].outcome is Outcome.TIED)
+        if consensus[vertex.id].pixel
+        and not (exclude_flagged and consensus[vertex.id].outcome is ConsensusOutcome.TIED)
     ]
     if not rows:
         raise Problem(
@@ -103,14 +104,16 @@ def build(
     clock_ms = _clock_sigma_ms(session, detection, camera)
     if clock_ms is not None:
         columns[CLOCK_SIGMA] = [clock_ms] * len(rows)
-    notes = _notes(consensus, wanted, apart_px, exclude_flagged=exclude_flagged)
+    notes = _notes(consensus, per_vertex, apart_px, exclude_flagged=exclude_flagged)
     if MACHINE in columns:
         notes.append(f"{sum(columns[MACHINE])} of {len(rows)} pairs stand on the machine's mark alone.")
     return Built(columns, [*notes, *_pairing_note(detection, columns), *_clock_notes(session, detection)])
 
 
 def _markers(opinions: Sequence[Opinion]) -> list[UUID]:
-    return sorted(one.person for one in opinions if one.person and one.verdict == "confirmed" and one.mark)
+    return sorted(
+        opinion.person for opinion in opinions if opinion.person and opinion.verdict == "confirmed" and opinion.mark
+    )
 
 
 def _numbered(markers: Sequence[Sequence[UUID]]) -> list[list[int]]:
@@ -194,7 +197,7 @@ def _row(vertex: Vertex, frame: VertexFrame, agreed: Consensus) -> dict[str, Any
         "frame_index": frame.frame_index,
         "marks": agreed.marks,
         "spread_px": agreed.spread_px,
-        "flagged": agreed.outcome is Outcome.TIED,
+        "flagged": agreed.outcome is ConsensusOutcome.TIED,
         "reviewed": agreed.reviewed,
         CORNER: vertex.corner,
         **_sigmas(at.covariance),
@@ -205,47 +208,53 @@ def _sigmas(covariance: list[list[float]] | None) -> dict[str, float]:
     """The standard deviations of a vertex by their columns; nothing where its detector states none."""
     if covariance is None:
         return {}
-    return {name: math.sqrt(covariance[place][place]) for place, name in enumerate(SIGMAS)}
+    return {name: math.sqrt(covariance[index][index]) for index, name in enumerate(SIGMAS)}
 
 
-def _notes(consensus: dict[UUID, Consensus], wanted: int, apart_px: float, *, exclude_flagged: bool) -> list[str]:
+def _notes(consensus: dict[UUID, Consensus], per_vertex: int, apart_px: float, *, exclude_flagged: bool) -> list[str]:
     total = len(consensus)
-    answered = [one for one in consensus.values() if one.answers]
-    few = sum(one.answers - one.reviewed < wanted for one in answered)
-    reviewed = sum(one.reviewed > 0 for one in answered)
-    count = {outcome: sum(one.outcome is outcome for one in answered) for outcome in Outcome}
+    answered = [answer for answer in consensus.values() if answer.answers]
+    few = sum(answer.answers - answer.reviewed < per_vertex for answer in answered)
+    reviewed = sum(answer.reviewed > 0 for answer in answered)
+    count = {outcome: sum(answer.outcome is outcome for answer in answered) for outcome in ConsensusOutcome}
     tied = "left out" if exclude_flagged else "kept and flagged"
-    unit = "mark" if wanted == 1 else "marks"
+    unit = "mark" if per_vertex == 1 else "marks"
     sentences = [
         (total - len(answered), "{n} of {total} vertices {have} not been judged by anybody and {are} left out."),
-        (few, f"{{n}} of {{total}} vertices {{have}} fewer than the {wanted} {unit} asked for."),
+        (few, f"{{n}} of {{total}} vertices {{have}} fewer than the {per_vertex} {unit} asked for."),
         (
             reviewed,
             "{n} of {total} vertices {have} answers of people who had seen others'; they are not independent.",
         ),
-        (count[Outcome.REMOVED], "{n} of {total} vertices {were} removed, because most people rejected {them}."),
         (
-            count[Outcome.TIED],
+            count[ConsensusOutcome.REMOVED],
+            "{n} of {total} vertices {were} removed, because most people rejected {them}.",
+        ),
+        (
+            count[ConsensusOutcome.TIED],
             f"{{n}} of {{total}} vertices {{have}} as many rejections as confirmations; {{they}} {{were}} {tied}.",
         ),
         (
-            count[Outcome.APART],
+            count[ConsensusOutcome.APART],
             f"{{n}} of {{total}} vertices {{are}} left out, because two marks lie more than {apart_px:.0f} px apart; "
             "have {them} marked once more.",
         ),
-        (count[Outcome.UNMARKED], "{n} of {total} vertices {are} left out, because people were unsure of {them}."),
+        (
+            count[ConsensusOutcome.UNMARKED],
+            "{n} of {total} vertices {are} left out, because people were unsure of {them}.",
+        ),
     ]
     return [_sentence(text, n, total) for n, text in sentences if n]
 
 
 def _sentence(text: str, n: int, total: int) -> str:
-    one = n == 1
+    singular = n == 1
     return text.format(
         n=n,
         total=total,
-        have="has" if one else "have",
-        are="is" if one else "are",
-        were="was" if one else "were",
-        them="it" if one else "them",
-        they="it" if one else "they",
+        have="has" if singular else "have",
+        are="is" if singular else "are",
+        were="was" if singular else "were",
+        them="it" if singular else "them",
+        they="it" if singular else "they",
     )

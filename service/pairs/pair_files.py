@@ -82,11 +82,11 @@ def read_json(body: bytes) -> Columns:
 
 
 def _rows(pairs: Iterable[Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    known = {*REQUIRED, *_OPTIONAL, "pose"}
+    columns = {*REQUIRED, *_OPTIONAL, "pose"}
     for number, pair in enumerate(pairs):
         if not isinstance(pair, dict):
             raise invalid(f"pairs[{number}] is no object.")
-        row = {name: value for name, value in pair.items() if name in known and value is not None}
+        row = {name: value for name, value in pair.items() if name in columns and value is not None}
         if "pose" in row:
             row.setdefault("group", row.pop("pose"))
         yield f"pairs[{number}]", row
@@ -116,7 +116,7 @@ def _places(header: list[str]) -> dict[str, int]:
 def _pick(row: list[str], places: Mapping[str, int], header: list[str], line: int) -> dict[str, str]:
     if len(row) != len(header):
         raise invalid(f"line {line} has {len(row)} columns, the header {len(header)}.", line=line)
-    return {name: row[place].strip() for name, place in places.items()}
+    return {name: row[index].strip() for name, index in places.items()}
 
 
 def _columns(rows: Iterable[tuple[str, Mapping[str, Any]]], kind: str) -> Columns:

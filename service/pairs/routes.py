@@ -24,8 +24,7 @@ from service.pairs.actions import keep_set
 from service.pairs.label_files import FROM_ONE, is_labels, read_labels
 from service.pairs.marked_pairs import build
 from service.pairs.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
-from service.pairs.streamed_views import pairs_of, set_in_pieces
-from service.pairs.views import set_view
+from service.pairs.views import pairs_of, set_in_pieces, set_view
 from service.platform.auth.access import Access, CurrentIdentity, Identity, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.calibrations import CorrespondenceSet
@@ -72,17 +71,17 @@ _IMPORTED = {
 
 
 @router.post("/detections/{detection_id}/correspondence-sets", status_code=201, response_model=SetView)
-def build_set(detection_id: UUID, wanted: BuildRequest, access: WriteAccess) -> JSONResponse:
+def build_set(detection_id: UUID, body: BuildRequest, access: WriteAccess) -> JSONResponse:
     """Make pairs of what people marked; the same content is found again, with 200, and is the newest. [engineer]"""
     detection = access.find(Detection, detection_id, "engineer")
     recording = access.find(Recording, detection.recording_id, "engineer")
-    camera = find_camera(access.session, recording.id, wanted.camera)
+    camera = find_camera(access.session, recording.id, body.camera)
     built = build(
         access.session,
         detection,
         camera,
-        exclude_flagged=wanted.exclude_flagged,
-        machine_marks=wanted.machine_marks,
+        exclude_flagged=body.exclude_flagged,
+        machine_marks=body.machine_marks,
     )
     # Its notes say what people answered.
     others = answered_by_others(access.session, detection.id, camera.id, access.person.id)
@@ -199,10 +198,10 @@ def import_set(
 
 
 @router.post("/correspondence-sets/{set_id}/selections", status_code=201, response_model=SetView)
-def select_pairs(set_id: UUID, wanted: SelectionRequest, access: WriteAccess) -> JSONResponse:
+def select_pairs(set_id: UUID, body: SelectionRequest, access: WriteAccess) -> JSONResponse:
     """Make a set of a set's pairs without some; the same content is found again, with 200. [engineer]"""
     of = access.find(CorrespondenceSet, set_id, "engineer")
-    left_out = set(wanted.leave_out)
+    left_out = set(body.leave_out)
     if max(left_out) >= of.count:
         raise Problem(
             422,
@@ -214,8 +213,8 @@ def select_pairs(set_id: UUID, wanted: SelectionRequest, access: WriteAccess) ->
         raise Problem(422, "nothing_left", "Without these the set has no pairs.", "Leave out fewer.")
     without = sorted(left_out)
     if of.left_out is not None:
-        kept = of.kept(of.count + len(of.left_out))
-        without = sorted([*of.left_out, *(kept[i] for i in left_out)])
+        indices = of.own_indices(of.count + len(of.left_out))
+        without = sorted([*of.left_out, *(indices[i] for i in left_out)])
     noun = "pair was" if len(left_out) == 1 else "pairs were"
     row = CorrespondenceSet(
         **{name: getattr(of, name) for name in _ORIGIN},
@@ -234,8 +233,8 @@ def _flagged_without(session: Session, whole_id: UUID, left_out: set[int]) -> in
     return sum(flag for i, flag in enumerate(flags or ()) if i not in left_out)
 
 
-def _keep(access: WriteAccess, wanted: CorrespondenceSet) -> JSONResponse:
-    row, is_new = keep_set(access.session, wanted)
+def _keep(access: WriteAccess, candidate: CorrespondenceSet) -> JSONResponse:
+    row, is_new = keep_set(access.session, candidate)
     if is_new:
         hint(access.session, row.fleet_id, "detection" if row.detection_id else "rig", row.detection_id or row.rig_id)
     return access.answer(set_view(row), 201 if is_new else 200)
@@ -262,24 +261,24 @@ def _look_up(database: Database, identity: Identity, set_id: UUID, conditions: C
 
 
 async def _limited(
-    request: Request, identity: CurrentIdentity, found: Annotated[CorrespondenceSet, Depends(_without_pairs)]
+    request: Request, identity: CurrentIdentity, pair_set: Annotated[CorrespondenceSet, Depends(_without_pairs)]
 ) -> AsyncIterator[CorrespondenceSet]:
     """The set, while it is one of those whose pairs are in memory: until the answer is sent."""
     under_way: ConcurrencyLimiter = request.app.state.long_answers
     async with under_way.take(identity.person.id):
-        yield found
+        yield pair_set
 
 
 @router.get("/correspondence-sets/{set_id}", response_model=SetWithPairs)
-async def read_set(request: Request, found: Annotated[CorrespondenceSet, Depends(_limited)]) -> StreamingResponse:
+async def read_set(request: Request, pair_set: Annotated[CorrespondenceSet, Depends(_limited)]) -> StreamingResponse:
     """A correspondence set with its pairs, in the form in which they are imported. [reviewer, if made of marks]
 
     What one answers afterwards on the vertices of such a set counts as reviewed.
     """
     database: Database = request.app.state.database
-    columns = await run_in_threadpool(pairs_of, database, found.id)
-    headers = {"ETag": content_etag(found.content_hash)}
-    return StreamingResponse(set_in_pieces(found, columns), media_type="application/json", headers=headers)
+    columns = await run_in_threadpool(pairs_of, database, pair_set.id)
+    headers = {"ETag": content_etag(pair_set.content_hash)}
+    return StreamingResponse(set_in_pieces(pair_set, columns), media_type="application/json", headers=headers)
 
 
 @router.get("/rigs/{rig_id}/correspondence-sets")

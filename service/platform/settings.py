@@ -221,7 +221,9 @@ def get_settings() -> Settings:
     try:
         return Settings()
     except ValidationError as error:
-        raise SettingsError("; ".join(_sentence(str(one["loc"][0]), one["msg"]) for one in error.errors())) from None
+        raise SettingsError(
+            "; ".join(_sentence(str(fault["loc"][0]), fault["msg"]) for fault in error.errors())
+        ) from None
 
 
 def settings_or_exit() -> Settings:

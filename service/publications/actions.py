@@ -14,9 +14,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
-from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.calibrations import Calibration, Publication, Result, newest_publication
 from service.platform.db.fleets import Vehicle
-from service.platform.db.publications import Publication, newest_publication
 from service.publications.queries import newest_publications
 
 _PASSED = "It was recommended and passed its checks."

@@ -11,18 +11,17 @@ from sqlalchemy.orm import Session, aliased
 
 from service.exports.queries import of_results
 from service.platform.db.base import Json
-from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.platform.db.detections import Detection
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.db.people import Person
-from service.platform.db.publications import Publication
 from service.platform.http.problems import Problem
 from service.publications.camera_rules import check_sensors, refuse_missing, refuse_nothing, refuse_swapped
-from service.publications.mounted_sensors import Calibrated, swapped_sensors
+from service.publications.mounted_sensors import CalibratedSensor, swapped_sensors
 from service.publications.selection import Selection
 
 if TYPE_CHECKING:
-    from service.exports.calibrated import Calibrated as CalibratedVehicle
+    from service.exports.calibrated import Calibrated
 
 
 class PublishedCamera(NamedTuple):
@@ -69,14 +68,14 @@ def published_cameras(session: Session, vehicle: Vehicle, selection: Selection) 
     missing = [name for name in selection.cameras if name not in published]
     if missing or not published:
         raise refuse_missing(vehicle, selection, missing)
-    calibrated = [Calibrated(row.camera, row.mount.serial, row.rig) for row in newest]
+    calibrated = [CalibratedSensor(row.camera, row.mount.serial, row.rig) for row in newest]
     swapped = swapped_sensors(session, vehicle.id, calibrated, selection.mounted, selection.as_of)
     if swapped:
         raise refuse_swapped(vehicle, swapped)
     return published
 
 
-def published_exports(session: Session, vehicle: Vehicle, selection: Selection) -> CalibratedVehicle:
+def published_exports(session: Session, vehicle: Vehicle, selection: Selection) -> Calibrated:
     """The same as exports read it. Raises :class:`Problem` also 409 ``conflict`` where it is deleted meanwhile."""
     results = [row.result.id for row in published_cameras(session, vehicle, selection).values()]
     calibrated = of_results(session, results)

@@ -8,8 +8,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
+from service.platform.db.calibrations import Publication
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
-from service.platform.db.publications import Publication
 from service.platform.http.problems import Problem
 from service.publications.mounted_sensors import LIDAR, Swapped
 from service.publications.selection import Selection

@@ -12,10 +12,15 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.checks import Check, CheckTopic
 from apexcal.documents.publications import PublicationPolicy
-from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.calibrations import (
+    Calibration,
+    CalibrationRun,
+    CorrespondenceSet,
+    Result,
+    current_publication,
+)
 from service.platform.db.fleets import Fleet, Rig, RigCamera
-from service.platform.db.publications import current_publication
-from service.publications.mounted_sensors import Calibrated, swapped_sensors
+from service.publications.mounted_sensors import CalibratedSensor, swapped_sensors
 from service.publications.policy_checks import policy_check
 from service.publications.queries import withdrawals
 
@@ -41,8 +46,8 @@ def checks_now(session: Session, result: Result) -> list[Check]:
 def judged_now(session: Session, result: Result) -> JudgedResult:
     """Return the checks as :func:`checks_now`, with the policy by which the result is published."""
     moment, policy = moment_checks(session, result)
-    names = {one.name for one in moment}
-    return JudgedResult([*(one for one in result.stored_checks if one.name not in names), *moment], policy)
+    names = {check.name for check in moment}
+    return JudgedResult([*(check for check in result.stored_checks if check.name not in names), *moment], policy)
 
 
 def moment_checks(session: Session, result: Result) -> JudgedResult:
@@ -142,18 +147,18 @@ def _withdrawn(session: Session, result: Result) -> Check:
 
 
 def _sensors(session: Session, camera: str, own: Row[*tuple[Any, ...]]) -> Check:
-    swapped = swapped_sensors(session, own.vehicle_id, [Calibrated(camera, own.serial, own.Rig)])
+    swapped = swapped_sensors(session, own.vehicle_id, [CalibratedSensor(camera, own.serial, own.Rig)])
     return _SENSORS.fails(
         "stop" if swapped else "pass",
-        " ".join(one.sentence for one in swapped) or "No serial number says that a sensor was swapped.",
+        " ".join(sensor.sentence for sensor in swapped) or "No serial number says that a sensor was swapped.",
         "Calibrate the sensors that are mounted now.",
     )
 
 
 def failing(checks: Sequence[Check]) -> list[Check]:
     """Return the checks that do not pass, the gravest first; those of the mount alone are left out."""
-    of_use = [one for one in checks if one.scope == "mount_with_lens" and one.verdict != "pass"]
-    return sorted(of_use, key=lambda one: one.verdict != "stop")
+    of_use = [check for check in checks if check.scope == "mount_with_lens" and check.verdict != "pass"]
+    return sorted(of_use, key=lambda check: check.verdict != "stop")
 
 
 def _in_words(moment: datetime) -> str:

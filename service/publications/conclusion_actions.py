@@ -12,8 +12,7 @@ from apexcal.documents.checks import verdict_of
 from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import CameraSummary
 from service.calibration_runs.conclusion import end_calibration
-from service.platform.db.calibrations import Calibration, Result
-from service.platform.db.publications import current_publication
+from service.platform.db.calibrations import Calibration, Result, current_publication
 from service.platform.handovers import Conclusion
 from service.platform.jobs.claims import StaleInputError
 from service.publications.actions import hold_publications, publish_by_itself

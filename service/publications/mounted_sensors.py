@@ -15,7 +15,7 @@ from service.platform.db.fleets import Rig, RigCamera
 LIDAR = "lidar"
 
 
-class Calibrated(NamedTuple):
+class CalibratedSensor(NamedTuple):
     """A camera of a rig that something was calibrated on."""
 
     camera: str
@@ -43,7 +43,7 @@ class Swapped(NamedTuple):
 def swapped_sensors(
     session: Session,
     vehicle_id: UUID,
-    calibrated: Sequence[Calibrated],
+    calibrated: Sequence[CalibratedSensor],
     read_off: Mapping[str, str] | None = None,
     as_of: datetime | None = None,
 ) -> list[Swapped]:
@@ -54,23 +54,23 @@ def swapped_sensors(
     swapped.
     """
     cameras, lidars = _mounted(session, vehicle_id, as_of)
-    found: list[Swapped] = []
-    for one in calibrated:
-        lidar = one.rig.lidar_serial
-        for sensor, known, stated in (
-            (one.camera, one.serial, cameras.get(one.camera)),
-            (LIDAR, lidar, lidars.get(one.rig.lidar_frame)),
+    swapped: list[Swapped] = []
+    for calibration in calibrated:
+        lidar = calibration.rig.lidar_serial
+        for sensor, calibrated_serial, stated in (
+            (calibration.camera, calibration.serial, cameras.get(calibration.camera)),
+            (LIDAR, lidar, lidars.get(calibration.rig.lidar_frame)),
         ):
-            said = (read_off or {}).get(sensor)
-            now, rig = (said, None) if said is not None else (stated or (None, None))
-            if known is not None and now is not None and known != now:
-                found.append(Swapped(one.camera, sensor, known, now, rig))
-    return found
+            reading = (read_off or {}).get(sensor)
+            now, rig = (reading, None) if reading is not None else (stated or (None, None))
+            if calibrated_serial is not None and now is not None and calibrated_serial != now:
+                swapped.append(Swapped(calibration.camera, sensor, calibrated_serial, now, rig))
+    return swapped
 
 
 def carries(session: Session, vehicle_id: UUID, serial: str) -> bool:
     """Whether the vehicle carries a sensor with this serial number now, and not only once."""
-    return any(serial == known for stated in _mounted(session, vehicle_id, None) for known, _ in stated.values())
+    return any(serial == mounted for stated in _mounted(session, vehicle_id, None) for mounted, _ in stated.values())
 
 
 _Stated = dict[str, tuple[str, str]]

@@ -60,11 +60,11 @@ def _misses(name: str, limit: float, measured: Mapping[str, float | None]) -> bo
 
 
 def _sentence(name: str, limit: float, value: float | None) -> str:
-    known = _LIMITS[name]
-    unit = f" {known.unit}" if known.unit else ""
-    bound = "at most" if known.sign == 1 else "at least"
+    rule = _LIMITS[name]
+    unit = f" {rule.unit}" if rule.unit else ""
+    bound = "at most" if rule.sign == 1 else "at least"
     is_now = f"it is {figure(value, 3)}{unit}" if value is not None else "this result does not have it"
-    return f"The policy asks for {bound} {limit:g}{unit} as {known.what}; {is_now}."
+    return f"The policy asks for {bound} {limit:g}{unit} as {rule.what}; {is_now}."
 
 
 def _measures(session: Session, result: Result, *, with_coverage: bool) -> dict[str, float | None]:
@@ -82,9 +82,9 @@ def _measures(session: Session, result: Result, *, with_coverage: bool) -> dict[
 
 def _largest(std: Mapping[str, float | None], names: Sequence[str]) -> float | None:
     """The largest of these deviations; None if there is none, or one of them is not determined."""
-    found = [std[name] for name in names if name in std]
-    known = [one for one in found if one is not None]
-    return max(known) if known and len(known) == len(found) else None
+    deviations = [std[name] for name in names if name in std]
+    determined = [deviation for deviation in deviations if deviation is not None]
+    return max(determined) if determined and len(determined) == len(deviations) else None
 
 
 def _coverage(session: Session, result: Result) -> float | None:
@@ -92,7 +92,7 @@ def _coverage(session: Session, result: Result) -> float | None:
     run = session.get_one(CalibrationRun, result.run_id)
     pairs = session.get_one(CorrespondenceSet, run.set_id).columns
     width, height = result.fit.intrinsics.image_size
-    left_out = {one.index for one in result.fit.outliers if one.excluded}
+    left_out = {outlier.index for outlier in result.fit.outliers if outlier.excluded}
     cells = {
         (int(_COLUMNS * u / width), int(_ROWS * v / height))
         for index, (u, v) in enumerate(zip(pairs["u"], pairs["v"], strict=True))

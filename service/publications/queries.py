@@ -9,8 +9,7 @@ from sqlalchemy import ColumnElement, Select, and_, exists, select
 from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.publications import CURRENT
-from service.platform.db.calibrations import Result
-from service.platform.db.publications import Publication, moves_of
+from service.platform.db.calibrations import Publication, Result, moves_of
 
 
 def newest_publications(vehicle_id: UUID, camera: str) -> Select[Publication]:

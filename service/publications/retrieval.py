@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.exports import VEHICLE_HEADER
 from service.exports.answers import exported
 from service.platform.auth.access import Identity, identified
-from service.platform.auth.secrets import TOKEN_PREFIX, secret_hash
+from service.platform.auth.credential_actions import TOKEN_PREFIX, secret_hash
 from service.platform.db.fleets import Vehicle
 from service.platform.db.session import Database
 from service.platform.http.etags import Conditions, content_etag, names, repr_digest
@@ -40,61 +40,70 @@ class Retrieval:
         self._lookups = lookups
         self._for_token, self._of_vehicle = state_for_token(dialect), state_of_vehicle(dialect)
 
-    async def answer(self, request: Request, vehicle_id: UUID, selection: Selection, wanted: str | None) -> Response:
+    async def answer(
+        self, request: Request, vehicle_id: UUID, selection: Selection, format_name: str | None
+    ) -> Response:
         """The answer to a request. Raises :class:`Problem`."""
         digest = await self._digest_for_token(request, vehicle_id, selection.alias)
         # The usual way tells who may not see the vehicle, or sends no token.
         identity = await identified(request) if digest is None else None
         if digest is not None and selection.as_of is None:
-            etag = _etag(vehicle_id, selection, wanted, digest)
+            etag = _etag(vehicle_id, selection, format_name, digest)
             if _has(request, etag):
                 return Response(status_code=304, headers=_headers(etag))
-        return await self._threads.reading.run(self._read, request, identity, vehicle_id, selection, wanted)
+        return await self._threads.reading.run(self._read, request, identity, vehicle_id, selection, format_name)
 
     def answer_within(
-        self, session: Session, request: Request, vehicle: Vehicle, selection: Selection, wanted: str | None
+        self, session: Session, request: Request, vehicle: Vehicle, selection: Selection, format_name: str | None
     ) -> Response:
         """The answer about a vehicle that the person may see. ``session`` reads all at one moment."""
-        given = {"vehicle": vehicle.id, "alias": selection.alias}
-        digest = digest_of(session.scalars(self._of_vehicle, given)) or ""
-        etag = _etag(vehicle.id, selection, wanted, digest)
+        bindings = {"vehicle": vehicle.id, "alias": selection.alias}
+        digest = digest_of(session.scalars(self._of_vehicle, bindings)) or ""
+        etag = _etag(vehicle.id, selection, format_name, digest)
         if selection.as_of is None and _has(request, etag):
             return Response(status_code=304, headers=_headers(etag))
-        made = _made(session, vehicle, selection, wanted)
+        response = _made(session, vehicle, selection, format_name)
         if selection.as_of is not None:
             # Rows of before decide it too, and their results may be deleted.
-            etag = _etag(vehicle.id, selection, wanted, sha256(bytes(made.body)).hexdigest())
+            etag = _etag(vehicle.id, selection, format_name, sha256(bytes(response.body)).hexdigest())
         if names(request.headers.get("if-none-match"), etag):
             return Response(status_code=304, headers=_headers(etag))
-        made.headers.update(_headers(etag) | {VEHICLE_HEADER: str(vehicle.id)})
-        return made
+        response.headers.update(_headers(etag) | {VEHICLE_HEADER: str(vehicle.id)})
+        return response
 
     async def _digest_for_token(self, request: Request, vehicle_id: UUID, alias: str) -> str | None:
         kind, _, token = request.headers.get("authorization", "").partition(" ")
         if kind.lower() != "bearer" or not token.startswith(TOKEN_PREFIX):
             return None
-        given = {"secret": secret_hash(token), "vehicle": vehicle_id, "alias": alias}
-        return digest_of(row[0] for row in await self._lookups.rows(self._for_token, given))
+        bindings = {"secret": secret_hash(token), "vehicle": vehicle_id, "alias": alias}
+        return digest_of(row[0] for row in await self._lookups.rows(self._for_token, bindings))
 
     def _read(
-        self, request: Request, identity: Identity | None, vehicle_id: UUID, selection: Selection, wanted: str | None
+        self,
+        request: Request,
+        identity: Identity | None,
+        vehicle_id: UUID,
+        selection: Selection,
+        format_name: str | None,
     ) -> Response:
         """``identity``: who asks, where nothing has shown yet that they may see the vehicle."""
         with self._database.snapshot() as session:
             vehicle = session.get(Vehicle, vehicle_id)
             if vehicle is None or (identity is not None and identity.role(vehicle.fleet_id) is None):
                 raise not_found()
-            return self.answer_within(session, request, vehicle, selection, wanted)
+            return self.answer_within(session, request, vehicle, selection, format_name)
 
 
-def _made(session: Session, vehicle: Vehicle, selection: Selection, wanted: str | None) -> Response:
-    if wanted is not None:
+def _made(session: Session, vehicle: Vehicle, selection: Selection, format_name: str | None) -> Response:
+    if format_name is not None:
         # Without the request's conditions: they are of this answer's ETag, not of the file's.
         unconditional = Request({"type": "http", "method": "GET", "headers": []})
-        return exported(wanted, published_exports(session, vehicle, selection), Conditions(unconditional, Response()))
-    made = JSONResponse(jsonable_encoder(vehicle_document(session, vehicle, selection)))
-    made.headers.update(repr_digest(bytes(made.body)))
-    return made
+        return exported(
+            format_name, published_exports(session, vehicle, selection), Conditions(unconditional, Response())
+        )
+    response = JSONResponse(jsonable_encoder(vehicle_document(session, vehicle, selection)))
+    response.headers.update(repr_digest(bytes(response.body)))
+    return response
 
 
 def _has(request: Request, etag: str) -> bool:
@@ -103,11 +112,11 @@ def _has(request: Request, etag: str) -> bool:
     return header.strip() != "*" and names(header, etag)
 
 
-def _etag(vehicle_id: UUID, selection: Selection, wanted: str | None, digest: str) -> str:
+def _etag(vehicle_id: UUID, selection: Selection, format_name: str | None, digest: str) -> str:
     """The hash of the state and the question, so another question has another ETag."""
     as_of = selection.as_of and selection.as_of.isoformat()
     question = [_FORM, str(vehicle_id), selection.alias, *selection.cameras, as_of]
-    question += [sorted(selection.mounted.items()), wanted]
+    question += [sorted(selection.mounted.items()), format_name]
     return content_etag(sha256(json.dumps([question, digest]).encode()).hexdigest())
 
 

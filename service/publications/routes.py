@@ -18,9 +18,8 @@ from apexcal.documents.publications import (
 )
 from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
-from service.platform.db.calibrations import Result
+from service.platform.db.calibrations import Publication, Result, current_publication
 from service.platform.db.fleets import Vehicle
-from service.platform.db.publications import Publication, current_publication
 from service.platform.http.pages import Page, Paging
 from service.platform.http.problems import not_found
 from service.platform.http.router import Router
@@ -41,19 +40,19 @@ def publish_result(result_id: UUID, access: WriteAccess, body: PublicationReques
     Against a check of `stop` only with an ``override``, which is kept with the sentences of the checks. One that was
     published before takes a ``reason``: this is how to go back.
     """
-    wanted = body or PublicationRequest()
+    content = body or PublicationRequest()
     result = access.find(Result, result_id, "reviewer")
     check_publishable(result)
     session = access.session
     calibration = hold_to_publish(session, result)
     if calibration is None:
         raise not_found()
-    current = current_publication(session, calibration.vehicle_id, result.camera, wanted.alias)
+    current = current_publication(session, calibration.vehicle_id, result.camera, content.alias)
     if current is not None and current.result_id == result.id:
         return access.answer(publication_view(session, current), 200)
-    check_alias(session, calibration.vehicle_id, result.camera, wanted.alias)
-    grounds = grounds_of(session, result, wanted, access.person.id)
-    row = publish(session, calibration, result, grounds, wanted.alias)
+    check_alias(session, calibration.vehicle_id, result.camera, content.alias)
+    grounds = grounds_of(session, result, content, access.person.id)
+    row = publish(session, calibration, result, grounds, content.alias)
     hint(session, result.fleet_id, "calibration", calibration.id)
     return access.answer(publication_view(session, row))
 
@@ -71,9 +70,9 @@ def withdraw_publication(publication_id: UUID, body: WithdrawalRequest, access: 
     if publication is None:
         # Deleted with its vehicle at this moment.
         raise not_found()
-    made = withdrawal_of(session, publication)
-    if made is not None:
-        return access.answer(publication_view(session, made), 200)
+    withdrawal = withdrawal_of(session, publication)
+    if withdrawal is not None:
+        return access.answer(publication_view(session, withdrawal), 200)
     of_alias = (publication.vehicle_id, publication.camera, publication.alias)
     check_current(publication, current_publication(session, *of_alias))
     row = withdraw(session, publication, Grounds(access.person.id, body.reason))

@@ -7,8 +7,7 @@ from uuid import UUID
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT, PublicationRequest
-from service.platform.db.calibrations import FULL, Result
-from service.platform.db.publications import Publication
+from service.platform.db.calibrations import FULL, Publication, Result
 from service.platform.http.problems import Problem
 from service.publications.actions import Grounds
 from service.publications.check_queries import checks_now, failing
@@ -29,7 +28,7 @@ def check_publishable(result: Result) -> None:
         )
 
 
-def grounds_of(session: Session, result: Result, wanted: PublicationRequest, person_id: UUID) -> Grounds:
+def grounds_of(session: Session, result: Result, body: PublicationRequest, person_id: UUID) -> Grounds:
     """Why this person publishes a result now, with the sentences of the checks that it does not pass.
 
     Raises:
@@ -37,24 +36,24 @@ def grounds_of(session: Session, result: Result, wanted: PublicationRequest, per
             alias led to it before.
     """
     failed = failing(checks_now(session, result))
-    if failed and failed[0].verdict == "stop" and wanted.override is None:
+    if failed and failed[0].verdict == "stop" and body.override is None:
         more = f" ({len(failed) - 1} more in `checks`)" if len(failed) > 1 else ""
         raise Problem(
             409,
             "checks_stop",
             f"A check says that this result should not be used: {failed[0].sentence}{more}",
             f'{failed[0].remedy} To publish it all the same, say why: {{"override": {{"reason": "..."}}}}.',
-            checks=[one.model_dump(mode="json") for one in failed],
+            checks=[check.model_dump(mode="json") for check in failed],
         )
-    reason = wanted.override.reason if wanted.override else wanted.reason
-    if reason is None and was_published(session, result, wanted.alias):
+    reason = body.override.reason if body.override else body.reason
+    if reason is None and was_published(session, result, body.alias):
         raise Problem(
             422,
             "reason_missing",
             "This result was published before, and another one after it.",
             'Say why it is given again: {"reason": "..."}.',
         )
-    return Grounds(person_id, reason, [one.sentence for one in failed])
+    return Grounds(person_id, reason, [check.sentence for check in failed])
 
 
 def check_alias(session: Session, vehicle_id: UUID, camera: str, alias: str) -> None:

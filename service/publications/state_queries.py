@@ -9,11 +9,10 @@ from hashlib import sha256
 from sqlalchemy import Select, String, Uuid, and_, bindparam, cast, func, or_, select
 from sqlalchemy.orm import aliased
 
-from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.calibrations import Calibration, Publication, Result
 from service.platform.db.clock import now
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.db.people import ApiToken, Membership, Person
-from service.platform.db.publications import Publication
 
 
 @cache

@@ -41,24 +41,28 @@ def vehicle_of(access: Access, name: str | None, fleet: str | None, sensor: str 
         )
     statement = statement.order_by(Vehicle.id)
     if sensor is None:
-        found = access.session.scalars(statement.limit(_SHOWN + 1)).all()
+        vehicles = access.session.scalars(statement.limit(_SHOWN + 1)).all()
     else:
         # Sensors move from vehicle to vehicle: few have ever carried this one.
-        found = [one for one in access.session.scalars(statement).all() if carries(access.session, one.id, sensor)]
-    if not found:
+        vehicles = [
+            vehicle
+            for vehicle in access.session.scalars(statement).all()
+            if carries(access.session, vehicle.id, sensor)
+        ]
+    if not vehicles:
         raise Problem(
             404, "no_such_vehicle", "There is no such vehicle that you may see.", "Check the name or serial number."
         )
-    if len(found) > 1:
-        ids = [str(one.id) for one in found[:_SHOWN]]
+    if len(vehicles) > 1:
+        ids = [str(vehicle.id) for vehicle in vehicles[:_SHOWN]]
         raise Problem(
             409,
             "several_vehicles",
-            f"Several vehicles fit: {', '.join(f'{one.name!r}' for one in found[:_SHOWN])}.",
+            f"Several vehicles fit: {', '.join(f'{vehicle.name!r}' for vehicle in vehicles[:_SHOWN])}.",
             "Give `fleet` too, or the vehicle's id.",
             vehicles=ids,
         )
-    return found[0]
+    return vehicles[0]
 
 
 _SHOWN = 5

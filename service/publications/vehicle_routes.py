@@ -15,7 +15,7 @@ from apexcal.documents.summaries import CurrentCalibration
 from service.exports.answers import WantedFormat, exported
 from service.exports.routes import XML, patched_answer
 from service.platform.auth.access import ReadAccess
-from service.platform.db.digests import content_hash
+from service.platform.db.base import content_hash
 from service.platform.db.fleets import Vehicle
 from service.platform.http.bodies import DOCUMENT
 from service.platform.http.etags import Conditional, content_etag
@@ -36,7 +36,7 @@ _SENSOR = "the vehicle, by the serial number of its LiDAR or of one of its camer
 
 @router.get("/vehicles/{vehicle_id}/calibration", response_model=Stored[VehicleCalibration])
 async def read_vehicle_calibration(
-    vehicle_id: UUID, request: Request, wanted: WantedFormat, selection: VehicleSelection
+    vehicle_id: UUID, request: Request, format_name: WantedFormat, selection: VehicleSelection
 ) -> Response:
     """What all cameras of a vehicle are given, read at one moment: ``cameras`` by name.
 
@@ -45,14 +45,14 @@ async def read_vehicle_calibration(
     if a sensor was swapped, 409 `calibration_does_not_apply`. ``format``: all in another program's format.
     """
     retrieval: Retrieval = request.app.state.retrieval
-    return await retrieval.answer(request, vehicle_id, selection, wanted)
+    return await retrieval.answer(request, vehicle_id, selection, format_name)
 
 
 @router.get("/calibration", response_model=Stored[VehicleCalibration])
 def find_vehicle_calibration(
     request: Request,
     access: ReadAccess,
-    wanted: WantedFormat,
+    format_name: WantedFormat,
     selection: VehicleSelection,
     vehicle: Annotated[Sought | None, Query(description=_NAME)] = None,
     fleet: Annotated[Sought | None, Query(description=_FLEET)] = None,
@@ -61,7 +61,7 @@ def find_vehicle_calibration(
     """The same for the vehicle of this name, or with this sensor: for cars that do not know the vehicle's id."""
     retrieval: Retrieval = request.app.state.retrieval
     of = vehicle_of(access, vehicle, fleet, sensor)
-    return retrieval.answer_within(access.session, request, of, selection, wanted)
+    return retrieval.answer_within(access.session, request, of, selection, format_name)
 
 
 @router.get(_CAMERA, response_model=Stored[CurrentCalibration])
@@ -70,7 +70,7 @@ def read_current(
     camera: Sought,
     access: ReadAccess,
     conditions: Conditional,
-    wanted: WantedFormat,
+    format_name: WantedFormat,
     selection: CameraSelection,
 ) -> dict[str, Any] | Response:
     """The calibration that a vehicle's camera is given: intrinsics and transform, both frames named.
@@ -80,8 +80,8 @@ def read_current(
     """
     vehicle = access.find(Vehicle, vehicle_id)
     selection = selection._replace(cameras=[camera])
-    if wanted is not None:
-        return exported(wanted, published_exports(access.session, vehicle, selection), conditions)
+    if format_name is not None:
+        return exported(format_name, published_exports(access.session, vehicle, selection), conditions)
     document = jsonable_encoder(camera_documents(access.session, vehicle, selection)[camera])
     conditions.offer(content_etag(content_hash(document)))
     return document

@@ -8,9 +8,8 @@ from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import OverrideView, PublicationView
-from service.platform.db.calibrations import Result
+from service.platform.db.calibrations import Publication, Result, moves_of
 from service.platform.db.people import Person
-from service.platform.db.publications import Publication, moves_of
 from service.platform.http.pages import Page, Window
 from service.platform.http.problems import Problem
 from service.publications.queries import is_newest

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import VehicleState
-from service.calibration_runs.fleet_request_actions import drop_calibrations
+from service.calibration_runs.conclusion import drop_calibrations
 from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.detections import Detection

@@ -17,7 +17,7 @@ from service.platform.http.etags import Conditional
 from service.platform.http.pages import LongPaging, Page, fetch
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router
-from service.recordings.byte_ranges import ByteRange
+from service.recordings.addresses import ByteRange
 from service.recordings.queries import find_camera
 
 router = Router(tags=["recordings"])

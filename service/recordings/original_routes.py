@@ -18,7 +18,7 @@ from service.platform.db.session import Database
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router
 from service.platform.storage.store import Store
-from service.recordings.presigner import Presigner
+from service.recordings.addresses import Presigner
 from service.recordings.queries import parts_of
 
 router = Router(tags=["recordings"])

@@ -22,7 +22,7 @@ from service.platform.http.router import Router
 from service.platform.settings import Settings
 from service.platform.storage.errors import MissingBlobError
 from service.platform.storage.store import Store
-from service.recordings.presigner import Presigner
+from service.recordings.addresses import Presigner
 from service.recordings.upload_actions import (
     FORGET_S,
     Announced,
@@ -68,31 +68,31 @@ async def post_part_arrival(
     settings: Settings = request.app.state.settings
     writing = partial(request.app.state.threads.writing.run, caller=identity.person.id)
     put = f"{Announced(id, number, '', 0).prefix}/{body.reservation}"
-    found = await writing(_announced, database, identity, id, number, put)
-    if isinstance(found, UploadPart):
-        return PartView.model_validate(found)
-    await _require_there(request.app.state.store, put, found)
+    announced = await writing(_announced, database, identity, id, number, put)
+    if isinstance(announced, UploadPart):
+        return PartView.model_validate(announced)
+    await _require_there(request.app.state.store, put, announced)
     # The name tells which reservation was copied, so that a repeated request finds the copy.
-    kept = await writing(begin_part, database, identity, found, settings, copied=body.reservation)
-    if isinstance(kept, UploadPart):
+    key = await writing(begin_part, database, identity, announced, settings, copied=body.reservation)
+    if isinstance(key, UploadPart):
         await writing(forget_part, database, put)
-        return PartView.model_validate(kept)
+        return PartView.model_validate(key)
     try:
-        await _copy(request.app.state.store, put, kept, found)
-        part = await writing(finish_part, database, identity, found, settings, kept, found.size, put)
+        await _copy(request.app.state.store, put, key, announced)
+        part = await writing(finish_part, database, identity, announced, settings, key, announced.size, put)
     except Exception:
-        await writing(forget_part, database, kept, wait_s=FORGET_S)
+        await writing(forget_part, database, key, wait_s=FORGET_S)
         raise
     return PartView.model_validate(part)
 
 
-async def _copy(store: Store, put: str, kept: str, announced: Announced) -> None:
+async def _copy(store: Store, put: str, key: str, announced: Announced) -> None:
     """Raises :class:`Problem` 409 ``reservation_ended``, ``part_size_differs``."""
     try:
-        await store.copy(put, kept)
+        await store.copy(put, key)
     except MissingBlobError:  # it was there a moment ago: its reservation ended meanwhile
         raise reservation_ended(announced.number) from None
-    await _require_there(store, kept, announced)
+    await _require_there(store, key, announced)
 
 
 def _through_api(database: Database, identity: Identity, recording_id: UUID, number: int) -> Problem:

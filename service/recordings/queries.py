@@ -47,10 +47,10 @@ def find_camera(access: Access, row: Recording, camera: str) -> Sensor:
     cameras = access.session.scalars(
         select(Sensor).where(Sensor.recording_id == row.id, Sensor.kind == "camera").order_by(Sensor.name)
     ).all()
-    for one in cameras:
-        if one.name == camera:
-            return one
-    names = ", ".join(one.name for one in cameras)
+    for sensor in cameras:
+        if sensor.name == camera:
+            return sensor
+    names = ", ".join(sensor.name for sensor in cameras)
     raise Problem(
         404,
         "no_such_camera",

@@ -20,9 +20,9 @@ from apexcal.documents.recordings import (
 from apexcal.documents.states import RecordingState
 from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
+from service.platform.db.base import new_id
 from service.platform.db.clock import now
 from service.platform.db.fleets import Rig, Vehicle
-from service.platform.db.ids import new_id
 from service.platform.db.recordings import Recording
 from service.platform.http.etags import Conditional, version_etag
 from service.platform.http.pages import Page, Paging, fetch

@@ -18,7 +18,7 @@ from service.platform.http.etags import Conditional
 from service.platform.http.pages import LongPaging, Page, fetch
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router
-from service.recordings.byte_ranges import ByteRange
+from service.recordings.addresses import ByteRange
 
 router = Router(tags=["recordings"])
 

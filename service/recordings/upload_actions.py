@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 from base64 import b64decode
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
@@ -13,7 +13,7 @@ from fastapi import Request
 from sqlalchemy import delete, select
 from starlette.requests import ClientDisconnect
 
-from apexcal.documents.recordings import Upload
+from apexcal.documents.recordings import Completion, Upload
 from apexcal.documents.states import RecordingState
 from service.platform.auth.access import Access, Identity
 from service.platform.db.clock import now
@@ -24,7 +24,43 @@ from service.platform.settings import Settings
 from service.platform.storage.blobs import condemn, give_up, keep, reserve
 from service.platform.storage.errors import ReservationEndedError
 from service.platform.storage.quota import coming, take
-from service.recordings.presigner import Presigner
+from service.recordings.addresses import Presigner
+
+
+def check_complete(row: Recording, parts: Sequence[UploadPart], declared: Completion) -> bool:
+    """True where ingestion may start, False where it did already after the same declaration.
+
+    Raises :class:`Problem` 409 ``parts_missing``, ``size_differs``, ``upload_closed``.
+    """
+    numbers = {part.number for part in parts}
+    missing = [number for number in range(1, declared.parts + 1) if number not in numbers]
+    if missing:
+        raise Problem(
+            409,
+            "parts_missing",
+            f"{len(missing)} of {declared.parts} parts have not arrived, the first of them {missing[0]}.",
+            "Send the parts listed in `missing`, then complete again.",
+            missing=missing[:1000],
+        )
+    size = sum(part.size for part in parts)
+    if len(numbers) != declared.parts or size != declared.size:
+        raise Problem(
+            409,
+            "size_differs",
+            f"{len(numbers)} parts of {size} bytes arrived; declared are {declared.parts} of {declared.size}.",
+            "Compare with GET .../parts. Did the file change meanwhile? Then upload it as a new recording.",
+        )
+    if row.state == RecordingState.UPLOADING:
+        return True
+    if row.sha256 != declared.sha256:
+        raise Problem(
+            409,
+            "upload_closed",
+            f"This upload was completed with the SHA-256 {row.sha256}, not {declared.sha256}.",
+            "Make a new recording to upload another file.",
+        )
+    return False
+
 
 EXPIRED = "upload_expired"
 
@@ -137,15 +173,15 @@ def begin_part(
     """
     with database.writing() as session:
         recording = Access(session, identity).find(Recording, announced.recording_id, "engineer", lock=True)
-        known = session.get(UploadPart, (announced.recording_id, announced.number))
-        if known is not None:
-            _refuse_other_bytes(known, announced)
-            if session.scalar(select(Blob.state).where(Blob.key == known.blob_key)) == "stored":
-                return known
+        part = session.get(UploadPart, (announced.recording_id, announced.number))
+        if part is not None:
+            _refuse_other_bytes(part, announced)
+            if session.scalar(select(Blob.state).where(Blob.key == part.blob_key)) == "stored":
+                return part
         _refuse_closed(recording)
-        if known is not None:
+        if part is not None:
             # Its object is lost, whatever lost it: these bytes take its place.
-            session.execute(delete(UploadPart).where(UploadPart.blob_key == known.blob_key))
+            session.execute(delete(UploadPart).where(UploadPart.blob_key == part.blob_key))
         if not copied:
             # The announced size of the file has its room already; beyond it each part takes its own.
             needed = coming(session, recording) + announced.size
@@ -170,12 +206,12 @@ def finish_part(
     """
     with database.writing() as session:
         recording = Access(session, identity).find(Recording, announced.recording_id, "engineer", lock=True)
-        known = session.get(UploadPart, (announced.recording_id, announced.number))
-        if known is not None:
-            _refuse_other_bytes(known, announced)
+        earlier = session.get(UploadPart, (announced.recording_id, announced.number))
+        if earlier is not None:
+            _refuse_other_bytes(earlier, announced)
             for lost in (key, put or key):
                 give_up(session, lost)
-            return known
+            return earlier
         _refuse_closed(recording)
         try:
             keep(session, key, size=size, sha256=announced.sha256)
@@ -211,14 +247,14 @@ def forget_part(database: Database, key: str) -> None:
         give_up(session, key)
 
 
-def _refuse_other_bytes(known: UploadPart, announced: Announced) -> None:
-    if known.sha256 != announced.sha256:
+def _refuse_other_bytes(part: UploadPart, announced: Announced) -> None:
+    if part.sha256 != announced.sha256:
         raise Problem(
             409,
             "part_differs",
-            f"Part {known.number} was acknowledged with the SHA-256 {known.sha256}; these are other bytes.",
+            f"Part {part.number} was acknowledged with the SHA-256 {part.sha256}; these are other bytes.",
             "Did the file change while it was uploaded? Make a new recording for the changed file.",
-            sha256=known.sha256,
+            sha256=part.sha256,
         )
 
 

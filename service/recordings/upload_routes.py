@@ -28,6 +28,7 @@ from service.recordings.upload_actions import (
     Announced,
     Body,
     begin_part,
+    check_complete,
     declared_sha256,
     finish_part,
     forget_part,
@@ -35,7 +36,6 @@ from service.recordings.upload_actions import (
     part_too_large,
     refuse_expired,
 )
-from service.recordings.upload_rules import check_complete
 from service.recordings.views import view
 
 router = Router(tags=["recordings"])
@@ -121,10 +121,10 @@ def _accepted(access: Access, row: Recording) -> JSONResponse:
 
 async def _store(room: Room, store: Store, key: str, body: Body, size: int) -> None:
     """Raises :class:`StoreFullError` before or while the bytes are written."""
-    async with room.kept_for(size) as kept:
-        await store.put_stream(key, kept.watch(body))
-        if kept.lost is not None:
-            raise StoreFullError(kept.lost)
+    async with room.kept_for(size) as reservation:
+        await store.put_stream(key, reservation.watch(body))
+        if reservation.lost is not None:
+            raise StoreFullError(reservation.lost)
 
 
 def _declared_length(request: Request) -> int | None:

@@ -15,16 +15,16 @@ from service.platform.job_status.views import job_views
 def summaries(session: Session, rows: Sequence[Recording]) -> list[RecordingSummary]:
     """Recordings with their jobs."""
     jobs = job_views(session, (row.job_id for row in rows))
-    found: list[RecordingSummary] = []
+    views: list[RecordingSummary] = []
     for row in rows:
         view = RecordingSummary.model_validate(row)
         view.job = jobs.get(row.job_id) if row.job_id is not None else None
-        found.append(view)
-    return found
+        views.append(view)
+    return views
 
 
 def view(session: Session, row: Recording) -> RecordingView:
     """A recording with its job and sensors."""
     summary = summaries(session, [row])[0]
     sensors = session.scalars(select(Sensor).where(Sensor.recording_id == row.id).order_by(Sensor.name))
-    return RecordingView(**summary.model_dump(), sensors=[SensorView.model_validate(one) for one in sensors])
+    return RecordingView(**summary.model_dump(), sensors=[SensorView.model_validate(sensor) for sensor in sensors])

@@ -10,7 +10,7 @@ import pytest
 
 from apexcal.commands.programs import data_first
 from service.admin.__main__ import _made
-from service.admin.errors import AdminError
+from service.admin.context import AdminError
 from service.admin.people_commands import public_url
 from service.platform.settings import Settings
 from tests.apexcal.conftest import Embedded

@@ -22,7 +22,7 @@ from apexcal.documents.recordings import RecordingView
 from apexcal.documents.served_folder import is_served, read_status
 from apexcal.embedded.folder import DataFolder, FolderInUseError
 from apexcal.rigs import read_rig
-from service.platform.storage.marker import MARKER
+from service.platform.storage.store import MARKER
 from tests.apexcal.conftest import SERVE, start, stop
 from tests.faults.jobs import ask, new_rig
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from service.platform.db.annotations import Answer
+from service.platform.db.base import new_id
 from service.platform.db.detections import Apex, Vertex
-from service.platform.db.ids import new_id
 from tests.service.detections.seeding import SECOND, answered, seed_detection, seed_recording, seed_rig
 from tests.support.work import work
 from workers.solver.clock_offset import OffsetEstimate

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from service.calibrations.fold_rules import fold_count
-from workers.solver.folds import folds
+from workers.solver.held_out import folds
 
 column = st.one_of(
     st.lists(st.integers(0, 6), min_size=1, max_size=60).map(lambda groups: {"group": groups}),

@@ -6,8 +6,8 @@ import pytest
 
 from apexcal.documents.pairs import MACHINE, MARK_SIGMA
 from benchmarks.marks.scenes import Draw, Scene
+from service.platform.db.base import new_id
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.platform.db.ids import new_id
 from service.platform.db.recordings import CameraFrame, Sensor
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database

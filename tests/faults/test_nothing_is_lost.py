@@ -16,8 +16,8 @@ from sqlalchemy.engine import make_url
 from service.platform.db.models import Blob, Job, Recording, Result, Slot
 from service.platform.jobs.claims import claim
 from service.platform.jobs.messages import Message, Sender
-from service.platform.jobs.workers import answering_workers
-from service.platform.storage.marker import MARKER
+from service.platform.jobs.queue import answering_workers
+from service.platform.storage.store import MARKER
 from tests.faults.farm import LEASE_S, Farm, seconds_of
 from tests.faults.jobs import REGION, Walk, ask, ask_two_cameras, new_rig
 from tests.faults.results import slot_bests

@@ -13,7 +13,7 @@ from typing import Any
 
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
-from service.platform.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
+from service.platform.auth.credential_actions import TOKEN_PREFIX, new_secret, secret_hash
 from service.platform.db.models import ApiToken, Person
 from service.platform.db.session import Database
 from tests.operations.balancer import Balancer

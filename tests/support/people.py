@@ -12,9 +12,9 @@ with warnings.catch_warnings():
 
 from fastapi import FastAPI
 
-from service.platform.auth.secrets import new_secret, secret_hash
+from service.platform.auth.credential_actions import new_secret, secret_hash
+from service.platform.db.base import new_id
 from service.platform.db.fleets import Fleet
-from service.platform.db.ids import new_id
 from service.platform.db.people import ApiToken, Membership, Person
 from service.platform.db.session import Database
 

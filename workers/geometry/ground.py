@@ -20,7 +20,7 @@ _REFITS: Final = 3
 _FEWEST: Final = 100
 
 
-class Plane(NamedTuple):
+class GroundPlane(NamedTuple):
     """Points x with normal . x + offset = 0, metres, LiDAR frame; the normal is of unit length and points up."""
 
     normal: Floats
@@ -31,7 +31,7 @@ class Plane(NamedTuple):
         return points @ self.normal + self.offset
 
 
-def ground_plane(points: Floats, steepest_deg: float = STEEPEST_DEG) -> Plane | None:
+def ground_plane(points: Floats, steepest_deg: float = STEEPEST_DEG) -> GroundPlane | None:
     """The plane that most points below the sensor lie on (RANSAC, then least squares); None where there is none.
 
     Args:
@@ -58,7 +58,7 @@ def ground_plane(points: Floats, steepest_deg: float = STEEPEST_DEG) -> Plane | 
     heights = normals @ few.T
     heights += offsets[:, None]
     inside = np.count_nonzero(np.abs(heights, out=heights) < _THICK_M, axis=1)
-    plane = Plane(normals[inside.argmax()], float(offsets[inside.argmax()]))
+    plane = GroundPlane(normals[inside.argmax()], float(offsets[inside.argmax()]))
     for _ in range(_REFITS):
         on = low[np.abs(plane.height(low)) < _THICK_M]
         if len(on) < _FEWEST:
@@ -66,11 +66,11 @@ def ground_plane(points: Floats, steepest_deg: float = STEEPEST_DEG) -> Plane | 
         middle = on.mean(axis=0)
         normal = np.linalg.svd(on - middle, full_matrices=False)[2][2]
         normal = normal * np.sign(normal[2])
-        plane = Plane(normal, float(-middle @ normal))
+        plane = GroundPlane(normal, float(-middle @ normal))
     return plane if plane.normal[2] > steepest else None
 
 
-def is_on(plane: Plane, points: Floats) -> NDArray[np.bool_]:
+def is_on(plane: GroundPlane, points: Floats) -> NDArray[np.bool_]:
     """Which points lie on the ground, at most 40 m away."""
     near = np.hypot(points[:, 0], points[:, 1]) < _FARTHEST_M
     return near & (np.abs(plane.height(points)) < _THICK_M)

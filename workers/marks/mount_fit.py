@@ -11,14 +11,13 @@ from apexcal.geometry.se3 import SE3
 from workers.geometry.models import INTRINSICS, parameter_names
 from workers.marks.mount_search import CAMERA_FRAME, LIDAR_FRAME
 from workers.marks.sights import Floats, Lens, MountedLens
-from workers.solver.bounds import preset_bounds
 from workers.solver.polish import polish
-from workers.solver.problem import FitProblem
+from workers.solver.problem import FitProblem, preset_bounds
 from workers.solver.residuals import transform_of
 
 _REACH_RAD: Final = np.radians(60.0)
 _SATURATION_PX: Final = 15.0
-_DISTORTION: Final = 0.2  # standard deviation, as `workers.solver.lens_priors` has it at most
+_DISTORTION: Final = 0.2  # standard deviation, as `workers.solver.estimate` has it at most
 _MARK_PX: Final = 1.0
 _CENTRE_SHARE: Final = 0.05  # of the width: principal points of sold cameras lie within it
 _FEWEST: Final = 6

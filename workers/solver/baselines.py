@@ -53,12 +53,12 @@ def linear_starts(problem: FitProblem) -> list[Floats]:
         return []
     centre = 0.5 * (problem.lower + problem.upper)[8:10]
     threshold = linear.inlier_share * problem.diagonal_px
-    found: list[Floats] = []
-    for kept in _consensus(problem, points, marks, centre, threshold):
-        camera = linear.camera(points[kept], marks[kept], centre)
+    starts: list[Floats] = []
+    for inliers in _consensus(problem, points, marks, centre, threshold):
+        camera = linear.camera(points[inliers], marks[inliers], centre)
         if camera is not None:
-            found.append(_parameters(problem, camera))
-    return found
+            starts.append(_parameters(problem, camera))
+    return starts
 
 
 def _consensus(
@@ -75,7 +75,7 @@ def _consensus(
         for index in np.argsort(-masks.sum(axis=1), kind="stable")[:_FINALISTS]:
             mask = _refitted(problem, points, marks, centre, threshold, masks[index])
             best.append((int(mask.sum()), mask))
-        best = sorted(best, key=lambda one: -one[0])[:_FINALISTS]
+        best = sorted(best, key=lambda candidate: -candidate[0])[:_FINALISTS]
         share = best[0][0] / n
         failing = min(max(1.0 - share**size, 1e-12), 1.0 - 1e-12)
         needed = min(_MOST_SAMPLES, int(log(1.0 - _CONFIDENCE) / log(failing)) + 1)

@@ -60,8 +60,8 @@ def blocks_of(pairs: Mapping[str, Sequence[Any]]) -> Blocks | None:
     if group is not None:
         first = {value: row for row, value in reversed(list(enumerate(group)))}
         if 1 < len(first) < count:
-            place = {value: label for label, value in enumerate(sorted(first, key=first.__getitem__))}
-            labels = np.array([place[value] for value in group], np.int64)
+            index = {value: label for label, value in enumerate(sorted(first, key=first.__getitem__))}
+            labels = np.array([index[value] for value in group], np.int64)
             return Blocks(labels, "group", _stretches_of_groups(labels, ranked))
     if count < LEAST_PAIRS:
         return None

@@ -83,13 +83,13 @@ def between_cameras(T_a_lidar: SE3, covariance_a: Floats, T_b_lidar: SE3, covari
     return T_a_b, by_a @ covariance_a @ by_a.T + by_b @ covariance_b @ by_b.T
 
 
-def deviation(found: SE3, covariance: Floats, stated: SE3, stated_covariance: Floats) -> Deviation:
-    """How far `found` lies from `stated`; both covariances (6, 6) as in `between_cameras`, about the same axes.
+def deviation(fitted: SE3, covariance: Floats, stated: SE3, stated_covariance: Floats) -> Deviation:
+    """How far `fitted` lies from `stated`; both covariances (6, 6) as in `between_cameras`, about the same axes.
 
     A direction that both claim to know exactly (locks) does not count among the sigmas.
     """
-    turn = vector_from_rotation(found.R @ stated.R.T)
-    shift = found.t - stated.t
+    turn = vector_from_rotation(fitted.R @ stated.R.T)
+    shift = fitted.t - stated.t
     chi2, freedom = _mahalanobis(np.concatenate([turn, shift]), covariance + stated_covariance)
     probability = float(_chi2_tail(float(freedom), chi2)) if freedom else 1.0
     return Deviation(
@@ -116,9 +116,9 @@ def _mahalanobis(d: Floats, covariance: Floats) -> tuple[float, int]:
     scale = np.sqrt(np.diag(covariance))
     scale[scale == 0.0] = 1.0
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    kept = values > _KNOWN * max(float(values[-1]), 1.0)
-    along = vectors[:, kept].T @ (d / scale)
-    return float(np.sum(along * along / values[kept])), int(np.count_nonzero(kept))
+    determined = values > _KNOWN * max(float(values[-1]), 1.0)
+    along = vectors[:, determined].T @ (d / scale)
+    return float(np.sum(along * along / values[determined])), int(np.count_nonzero(determined))
 
 
 def _radians(name: str) -> float:

@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from apexcal.documents.errors import InputError
 from apexcal.documents.fit_requests import FitRequest
-from workers.solver.offset_fit import Marks, Track, fit_offset, marks_under, scores, weak_priors, whitening
-from workers.solver.outcomes import Outcome
+from workers.solver.offset_fit import Marks, TipTrack, fit_offset, marks_under, scores, weak_priors, whitening
+from workers.solver.outcomes import NEVER, Outcome, Stop
 from workers.solver.polish import distances, polish
 from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.schedule import run_schedule
-from workers.solver.stopping import NEVER, Stop
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +62,7 @@ class OffsetEstimate:
 
 
 def estimate_offset(
-    track: Track,
+    track: TipTrack,
     frame_stamps_ns: ArrayLike,
     pixels: ArrayLike,
     request: FitRequest,
@@ -94,28 +93,28 @@ def estimate_offset(
     problem = fit_problem(request.model_copy(update={"loss": "saturating"}), marks.points(0.0)[0], marked)
     problem = replace(problem, stop=stop)
     x, outcome = _start(problem, marks), Outcome.OUT_OF_STEPS
-    seen = np.zeros(len(stamps), np.bool_)
-    kept = np.ones(len(stamps), np.bool_)
+    on_track = np.zeros(len(stamps), np.bool_)
+    counted = np.ones(len(stamps), np.bool_)
     for _ in range(_ROUNDS):
         before = x[-1]
-        seen = marks.gap_s[marks.nearest(float(x[-1]))] <= _FARTHEST_S
-        _enough(problem, seen)
+        on_track = marks.gap_s[marks.nearest(float(x[-1]))] <= _FARTHEST_S
+        _enough(problem, on_track)
         away = scores(problem, marks, x)
         # The median of the length of two unit Gaussians is 1.18.
-        kept = seen & (away < _BLUNDER * max(1.0, float(np.median(away[seen])) / 1.18))
-        x, outcome = fit_offset(problem, marks, x, kept, robust=False)
+        counted = on_track & (away < _BLUNDER * max(1.0, float(np.median(away[on_track])) / 1.18))
+        x, outcome = fit_offset(problem, marks, x, counted, robust=False)
         if abs(x[-1] - before) < _SETTLED_S:
             break
     here = marks_under(problem, marks, x)
-    sigma_s, poor = _deviation(problem, marks, x, kept)
+    sigma_s, poor = _deviation(problem, marks, x, counted)
     estimate = OffsetEstimate(
         offset_ns=about_ns + round(float(x[-1]) * 1e9),
         sigma_ns=round(sigma_s * 1e9),
-        rms_px=_rms(np.linalg.norm(here.residuals[kept], axis=1)),
-        pairs=int(kept.sum()),
-        blunders=int((seen & ~kept).sum()),
-        unseen=int((~seen).sum()),
-        speed_px_s=_rms(here.speed_px_s()[kept]),
+        rms_px=_rms(np.linalg.norm(here.residuals[counted], axis=1)),
+        pairs=int(counted.sum()),
+        blunders=int((on_track & ~counted).sum()),
+        unseen=int((~on_track).sum()),
+        speed_px_s=_rms(here.speed_px_s()[counted]),
         message="",
     )
     _refuse(estimate, outcome, poor, abs(float(x[-1])) > search_ns * 1e-9 - 1e-3, max_sigma_ns)
@@ -145,24 +144,24 @@ def _unlikely(problem: FitProblem, marks: Marks, x: Floats) -> float:
     return float(np.sum(np.log1p(scores(problem, marks, x) ** 2) - np.log(np.linalg.det(W))))
 
 
-def _deviation(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bool_]) -> tuple[float, float]:
+def _deviation(problem: FitProblem, marks: Marks, x: Floats, counted: NDArray[np.bool_]) -> tuple[float, float]:
     """The offset's standard deviation in seconds, and the residuals in units of what was expected."""
     here = marks_under(problem, marks, x)
     free = np.append(problem.free, len(x) - 1)
-    white = (whitening(problem, marks, here, float(x[-1])) @ here.jacobian)[kept][:, :, free]
+    white = (whitening(problem, marks, here, float(x[-1])) @ here.jacobian)[counted][:, :, free]
     rows = white.reshape(-1, len(free))
     _, strength = weak_priors(problem)
     A = rows.T @ rows + np.diag(np.append(strength[problem.free] ** 2, 0.0))
     # Columns of unit length, because focal lengths and seconds differ by powers of ten.
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     C = np.linalg.pinv(A / size / size[:, None], hermitian=True) / size / size[:, None]
-    count = max(1, 2 * int(kept.sum()) - len(free))
-    poor = float(np.sqrt(np.sum(scores(problem, marks, x)[kept] ** 2) / count))
+    count = max(1, 2 * int(counted.sum()) - len(free))
+    poor = float(np.sqrt(np.sum(scores(problem, marks, x)[counted] ** 2) / count))
     return float(np.sqrt(C[-1, -1])) * max(1.0, poor), poor
 
 
-def _enough(problem: FitProblem, seen: NDArray[np.bool_]) -> None:
-    unknowns, count = len(problem.free) + 1, int(seen.sum())
+def _enough(problem: FitProblem, on_track: NDArray[np.bool_]) -> None:
+    unknowns, count = len(problem.free) + 1, int(on_track.sum())
     if 2 * count < unknowns + 4:
         raise InputError(
             "offset_not_determined",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from workers.geometry.spherical import axes
 from workers.solver.error_model import weighed
-from workers.solver.errors import SolveError
+from workers.solver.outcomes import SolveError
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import by_point
 

@@ -11,7 +11,7 @@ from scipy import special
 
 from apexcal.documents.pairs import MARK_SIGMA, SIGMAS, states_errors
 from workers.geometry.spherical import to_xyz
-from workers.solver.errors import SolveError
+from workers.solver.outcomes import SolveError
 
 Floats = NDArray[np.float64]
 Column = Sequence[float] | NDArray[Any]
@@ -44,12 +44,12 @@ class Covariances:
                 f"Covariances of points {self.points.shape} and marks {self.marks.shape} do not belong together.",
                 "Those of points are (N, 3, 3), those of marks (N, 2, 2).",
             )
-        for what, given, smallest in (("point", self.points, -1e-9), ("mark", self.marks, 1e-12)):
-            bad = _no_covariances(given, smallest)
+        for what, matrices, smallest in (("point", self.points, -1e-9), ("mark", self.marks, 1e-12)):
+            bad = _no_covariances(matrices, smallest)
             if bad.size:
                 raise SolveError(
                     "bad_covariances",
-                    f"The covariance of the {what} of pair {bad[0]} is none: {given[bad[0]].tolist()}.",
+                    f"The covariance of the {what} of pair {bad[0]} is none: {matrices[bad[0]].tolist()}.",
                     "It must be finite, symmetric and without negative variances; a mark's must be above 0.",
                 )
 
@@ -85,18 +85,18 @@ def _mark_variance(columns: Mapping[str, Column], n: int, mark_sigma_px: float) 
     count = np.maximum(np.asarray(columns["marks"], dtype=np.float64), 1.0)
     spread = np.asarray(columns.get("spread_px", np.zeros(n)), dtype=np.float64)
     several = count > 1.0
-    one = mark_sigma_px
+    sigma_px = mark_sigma_px
     if np.count_nonzero(several) >= _ENOUGH_PAIRS:
         # n spread^2 is sigma^2 times a chi-square of 2 (n - 1); by its median, because people also mark wrong things.
         freedom = 2.0 * (count[several] - 1.0)
         middle = _chi_square_beyond(freedom, 0.5)
-        one = max(_FLOOR_PX, float(np.sqrt(np.median(count[several] * spread[several] ** 2 / middle))))
-    return one**2 / count
+        sigma_px = max(_FLOOR_PX, float(np.sqrt(np.median(count[several] * spread[several] ** 2 / middle))))
+    return sigma_px**2 / count
 
 
-def _no_covariances(given: Floats, smallest: float) -> NDArray[np.int64]:
-    finite: NDArray[np.bool_] = np.all(np.isfinite(given), axis=(1, 2))
-    safe = np.where(finite[:, None, None], given, np.eye(given.shape[1]))
+def _no_covariances(matrices: Floats, smallest: float) -> NDArray[np.int64]:
+    finite: NDArray[np.bool_] = np.all(np.isfinite(matrices), axis=(1, 2))
+    safe = np.where(finite[:, None, None], matrices, np.eye(matrices.shape[1]))
     scale = np.abs(safe).max(axis=(1, 2)) + 1e-300
     skewed = np.abs(safe - safe.swapaxes(1, 2)).max(axis=(1, 2)) > 1e-9 * scale
     return np.flatnonzero(~finite | skewed | (np.linalg.eigvalsh(safe)[:, 0] < smallest * np.maximum(scale, 1e-9)))

@@ -29,12 +29,12 @@ def is_determined(problem: FitProblem, p: Floats, spread: Uncertainty) -> bool:
 def arbitrary(problem: FitProblem, spread: Uncertainty) -> dict[str, float]:
     """The free parameters that the pairs leave open, with their deviations in people's units (or infinite)."""
     width = (problem.upper - problem.lower)[problem.free]
-    found: dict[str, float] = {}
+    deviations: dict[str, float] = {}
     for name, unit, std, room in zip(spread.names, spread.units, spread.std.tolist(), width.tolist(), strict=True):
         limit = _ARBITRARY.get(unit, np.inf) * (problem.image_size[0] if unit == "px" else 1.0)
         if not np.isfinite(std) or min(std, np.degrees(room) if unit == "deg" else room) > limit:
-            found[name] = std
-    return found
+            deviations[name] = std
+    return deviations
 
 
 def point_problem(problem: FitProblem, p: Floats) -> str | None:

@@ -89,8 +89,8 @@ class ErrorModel:
 
     def covariance(self) -> Floats:
         """(F, F) of the estimate from all pairs: rad, m, px."""
-        found = self._of_arms(self._arms(()))
-        return found + np.outer(self.moved, self.moved) if self.moved.size else found
+        covariance = self._of_arms(self._arms(()))
+        return covariance + np.outer(self.moved, self.moved) if self.moved.size else covariance
 
     def freedoms(self) -> Floats:
         """(F,) degrees of freedom of the estimate's variances (Satterthwaite 1946)."""
@@ -145,10 +145,14 @@ class ErrorModel:
         return inverse @ np.einsum("ncf,ncm->fm", self._rows(used), self.common) / self.noise
 
     def _of_component(self, used: Used | None, k: int) -> Floats:
-        one, column = [(one, column) for one in self.shared for column in range(int(one.component.max()) + 1)][k]
-        of_pairs = np.einsum("nci,ncf->nif", one.shapes[:, :, one.component == column], self._rows(used))
-        of_blocks = np.zeros((int(one.labels.max()) + 1, *of_pairs.shape[1:]))
-        np.add.at(of_blocks, one.labels, of_pairs)
+        components, column = [
+            (each, column) for each in self.shared for column in range(int(each.component.max()) + 1)
+        ][k]
+        of_pairs = np.einsum(
+            "nci,ncf->nif", components.shapes[:, :, components.component == column], self._rows(used)
+        )
+        of_blocks = np.zeros((int(components.labels.max()) + 1, *of_pairs.shape[1:]))
+        np.add.at(of_blocks, components.labels, of_pairs)
         rows = of_blocks.reshape(-1, len(self.scale))
         return rows.T @ rows
 

@@ -12,7 +12,6 @@ from apexcal.documents.results import Outlier
 from apexcal.geometry.rotations import vector_from_rotation
 from workers.solver.common_errors import common_errors
 from workers.solver.error_model import ErrorModel, linearised
-from workers.solver.lens_priors import lens_priors
 from workers.solver.outcomes import Outcome
 from workers.solver.outliers import judge, without
 from workers.solver.people import with_people
@@ -86,25 +85,25 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
     there are priors fit and noise are repeated until the noise settles. Distortion that the pairs hardly hold is
     fitted once more, with weak priors.
     """
-    found = _settled(problem, polish(problem, start))
-    weak = lens_priors(problem, found.parameters, found.spread)
-    if weak and found.spread.sigma_px > 0.0:
-        held = problem.priors | {name: (0.0, sigma) for name, sigma in weak.items()}
-        scale = found.spread.sigma_px / _stated_px(found)
-        again = replace(problem, priors=held, noise_scale=scale)
-        found = replace(_settled(again, polish(again, _held(problem, found.parameters, weak))), weak=weak)
-    return _with_shared_errors(found)
+    result = _settled(problem, polish(problem, start))
+    weak = lens_priors(problem, result.parameters, result.spread)
+    if weak and result.spread.sigma_px > 0.0:
+        priors = problem.priors | {name: (0.0, sigma) for name, sigma in weak.items()}
+        scale = result.spread.sigma_px / _stated_px(result)
+        again = replace(problem, priors=priors, noise_scale=scale)
+        result = replace(_settled(again, polish(again, _held(problem, result.parameters, weak))), weak=weak)
+    return _with_shared_errors(result)
 
 
 def _settled(problem: FitProblem, fit: Fit) -> Estimate:
-    found = _once(problem, fit)
+    result = _once(problem, fit)
     for _ in range(_ROUNDS if problem.priors else 0):
-        scale = found.spread.sigma_px / _stated_px(found)
-        if abs(scale - found.fitted.noise_scale) <= _SETTLED * scale:
+        scale = result.spread.sigma_px / _stated_px(result)
+        if abs(scale - result.fitted.noise_scale) <= _SETTLED * scale:
             break
         again = replace(problem, noise_scale=scale)
-        found = _once(again, refine(again, found.parameters))
-    return found
+        result = _once(again, refine(again, result.parameters))
+    return result
 
 
 def _held(problem: FitProblem, p: Floats, weak: Mapping[str, float]) -> Floats:
@@ -123,39 +122,39 @@ def _once(problem: FitProblem, fit: Fit) -> Estimate:
         spread = uncertainty(problem, np.array(fit.parameters))
         return Estimate(fit, outcome, outliers, problem, problem, spread)
     # Without gross errors plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
-    kept = without(replace(problem, loss="mean"), outliers)
+    inliers = without(replace(problem, loss="mean"), outliers)
     of_kept: Fit | None = None
     if problem.outliers == "exclude":
-        fit, fitted = judged.fit, kept
+        fit, fitted = judged.fit, inliers
     else:
         fitted = problem
         # A saturating loss gives outliers next to no say.
         of_kept = judged.fit if problem.loss == "mean" else None
-    spread = uncertainty(kept, np.array((of_kept or fit).parameters))
-    return Estimate(fit, outcome, outliers, fitted, kept, spread, of_kept)
+    spread = uncertainty(inliers, np.array((of_kept or fit).parameters))
+    return Estimate(fit, outcome, outliers, fitted, inliers, spread, of_kept)
 
 
 def _worse(fit: Outcome, judged: Outcome) -> Outcome:
     return judged if fit.converged else fit
 
 
-def _stated_px(found: Estimate) -> float:
+def _stated_px(result: Estimate) -> float:
     # The noise that the problem states, in px of a typical pair.
-    spread = found.spread
-    return found.fitted.mark_sigma_px if spread.noise_scale is None else spread.sigma_px / spread.noise_scale
+    spread = result.spread
+    return result.fitted.mark_sigma_px if spread.noise_scale is None else spread.sigma_px / spread.noise_scale
 
 
-def _with_shared_errors(found: Estimate) -> Estimate:
-    spread, p = found.spread, found.held_at
+def _with_shared_errors(result: Estimate) -> Estimate:
+    spread, p = result.spread, result.held_at
     if spread.rank < len(spread.names) or not spread.names or spread.sigma_px < _NO_NOISE_PX:
-        return found
-    here = whitened(found.holding, p)
+        return result
+    here = whitened(result.holding, p)
     fit, scale = linearised(here, p)
     noise = spread.sigma_px**2
     unsure = np.array([[2.0 * noise**2 / spread.freedom if spread.freedom else 0.0]])
     alone = ErrorModel(fit, scale, noise, common_errors(here, p), unsure)
     plain, bias = with_people(here, alone)
-    plain = replace(plain, moved=_moved(here, found.parameters, p))
+    plain = replace(plain, moved=_moved(here, result.parameters, p))
     shared = shared_errors(here, p, plain)
     errors = plain if shared is None else shared.errors
     if errors is not plain or plain.common.shape[2] or np.any(plain.moved):
@@ -168,7 +167,7 @@ def _with_shared_errors(found: Estimate) -> Estimate:
             shift=errors.moved * unit if errors.moved.size else None,
         )
     named, wider = (shared.named, shared.wider) if shared is not None else (None, None)
-    return replace(found, spread=spread, errors=errors, plain=plain, wider=wider, shared=named, bias=bias)
+    return replace(result, spread=spread, errors=errors, plain=plain, wider=wider, shared=named, bias=bias)
 
 
 def _moved(problem: FitProblem, to: Floats, begin: Floats) -> Floats:
@@ -177,3 +176,42 @@ def _moved(problem: FitProblem, to: Floats, begin: Floats) -> Floats:
     if turns_are_free(problem):
         step[:3] = vector_from_rotation(transform_of(problem, to).R @ transform_of(problem, begin).R.T)
     return step[problem.free]
+
+
+_LARGEST: Final = 0.2
+_AT_CORNER: Final = 0.3
+"""One standard deviation of a term: this share of the radius at the image's corner, at most 0.2. Decision 0044
+has the measurement."""
+_DECENTRED: Final = 0.1
+"""Tangential terms are the first radial one of a lens off its axis by this share of the corner's radius
+(Conrady 1919)."""
+_RADIAL: Final = {
+    "pinhole": {},
+    "brown_conrady": {"k1": 1, "k2": 2, "k5": 3},
+    "kannala_brandt": {"k1": 1, "k2": 2, "k3": 3, "k4": 4},
+}
+_TANGENTIAL: Final = {"brown_conrady": ("k3", "k4")}
+
+
+def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str, float]:
+    """Standard deviations about zero, by coefficient, for a fit that ended at p (D,) with these deviations.
+
+    Empty if the pairs determine all coefficients or leave other parameters open, or if the request constrains all
+    coefficients.
+    """
+    corner = 0.5 * problem.diagonal_px / float(np.sqrt(p[6] * p[7]))
+    sigmas = {name: _radial(corner, order) for name, order in _RADIAL[problem.model].items()}
+    for name in _TANGENTIAL.get(problem.model, ()):
+        sigmas[name] = _DECENTRED * corner * _radial(corner, 1)
+    std = dict(zip(spread.names, spread.std.tolist(), strict=True))
+    open_names = [name for name in sigmas if name in problem.unstated and name in std]
+    if not all(np.isfinite(deviation) for name, deviation in std.items() if name not in open_names):
+        return {}  # no prior of the lens helps other open parameters
+    # The bounds are five of the largest deviation away: a coefficient better determined than its prior stays inside.
+    if all(std[name] < sigmas[name] for name in open_names):
+        return {}
+    return {name: sigmas[name] for name in open_names}
+
+
+def _radial(corner: float, order: int) -> float:
+    return min(_LARGEST, _AT_CORNER / corner ** (2 * order))

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from apexcal.documents.schedules import Schedule
 from workers.solver.fitness import Fitness, FitnessData, evaluate_population
+from workers.solver.outcomes import Stop, flag_of
 from workers.solver.random_streams import draw, fill_normal, fill_uniform
-from workers.solver.stopping import Stop, flag_of
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -38,7 +38,7 @@ _F1: Final = np.float32(1.0)
 _F2: Final = np.float32(2.0)
 
 
-class Found(NamedTuple):
+class SearchOutcome(NamedTuple):
     """The best individual of a search as fractions (F,) of the bounds, and how many were evaluated."""
 
     best: Singles
@@ -74,12 +74,12 @@ class Generation(NamedTuple):
     elite_losses: Singles
 
 
-def genetic_search(fitness: Fitness, schedule: Schedule, key: np.uint64, stop: Stop) -> Found:
+def genetic_search(fitness: Fitness, schedule: Schedule, key: np.uint64, stop: Stop) -> SearchOutcome:
     """Search as large as the schedule says. Where `stop` is set meanwhile, what was found means nothing."""
     generation = first_generation(fitness.genes, schedule.population, key)
     stop_flag = flag_of(stop)
     best, evaluations = evolve(fitness.total_distances, fitness.data, generation, schedule.generations, stop_flag)
-    return Found(generation.population[:, best].copy(), evaluations)
+    return SearchOutcome(generation.population[:, best].copy(), evaluations)
 
 
 def first_generation(genes: int, size: int, key: np.uint64) -> Generation:
@@ -112,8 +112,8 @@ def first_generation(genes: int, size: int, key: np.uint64) -> Generation:
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
-def select_best(losses: Singles, wanted: int, chosen: Indices) -> None:
-    """Fill chosen[:wanted] with the indices of the `wanted` lowest losses (>= 0), in the order of their index.
+def select_best(losses: Singles, keep: int, chosen: Indices) -> None:
+    """Fill chosen[:keep] with the indices of the `keep` lowest losses (>= 0), in the order of their index.
 
     It bisects the bits of the numbers, which have the same order as the numbers because none is negative. That takes
     a few passes and no sort. Indices of losses equal to the highest chosen one come last.
@@ -129,25 +129,25 @@ def select_best(losses: Singles, wanted: int, chosen: Indices) -> None:
         count = np.int32(0)
         for i in range(bits.shape[0]):
             count += np.int32(1) if bits[i] <= pivot else np.int32(0)
-        if count >= wanted:
+        if count >= keep:
             high = middle
         else:
             low = middle
-        if count == wanted:
+        if count == keep:
             break
     highest, pivot = least, np.int32(high)
     for i in range(bits.shape[0]):
         highest = max(highest, bits[i] if bits[i] <= pivot else least)
     # Without a branch: every index is written, and the next one overwrites it if it does not count. Fewer than
-    # `wanted` lie below the highest, so `found` stays below `wanted`.
-    found = 0
+    # `keep` lie below the highest, so `filled` stays below it.
+    filled = 0
     for i in range(bits.shape[0]):
-        chosen[found] = i
-        found += 1 if bits[i] < highest else 0
+        chosen[filled] = i
+        filled += 1 if bits[i] < highest else 0
     for i in range(bits.shape[0]):
-        if bits[i] == highest and found < wanted:
-            chosen[found] = i
-            found += 1
+        if bits[i] == highest and filled < keep:
+            chosen[filled] = i
+            filled += 1
 
 
 @njit(nogil=True, error_model="numpy", fastmath=False, cache=True)

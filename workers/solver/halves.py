@@ -36,12 +36,12 @@ _MANY: Final = 1e6
 _SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
 
 
-def halves_of(found: Estimate) -> list[Halves]:
+def halves_of(whole: Estimate) -> list[Halves]:
     """Both splits of the pairs that determine the estimate, if each half determines the parameters by itself.
 
     The halves are polished from the full result, with its bounds, locks and priors; priors count in both.
     """
-    problem, errors = found.holding, found.errors
+    problem, errors = whole.holding, whole.errors
     if errors is None or problem.blocks is None:
         return []
     used = problem.weights > 0.0
@@ -50,47 +50,47 @@ def halves_of(found: Estimate) -> list[Halves]:
         first, second = used & mask, used & ~mask
         enough = min(np.count_nonzero(first), np.count_nonzero(second)) > len(problem.free)
         if enough and errors.determines(first) and errors.determines(second):
-            compared.append(_compared(found, errors, split, first, second))
+            compared.append(_compared(whole, errors, split, first, second))
     return compared
 
 
 def too_small(halves: list[Halves], problem: FitProblem) -> list[str]:
     """A sentence for each split whose halves differ by more than is stated."""
     blocks = "groups" if problem.blocks is not None and not problem.blocks.over_time else "stretches of the walk"
-    return [_sentence(one, blocks) for one in halves if not one.holds]
+    return [_sentence(split, blocks) for split in halves if not split.holds]
 
 
-def _sentence(one: Halves, blocks: str) -> str:
-    turn, ratio, limit = one.turned_deg, one.turned_ratio, one.turned_limit
+def _sentence(split: Halves, blocks: str) -> str:
+    turn, ratio, limit = split.turned_deg, split.turned_ratio, split.turned_limit
     if turn is not None and ratio is not None and limit is not None and ratio > limit:
         return (
             f"Between the first and the last half of the {blocks} the camera turned by {figure(turn)} "
             f"degrees, {ratio:.1f} times what noise explains: the standard deviations are too small."
         )
-    which = "every second" if one.split == "alternating" else "the first half"
+    which = "every second" if split.split == "alternating" else "the first half"
     return (
-        f"Fits of {which} of the {blocks} and of the others differ by {one.rotation_deg:.2f} degrees, "
-        f"{one.translation_mm:.0f} mm and {one.field_px:.1f} px over the marks, {one.ratio:.1f} times what is "
-        f"stated over the parameters and {one.field_ratio:.1f} times over the marks: the standard deviations "
+        f"Fits of {which} of the {blocks} and of the others differ by {split.rotation_deg:.2f} degrees, "
+        f"{split.translation_mm:.0f} mm and {split.field_px:.1f} px over the marks, {split.ratio:.1f} times what is "
+        f"stated over the parameters and {split.field_ratio:.1f} times over the marks: the standard deviations "
         "are too small."
     )
 
 
-def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, second: Used) -> Halves:
-    problem, p = found.holding, found.held_at
-    one, two = (_fitted(problem, p, half) for half in (first, second))
-    mounts = [transform_of(problem, q) for q in (one, two)]
-    apart: Floats = (predict(problem, one)[0] - predict(problem, two)[0])[first | second]
+def _compared(whole: Estimate, errors: ErrorModel, split: Split, first: Used, second: Used) -> Halves:
+    problem, p = whole.holding, whole.held_at
+    first_fit, second_fit = (_fitted(problem, p, half) for half in (first, second))
+    mounts = [transform_of(problem, q) for q in (first_fit, second_fit)]
+    apart: Floats = (predict(problem, first_fit)[0] - predict(problem, second_fit)[0])[first | second]
     J = residuals_and_jacobian(problem, p, turns_are_free(problem), walls=False)[1][:, problem.free]
     rows: Floats = J.reshape(len(first), 2, -1)[first | second].reshape(-1, len(problem.free))
     ratios, stated = _ratios(errors, rows, first, second)
     # Stretches may share errors that are too small to count. What these explain raises no objection.
-    explained, _ = _ratios(found.wider or errors, rows, first, second)
+    explained, _ = _ratios(whole.wider or errors, rows, first, second)
     limits = [
-        one.ratio * _limit(other) / other.ratio if other.ratio > 0.0 else _limit(other)
-        for one, other in zip(ratios, explained, strict=True)
+        ratio.ratio * _limit(other) / other.ratio if other.ratio > 0.0 else _limit(other)
+        for ratio, other in zip(ratios, explained, strict=True)
     ]
-    turned = _turned(found, errors, first) if split == "first_and_last" else None
+    turned = _turned(whole, errors, first) if split == "first_and_last" else None
     turned_limit = turned and _limit(turned[1], _TURNS_FALSE_ALARMS)
     return Halves(
         split=split,
@@ -106,7 +106,7 @@ def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, se
         turned_deg=turned and turned[0],
         turned_ratio=turned and turned[1].ratio,
         turned_limit=turned_limit,
-        holds=all(one.ratio <= limit for one, limit in zip(ratios, limits, strict=True))
+        holds=all(ratio.ratio <= limit for ratio, limit in zip(ratios, limits, strict=True))
         and (turned is None or turned_limit is None or turned[1].ratio <= turned_limit),
     )
 
@@ -145,18 +145,18 @@ def _fitted(problem: FitProblem, p: Floats, half: Used) -> Floats:
     return np.array(refine(replace(problem, weights=problem.weights * half), p).parameters)
 
 
-def _turned(found: Estimate, errors: ErrorModel, first: Used) -> tuple[float, _Ratio]:
+def _turned(whole: Estimate, errors: ErrorModel, first: Used) -> tuple[float, _Ratio]:
     """The turn of the mount between the halves, all else being equal, in degrees and over its stated deviation.
 
     What stretches of a walk share is estimated beside the turn, because they would absorb it otherwise.
     """
-    problem, p = whitened(found.holding, found.held_at), found.held_at
+    problem, p = whitened(whole.holding, whole.held_at), whole.held_at
     turns = residuals_and_jacobian(problem, p, local=True)[1].reshape(len(first), 2, -1)[:, :, :3]
     columns = weighed(problem, np.where(first, 0.5, -0.5)[:, None, None] * turns)
-    if found.plain is None or (problem.blocks is not None and not problem.blocks.over_time):
+    if whole.plain is None or (problem.blocks is not None and not problem.blocks.over_time):
         wider = errors.with_columns(columns)
     else:
-        wider = found.plain.with_columns(columns)
+        wider = whole.plain.with_columns(columns)
         shared = shared_errors(problem, p, wider)
         wider = wider if shared is None else shared.wider
     step, covariance = wider.step()[-3:], wider.covariance()[-3:, -3:]
@@ -169,14 +169,14 @@ def _root_mahalanobis(errors: ErrorModel, step: Floats, covariance: Floats, part
     unit = np.sqrt(np.diag(covariance))
     unit = 1.0 / np.where(unit > 0.0, unit, 1.0)
     values, vectors = np.linalg.eigh(covariance * unit[:, None] * unit)
-    told = values > 1e-12 * values[-1]
-    along = unit[:, None] * vectors[:, told] / np.sqrt(values[told])
-    count = float(np.count_nonzero(told))
+    determined = values > 1e-12 * values[-1]
+    along = unit[:, None] * vectors[:, determined] / np.sqrt(values[determined])
+    count = float(np.count_nonzero(determined))
     grows = np.array([np.sum((part @ along) * along) for part in parts]) / count
     return _Ratio(float(np.sqrt(np.mean((along.T @ step) ** 2))), count, errors.freedom_of(grows))
 
 
-def _limit(found: _Ratio, false_alarms: float = _FALSE_ALARMS) -> float:
+def _limit(ratio: _Ratio, false_alarms: float = _FALSE_ALARMS) -> float:
     # Fisher's F, because the stated deviation was itself estimated, with so many degrees of freedom.
-    freedom = min(max(found.freedom, 1.0), _MANY)
-    return float(np.sqrt(_f_quantile(found.directions, freedom, 1.0 - false_alarms)))
+    freedom = min(max(ratio.freedom, 1.0), _MANY)
+    return float(np.sqrt(_f_quantile(ratio.directions, freedom, 1.0 - false_alarms)))

@@ -22,11 +22,11 @@ def velocities_of(points: ArrayLike, stamps_ns: ArrayLike, corners: Sequence[str
     if not tells_motion(stamps.tolist(), corners):
         return None
     of = np.zeros(len(xyz), np.int64) if corners is None else np.unique(np.array(corners), return_inverse=True)[1]
-    found = np.zeros_like(xyz)
+    velocities = np.zeros_like(xyz)
     for corner in range(int(of.max(initial=0)) + 1):
         rows = np.flatnonzero(of == corner)
-        found[rows] = _slopes(xyz[rows], stamps[rows])
-    return found
+        velocities[rows] = _slopes(xyz[rows], stamps[rows])
+    return velocities
 
 
 def _slopes(points: Floats, stamps_ns: NDArray[np.int64]) -> Floats:
@@ -48,8 +48,8 @@ def _slopes(points: Floats, stamps_ns: NDArray[np.int64]) -> Floats:
         of_place[rows] += moved
         of_both[rows] += gap[:, None] * moved
     spread = of_square - of_time**2 / count
-    known = spread > 1e-6  # s^2: neighbours at one moment tell nothing
-    slope = (of_both - of_time[:, None] * of_place / count[:, None]) / np.where(known, spread, 1.0)[:, None]
-    found = np.empty((n, 3))
-    found[order] = np.where(known[:, None], slope, 0.0)
-    return found
+    determined = spread > 1e-6  # s^2: neighbours at one moment tell nothing
+    slope = (of_both - of_time[:, None] * of_place / count[:, None]) / np.where(determined, spread, 1.0)[:, None]
+    velocities = np.empty((n, 3))
+    velocities[order] = np.where(determined[:, None], slope, 0.0)
+    return velocities

@@ -24,7 +24,7 @@ _TOLERANCE: Final = 1e-8  # relative decrease of the cost below which a fit has 
 _STUCK: Final = 1e8  # damping at which no step is left
 
 
-class TrackPoints(Protocol):
+class TipPositions(Protocol):
     """The apex at M moments: metres, metres per second, square metres (LiDAR frame), time to the nearest vertex."""
 
     @property
@@ -37,10 +37,10 @@ class TrackPoints(Protocol):
     def gap_ns(self) -> NDArray[np.int64]: ...
 
 
-class Track(Protocol):
+class TipTrack(Protocol):
     """Where the apex was at any moment of the LiDAR's clock."""
 
-    def at(self, times_ns: ArrayLike) -> TrackPoints: ...
+    def at(self, times_ns: ArrayLike) -> TipPositions: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,19 +63,19 @@ class Marks:
     gap_s: Floats
 
     @classmethod
-    def of(cls, track: Track, stamps_ns: NDArray[np.int64], pixels: Floats, about_ns: int, search_ns: int) -> Self:
+    def of(cls, track: TipTrack, stamps_ns: NDArray[np.int64], pixels: Floats, about_ns: int, search_ns: int) -> Self:
         """Look the track up at stamps (N,) less every offset within about_ns +- search_ns."""
         count = max(2, 2 * round(search_ns * 1e-9 / _NODE_S) + 1)
         offsets_ns = np.linspace(-search_ns, search_ns, count).round().astype(np.int64)
-        found = track.at((stamps_ns - about_ns - offsets_ns[:, None]).reshape(-1))
+        looked_up = track.at((stamps_ns - about_ns - offsets_ns[:, None]).reshape(-1))
         shape = (count, len(stamps_ns))
         return cls(
             pixels=pixels,
             offsets_s=offsets_ns.astype(np.float64) * 1e-9,
-            xyz=found.xyz.reshape(*shape, 3),
-            velocity=found.velocity.reshape(*shape, 3),
-            covariance=found.covariance_xyz.reshape(*shape, 3, 3),
-            gap_s=found.gap_ns.reshape(shape).astype(np.float64) * 1e-9,
+            xyz=looked_up.xyz.reshape(*shape, 3),
+            velocity=looked_up.velocity.reshape(*shape, 3),
+            covariance=looked_up.covariance_xyz.reshape(*shape, 3, 3),
+            gap_s=looked_up.gap_ns.reshape(shape).astype(np.float64) * 1e-9,
         )
 
     def nearest(self, offset_s: float) -> int:
@@ -147,7 +147,7 @@ class OffsetFit(NamedTuple):
     outcome: Outcome
 
 
-def fit_offset(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bool_], robust: bool) -> OffsetFit:
+def fit_offset(problem: FitProblem, marks: Marks, x: Floats, counted: NDArray[np.bool_], robust: bool) -> OffsetFit:
     """Least squares of the kept marks from x (D,), whitened as at x.
 
     Levenberg and Marquardt's method (Nocedal and Wright 2006, ch. 10) inside the problem's bounds; robust: with
@@ -157,7 +157,7 @@ def fit_offset(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bo
     lower = np.append(problem.lower, marks.offsets_s[0])
     upper = np.append(problem.upper, marks.offsets_s[-1])
     x = np.clip(x, lower, upper)
-    cost, gradient, normal = _normal(problem, marks, x, W, kept, robust)
+    cost, gradient, normal = _normal(problem, marks, x, W, counted, robust)
     damping = 1e-3
     for _ in range(_MOST_STEPS):
         problem.stop.check()
@@ -168,7 +168,7 @@ def fit_offset(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bo
         step = np.zeros(len(x))
         step[moves] = -np.linalg.solve(scaled + damping * np.eye(len(size)), gradient[moves] / size) / size
         there = np.clip(x + step, lower, upper)
-        new = _normal(problem, marks, there, W, kept, robust)
+        new = _normal(problem, marks, there, W, counted, robust)
         if new[0] > cost:
             damping *= 8.0
             if damping > _STUCK:
@@ -183,12 +183,12 @@ def fit_offset(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bo
 
 
 def _normal(
-    problem: FitProblem, marks: Marks, x: Floats, W: Floats, kept: NDArray[np.bool_], robust: bool
+    problem: FitProblem, marks: Marks, x: Floats, W: Floats, counted: NDArray[np.bool_], robust: bool
 ) -> tuple[float, Floats, Floats]:
     """Half of what is minimised at x, its gradient (D,) and the normal matrix (D, D), with the priors."""
     here = marks_under(problem, marks, x)
-    r: Floats = np.einsum("nij,nj->ni", W[kept], here.residuals[kept])
-    J: Floats = np.einsum("nij,njk->nik", W[kept], here.jacobian[kept])
+    r: Floats = np.einsum("nij,nj->ni", W[counted], here.residuals[counted])
+    J: Floats = np.einsum("nij,njk->nik", W[counted], here.jacobian[counted])
     square = np.sum(r * r, axis=1)
     weight = 1.0 / (1.0 + square) if robust else np.ones(len(square))
     loss = np.log1p(square) if robust else square

@@ -52,25 +52,25 @@ def other_optima(
             continue
         if all(_apart(problem, J, sigma, fit, other) for _, other in places):
             places.append((cost, fit))
-    return [fit for _, fit in sorted(places, key=lambda place: place[0])]
+    return [fit for _, fit in sorted(places, key=lambda optimum: optimum[0])]
 
 
 def optimum_sentences(problem: FitProblem, polished: Fit, others: list[Fit]) -> list[str]:
     """A sentence for each other optimum: how deep, and how far off the camera it says."""
     here = transform_of(problem, np.array(polished.parameters))
-    found: list[str] = []
+    sentences: list[str] = []
     for other in others:
         there = transform_of(problem, np.array(other.parameters))
         turn = float(np.degrees(np.linalg.norm(vector_from_rotation(there.R @ here.R.T))))
         moved = float(np.linalg.norm(there.inverse().t - here.inverse().t))
-        found.append(
+        sentences.append(
             f"Another optimum is nearly as deep ({other.mean_px:.2f} px mean, {other.rms_px:.2f} px RMS, against "
             f"{polished.mean_px:.2f} and {polished.rms_px:.2f}): a camera turned by {figure(turn)} degrees and "
             f"moved by {figure(moved)} m. The pairs do not decide between them."
         )
-    return found
+    return sentences
 
 
-def _apart(problem: FitProblem, J: Floats, sigma: float, one: Fit, other: Fit) -> bool:
-    step = (np.array(one.parameters) - np.array(other.parameters))[problem.free]
+def _apart(problem: FitProblem, J: Floats, sigma: float, fit: Fit, other: Fit) -> bool:
+    step = (np.array(fit.parameters) - np.array(other.parameters))[problem.free]
     return bool(np.linalg.norm(J @ step) > _ELSEWHERE_SIGMAS * sigma * np.sqrt(len(step)))

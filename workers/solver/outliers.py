@@ -67,13 +67,13 @@ def judge(problem: FitProblem, start: Floats, robust_fit: Fit | None = None) -> 
     out, p = scores > limit, robust
     plain = replace(problem, loss="mean", saturation_px=inf)
     for _ in range(_ROUNDS):
-        kept = np.where(out, 0.0, problem.weights)
-        if np.count_nonzero(kept) < max(len(problem.free), 1):
+        weights = np.where(out, 0.0, problem.weights)
+        if np.count_nonzero(weights) < max(len(problem.free), 1):
             return Judged([], polish(plain, robust))
-        fit = refine(replace(plain, weights=kept), p)
+        fit = refine(replace(plain, weights=weights), p)
         p = np.array(fit.parameters)
         here = whitened(plain, p)
-        scores = _scores(here, replace(here, weights=kept), p)
+        scores = _scores(here, replace(here, weights=weights), p)
         again = scores > limit
         if np.array_equal(again, out):
             break

@@ -27,11 +27,11 @@ _GRID: Final = np.linspace(-6.0, 8.0, 281)  # ln of the variance over the stated
 
 def shares_of(pairs: Mapping[str, Sequence[Any]]) -> Floats | None:
     """(N, P) share of each person in a set's pairs (columns); rows add up to 1. None where the pairs do not say."""
-    given = pairs.get(MARKED_BY)
-    if given is None:
+    markers = pairs.get(MARKED_BY)
+    if markers is None:
         return None
-    shares = np.zeros((len(given), 1 + max((max(people) for people in given if people), default=0)))
-    for row, people in enumerate(given):
+    shares = np.zeros((len(markers), 1 + max((max(people) for people in markers if people), default=0)))
+    for row, people in enumerate(markers):
         shares[row, people] = 1.0 / max(len(people), 1)
     return shares
 
@@ -55,24 +55,24 @@ def with_people(problem: FitProblem, errors: ErrorModel) -> tuple[ErrorModel, Pe
         return errors, None
     shares = problem.people if problem.people is not None else np.ones((len(problem.points), 1))
     columns = columns_of(problem, shares)
-    told = np.flatnonzero(np.sum(shares[problem.weights > 0.0], axis=0) >= _LEAST_PAIRS)
+    people = np.flatnonzero(np.sum(shares[problem.weights > 0.0], axis=0) >= _LEAST_PAIRS)
     px, freedom = stated_px, STATED_FREEDOM
-    if len(told) > 1:
-        px, freedom = _joined(*_differences(errors.of_pairs(), columns, told), stated_px)
+    if len(people) > 1:
+        px, freedom = _joined(*_differences(errors.of_pairs(), columns, people), stated_px)
     bias = PersonBias(px=px, freedom=freedom, people=shares.shape[1])
     both = np.concatenate([errors.common, bias.px * columns], axis=2)
     return replace(errors, common=both, estimated=columns.shape[2], common_freedom=bias.freedom), bias
 
 
-def _differences(errors: ErrorModel, columns: Floats, told: NDArray[np.int64]) -> tuple[Floats, Floats]:
+def _differences(errors: ErrorModel, columns: Floats, chosen: NDArray[np.int64]) -> tuple[Floats, Floats]:
     """Contrasts (2 (P - 1),) between the shifts of the people, of unit variance where shifts have it, and the
     covariance of their errors.
     """
-    people = len(told)
+    people = len(chosen)
     # Rows of an orthonormal basis of all vectors whose members add up to zero.
     contrasts = np.linalg.svd(np.eye(people) - 1.0 / people)[2][:-1]
     n = len(columns)
-    of_people = columns.reshape(n, 2, -1, 2)[:, :, told]
+    of_people = columns.reshape(n, 2, -1, 2)[:, :, chosen]
     along = np.einsum("ncpa,kp->ncka", of_people, contrasts).reshape(n, 2, -1)
     wider = errors.with_columns(along)
     more = along.shape[2]

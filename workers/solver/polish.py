@@ -249,8 +249,8 @@ def _descend(
         if not np.array_equal(at, x):
             problem.stop.check()
             at[:] = p[free] = x
-            found = weighted_residuals(problem, p, walls=walls)
-            known = found if scale is None else saturated(*found, count, scale)
+            weighted = weighted_residuals(problem, p, walls=walls)
+            known = weighted if scale is None else saturated(*weighted, count, scale)
         return known
 
     def residuals_at(x: Floats) -> Floats:
@@ -261,7 +261,7 @@ def _descend(
 
     # The solver wants a start strictly inside.
     margin = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    found = _least_squares(
+    solution = _least_squares(
         residuals_at,
         np.clip(start[free], lower + margin, upper - margin),
         jac=jacobian_at,
@@ -273,8 +273,8 @@ def _descend(
         gtol=_ENDS,
         max_nfev=MAX_EVALUATIONS,
     )
-    p[free] = found.x
-    outcome = Outcome.CONVERGED if found.status > 0 else Outcome.OUT_OF_STEPS
+    p[free] = solution.x
+    outcome = Outcome.CONVERGED if solution.status > 0 else Outcome.OUT_OF_STEPS
     return _fit(problem, p, scale, outcome)
 
 

@@ -20,7 +20,7 @@ _ROWS: Final = 3
 _NO_RAY_PX: Final = 0.1
 
 
-def prediction(found: Estimate, halves: list[Halves]) -> Prediction | None:
+def prediction(estimate: Estimate, halves: list[Halves]) -> Prediction | None:
     """The deviations (one standard deviation, length over both axes) of projected LiDAR points.
 
     At the middles of 5 x 3 equal cells of the image, for points at 5, 20 and 50 m from the camera: `stated_px`, and
@@ -28,45 +28,45 @@ def prediction(found: Estimate, halves: list[Halves]) -> Prediction | None:
     differ by no more than stated. Pixels without a ray under the lens model have nulls. All of it assumes the fitted
     model. None if the pairs leave a direction open.
     """
-    if found.errors is None:
+    if estimate.errors is None:
         return None
-    problem, p = found.holding, found.parameters
+    problem, p = estimate.holding, estimate.parameters
     width, height = problem.image_size
     u = (np.arange(_COLUMNS) + 0.5) * width / _COLUMNS - 0.5
     v = (np.arange(_ROWS) + 0.5) * height / _ROWS - 0.5
     pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     rays, miss = unproject(problem.model, p[6:], pixels)
-    px, mm = deviations_along(found, rays)
-    seen = (miss < _NO_RAY_PX) & np.all(np.isfinite(px), axis=0)
+    px, mm = deviations_along(estimate, rays)
+    visible = (miss < _NO_RAY_PX) & np.all(np.isfinite(px), axis=0)
     return Prediction(
         distances_m=list(DISTANCES_M),
-        expected_over_stated=max([1.0, *(one.field_ratio for one in halves if not one.holds)]),
+        expected_over_stated=max([1.0, *(half.field_ratio for half in halves if not half.holds)]),
         points=[
             PredictedPixel(
                 u=float(pixels[i, 0]),
                 v=float(pixels[i, 1]),
-                stated_px=px[:, i].tolist() if seen[i] else None,
-                stated_mm=mm[:, i].tolist() if seen[i] else None,
+                stated_px=px[:, i].tolist() if visible[i] else None,
+                stated_mm=mm[:, i].tolist() if visible[i] else None,
             )
             for i in range(len(pixels))
         ],
     )
 
 
-def deviations_along(found: Estimate, rays: Floats) -> tuple[Floats, Floats]:
+def deviations_along(estimate: Estimate, rays: Floats) -> tuple[Floats, Floats]:
     """Return (distances, R) standard deviations of projected points, px and mm across the ray, over both axes.
 
     The points lie at `DISTANCES_M` on rays (R, 3) of unit length in the camera's frame. The estimate states errors.
     """
-    px, mm = covariances_along(found, rays)
+    px, mm = covariances_along(estimate, rays)
     return np.sqrt(np.einsum("kncc->kn", px)), np.sqrt(np.einsum("kncc->kn", mm))
 
 
-def covariances_along(found: Estimate, rays: Floats) -> tuple[Floats, Floats]:
+def covariances_along(estimate: Estimate, rays: Floats) -> tuple[Floats, Floats]:
     """Return covariances of those points: (distances, R, 2, 2) px^2 and (distances, R, 3, 3) mm^2."""
-    problem, p = found.holding, found.parameters
-    assert found.errors is not None
-    covariance = found.errors.covariance()
+    problem, p = estimate.holding, estimate.parameters
+    assert estimate.errors is not None
+    covariance = estimate.errors.covariance()
     # All distances at once: a problem wants more pairs than parameters.
     along = np.repeat(DISTANCES_M, len(rays))[:, None] * np.tile(rays, (len(DISTANCES_M), 1))
     there = replace(

@@ -1,4 +1,7 @@
-"""What is to be fitted: one frozen, checked value that every later step reads."""
+"""What is to be fitted: one frozen, checked value that every later step reads.
+
+Its bounds are a preset's for the nominal mount, with single parameters replaced.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,10 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from apexcal.documents.bounds import Interval
+from apexcal.documents import bounds
+from apexcal.documents.bounds import BoundsPreset, Interval
 from apexcal.documents.fit_requests import FitRequest
 from apexcal.documents.rules import Loss, OutlierRule
 from apexcal.documents.schedules import Schedule, check_schedule
+from apexcal.geometry.rotations import euler_from_rotation
 from apexcal.geometry.se3 import SE3, from_document
 from workers.geometry.models import (
     ModelName,
@@ -21,10 +26,51 @@ from workers.geometry.models import (
 )
 from workers.geometry.projection import image_diagonal_px
 from workers.solver.blocks import Blocks
-from workers.solver.bounds import check_names, narrowed, preset_bounds
 from workers.solver.covariances import Covariances
-from workers.solver.errors import SolveError
-from workers.solver.stopping import NEVER, Stop
+from workers.solver.outcomes import NEVER, SolveError, Stop
+
+
+def preset_bounds(
+    preset: BoundsPreset,
+    model: ModelName,
+    form: SearchForm,
+    image_size: tuple[int, int],
+    nominal: SE3,
+    reach: float,
+) -> dict[str, Interval]:
+    """(lower, upper) of every parameter of the model about a nominal T_camera_lidar; radians, metres and pixels.
+
+    See `apexcal.documents.bounds.preset_bounds`.
+    """
+    angles = euler_from_rotation(nominal.R).tolist()
+    return bounds.preset_bounds(preset, model, form, image_size, nominal.t.tolist(), angles, reach)
+
+
+def narrowed(preset: Mapping[str, Interval], overrides: Mapping[str, Interval]) -> dict[str, Interval]:
+    """The bounds with single parameters replaced. Raises SolveError for unknown names and lower > upper."""
+    check_names(overrides, preset, "bounds")
+    merged = dict(preset) | {name: (float(lo), float(hi)) for name, (lo, hi) in overrides.items()}
+    for name, (lower, upper) in merged.items():
+        if not (np.isfinite(lower) and np.isfinite(upper)):
+            raise SolveError("non_finite", f"The bounds of {name} are not finite: [{lower}, {upper}].", "")
+        if lower > upper:
+            raise SolveError(
+                "bounds_inside_out",
+                f"The bounds of {name} are inside out: lower {lower} is above upper {upper}.",
+                "Give them as [lower, upper].",
+            )
+    return merged
+
+
+def check_names(values: Mapping[str, object], names: Mapping[str, object], where: str) -> None:
+    """Raises SolveError `unknown_parameter` for a name that the model and search form do not have."""
+    for name in values:
+        if name not in names:
+            raise SolveError(
+                "unknown_parameter",
+                f"`{where}` names {name!r}, which is no parameter of this model in this search form.",
+                f"The parameters are {', '.join(names)}.",
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +135,8 @@ class FitProblem:
         check_schedule(self.schedule)
         if self.covariances is not None and len(self.covariances.marks) != len(self.points):
             raise SolveError("bad_covariances", "There is not one covariance for each pair.", "")
-        for given in (self.blocks and self.blocks.labels, self.velocities, self.people):
-            if given is not None and len(given) != len(self.points):
+        for rows in (self.blocks and self.blocks.labels, self.velocities, self.people):
+            if rows is not None and len(rows) != len(self.points):
                 raise SolveError("bad_shape", "There is not one block, velocity or row of people for each pair.", "")
         pairs, free = int(np.count_nonzero(self.weights)), len(self.free)
         if pairs < max(free, 1):

@@ -61,12 +61,12 @@ def residuals_and_jacobian(
     projection, form, k = PROJECTIONS[problem.model], FORM_ID[problem.search], p[6:].copy()
     n = len(problem.points)
     moved, residuals, jacobian = np.empty((n, 3)), np.empty(2 * n), np.zeros((2 * n, len(p)))
-    seen = _Projected(np.empty((n, 2)), np.empty(n), np.empty((n, 2, 3)), np.empty((n, 2, len(k))))
+    projected = _Projected(np.empty((n, 2)), np.empty(n), np.empty((n, 2, 3)), np.empty((n, 2, len(k))))
     move_points(form, p, problem.turned_points, moved)
-    projection.project_into(k, moved, seen.pixels, seen.violation)
-    projection.jacobians_into(k, moved, seen.by_point, seen.by_intrinsics)
+    projection.project_into(k, moved, projected.pixels, projected.violation)
+    projection.jacobians_into(k, moved, projected.by_point, projected.by_intrinsics)
     axes = np.eye(3) if local else rotation_axes(form, p)
-    _fill(seen, problem.pixels, moved - p[3:6], axes, problem.diagonal_px if walls else 0.0, residuals, jacobian)
+    _fill(projected, problem.pixels, moved - p[3:6], axes, problem.diagonal_px if walls else 0.0, residuals, jacobian)
     return residuals, jacobian
 
 
@@ -101,7 +101,7 @@ def move_points(form: int, p: Floats, points: Floats, out: Floats) -> None:
 
 @njit(nogil=True, error_model="numpy", cache=True)
 def _fill(
-    seen: _Projected,
+    projected: _Projected,
     marks: Floats,
     turned: Floats,
     axes: Floats,
@@ -111,17 +111,17 @@ def _fill(
 ) -> None:
     # turned (N, 3): the points as the search's rotation leaves them. wall_px: see above, 0 without walls.
     for i in range(marks.shape[0]):
-        if wall_px > 0.0 and seen.violation[i] > 0.0:
-            residuals[2 * i] = residuals[2 * i + 1] = wall_px * (1.0 + seen.violation[i]) / sqrt(2.0)
+        if wall_px > 0.0 and projected.violation[i] > 0.0:
+            residuals[2 * i] = residuals[2 * i + 1] = wall_px * (1.0 + projected.violation[i]) / sqrt(2.0)
             continue
         x, y, z = turned[i, 0], turned[i, 1], turned[i, 2]
         for c in range(2):
             row = 2 * i + c
-            P = seen.by_point[i, c]
-            residuals[row] = seen.pixels[i, c] - marks[i, c]
+            P = projected.by_point[i, c]
+            residuals[row] = projected.pixels[i, c] - marks[i, c]
             for j in range(3):
                 a, b, d = axes[0, j], axes[1, j], axes[2, j]
                 jacobian[row, j] = P[0] * (b * z - d * y) + P[1] * (d * x - a * z) + P[2] * (a * y - b * x)
                 jacobian[row, 3 + j] = P[j]
-            for j in range(seen.by_intrinsics.shape[2]):
-                jacobian[row, 6 + j] = seen.by_intrinsics[i, c, j]
+            for j in range(projected.by_intrinsics.shape[2]):
+                jacobian[row, 6 + j] = projected.by_intrinsics[i, c, j]

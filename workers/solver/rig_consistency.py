@@ -99,7 +99,7 @@ def _compare(a: SolvedCamera, b: SolvedCamera, stated: Sequence[StatedTransform]
         sentences=[],
         alarms=[],
     )
-    covariances = [mount_covariance(one.problem, one.result) for one in (a, b)]
+    covariances = [mount_covariance(camera.problem, camera.result) for camera in (a, b)]
     if covariances[0] is None or covariances[1] is None:
         unknown = a.name if covariances[0] is None else b.name
         pair.sentences.append(f"{pair.name} is not stated: the pairs do not determine the mount of {unknown}.")
@@ -120,32 +120,32 @@ def _state(pair: CameraPair, transform: SE3, covariance: Floats, stated: Sequenc
     pair.transform = SolvedTransform.model_validate(to_document(transform))
     pair.std = dict(zip(names, std.tolist(), strict=True))
     pair.interval95_half_width = dict(zip(names, (1.959963984540054 * std).tolist(), strict=True))
-    for one in _of_these_frames(stated, transform):
-        against = deviation(transform, covariance, one.transform, _stated_covariance(one))
-        pair.stated.append(_deviation_document(one, against))
-        _say(pair, _deviation_sentence(pair.name, one, against), is_alarm=against.sigmas > ALARM_SIGMAS)
+    for known_transform in _of_these_frames(stated, transform):
+        against = deviation(transform, covariance, known_transform.transform, _stated_covariance(known_transform))
+        pair.stated.append(_deviation_document(known_transform, against))
+        _say(pair, _deviation_sentence(pair.name, known_transform, against), is_alarm=against.sigmas > ALARM_SIGMAS)
 
 
-def _of_these_frames(stated: Sequence[StatedTransform], found: SE3) -> list[StatedTransform]:
-    wanted = (found.to_frame, found.from_frame)
+def _of_these_frames(stated: Sequence[StatedTransform], T_a_b: SE3) -> list[StatedTransform]:
+    frames = (T_a_b.to_frame, T_a_b.from_frame)
     result: list[StatedTransform] = []
-    for one in stated:
-        turned = (one.transform.from_frame, one.transform.to_frame) == wanted
-        transform = one.transform.inverse() if turned else one.transform
-        if (transform.to_frame, transform.from_frame) == wanted:
-            result.append(replace(one, transform=transform))
+    for candidate in stated:
+        turned = (candidate.transform.from_frame, candidate.transform.to_frame) == frames
+        transform = candidate.transform.inverse() if turned else candidate.transform
+        if (transform.to_frame, transform.from_frame) == frames:
+            result.append(replace(candidate, transform=transform))
     return result
 
 
-def _stated_covariance(one: StatedTransform) -> Floats:
-    return np.diag(np.repeat([np.radians(one.std_deg) ** 2, one.std_m**2], 3))
+def _stated_covariance(stated: StatedTransform) -> Floats:
+    return np.diag(np.repeat([np.radians(stated.std_deg) ** 2, stated.std_m**2], 3))
 
 
-def _deviation_document(one: StatedTransform, against: Deviation) -> StatedDeviation:
+def _deviation_document(stated: StatedTransform, against: Deviation) -> StatedDeviation:
     return StatedDeviation(
-        source=one.source,
-        std_deg=one.std_deg,
-        std_mm=1e3 * one.std_m,
+        source=stated.source,
+        std_deg=stated.std_deg,
+        std_mm=1e3 * stated.std_m,
         rotation_deg=against.rotation_deg,
         translation_mm=against.translation_mm,
         chi2=against.chi2,
@@ -155,9 +155,9 @@ def _deviation_document(one: StatedTransform, against: Deviation) -> StatedDevia
     )
 
 
-def _deviation_sentence(name: str, one: StatedTransform, against: Deviation) -> str:
-    what = "the nominal mount" if one.source == "nominal" else "what the rig states"
-    good_to = f"taken as good to {one.std_deg:g} degrees and {1e3 * one.std_m:g} mm about and along each axis"
+def _deviation_sentence(name: str, stated: StatedTransform, against: Deviation) -> str:
+    what = "the nominal mount" if stated.source == "nominal" else "what the rig states"
+    good_to = f"taken as good to {stated.std_deg:g} degrees and {1e3 * stated.std_m:g} mm about and along each axis"
     far = f"{name} lies {against.rotation_deg:.2f} degrees and {against.translation_mm:.0f} mm from {what}"
     # All six axes count together, so a distance of more than one axis' standard deviation may be an ordinary one.
     sigmas = "less than 1 sigma" if against.sigmas < 1.0 else f"{against.sigmas:.1f} sigmas"
@@ -177,43 +177,43 @@ def _shared(a: SolvedCamera, b: SolvedCamera, pair: CameraPair) -> SharedVertice
     if len(rows) == 0:
         pair.sentences.append(f"No vertex was marked in both {both}.")
         return None
-    found = agreement(a.view, b.view, rows)
-    if found is None:
+    shared = agreement(a.view, b.view, rows)
+    if shared is None:
         pair.sentences.append(f"{_vertices(len(rows))} marked in both {both} and cannot be compared.")
         return None
-    beyond_noise = found.rms_px > _FAR * found.expected_rms_px or found.offset_sigmas > ALARM_SIGMAS
-    du, dv = found.offset_px
+    beyond_noise = shared.rms_px > _FAR * shared.expected_rms_px or shared.offset_sigmas > ALARM_SIGMAS
+    du, dv = shared.offset_px
     parts = [
-        f"{_vertices(found.counted)} marked in both {both}: where {a.name}'s marks put them, {b.name}'s marks lie "
-        f"{found.rms_px:.2f} px away (RMS; noise explains {found.expected_rms_px:.2f}), on average by "
-        f"({du:+.2f}, {dv:+.2f}) px, {found.offset_sigmas:.1f} sigmas."
+        f"{_vertices(shared.counted)} marked in both {both}: where {a.name}'s marks put them, {b.name}'s marks lie "
+        f"{shared.rms_px:.2f} px away (RMS; noise explains {shared.expected_rms_px:.2f}), on average by "
+        f"({du:+.2f}, {dv:+.2f}) px, {shared.offset_sigmas:.1f} sigmas."
     ]
     if beyond_noise:
         parts.append("That is more than noise: a clock, marks of another corner, or a lens model that does not fit.")
-    if len(found.odd):
-        parts.append(f"{len(found.odd)} {'stands' if len(found.odd) == 1 else 'stand'} out.")
+    if len(shared.odd):
+        parts.append(f"{len(shared.odd)} {'stands' if len(shared.odd) == 1 else 'stand'} out.")
     _say(pair, " ".join(parts), is_alarm=beyond_noise)
-    return _agreement_document(found, a.pairs, len(rows))
+    return _agreement_document(shared, a.pairs, len(rows))
 
 
-def _agreement_document(found: Agreement, pairs: Mapping[str, Sequence[Any]], vertices: int) -> SharedVertices:
+def _agreement_document(shared: Agreement, pairs: Mapping[str, Sequence[Any]], vertices: int) -> SharedVertices:
     stamps = pairs.get("stamp_ns")
     return SharedVertices(
         vertices=vertices,
-        counted=found.counted,
-        mean_px=found.mean_px,
-        rms_px=found.rms_px,
-        expected_rms_px=found.expected_rms_px,
-        offset_px=list(found.offset_px),
-        offset_sigmas=found.offset_sigmas,
+        counted=shared.counted,
+        mean_px=shared.mean_px,
+        rms_px=shared.rms_px,
+        expected_rms_px=shared.expected_rms_px,
+        offset_px=list(shared.offset_px),
+        offset_sigmas=shared.offset_sigmas,
         odd=[
             OddVertex(
-                indices=found.rows[i].tolist(),
-                stamp_ns=None if stamps is None else stamps[int(found.rows[i, 0])],
-                distance_px=float(found.distances_px[i]),
-                sigmas=float(found.scores[i]),
+                indices=shared.rows[i].tolist(),
+                stamp_ns=None if stamps is None else stamps[int(shared.rows[i, 0])],
+                distance_px=float(shared.distances_px[i]),
+                sigmas=float(shared.scores[i]),
             )
-            for i in found.odd[:_LISTED].tolist()
+            for i in shared.odd[:_LISTED].tolist()
         ],
     )
 

@@ -17,8 +17,8 @@ from scipy import special
 
 from apexcal.documents.precision import RollingShutter
 from workers.solver.error_model import weighed
-from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate
+from workers.solver.outcomes import SolveError
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import by_point
 from workers.solver.shared_errors import shared_errors
@@ -47,22 +47,22 @@ def at_their_rows(problem: FitProblem) -> FitProblem:
     return replace(problem, points=problem.points + late_s[:, None] * problem.velocities)
 
 
-def rolling_shutter(found: Estimate) -> RollingShutter | None:
+def rolling_shutter(estimate: Estimate) -> RollingShutter | None:
     """What the residuals show. None if the pairs do not say how the apex moved, or do not determine it.
 
     What stretches of a walk share is estimated beside the line time, because they would absorb it otherwise.
     """
-    if found.errors is None or found.holding.velocities is None:
+    if estimate.errors is None or estimate.holding.velocities is None:
         return None
-    problem, p = whitened(found.holding, found.held_at), found.held_at
+    problem, p = whitened(estimate.holding, estimate.held_at), estimate.held_at
     assert problem.velocities is not None
     late = 1e-6 * problem.rows_below[:, None] * problem.velocities
     column = weighed(problem, np.einsum("nij,nj->ni", by_point(problem, p), late)[:, :, None])
     if not np.any(column[problem.weights > 0.0]):
         return None
-    wider = found.errors.with_columns(column)
-    if found.plain is not None and problem.blocks is not None and problem.blocks.over_time:
-        wider = found.plain.with_columns(column)
+    wider = estimate.errors.with_columns(column)
+    if estimate.plain is not None and problem.blocks is not None and problem.blocks.over_time:
+        wider = estimate.plain.with_columns(column)
         shared = shared_errors(problem, p, wider)
         wider = shared.errors if shared is not None else wider
     variance, freedom = float(wider.covariance()[-1, -1]), float(wider.freedoms()[-1])

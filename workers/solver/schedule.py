@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.geometry.rotations import shortest_vector
-from workers.solver.errors import SolveError
 from workers.solver.optima import MOST_SLOTS
+from workers.solver.outcomes import SolveError
 from workers.solver.problem import FitProblem
 from workers.solver.slot import SlotOutcome, run_slot
 
@@ -141,7 +141,7 @@ def from_document(document: Mapping[str, Any]) -> State:
         history=numbers("history"),
         stopped=next((reason for reason in _REASONS if reason == document["stopped"]), None),
         first_slot_parameters=tuple(
-            tuple(float(value) for value in one) for one in document["first_slot_parameters"]
+            tuple(float(value) for value in parameters) for parameters in document["first_slot_parameters"]
         ),
     )
 

@@ -50,13 +50,13 @@ def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> Shared |
     if not 1 < count < len(rows):
         return None
     components, names = _components(problem, p, _of_all(blocks.labels, used), used, blocks)
-    found = variances_of(model.fit, components)
-    evidence = likelihood_ratio(model.fit, components, found)
-    noise = float(found.variances[0])
+    fitted = variances_of(model.fit, components)
+    evidence = likelihood_ratio(model.fit, components, fitted)
+    noise = float(fitted.variances[0])
     wider = replace(
-        model, noise=noise, shared=(components,), variances=found.variances[1:], unsure=uncertainty_of(found)
+        model, noise=noise, shared=(components,), variances=fitted.variances[1:], unsure=uncertainty_of(fitted)
     )
-    sizes = np.sqrt(found.variances[1:])
+    sizes = np.sqrt(fitted.variances[1:])
     deviations = {
         name: float(np.degrees(size) if name.endswith("_deg") else size)
         for name, size in zip(names, sizes.tolist(), strict=True)
@@ -92,9 +92,9 @@ def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> Shared |
 
 def _of_all(labels: NDArray[np.int64], used: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(N,) the labels of the used pairs; the others have weight zero, so that their label does not count."""
-    found = np.zeros(len(used), np.int64)
-    found[used] = labels
-    return found
+    whole = np.zeros(len(used), np.int64)
+    whole[used] = labels
+    return whole
 
 
 def _shifts(problem: FitProblem, labels: NDArray[np.int64]) -> Components:

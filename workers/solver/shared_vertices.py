@@ -85,7 +85,7 @@ def agreement(a: View, b: View, rows: NDArray[np.int64]) -> Agreement | None:
     as the vertex moved between the two frames, where the pairing interpolates) is projected into camera b. So it is
     the angles between the cameras that are compared; the LiDAR enters with its range alone.
     """
-    predicted, seen = _carried(a, b, rows, np.zeros(2))
+    predicted, visible = _carried(a, b, rows, np.zeros(2))
     by_mark = np.empty((len(rows), 2, 2))
     for axis in range(2):
         step = np.zeros(2)
@@ -93,9 +93,9 @@ def agreement(a: View, b: View, rows: NDArray[np.int64]) -> Agreement | None:
         ahead, ahead_seen = _carried(a, b, rows, step)
         behind, behind_seen = _carried(a, b, rows, -step)
         by_mark[:, :, axis] = (ahead - behind) / (2.0 * _STEP_PX)
-        seen = seen & ahead_seen & behind_seen
-    rows, by_mark = rows[seen], by_mark[seen]
-    off = b.pixels[rows[:, 1]] - predicted[seen]
+        visible = visible & ahead_seen & behind_seen
+    rows, by_mark = rows[visible], by_mark[visible]
+    off = b.pixels[rows[:, 1]] - predicted[visible]
     covariance = b.sigma_px**2 * np.eye(2) + a.sigma_px**2 * by_mark @ by_mark.transpose(0, 2, 1)
     if len(rows) == 0 or not np.all(np.linalg.det(covariance) > 0.0):
         return None

@@ -12,13 +12,13 @@ from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from apexcal.geometry.se3 import SE3, to_document
 from workers.geometry.models import MODELS
 from workers.solver.fitness import Fitness, fitness_of
-from workers.solver.genetic import Found, genetic_search
+from workers.solver.genetic import SearchOutcome, genetic_search
+from workers.solver.outcomes import Stop
 from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.random_streams import stream_key
 from workers.solver.residuals import residuals_and_jacobian
-from workers.solver.stopping import Stop
 
-Search = Callable[[Fitness, Schedule, np.uint64, Stop], Found]
+Search = Callable[[Fitness, Schedule, np.uint64, Stop], SearchOutcome]
 """How a slot searches: the loss, how large, the key of its random stream, and who may end it."""
 
 
@@ -56,12 +56,12 @@ def run_slot(
     the problem's `stop` raises.
     """
     fitness = fitness_of(problem, np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64))
-    found = Found(np.zeros(0, dtype=np.float32), 0)
+    outcome = SearchOutcome(np.zeros(0, dtype=np.float32), 0)
     if fitness.genes:
-        found = search(fitness, problem.schedule, stream_key(problem, iteration, slot), problem.stop)
+        outcome = search(fitness, problem.schedule, stream_key(problem, iteration, slot), problem.stop)
     problem.stop.check()
-    p = fitness.parameters(found.best)
-    return SlotOutcome(fitness.loss_px(p), tuple(p.tolist()), found.evaluations)
+    p = fitness.parameters(outcome.best)
+    return SlotOutcome(fitness.loss_px(p), tuple(p.tolist()), outcome.evaluations)
 
 
 def warm_up() -> None:

@@ -1,5 +1,8 @@
 # pyright: reportMissingTypeStubs=false
-"""The end of a run: polish, baselines, uncertainty and plain words, as one result."""
+"""The end of a run: polish, baselines, uncertainty and plain words, as one result.
+
+It also says where the fit ended: on its bounds, far from its pairs, or beside another optimum.
+"""
 
 import os
 import platform
@@ -20,11 +23,11 @@ from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import distances_px, image_diagonal_px, project
 from workers.solver.baselines import baseline, linear_baseline
 from workers.solver.degeneracy import arbitrary, is_determined, point_problem
-from workers.solver.diagnosis import at_bounds, misfit, several_optima
-from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate, estimate
 from workers.solver.field import field
 from workers.solver.halves import halves_of
+from workers.solver.optima import MOST_SLOTS, optimum_sentences, other_optima
+from workers.solver.outcomes import SolveError
 from workers.solver.pair_errors import explained_px, marks_outside
 from workers.solver.polish import Fit, cost_of, distances, mean_and_rms
 from workers.solver.prediction import prediction
@@ -33,6 +36,7 @@ from workers.solver.residuals import transform_of
 from workers.solver.rolling_shutter import rolling_shutter
 from workers.solver.schedule import State
 from workers.solver.stated_lens import lens_origin, under_stated_lens
+from workers.solver.uncertainty import Uncertainty
 from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
@@ -61,18 +65,18 @@ def finished(problem: FitProblem, state: State) -> Finished:
     """
     if not state.best_parameters:
         raise SolveError("bad_schedule", "The run has no iteration to finish from.", "Run at least one.")
-    found = estimate(problem, np.array(state.best_parameters))
-    polished, outliers, kept, spread = found.fit, found.outliers, found.fitted, found.spread
-    p = found.parameters
+    best = estimate(problem, np.array(state.best_parameters))
+    polished, outliers, counted, spread = best.fit, best.outliers, best.fitted, best.spread
+    p = best.parameters
     is_whole = problem.fold < 0
-    halves = halves_of(found) if is_whole else []
+    halves = halves_of(best) if is_whole else []
     # Nothing reads the baselines and other optima of a fit that holds pairs out.
     plain: dict[str, Fit | None] = {}
     if is_whole:
-        plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
-    compared = _compared(whitened(kept, p), polished, plain)
+        plain = {"baseline": baseline(counted), "linear_baseline": linear_baseline(counted)}
+    compared = _compared(whitened(counted, p), polished, plain)
     transform = transform_of(problem, p)
-    status, message = _status(state, found, misfit(problem, p))
+    status, message = _status(state, best, misfit(problem, p))
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
     stages = {name: None if fit is None else _least_squares(problem, fit) for name, fit in plain.items()}
     lens = lens_of(problem, p)
@@ -101,25 +105,25 @@ def finished(problem: FitProblem, state: State) -> Finished:
         polished=_least_squares(problem, polished),
         baseline=stages.get("baseline"),
         linear_baseline=stages.get("linear_baseline"),
-        kept=_fitted_pairs(kept, p),
+        kept=_fitted_pairs(counted, p),
         outliers=outliers,
         parameters=people_parameters(problem, p, transform),
         intrinsics=lens,
         transform=SolvedTransform.model_validate(to_document(transform)),
         lens=lens_origin(problem),
-        stated_lens=under_stated_lens(problem, found) if is_whole else None,
+        stated_lens=under_stated_lens(problem, best) if is_whole else None,
         residuals_px=distances(problem, p).tolist(),
         at_bounds=at_bounds(problem, p),
         checks=[],
-        several_optima=several_optima(kept, state, polished, compared, spread) if is_whole else [],
-        shared_errors=found.shared,
+        several_optima=several_optima(counted, state, polished, compared, spread) if is_whole else [],
+        shared_errors=best.shared,
         common_errors=dict(problem.common_errors),
-        person_bias=found.bias,
+        person_bias=best.bias,
         line_time_us=problem.line_time_us,
-        rolling_shutter=rolling_shutter(found) if is_whole else None,
-        weak_priors=dict(found.weak),
+        rolling_shutter=rolling_shutter(best) if is_whole else None,
+        weak_priors=dict(best.weak),
         halves=halves,
-        prediction=prediction(found, halves) if is_whole else None,
+        prediction=prediction(best, halves) if is_whole else None,
         explained_px=explained_px(problem, lens, precision) if is_whole else None,
         marks_outside=marks_outside(problem) if is_whole else None,
         field=field(problem, p, np.array(precision.covariance.matrix)) if is_whole else None,
@@ -129,7 +133,7 @@ def finished(problem: FitProblem, state: State) -> Finished:
         provenance=None,
         finish_seconds=None,
     )
-    return Finished(found, result)
+    return Finished(best, result)
 
 
 def _compared(problem: FitProblem, polished: Fit, plain: Mapping[str, Fit | None]) -> dict[str, tuple[Fit, float]]:
@@ -213,16 +217,16 @@ def _version(library: str) -> str:
         return "not installed"
 
 
-def _status(state: State, found: Estimate, unexplained: str | None) -> tuple[Status, str]:
-    problem, p, spread = found.fitted, found.parameters, found.spread
+def _status(state: State, best: Estimate, unexplained: str | None) -> tuple[Status, str]:
+    problem, p, spread = best.fitted, best.parameters, best.spread
     if not is_determined(problem, p, spread):
         return "not_determined", point_problem(problem, p) or (
             f"The pairs do not determine {', '.join(arbitrary(problem, spread))}: these values are arbitrary."
         )
     if state.stopped is None:
         return "unfinished", f"The schedule was stopped after {state.iteration} iterations; this is its best so far."
-    if not found.outcome.converged:
-        return "not_converged", f"The polish did not converge: {found.outcome.sentence}"
+    if not best.outcome.converged:
+        return "not_converged", f"The polish did not converge: {best.outcome.sentence}"
     if unexplained:
         return "not_explained", unexplained
     reasons = {
@@ -246,3 +250,45 @@ def _least_squares(problem: FitProblem, fit: Fit) -> LeastSquares:
 
 def _named(problem: FitProblem, parameters: Sequence[float]) -> dict[str, float]:
     return dict(zip(problem.names, (float(value) for value in parameters), strict=True))
+
+
+_BASELINE_BETTER: Final = 1e-3
+_EXACT_PX: Final = 1e-4
+# Share of the image's diagonal: no marking, and no lens model that is roughly right, leaves half of the pairs there.
+_UNEXPLAINED: Final = 0.015
+
+
+def at_bounds(problem: FitProblem, p: NDArray[np.float64]) -> list[str]:
+    """Names of the free parameters that lie on an end of their bounds (within a millionth of the width)."""
+    lower, upper = problem.lower, problem.upper
+    margin = 1e-6 * (upper - lower)
+    free = [i for i in problem.free.tolist() if i > 2 or not problem.any_rotation]
+    return [problem.names[i] for i in free if p[i] <= lower[i] + margin[i] or p[i] >= upper[i] - margin[i]]
+
+
+def misfit(problem: FitProblem, p: NDArray[np.float64]) -> str | None:
+    """A sentence where half of the pairs lie further off than any marking explains: then it is no calibration."""
+    middle = float(np.median(distances(problem, p)[problem.weights > 0.0]))
+    if middle <= _UNEXPLAINED * problem.diagonal_px:
+        return None
+    return f"Half of the pairs lie more than {middle:.0f} px from where this calibration puts them."
+
+
+def several_optima(
+    problem: FitProblem, state: State, polished: Fit, plain: dict[str, tuple[Fit, float]], spread: Uncertainty
+) -> list[str]:
+    """Sentences where slots, or search and baselines, ended in different places: there may be another optimum.
+
+    plain: each baseline with its cost relative to the polished one's, by the words that name it.
+    """
+    sentences: list[str] = []
+    if is_determined(problem, np.array(polished.parameters), spread):
+        starts, ends = state.first_slot_parameters[:MOST_SLOTS], [fit for fit, _ in plain.values()]
+        sentences += optimum_sentences(problem, polished, other_optima(problem, polished, starts, ends))
+    for words, (fit, relative_cost) in plain.items():
+        if relative_cost < 1.0 - _BASELINE_BETTER and fit.rms_px < polished.rms_px - _EXACT_PX:
+            sentences.append(
+                f"{words} ends lower ({fit.rms_px:.3f} px RMS) than the search and its polish "
+                f"({polished.rms_px:.3f} px)."
+            )
+    return sentences

@@ -23,8 +23,8 @@ from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
 from apexcal.geometry.se3 import to_document
 from workers.geometry.models import INTRINSICS, ModelName, parse_model
-from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate, estimate
+from workers.solver.outcomes import SolveError
 from workers.solver.polish import mean_and_rms, weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
@@ -48,24 +48,24 @@ def lens_origin(problem: FitProblem) -> LensOrigin:
     return "stated, refined" if is_drawn else "fitted"
 
 
-def under_stated_lens(problem: FitProblem, found: Estimate) -> StatedLensFit | None:
-    """The mount of the same pairs under the problem's `stated_lens`, from `found`, the estimate of the problem.
+def under_stated_lens(problem: FitProblem, fitted: Estimate) -> StatedLensFit | None:
+    """The mount of the same pairs under the problem's `stated_lens`, from `fitted`, the estimate of the problem.
 
-    Both fits are least squares on the pairs that hold `found`. The stated lens is compared with the lens that these
-    pairs alone show: with `found`, or if a lock or prior holds its lens, with a fit without them. Its misfit is what
+    Both fits are least squares on the pairs that hold `fitted`. The stated lens is compared with the lens that these
+    pairs alone show: with `fitted`, or if a lock or prior holds its lens, with a fit without them. Its misfit is what
     it adds to the residuals (F test of nested models; Seber and Wild 2003, ch. 5). None if no lens is stated.
     """
     lens = problem.stated_lens
     if lens is None:
         return None
-    of_pairs = replace(problem, weights=found.holding.weights, loss=found.holding.loss, outliers="keep")
+    of_pairs = replace(problem, weights=fitted.holding.weights, loss=fitted.holding.loss, outliers="keep")
     model = parse_model(lens["model"])
     locked = {name: float(lens[name]) for name in INTRINSICS[model]}
-    mount = _fitted(of_pairs, model, found.held_at, locked, {name: (v, v) for name, v in locked.items()})
+    mount = _fitted(of_pairs, model, fitted.held_at, locked, {name: (v, v) for name, v in locked.items()})
     p = mount.parameters
     return StatedLensFit(
         **dict(mount.spread.precision()),
-        **_misfit(mount, _with_free_lens(of_pairs, found)),
+        **_misfit(mount, _with_free_lens(of_pairs, fitted)),
         intrinsics=Intrinsics.model_validate({"model": model, "image_size": problem.image_size, **locked}),
         transform=SolvedTransform.model_validate(to_document(transform_of(mount.fitted, p))),
         rms_px=mean_and_rms(mount.fitted, p)[1],
@@ -93,18 +93,18 @@ def _fitted(
     return estimate(here, np.concatenate([start[:6], [lens[name] for name in INTRINSICS[model]]]))
 
 
-def _with_free_lens(problem: FitProblem, found: Estimate) -> Estimate | None:
+def _with_free_lens(problem: FitProblem, fitted: Estimate) -> Estimate | None:
     """The estimate with a lens that only the pairs hold; None if they are too few for one."""
     if lens_origin(problem) == "fitted":
-        return found
+        return fitted
     names = INTRINSICS[problem.model]
     bounds = preset_bounds(
         "image-size", problem.model, problem.search, problem.image_size, problem.nominal.t.tolist()
     )
     skew = {"skew": problem.bounds["skew"]} if "skew" in names else {}
-    lens = dict(zip(names, found.held_at[6:].tolist(), strict=True))
+    lens = dict(zip(names, fitted.held_at[6:].tolist(), strict=True))
     try:
-        return _fitted(problem, problem.model, found.held_at, lens, {name: bounds[name] for name in names} | skew)
+        return _fitted(problem, problem.model, fitted.held_at, lens, {name: bounds[name] for name in names} | skew)
     except SolveError:
         return None
 
@@ -115,7 +115,7 @@ def _misfit(mount: Estimate, free: Estimate | None) -> dict[str, Any]:
         sentence = "These pairs are too few to tell whether the stated lens is true."
         return {"explains": None, "free_lens_rms_px": None, "sentence": sentence}
     of_mount, of_free = _squares(mount), _squares(free)
-    at_px, free_px = (mean_and_rms(one.fitted, one.held_at)[1] for one in (mount, free))
+    at_px, free_px = (mean_and_rms(fit.fitted, fit.held_at)[1] for fit in (mount, free))
     more, left = max(mount.spread.freedom - free.spread.freedom, 1.0), free.spread.freedom
     noise = max(of_free / left, 1e-12)
     statistic = max(of_mount - of_free, 0.0) / (more * noise)
@@ -129,8 +129,8 @@ def _misfit(mount: Estimate, free: Estimate | None) -> dict[str, Any]:
     return {"explains": explains, "free_lens_rms_px": free_px, "sentence": sentence}
 
 
-def _squares(found: Estimate) -> float:
+def _squares(fit: Estimate) -> float:
     """Sum of squared residuals of the marks, px^2, whitened where pairs state covariances."""
-    here = whitened(found.fitted, found.parameters)
-    residuals = weighted_residuals(here, found.parameters)[0][: 2 * len(here.points)]
+    here = whitened(fit.fitted, fit.parameters)
+    residuals = weighted_residuals(here, fit.parameters)[0][: 2 * len(here.points)]
     return float(residuals @ residuals)

@@ -43,13 +43,13 @@ def with_stretches(model: ErrorModel, groups: Components, shifts: Components) ->
         model.fit.pull,
     )
     alike = replace(shifts, shapes=whitened(shifts.shapes))
-    found = variances_of(fit, alike)
-    noise, shift = found.variances.tolist()
+    fitted = variances_of(fit, alike)
+    noise, shift = fitted.variances.tolist()
     of_groups = within.variances[1:] * noise / within.variances[0]
     unsure = np.zeros((2 + len(of_groups), 2 + len(of_groups)))
-    unsure[:-1, :-1], unsure[-1, -1] = uncertainty_of(within), uncertainty_of(found)[1, 1]
+    unsure[:-1, :-1], unsure[-1, -1] = uncertainty_of(within), uncertainty_of(fitted)[1, 1]
     both = replace(model, noise=noise, shared=(groups, shifts), variances=np.append(of_groups, shift), unsure=unsure)
-    return likelihood_ratio(fit, alike, found), both
+    return likelihood_ratio(fit, alike, fitted), both
 
 
 def _of_each(shifts: Components) -> Floats:
@@ -59,12 +59,12 @@ def _of_each(shifts: Components) -> Floats:
     return (shifts.shapes[:, :, None, :] * mine[:, None, :, None]).reshape(*shifts.shapes.shape[:2], -1)
 
 
-def _whitener(groups: Components, found: Variances) -> Callable[[Floats], Floats]:
+def _whitener(groups: Components, variances: Variances) -> Callable[[Floats], Floats]:
     """(N, 2, m) -> the same times (1 + A A^T)^(-1/2) of each group, A being what it shares over the noise.
 
     With A^T A = W L W^T that is 1 + A W ((1 + L)^(-1/2) - 1) L^-1 W^T A^T.
     """
-    root = np.sqrt(found.variances[1:][groups.component] / found.variances[0])
+    root = np.sqrt(variances.variances[1:][groups.component] / variances.variances[0])
     A, count = groups.shapes * root, int(groups.labels.max()) + 1
 
     def by_group(values: Floats) -> Floats:

@@ -68,7 +68,7 @@ class Uncertainty:
         if self.freedoms is not None:
             shift = np.zeros(len(self.std)) if self.shift is None else self.shift
             each = zip(self.std.tolist(), shift.tolist(), self.freedoms.tolist(), strict=True)
-            return np.array([_half_width95(*one) for one in each])
+            return np.array([_half_width95(*interval) for interval in each])
         return _factor95(self.freedom) * self.std
 
     def worst_correlation(self) -> WorstCorrelation | None:
@@ -151,8 +151,8 @@ def _taken(J: Floats, of_marks: int) -> float:
     # Degrees of freedom that the parameters take of the first rows: the trace of those rows of the hat matrix.
     lengths = np.linalg.norm(J, axis=0)
     U, s, _ = np.linalg.svd(J / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)
-    kept = s > _RANK_TOLERANCE * s[0] if s.size else s > 0.0
-    return float(np.sum(U[:of_marks, kept] ** 2))
+    determined = s > _RANK_TOLERANCE * s[0] if s.size else s > 0.0
+    return float(np.sum(U[:of_marks, determined] ** 2))
 
 
 def turns_are_free(problem: FitProblem) -> bool:
@@ -173,23 +173,23 @@ def _spread(problem: FitProblem, rows: Floats, sigma: float, freedom: float | No
     lengths = np.linalg.norm(J, axis=0)
     lengths[lengths == 0.0] = 1.0
     _, s, Vt = np.linalg.svd(J / lengths, full_matrices=False)
-    kept = s > _RANK_TOLERANCE * s[0] if s.size else s > 0.0
-    half = (Vt[kept] / s[kept, None]) / lengths * sigma
+    determined = s > _RANK_TOLERANCE * s[0] if s.size else s > 0.0
+    half = (Vt[determined] / s[determined, None]) / lengths * sigma
     covariance = (half.T @ half) * unit[:, None] * unit[None, :]
     std = np.sqrt(np.diag(covariance))
     # A parameter that takes part in an undetermined direction is not known at all.
-    std[np.any(np.abs(Vt[~kept]) > 1e-3, axis=0)] = np.inf
-    whole = bool(np.all(kept))
+    std[np.any(np.abs(Vt[~determined]) > 1e-3, axis=0)] = np.inf
+    whole = bool(np.all(determined))
     return Uncertainty(
         names,
         tuple(unit_of(name) for name in names),
         std,
         covariance,
-        int(np.count_nonzero(kept)),
+        int(np.count_nonzero(determined)),
         sigma,
         condition=(float(s[0] / s[-1]) if whole else np.inf) if s.size else 1.0,
         freedom=freedom,
-        undetermined=tuple(_parts(names, direction) for direction in Vt[~kept]),
+        undetermined=tuple(_parts(names, direction) for direction in Vt[~determined]),
         noise_scale=None if problem.covariances is None else sigma / problem.mark_sigma_px,
     )
 

@@ -109,19 +109,19 @@ def variances_of(fit: Linearised, shared: Components) -> Variances:
     return Variances(theta, here.information, free)
 
 
-def uncertainty_of(found: Variances) -> Floats:
+def uncertainty_of(estimate: Variances) -> Floats:
     """(1 + K, 1 + K) the covariance of the estimated variances; zero for those that are zero."""
-    unsure = np.zeros_like(found.information)
-    free = np.ix_(found.free, found.free)
-    unsure[free] = np.linalg.pinv(found.information[free], hermitian=True)
+    unsure = np.zeros_like(estimate.information)
+    free = np.ix_(estimate.free, estimate.free)
+    unsure[free] = np.linalg.pinv(estimate.information[free], hermitian=True)
     return unsure
 
 
-def likelihood_ratio(fit: Linearised, shared: Components, found: Variances) -> float:
+def likelihood_ratio(fit: Linearised, shared: Components, estimate: Variances) -> float:
     """Twice the log ratio of the restricted likelihoods with shared and with independent errors."""
     sums = _sums(fit, shared)
-    alone = np.zeros_like(found.variances)
-    with_it = _point(sums, fit, shared.component, found.variances).likelihood
+    alone = np.zeros_like(estimate.variances)
+    with_it = _point(sums, fit, shared.component, estimate.variances).likelihood
     # The noise that alone explains the residuals: its own likelihood has one maximum, here by Newton's method.
     alone[0] = sums.rr / max(sums.rows - len(fit.pull), 1)
     for _ in range(_ALONE):

@@ -19,7 +19,7 @@ from service.platform.db.detections import Detection, Vertex
 from service.platform.jobs.claims import Claim, Lease
 from workers.solver.clock_offset import estimate_offset
 from workers.tasks.context import Context
-from workers.tasks.loading import lidar_key, open_lidar, said_still, watched
+from workers.tasks.originals import lidar_key, open_lidar, said_still, watched
 from workers.vertices.pairing import on_track
 from workers.vertices.preview import preview as count_kept
 from workers.vertices.region import Region
@@ -31,21 +31,21 @@ from workers.vertices.vertex import Vertex as Found
 _SAMPLES = 360
 
 
-def preview(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
+def preview(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Json]:
     """Count frames and points inside the region, per ring."""
-    asked, key = _asked(context, held)
+    question, key = _asked(context, claim)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
         counts = count_kept(
-            watched(lidar, range(len(lidar)), lease, "counting points"), Region.from_document(asked["region"])
+            watched(lidar, range(len(lidar)), lease, "counting points"), Region.from_document(question["region"])
         )
     result: Json = counts.model_dump()
     return lambda session: result
 
 
-def suggestion(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
+def suggestion(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Json]:
     """A region around what moves."""
     with context.database.reading() as session:
-        analysis = session.get_one(Analysis, held.subject_id)
+        analysis = session.get_one(Analysis, claim.subject_id)
         key, still = lidar_key(session, analysis.recording_id), said_still(session, analysis.recording_id)
     calls = count(1)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
@@ -55,16 +55,16 @@ def suggestion(context: Context, held: Claim, lease: Lease) -> Callable[[Session
         def report(_: int) -> None:
             lease.report(min(next(calls) / reads, 1.0), "looking for what moves")
 
-        found = suggest_region(lidar, samples=_SAMPLES, on_sweep=report, still=still)
-    result: Json = {"region": found.document, "facts": dict(found.facts)}
+        suggested = suggest_region(lidar, samples=_SAMPLES, on_sweep=report, still=still)
+    result: Json = {"region": suggested.document, "facts": dict(suggested.facts)}
     return lambda session: result
 
 
-def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
+def clock_offset(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Json]:
     """The offset between the clocks, from a detection's vertices and what people marked."""
     lease.report(0.0, "fitting the camera and its clock")
     with context.database.reading() as session:
-        analysis = session.get_one(Analysis, held.subject_id)
+        analysis = session.get_one(Analysis, claim.subject_id)
         vertices = _vertices(session, analysis.detection_id)
         poses = said_still(session, analysis.recording_id) or bool(
             session.get_one(Detection, analysis.detection_id).counts.get("poses")
@@ -94,10 +94,10 @@ def must_move(vertices: Sequence[Found], poses: bool) -> None:
         )
 
 
-def _asked(context: Context, held: Claim) -> tuple[Json, str]:
+def _asked(context: Context, claim: Claim) -> tuple[Json, str]:
     """What an analysis asks, and where its recording's LiDAR is."""
     with context.database.reading() as session:
-        analysis = session.get_one(Analysis, held.subject_id)
+        analysis = session.get_one(Analysis, claim.subject_id)
         return analysis.asked, lidar_key(session, analysis.recording_id)
 
 

@@ -11,18 +11,18 @@ from sqlalchemy.orm import Session
 from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.base import Json
 from service.platform.db.recordings import Recording
-from service.platform.db.repeating import repeated
+from service.platform.db.session import repeated
 from service.platform.jobs.claims import Claim, require_mine
 from service.platform.storage.blobs import keep, reserve
 from service.platform.storage.quota import QuotaExceededError, counted, recounting, require_quota, take
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
-from workers.tasks.loading import require_room
+from workers.tasks.originals import require_room
 
 _PIECE = 1 << 20
 
 
-def store_file(context: Context, held: Claim, file: Path, prefix: str) -> str:
+def store_file(context: Context, claim: Claim, file: Path, prefix: str) -> str:
     """Put a file into the store, and return its key under ``prefix``.
 
     Raises :class:`ReadError` ``fleet_quota_exceeded``, ``ingest_disk_full``.
@@ -30,23 +30,23 @@ def store_file(context: Context, held: Claim, file: Path, prefix: str) -> str:
     size = file.stat().st_size
     require_room(context, context.store.free_bytes(), size)
     try:
-        key = repeated(lambda: _reserve(context, held, prefix, file.suffix, size))
+        key = repeated(lambda: _reserve(context, claim, prefix, file.suffix, size))
     except QuotaExceededError as error:
         raise ReadError(error.code, error.message, error.hint, error.fields) from None
     context.store.put_file(key, file)
     return key
 
 
-def keeping(held: Claim, key: str, file: Path, name: str, told: Json) -> Callable[[Session], Json]:
-    """What keeps the analysis's stored file, called ``name``, and hands over the result, with ``told`` in it."""
+def keeping(claim: Claim, key: str, file: Path, name: str, facts: Json) -> Callable[[Session], Json]:
+    """What keeps the analysis's stored file, called ``name``, and hands over the result, with ``facts`` in it."""
     size, sha256 = file.stat().st_size, _digest(file)
 
     def write(session: Session) -> Json:
-        row = session.get_one(Analysis, held.subject_id)
-        with recounting(session, row.recording_id, besides=held.job_id):
+        row = session.get_one(Analysis, claim.subject_id)
+        with recounting(session, row.recording_id, besides=claim.job_id):
             keep(session, key, size=size, sha256=sha256)
             session.add(AnalysisFile(analysis_id=row.id, blob_key=key, file_name=name))
-        return {"file_name": name, "size": size, "sha256": sha256, **told}
+        return {"file_name": name, "size": size, "sha256": sha256, **facts}
 
     return write
 
@@ -59,15 +59,15 @@ def _digest(file: Path) -> str:
     return whole.hexdigest()
 
 
-def _reserve(context: Context, held: Claim, prefix: str, suffix: str, size: int) -> str:
+def _reserve(context: Context, claim: Claim, prefix: str, suffix: str, size: int) -> str:
     """A key, if the fleet has room: what a recording's jobs reserve counts, so that several do not exceed it."""
     allowed = context.settings.fleet_quota_bytes
     with context.database.writing() as session:
-        require_mine(session, held)
-        row = session.get_one(Analysis, held.subject_id)
+        require_mine(session, claim)
+        row = session.get_one(Analysis, claim.subject_id)
         if row.recording_id is None:
             require_quota(session, row.fleet_id, size, allowed)
         else:
             recording = session.get_one(Recording, row.recording_id, with_for_update=True)
-            take(session, recording, counted(session, recording, besides=held.job_id) + size, allowed)
-        return reserve(session, prefix, suffix=suffix, size=size, job_id=held.job_id, attempt=held.attempt)
+            take(session, recording, counted(session, recording, besides=claim.job_id) + size, allowed)
+        return reserve(session, prefix, suffix=suffix, size=size, job_id=claim.job_id, attempt=claim.attempt)

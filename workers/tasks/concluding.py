@@ -23,17 +23,24 @@ from apexcal.geometry.image_frames import T_images_camera
 from apexcal.geometry.result_differences import compared
 from apexcal.geometry.se3 import from_document
 from service.platform.db.base import Json
-from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
+from service.platform.db.calibrations import (
+    FULL,
+    Calibration,
+    CalibrationRun,
+    CorrespondenceSet,
+    Result,
+    Slot,
+    current_publication,
+)
 from service.platform.db.fleets import Rig
-from service.platform.db.publications import current_publication
 from service.platform.handovers import Conclusion
 from service.platform.jobs.claims import Claim, Lease
 from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
 from workers.judge.validation_checks import elsewhere as other_data_check
 from workers.models.summary import CameraFit, camera_summary
+from workers.solver.outcomes import Stop
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
-from workers.solver.stopping import Stop
 from workers.tasks.context import Context
 from workers.tasks.other_data import other_data
 from workers.tasks.solving import read_run
@@ -77,10 +84,10 @@ class _Judged(NamedTuple):
         return {"id": self.result.id, "checks": checks, "verdict": verdict, "compared_with": self.current_id}
 
 
-def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Conclusion]:
+def conclude(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Conclusion]:
     """Summarise and judge a calibration whose runs have all ended."""
     with context.database.reading() as session:
-        calibration = session.get_one(Calibration, held.subject_id)
+        calibration = session.get_one(Calibration, claim.subject_id)
         cameras = _by_camera(session.scalars(_RESULTS, {"calibration": calibration.id}).all())
         fits = _fits(session, calibration.id, cameras)
         lease.report(0.0, "comparing the models")
@@ -91,7 +98,9 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
         runs = session.execute(of_runs.where(CalibrationRun.calibration_id == calibration.id)).all()
         sets = {run.id: run.set_id for run in runs}
         current = {camera: _current(session, calibration.vehicle_id, camera) for camera in cameras}
-        elsewhere = other_data(session, [one for found in cameras.values() for one in found if one.fold == FULL])
+        elsewhere = other_data(
+            session, [judgement for every in cameras.values() for judgement in every if judgement.fold == FULL]
+        )
     rig = _compared(solved, stated, summaries) if len(cameras) > 1 else None
     ended_well = all(run.state == WorkState.DONE for run in runs)
     judged = [
@@ -104,13 +113,13 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
         for result in of_camera
         if result.fold == FULL
     ]
-    for one in judged:
-        model = summaries[one.result.camera].models[one.result.model]
-        model.verdict, model.verdict_alone = one.verdict("mount_with_lens"), one.verdict("mount_alone")
+    for judgement in judged:
+        model = summaries[judgement.result.camera].models[judgement.result.model]
+        model.verdict, model.verdict_alone = judgement.verdict("mount_with_lens"), judgement.verdict("mount_alone")
     conclusion = Conclusion(
         Summary(cameras=summaries, rig=rig),
-        [one.columns for one in judged],
-        {camera: one and one.result.id for camera, one in current.items()},
+        [judgement.columns for judgement in judged],
+        {camera: judgement and judgement.result.id for camera, judgement in current.items()},
         next((run.failure for run in runs if run.failure), None),
     )
     return lambda session: conclusion
@@ -128,7 +137,7 @@ def _judge(
     ended_well: bool,
 ) -> _Judged:
     """Judge a fit beside the other fits of its calibration, and beside what the vehicle has."""
-    folds = [one.result for one in fits if one.result.model == result.model and one.heldout_fold is not None]
+    folds = [fit.result for fit in fits if fit.result.model == result.model and fit.heldout_fold is not None]
     points = np.column_stack([pairs[name] for name in "xyz"]).astype(np.float64)
     other = None if current is None or current.result.id == result.id else current
     checks = checks_of_calibration(
@@ -167,7 +176,7 @@ def _by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:
     cameras: dict[str, list[Result]] = defaultdict(list)
     for result in results:
         cameras[result.camera].append(result)
-    return {name: found for name, found in cameras.items() if any(result.fold == FULL for result in found)}
+    return {name: fits for name, fits in cameras.items() if any(result.fold == FULL for result in fits)}
 
 
 def _fits(session: Session, calibration: UUID, cameras: Mapping[str, Sequence[Result]]) -> dict[str, list[CameraFit]]:
@@ -242,14 +251,14 @@ def _stated(session: Session, calibration: Calibration) -> list[StatedTransform]
     rig = session.get_one(Rig, calibration.rig_id)
     nominal = combinations((from_document(camera.nominal) for camera in rig.cameras), 2)
     stated = [StatedTransform(a @ b.inverse(), "nominal") for a, b in nominal] + [
-        StatedTransform(from_document(one["transform"]), "rig", one["std_deg"], 1e-3 * one["std_mm"])
-        for one in rig.camera_transforms or []
+        StatedTransform(from_document(edge["transform"]), "rig", edge["std_deg"], 1e-3 * edge["std_mm"])
+        for edge in rig.camera_transforms or []
     ]
-    turns = [from_document(T_images_camera(one.frame, one.images)) for one in rig.cameras]
+    turns = [from_document(T_images_camera(edge.frame, edge.images)) for edge in rig.cameras]
     by_frame = {turn.from_frame: turn for turn in turns}
     # Results lead to the frames of the images.
     return [
-        replace(one, transform=by_frame[known.to_frame] @ known @ by_frame[known.from_frame].inverse())
-        for one in stated
-        for known in [one.transform]
+        replace(edge, transform=by_frame[mount.to_frame] @ mount @ by_frame[mount.from_frame].inverse())
+        for edge in stated
+        for mount in [edge.transform]
     ]

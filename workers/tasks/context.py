@@ -1,8 +1,12 @@
-"""What a worker process holds while it lives: its database, its store, its name. Made after the fork."""
+"""What a worker process holds while it lives: its database, its store, its name. Made after the fork.
+
+Scratch folders of processes that died before they could remove them are removed here.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import socket
 import tempfile
@@ -10,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
+from urllib.parse import quote
 from uuid import UUID
 
 from sqlalchemy.orm import undefer
@@ -22,7 +27,6 @@ from service.platform.db.session import Database
 from service.platform.jobs.messages import COURIER, Sender
 from service.platform.settings import Settings, get_settings
 from service.platform.storage.store import open_store
-from workers.tasks.leftovers import scratch_prefix
 
 # Correspondence sets in memory: megabytes at most.
 _SETS = 4
@@ -71,3 +75,37 @@ class Context:
 def get_context() -> Context:
     """This process's context."""
     return Context(get_settings())
+
+
+# It separates host and process. No quoted host name holds it: hosts may be called `gpu` and `gpu-7`.
+_SEPARATOR = "+"
+
+
+def scratch_prefix() -> str:
+    """What the names of this process's scratch folders begin with: several hosts may share the data folder."""
+    return _SEPARATOR.join((_host(), str(os.getpid()), ""))
+
+
+def remove_leftovers(scratch: Path) -> None:
+    """Remove the folders of this host's dead processes."""
+    if not scratch.is_dir():
+        return
+    mine = re.compile(rf"{re.escape(_host() + _SEPARATOR)}(\d+){re.escape(_SEPARATOR)}.*")
+    for folder in scratch.iterdir():
+        match = mine.fullmatch(folder.name)
+        if match and not _alive(int(match[1])):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _host() -> str:
+    return quote(socket.gethostname(), safe="")
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

@@ -22,23 +22,23 @@ from workers.tasks.viewing import viewer_file
 _EDITS = ("lidar_frame", "cameras", "poses")
 
 
-def calibrated_copy(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
+def calibrated_copy(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Json]:
     """Write the file in a limited child, and store it."""
     with context.database.reading() as session:
-        analysis = session.get_one(Analysis, held.subject_id)
+        analysis = session.get_one(Analysis, claim.subject_id)
         recording = session.get_one(Recording, analysis.recording_id)
-    asked = analysis.asked
-    write_file, ending = (viewer_file, "for-viewers") if asked.get("for_viewers") else (_copy, "calibrated")
+    question = analysis.asked
+    write_file, ending = (viewer_file, "for-viewers") if question.get("for_viewers") else (_copy, "calibrated")
     with context.scratch() as folder:
-        made = write_file(context, recording, asked, folder, lease)
+        made = write_file(context, recording, question, folder, lease)
         file = folder / "copy" / made["file"]
-        key = store_file(context, held, file, f"recordings/{recording.id}/copies")
+        key = store_file(context, claim, file, f"recordings/{recording.id}/copies")
         name = f"{_stem(recording.file_name)}-{ending}{file.suffix}"
-        counts = {one: made[one] for one in ("copied", "replaced", "added", "left_out") if one in made}
-        return keeping(held, key, file, name, counts)
+        counts = {count: made[count] for count in ("copied", "replaced", "added", "left_out") if count in made}
+        return keeping(claim, key, file, name, counts)
 
 
-def _copy(context: Context, recording: Recording, asked: Json, folder: Path, lease: Lease) -> dict[str, Any]:
+def _copy(context: Context, recording: Recording, question: Json, folder: Path, lease: Lease) -> dict[str, Any]:
     """The recording's own file with the calibration put in."""
     with context.database.reading() as session:
         parts = session.scalars(
@@ -47,7 +47,7 @@ def _copy(context: Context, recording: Recording, asked: Json, folder: Path, lea
     return write_limited(
         [join_parts(context, recording, parts, folder, lease)],
         folder / "copy",
-        {"copy": {name: asked[name] for name in _EDITS}},
+        {"copy": {name: question[name] for name in _EDITS}},
         limits=reading_limits(context.settings, recording.size),
         name=recording.file_name,
         must_stop=lease.check,

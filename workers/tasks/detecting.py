@@ -14,15 +14,14 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP, nearest
 from apexcal.documents.states import UNENDED, WorkState
-from service.platform.db.base import Json
+from service.platform.db.base import Json, new_id
 from service.platform.db.clock import now
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.platform.db.ids import new_id
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.jobs.claims import Claim, Lease
-from workers.tasks import corner_columns
 from workers.tasks.context import Context
-from workers.tasks.loading import lidar_key, open_lidar, said_still
+from workers.tasks.cornering import frame_columns, vertex_columns
+from workers.tasks.originals import lidar_key, open_lidar, said_still
 from workers.vertices.detectors import detect_range
 from workers.vertices.order import spread_order
 from workers.vertices.pairing import on_track, pair, pair_interpolated
@@ -55,15 +54,15 @@ class Pair:
 Pairs = dict[UUID, list[Pair | None]]
 
 
-def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Detection | None]:
+def detect(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Detection | None]:
     """Detect in the sweeps ``first`` to ``stop`` of the payload, or in all of them."""
     with context.database.reading() as session:
-        asked = session.get_one(Detection, held.subject_id)
+        asked = session.get_one(Detection, claim.subject_id)
         key = lidar_key(session, asked.recording_id)
         cameras = _camera_stamps(session, asked.recording_id)
         still = said_still(session, asked.recording_id)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
-        shard = range(held.payload.get("first", 0), held.payload.get("stop", len(lidar)))
+        shard = range(claim.payload.get("first", 0), claim.payload.get("stop", len(lidar)))
         region = Region.from_document(asked.region)
 
         def report(index: int) -> None:
@@ -78,17 +77,17 @@ def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], D
     return writing(asked, found, {sensor: _pair(found, stamps, asked.pairing) for sensor, stamps in cameras.items()})
 
 
-def writing(asked: Detection, found: Detections, pairs: Pairs) -> Callable[[Session], Detection | None]:
+def writing(run: Detection, batch: Detections, pairs: Pairs) -> Callable[[Session], Detection | None]:
     """What puts a shard's vertices and pairs into the finishing transaction, and hands over what is to be marked."""
 
     def write(session: Session) -> Detection | None:
         # Runs of one recording share its apexes, so they write one after the other.
-        of_recording = select(Recording.id).where(Recording.id == asked.recording_id)
+        of_recording = select(Recording.id).where(Recording.id == run.recording_id)
         session.execute(of_recording.with_for_update(key_share=True))
-        row = session.scalars(select(Detection).where(Detection.id == asked.id).with_for_update()).one()
+        row = session.scalars(select(Detection).where(Detection.id == run.id).with_for_update()).one()
         if row.state in UNENDED:
-            _write_vertices(session, asked, found, pairs)
-            _advance(session, row, found)
+            _write_vertices(session, run, batch, pairs)
+            _advance(session, row, batch)
         return row if row.counts.get("paired") and row.state == WorkState.RUNNING else None
 
     return write
@@ -108,41 +107,41 @@ def _camera_stamps(session: Session, recording_id: UUID) -> dict[UUID, np.ndarra
     return {sensor_id: np.array(values, np.int64) for sensor_id, values in stamps.items()}
 
 
-def _pair(found: Detections, stamps: np.ndarray, pairing: Json) -> list[Pair | None]:
+def _pair(batch: Detections, stamps: np.ndarray, pairing: Json) -> list[Pair | None]:
     """Each vertex's frame, or None where there is none near enough. Still poses have no track to be moved along."""
     near = {"offset_ns": pairing["offset_ns"], "max_gap_ns": pairing["max_gap_ns"]}
-    times = np.array([vertex.time_ns for vertex in found.vertices], np.int64)
+    times = np.array([vertex.time_ns for vertex in batch.vertices], np.int64)
     index, gap = pair(times, stamps, **near)
     rows = zip(index.tolist(), gap.tolist(), strict=True)
     nearest = [Pair(frame, gap_ns) if frame >= 0 else None for frame, gap_ns in rows]
-    if pairing["mode"] == "nearest" or found.poses is not None:
+    if pairing["mode"] == "nearest" or batch.poses is not None:
         return nearest
-    track = pair_interpolated(found.vertices, stamps, context=found.context, **near)
-    rows = zip(found.vertices, track.index.tolist(), track.xyz, track.covariance, strict=True)
+    track = pair_interpolated(batch.vertices, stamps, context=batch.context, **near)
+    rows = zip(batch.vertices, track.index.tolist(), track.xyz, track.covariance, strict=True)
     along = [_moved(vertex, frame, xyz, spread) if frame >= 0 else None for vertex, frame, xyz, spread in rows]
     if pairing["mode"] == "interpolate":
         return along
     # The ring rules state no covariances: a moved vertex beside one that stayed would state what the other does not.
-    tracked = on_track(found.vertices, found.context).tolist()
-    moves = [yes and vertex.covariance is not None for yes, vertex in zip(tracked, found.vertices, strict=True)]
+    tracked = on_track(batch.vertices, batch.context).tolist()
+    moves = [yes and vertex.covariance is not None for yes, vertex in zip(tracked, batch.vertices, strict=True)]
     return [moved if yes else stayed for yes, moved, stayed in zip(moves, along, nearest, strict=True)]
 
 
 def _moved(vertex: Found, frame: int, xyz: np.ndarray, covariance: np.ndarray) -> Pair:
     x, y, z = xyz.tolist()
-    return Pair(frame, 0, (x, y, z), covariance.tolist(), corner_columns.of_frame(vertex, xyz, covariance))
+    return Pair(frame, 0, (x, y, z), covariance.tolist(), frame_columns(vertex, xyz, covariance))
 
 
-def _write_vertices(session: Session, asked: Detection, found: Detections, pairs: Pairs) -> None:
-    apexes = _known_apexes(session, asked.recording_id, [vertex.sweep_index for vertex in found.vertices])
-    for number, vertex in enumerate(found.vertices):
+def _write_vertices(session: Session, run: Detection, batch: Detections, pairs: Pairs) -> None:
+    apexes = _known_apexes(session, run.recording_id, [vertex.sweep_index for vertex in batch.vertices])
+    for number, vertex in enumerate(batch.vertices):
         apex_id = nearest(apexes[vertex.sweep_index], vertex.xyz)
         if apex_id is None:
             (x, y, z), apex_id = vertex.xyz, new_id()
             session.add(
-                Apex(id=apex_id, recording_id=asked.recording_id, sweep_index=vertex.sweep_index, x=x, y=y, z=z)
+                Apex(id=apex_id, recording_id=run.recording_id, sweep_index=vertex.sweep_index, x=x, y=y, z=z)
             )
-        row = _vertex_row(asked.id, apex_id, vertex)
+        row = _vertex_row(run.id, apex_id, vertex)
         session.add(row)
         session.add_all(
             _frame_row(row.id, sensor, pair)
@@ -169,16 +168,16 @@ def _frame_row(vertex_id: UUID, sensor_id: UUID, pair: Pair) -> VertexFrame:
 
 
 def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> dict[int, list[_Known]]:
-    known: dict[int, list[_Known]] = defaultdict(list)
+    apexes: dict[int, list[_Known]] = defaultdict(list)
     if sweeps:
-        asked = select(Apex.sweep_index, Apex.id, Apex.x, Apex.y, Apex.z).where(
+        statement = select(Apex.sweep_index, Apex.id, Apex.x, Apex.y, Apex.z).where(
             Apex.recording_id == recording_id,
             Apex.corner == TOP,
             Apex.sweep_index.between(min(sweeps), max(sweeps)),
         )
-        for sweep, apex_id, *place in session.execute(asked):
-            known[sweep].append((apex_id, place))
-    return known
+        for sweep, apex_id, *xyz in session.execute(statement):
+            apexes[sweep].append((apex_id, xyz))
+    return apexes
 
 
 def _vertex_row(detection_id: UUID, apex_id: UUID, vertex: Found) -> Vertex:
@@ -198,30 +197,30 @@ def _vertex_row(detection_id: UUID, apex_id: UUID, vertex: Found) -> Vertex:
         quality=vertex.quality,
         flags=list(vertex.flags),
         covariance=[list(line) for line in vertex.covariance] if vertex.covariance else None,
-        **corner_columns.of_vertex(vertex.corners),
+        **vertex_columns(vertex.corners),
     )
 
 
-def _advance(session: Session, row: Detection, found: Detections) -> None:
+def _advance(session: Session, row: Detection, batch: Detections) -> None:
     """Add this shard's counts; the last one settles the pairs, orders the vertices, says when there is nothing."""
     before = row.counts
     counts = {
-        "sweeps": before.get("sweeps", 0) + found.frames,
-        "accepted": before.get("accepted", 0) + len(found.vertices),
-        "rejected": _added(before, "rejected", found.rejected),
-        "quality": _added(before, "quality", Counter(vertex.quality for vertex in found.vertices if vertex.quality)),
-        "flags": _added(before, "flags", Counter(flag for vertex in found.vertices for flag in vertex.flags)),
-        "refused_sweeps": _runs(before.get("refused_sweeps", {}), found.refused),
+        "sweeps": before.get("sweeps", 0) + batch.frames,
+        "accepted": before.get("accepted", 0) + len(batch.vertices),
+        "rejected": _added(before, "rejected", batch.rejected),
+        "quality": _added(before, "quality", Counter(vertex.quality for vertex in batch.vertices if vertex.quality)),
+        "flags": _added(before, "flags", Counter(flag for vertex in batch.vertices for flag in vertex.flags)),
+        "refused_sweeps": _runs(before.get("refused_sweeps", {}), batch.refused),
     }
-    if found.poses is not None:
+    if batch.poses is not None:
         counts |= {
-            "poses": found.poses.count,
-            "poses_stated": found.poses.stated,
-            "poses_walked": found.poses.walked,
+            "poses": batch.poses.count,
+            "poses_stated": batch.poses.stated,
+            "poses_walked": batch.poses.walked,
         }
-    if found.size is not None:
-        counts["size"] = asdict(found.size)
-    counts |= _rolls(before.get("roll"), [vertex.roll[0] for vertex in found.vertices if vertex.roll])
+    if batch.size is not None:
+        counts["size"] = asdict(batch.size)
+    counts |= _rolls(before.get("roll"), [vertex.roll[0] for vertex in batch.vertices if vertex.roll])
     row.state = WorkState.RUNNING
     if row.remaining == 1:
         counts |= _settle_frames(session, row)
@@ -240,10 +239,10 @@ def _nothing_found(session: Session, row: Detection, counts: Json) -> Json | Non
     if counts.get("poses"):
         return None
     rows = session.execute(select(Vertex.x, Vertex.y, Vertex.z).where(Vertex.detection_id == row.id)).all()
-    place = fixed_place(np.array([tuple(xyz) for xyz in rows], np.float64).reshape(-1, 3))
-    if place is None:
+    fixed_xyz = fixed_place(np.array([tuple(xyz) for xyz in rows], np.float64).reshape(-1, 3))
+    if fixed_xyz is None:
         return None
-    x, y, z = place
+    x, y, z = fixed_xyz
     return {
         "code": "fixed_object",
         "detail": f"The vertex stands at one place in nearly all of {len(rows)} sweeps: x {x:.2f}, y {y:.2f}, "
@@ -260,8 +259,8 @@ def _added(before: Json, name: str, more: Mapping[str, int]) -> dict[str, int]:
 def _runs(before: Mapping[str, list[list[int]]], refused: Mapping[int, str]) -> dict[str, list[list[int]]]:
     """By reason, [first, last] of each run of neighbouring sweeps refused for it: runs of all shards so far."""
     runs: dict[str, list[list[int]]] = defaultdict(list)
-    known = [(first, last, name) for name, of_reason in before.items() for first, last in of_reason]
-    for first, last, name in sorted([*known, *((index, index, reason) for index, reason in refused.items())]):
+    earlier = [(first, last, name) for name, of_reason in before.items() for first, last in of_reason]
+    for first, last, name in sorted([*earlier, *((index, index, reason) for index, reason in refused.items())]):
         of_reason = runs[name]
         if of_reason and of_reason[-1][1] == first - 1:
             of_reason[-1][1] = last
@@ -274,11 +273,13 @@ def _rolls(before: Mapping[str, float] | None, rolls: list[float]) -> Json:
     """How the board was rolled in the vertices of all shards so far; empty where no vertex tells."""
     if not rolls:
         return {"roll": before} if before else {}
-    known, mean, spread = (before[key] for key in ("vertices", "mean_deg", "spread_deg")) if before else (0, 0.0, 0.0)
+    earlier, mean, spread = (
+        (before[key] for key in ("vertices", "mean_deg", "spread_deg")) if before else (0, 0.0, 0.0)
+    )
     more = np.degrees(rolls)
-    count = known + more.size
-    both = (known * mean + float(more.sum())) / count
-    squares = known * (spread**2 + (mean - both) ** 2) + float(np.sum((more - both) ** 2))
+    count = earlier + more.size
+    both = (earlier * mean + float(more.sum())) / count
+    squares = earlier * (spread**2 + (mean - both) ** 2) + float(np.sum((more - both) ** 2))
     return {"roll": {"vertices": count, "mean_deg": both, "spread_deg": sqrt(squares / count)}}
 
 
@@ -301,22 +302,22 @@ def _settle_frames(session: Session, run: Detection) -> dict[str, int]:
         .where(Vertex.detection_id == run.id)
         .order_by(Vertex.time_ns, Vertex.id)
     ).all()
-    kept: dict[tuple[UUID, int], tuple[int, UUID]] = {}
+    closest: dict[tuple[UUID, int], tuple[int, UUID]] = {}
     lost: list[tuple[UUID, UUID]] = []
     for sensor_id, frame_index, difference_ns, vertex_id in rows:
         away_ns = abs(difference_ns - run.pairing["offset_ns"])
-        other = kept.get((sensor_id, frame_index))
+        other = closest.get((sensor_id, frame_index))
         if other and other[0] <= away_ns:
             lost.append((vertex_id, sensor_id))
             continue
         if other:
             lost.append((other[1], sensor_id))
-        kept[sensor_id, frame_index] = (away_ns, vertex_id)
+        closest[sensor_id, frame_index] = (away_ns, vertex_id)
     for vertex_id, sensor_id in lost:
         session.execute(
             delete(VertexFrame).where(VertexFrame.vertex_id == vertex_id, VertexFrame.sensor_id == sensor_id)
         )
-    paired = {vertex_id for _, vertex_id in kept.values()}
+    paired = {vertex_id for _, vertex_id in closest.values()}
     return {"paired": len(paired), "frame_taken": len({vertex_id for vertex_id, _ in lost} - paired)}
 
 

@@ -23,9 +23,8 @@ from service.platform.settings import get_settings
 from workers.app import app
 from workers.readers.isolation.isolate import hide_from_others
 from workers.readers.limited import isolation_here
-from workers.tasks.context import get_context
+from workers.tasks.context import get_context, remove_leftovers
 from workers.tasks.drain import DRAIN_SIGNAL, listen_for_drain
-from workers.tasks.leftovers import remove_leftovers
 from workers.tasks.presence import Presence
 from workers.tasks.running import prepare, run_job
 

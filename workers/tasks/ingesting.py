@@ -6,16 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast
+from uuid import UUID
 
 from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import RecordingState
 from service.platform.db.base import Json
-from service.platform.db.fleets import RigCamera
-from service.platform.db.models import Rig
+from service.platform.db.fleets import Rig, RigCamera
 from service.platform.db.recordings import CameraFrame, Recording, Sensor, UploadPart
-from service.platform.db.repeating import repeated
+from service.platform.db.session import repeated
 from service.platform.jobs.claims import Claim, Lease, require_mine
 from service.platform.storage.blobs import condemn, keep, reserve, sensor_keys
 from service.platform.storage.quota import QuotaExceededError, copied, take
@@ -23,18 +23,16 @@ from workers.readers.limited import ingest_limited
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError, legible
 from workers.tasks.context import Context
-from workers.tasks.image_kinds import keep_image_kinds
-from workers.tasks.loading import require_room
-from workers.tasks.originals import join_parts, reading_limits
+from workers.tasks.originals import join_parts, reading_limits, require_room
 
 _OWN_COLUMNS = ("kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames")
 
 
-def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Recording]:
+def ingest(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Recording]:
     """Normalise the upload into one MCAP file per sensor, and store these."""
     with context.database.writing() as session:
-        require_mine(session, held)
-        recording = session.get_one(Recording, held.subject_id)
+        require_mine(session, claim)
+        recording = session.get_one(Recording, claim.subject_id)
         recording.state = RecordingState.INGESTING
         parts = session.scalars(
             select(UploadPart).where(UploadPart.recording_id == recording.id).order_by(UploadPart.number)
@@ -62,7 +60,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], R
         frames = {sensor.name: _frames(out, sensor) for sensor in manifest.sensors}
         for name, size in image_sizes.items():
             _check_sizes(name, size, frames[name])
-        stored = _store(context, held, {sensor.name: out / sensor.file for sensor in manifest.sensors})
+        stored = _store(context, claim, {sensor.name: out / sensor.file for sensor in manifest.sensors})
 
     def write(session: Session) -> Recording:
         _forget_earlier(session, recording)
@@ -110,7 +108,7 @@ def _check_sizes(camera: str, size: tuple[int, int], frames: list[Json]) -> None
             )
 
 
-def _store(context: Context, held: Claim, files: Mapping[str, Path]) -> dict[str, tuple[str, int]]:
+def _store(context: Context, claim: Claim, files: Mapping[str, Path]) -> dict[str, tuple[str, int]]:
     """Put the sensors' files into the store; their keys and sizes by the sensors' names.
 
     Raises :class:`ReadError` ``fleet_quota_exceeded``, ``ingest_disk_full``.
@@ -118,22 +116,22 @@ def _store(context: Context, held: Claim, files: Mapping[str, Path]) -> dict[str
     sizes = {name: file.stat().st_size for name, file in files.items()}
     require_room(context, context.store.free_bytes(), sum(sizes.values()))
     try:
-        keys = repeated(lambda: _reserve(context, held, sizes))
+        keys = repeated(lambda: _reserve(context, claim, sizes))
     except QuotaExceededError as error:
         raise ReadError(error.code, error.message, error.hint, error.fields) from None
     return {name: (key, context.store.put_file(key, files[name])) for name, key in keys.items()}
 
 
-def _reserve(context: Context, held: Claim, sizes: Mapping[str, int]) -> dict[str, str]:
+def _reserve(context: Context, claim: Claim, sizes: Mapping[str, int]) -> dict[str, str]:
     """A key for each sensor's file, and what they take of the fleet's quota."""
     with context.database.writing() as session:
-        require_mine(session, held)
-        recording = session.get_one(Recording, held.subject_id, with_for_update=True)
+        require_mine(session, claim)
+        recording = session.get_one(Recording, claim.subject_id, with_for_update=True)
         taken = recording.size + sum(sizes.values()) + copied(session, recording.id)
         take(session, recording, taken, context.settings.fleet_quota_bytes)
         prefix = f"recordings/{recording.id}/sensors"
         return {
-            name: reserve(session, prefix, suffix=".mcap", size=size, job_id=held.job_id, attempt=held.attempt)
+            name: reserve(session, prefix, suffix=".mcap", size=size, job_id=claim.job_id, attempt=claim.attempt)
             for name, size in sizes.items()
         }
 
@@ -180,3 +178,31 @@ def _frames(out: Path, sensor: SensorManifest) -> list[Json]:
         {"index": index, **dict(zip(columns, values, strict=True))}
         for index, values in enumerate(zip(*columns.values(), strict=True))
     ]
+
+
+def keep_image_kinds(session: Session, rig_id: UUID, sensors: Sequence[SensorManifest]) -> list[str]:
+    """State in the rig what the recording tells of its cameras' images; sentences for the recording's owner."""
+    cameras = {one.name: one for one in session.scalars(select(RigCamera).where(RigCamera.rig_id == rig_id))}
+    seen = [(cameras[one.name], one) for one in sensors if one.name in cameras]
+    for camera, sensor in seen:
+        if camera.images is None and sensor.image_kind is not None:
+            R = (sensor.camera_info or {}).get("R") if sensor.image_kind == "rectified" else None
+            camera.images = {"kind": sensor.image_kind, "rotation": R and {"matrix": [R[:3], R[3:6], R[6:]]}}
+            session.get_one(Rig, rig_id).version += 1
+    sentences = (_sentence(camera, sensor) for camera, sensor in seen)
+    return [f"{camera.name}: {said}" for (camera, _), said in zip(seen, sentences, strict=True) if said]
+
+
+def _sentence(camera: RigCamera, sensor: SensorManifest) -> str | None:
+    kind, info, topic = sensor.image_kind, sensor.camera_info or {}, sensor.topic
+    stated = camera.images["kind"] if camera.images else None
+    if stated is None and (info.get("P") or any(info.get("D", ()))):
+        return (
+            f"neither the topic {topic} nor its camera info tells whether images are raw or rectified. They are "
+            "taken for raw, with the lens K and D. Say in the rig what they are."
+        )
+    if kind is not None and kind != stated:
+        return f"images of {topic} look {kind}, and the rig says {stated}. The rig was followed: is it right?"
+    if stated == "rectified":
+        return f"images of {topic} are rectified. Their lens is P of the camera info, without distortion."
+    return None

@@ -30,7 +30,7 @@ from workers.marks.propose import propose
 from workers.marks.sights import Lens, MarkProposal, MarkRefusal, RecordingFailure, Sight
 from workers.readers.images.decoded_frames import decoded_frames
 from workers.tasks.context import Context
-from workers.tasks.loading import require_room
+from workers.tasks.originals import require_room
 
 # Of a vertex whose detector states none: the ring rules' errors (docs/decisions/0008).
 _UNSTATED: Final = np.diag([0.02, 0.02, 0.02]) ** 2

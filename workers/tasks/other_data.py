@@ -33,7 +33,7 @@ def other_data(session: Session, results: Sequence[Result]) -> dict[UUID, list[J
         .join(CalibrationRun, CalibrationRun.id == Result.run_id)
         .join(fitted, fitted.id == CalibrationRun.set_id)
         .outerjoin(CorrespondenceSet, CorrespondenceSet.id == Analysis.set_id)
-        .where(Analysis.result_id.in_([one.id for one in results]), Analysis.state == WorkState.DONE)
+        .where(Analysis.result_id.in_([result.id for result in results]), Analysis.state == WorkState.DONE)
         .where(Analysis.kind.in_(DATA_BY_KIND))
         .order_by(Analysis.id.desc())
         .limit(_MOST * len(results))
@@ -49,7 +49,7 @@ def other_data(session: Session, results: Sequence[Result]) -> dict[UUID, list[J
             continue
         data = names.get(row.recording_id or of_pairs) or f"pairs from {pairs.source if pairs else 'elsewhere'}"
         at = f"{row.created_at:%Y-%m-%d %H:%M} UTC"
-        found = row.result | {"kind": DATA_BY_KIND[row.kind], "data": data, "at": at, "id": str(row.id)}
+        content = row.result | {"kind": DATA_BY_KIND[row.kind], "data": data, "at": at, "id": str(row.id)}
         assert row.result_id is not None
-        told[row.result_id].setdefault((row.kind, row.set_id or row.recording_id), found)
-    return {one.id: list(told[one.id].values()) for one in results}
+        told[row.result_id].setdefault((row.kind, row.set_id or row.recording_id), content)
+    return {result.id: list(told[result.id].values()) for result in results}

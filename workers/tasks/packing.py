@@ -19,13 +19,13 @@ from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.packed_sweeps import pack
 from workers.tasks.analysis_files import store_file
 from workers.tasks.context import Context
-from workers.tasks.loading import open_lidar, watched
+from workers.tasks.originals import open_lidar, watched
 
 
-def packing(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
+def packing(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Json]:
     """Pack all sweeps into one file, unless they are packed already."""
     with context.database.reading() as session:
-        recording_id = session.get_one(Analysis, held.subject_id).recording_id
+        recording_id = session.get_one(Analysis, claim.subject_id).recording_id
         of_recording = Sensor.recording_id == recording_id
         lidar = session.scalars(select(Sensor).where(of_recording, Sensor.kind == "lidar")).one()
         packed = session.get(PackedSweeps, lidar.id) is not None
@@ -35,11 +35,11 @@ def packing(context: Context, held: Claim, lease: Lease) -> Callable[[Session], 
         file = folder / "sweeps"
         rows = _write(sweeps, file, lease)
         size = file.stat().st_size
-        key = store_file(context, held, file, f"recordings/{recording_id}/sweeps")
+        key = store_file(context, claim, file, f"recordings/{recording_id}/sweeps")
 
     def write(session: Session) -> Json:
         # Of two packings of one recording the first wins, and the sweep removes the other's file.
-        with recounting(session, recording_id, besides=held.job_id):
+        with recounting(session, recording_id, besides=claim.job_id):
             if session.get(PackedSweeps, lidar.id) is None:
                 keep(session, key, size=size)
                 session.add(PackedSweeps(sensor_id=lidar.id, blob_key=key))
@@ -59,8 +59,8 @@ def _write(sweeps: LidarFile, path: Path, lease: Lease) -> list[Json]:
         for index, sweep in enumerate(watched(sweeps, range(len(sweeps)), lease, "packing sweeps")):
             data = pack(sweep, index, sweeps.ring_count)
             file.write(data)
-            place = {"offset": offset, "length": len(data)}
-            rows.append({"index": index, "stamp_ns": sweep.stamp_ns, "points": len(sweep.xyz), **place})
+            extent = {"offset": offset, "length": len(data)}
+            rows.append({"index": index, "stamp_ns": sweep.stamp_ns, "points": len(sweep.xyz), **extent})
             offset += len(data)
     return rows
 

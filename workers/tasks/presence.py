@@ -15,8 +15,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.platform.db.clock import now
 from service.platform.db.jobs import Worker
-from service.platform.db.session import Database
-from service.platform.db.upserts import put
+from service.platform.db.session import Database, put
 from service.platform.settings import get_settings
 from workers import transport
 

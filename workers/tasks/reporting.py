@@ -24,7 +24,7 @@ from service.platform.db.recordings import CameraFrame, Sensor
 from service.platform.jobs.claims import Claim, Lease
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, FrameImage, Material, PersonMark
-from workers.solver.stopping import Stop
+from workers.solver.outcomes import Stop
 from workers.tasks.analysis_files import keeping, store_file
 from workers.tasks.context import Context
 from workers.tasks.other_data import other_data
@@ -44,10 +44,10 @@ class _Place(NamedTuple):
     frame: CameraFrame
 
 
-def report(context: Context, held: Claim, lease: Lease) -> Callable[[Session], Json]:
+def report(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Json]:
     """Make the report, and store it."""
     with context.database.reading() as session:
-        analysis = session.get_one(Analysis, held.subject_id)
+        analysis = session.get_one(Analysis, claim.subject_id)
         result = session.get_one(Result, analysis.result_id)
         now = [Check.model_validate(one) for one in analysis.asked["checks"]]
         names = {one.name for one in now}
@@ -55,7 +55,7 @@ def report(context: Context, held: Claim, lease: Lease) -> Callable[[Session], J
         material = _material(session, result, checks, lease)
         places = _places(session, material, result)
     lease.report(0.1, "computing the report")
-    frames = {place.pair: _image(context, place) for place in places}
+    frames = {frame.pair: _image(context, frame) for frame in places}
     document = contents(material)
     lease.check()
     lease.report(0.3, "drawing the report")
@@ -65,9 +65,9 @@ def report(context: Context, held: Claim, lease: Lease) -> Callable[[Session], J
     with context.scratch() as folder:
         file = folder / "report.html"
         file.write_text(page(document, frames), encoding="utf-8")
-        key = store_file(context, held, file, f"reports/{result.id}")
+        key = store_file(context, claim, file, f"reports/{result.id}")
         name = f"{result.camera}-{result.model}-report.html"
-        return keeping(held, key, file, name, {"verdict": document["verdict"]["level"]})
+        return keeping(claim, key, file, name, {"verdict": document["verdict"]["level"]})
 
 
 def _material(session: Session, result: Result, checks: Sequence[Check], stop: Stop) -> Material:
@@ -88,7 +88,7 @@ def _material(session: Session, result: Result, checks: Sequence[Check], stop: S
         "recording": pairs.recording_id,
     }
     return Material(
-        chosen=next(one for one in models if one.result.model == result.model),
+        chosen=next(model for model in models if model.result.model == result.model),
         models=models,
         pairs=pairs.columns,
         checks=checks,
@@ -129,11 +129,11 @@ def _models(session: Session, result: Result, pairs: Json, stop: Stop) -> list[F
 def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
     """The people's own marks of the pairs, as they stand now; none where the pairs were imported."""
     columns = pairs.columns
-    known = ("stamp_ns", "sweep_index", "frame_index")
-    if pairs.detection_id is None or not all(name in columns for name in known):
+    names = ("stamp_ns", "sweep_index", "frame_index")
+    if pairs.detection_id is None or not all(name in columns for name in names):
         return []
     corners = columns.get(CORNER, [TOP] * len(columns["x"]))
-    number = {of: i for i, of in enumerate(zip(*(columns[name] for name in known), corners, strict=True))}
+    number = {of: i for i, of in enumerate(zip(*(columns[name] for name in names), corners, strict=True))}
     mark, verdict = aliased(Answer), aliased(Answer)
     rows = session.execute(
         select(Vertex.time_ns, Vertex.sweep_index, VertexFrame.frame_index, mark.corner, Person.name, mark.u, mark.v)
@@ -149,10 +149,10 @@ def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
         .where(mark.corner == Vertex.corner)
         .order_by(Vertex.time_ns, Person.name)
     )
-    found = [(number.get(tuple(of)), name, u, v) for *of, name, u, v in rows]
+    marks = [(number.get(tuple(of)), name, u, v) for *of, name, u, v in rows]
     return [
         PersonMark(pair, name, u, v)
-        for pair, name, u, v in found
+        for pair, name, u, v in marks
         if pair is not None and u is not None and v is not None
     ]
 
@@ -167,20 +167,20 @@ def _places(session: Session, material: Material, result: Result) -> Sequence[_P
     ).one_or_none()
     if camera is None:
         return []
-    wanted = {one.index: indices[one.index] for one in result.fit.outliers[:_PICTURES]}
+    pictured = {outlier.index: indices[outlier.index] for outlier in result.fit.outliers[:_PICTURES]}
     frames = select(CameraFrame).where(
-        CameraFrame.sensor_id == camera.id, CameraFrame.index.in_(set(wanted.values()))
+        CameraFrame.sensor_id == camera.id, CameraFrame.index.in_(set(pictured.values()))
     )
     of_index = {frame.index: frame for frame in session.scalars(frames)}
     return [
         _Place(pair, camera.blob_key, of_index[index])
-        for pair, index in wanted.items()
+        for pair, index in pictured.items()
         if index in of_index and of_index[index].media_type in _SHOWN and of_index[index].length <= _FRAME_BYTES
     ]
 
 
-def _image(context: Context, place: _Place) -> FrameImage:
+def _image(context: Context, picture: _Place) -> FrameImage:
     """The frame as it is stored; only browsers decode it."""
-    frame = place.frame
-    data = context.store.get_range(place.key, frame.offset, frame.length)
+    frame = picture.frame
+    data = context.store.get_range(picture.key, frame.offset, frame.length)
     return FrameImage(frame.media_type, data, frame.width, frame.height)

@@ -46,9 +46,9 @@ What that returns is handed over to the resource (`service.platform.handovers`).
 def _of(room: str, kind: str) -> Work:
     """The function of this name. Its module is loaded by need: solver and detectors are half a worker's memory."""
 
-    def do(context: Context, held: Claim, lease: Lease) -> Callable[[Session], object]:
+    def do(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], object]:
         work: Work = getattr(import_module(f"workers.tasks.{room}"), kind)
-        return work(context, held, lease)
+        return work(context, claim, lease)
 
     return do
 
@@ -103,90 +103,94 @@ def run_job(context: Context, job_id: int, queue: str = "") -> None:
     If the database cannot be asked, the message goes back to its ``queue``, for a worker that can.
     """
     try:
-        held = None if is_draining() else claim(context.database, job_id, context.worker)
+        current = None if is_draining() else claim(context.database, job_id, context.worker)
     except (OperationalError, PoolTimeoutError) as error:
         log.warning("job %d could not be claimed; its message goes back: %s", job_id, type(error).__name__)
         time.sleep(_TRY_AGAIN_S)
         context.send([Message(job_id, queue)] if queue else [])
         return
-    if held is None:
+    if current is None:
         return
-    with working_for(held.request_id), about(job=held.job_id, kind=held.kind, attempt=held.attempt):
-        log.info("job %d begins", held.job_id)
+    with working_for(current.request_id), about(job=current.job_id, kind=current.kind, attempt=current.attempt):
+        log.info("job %d begins", current.job_id)
         began = time.monotonic()
         try:
-            _do(context, held)
+            _do(context, current)
         except OperationalError as error:
             # Its lease is not renewed any more, so the sweep gives the job to another attempt.
-            log.warning("job %d: its end could not be written: %s", held.job_id, str(error.orig).partition("\n")[0])
-        log.info("job %d: attempt %d took %.2f s", held.job_id, held.attempt, time.monotonic() - began)
+            log.warning(
+                "job %d: its end could not be written: %s", current.job_id, str(error.orig).partition("\n")[0]
+            )
+        log.info("job %d: attempt %d took %.2f s", current.job_id, current.attempt, time.monotonic() - began)
 
 
-def _is_finished(context: Context, held: Claim, lease: Lease) -> bool:
+def _is_finished(context: Context, claim: Claim, lease: Lease) -> bool:
     """Do the work and write its end; False if what it was computed from changed before that."""
-    write = WORK[held.kind](context, held, lease)
+    write = WORK[claim.kind](context, claim, lease)
     lease.check()
     try:
-        finish(context.database, held, write)
+        finish(context.database, claim, write)
     except StaleInputError:
         return False
     return True
 
 
-def _do(context: Context, held: Claim) -> None:
+def _do(context: Context, claim: Claim) -> None:
     try:
-        with Lease(context.database, held) as lease, interruptible(lease):
-            while not _is_finished(context, held, lease):
-                log.info("job %d: its input has changed meanwhile; it is done again", held.job_id)
+        with Lease(context.database, claim) as lease, interruptible(lease):
+            while not _is_finished(context, claim, lease):
+                log.info("job %d: its input has changed meanwhile; it is done again", claim.job_id)
     except LostLeaseError:
-        log.warning("job %d attempt %d lost its lease; its work is dropped", held.job_id, held.attempt)
+        log.warning("job %d attempt %d lost its lease; its work is dropped", claim.job_id, claim.attempt)
     except CancelledError:
-        log.info("job %d was cancelled", held.job_id)
-        _end(context, held, WorkState.CANCELLED, None)
+        log.info("job %d was cancelled", claim.job_id)
+        _end(context, claim, WorkState.CANCELLED, None)
     except (ReadError, DocumentError, MissingBlobError) as error:
         # Notes are for the operator: what a reading process said before it died.
-        _refused(context, held, error, "\n".join([error.code, *getattr(error, "__notes__", [])]))
+        _refused(context, claim, error, "\n".join([error.code, *getattr(error, "__notes__", [])]))
     except _PASSING as error:
-        _stumbled(context, held, error)
+        _stumbled(context, claim, error)
     except DrainedError:
-        log.info("job %d is given back: this worker was asked to stop", held.job_id)
+        log.info("job %d is given back: this worker was asked to stop", claim.job_id)
         # Over a fresh connection: one that was interrupted within a statement can be used for nothing more.
         context.database.close()
-        give_back(context.database, held)
+        give_back(context.database, claim)
     except Exception as error:
         refused = getattr(error, "orig", None)  # by a column, within a statement
         if isinstance(refused, DocumentError):
-            return _refused(context, held, refused, refused.code)
-        log.exception("job %d failed", held.job_id)
-        _end(context, held, WorkState.FAILED, _INTERNAL)
+            return _refused(context, claim, refused, refused.code)
+        log.exception("job %d failed", claim.job_id)
+        _end(context, claim, WorkState.FAILED, _INTERNAL)
 
 
-def _refused(context: Context, held: Claim, error: ReadError | DocumentError | MissingBlobError, said: str) -> None:
+def _refused(
+    context: Context, claim: Claim, error: ReadError | DocumentError | MissingBlobError, reason: str
+) -> None:
     """The input cannot be used; or the process that read it was killed or had no room, and it is tried again."""
     if error.code in _SUSPECT_CODES:
-        log.warning("job %d stumbled; it is tried again: %s", held.job_id, said)
-        stumble(context.database, held, _refusal(error), _TRY_AGAIN_S, suspect=True)
+        log.warning("job %d stumbled; it is tried again: %s", claim.job_id, reason)
+        stumble(context.database, claim, _refusal(error), _TRY_AGAIN_S, suspect=True)
     elif error.code == _DISK_FULL["code"]:
-        log.warning("job %d had no room: %s", held.job_id, said)
-        stumble(context.database, held, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
+        log.warning("job %d had no room: %s", claim.job_id, reason)
+        stumble(context.database, claim, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
     else:
-        log.info("job %d refused its input: %s", held.job_id, said)
-        _end(context, held, WorkState.FAILED, _refusal(error))
+        log.info("job %d refused its input: %s", claim.job_id, reason)
+        _end(context, claim, WorkState.FAILED, _refusal(error))
 
 
-def _stumbled(context: Context, held: Claim, error: Exception) -> None:
+def _stumbled(context: Context, claim: Claim, error: Exception) -> None:
     """What the work needs failed: a later try may succeed."""
     number = error.errno if isinstance(error, OSError) else None
     state = getattr(getattr(error, "orig", None), "sqlstate", None) or ""
     if number in _NEVER_PASSING or state.startswith(_PROGRAM_LIMIT):
-        log.exception("job %d failed, and would fail again", held.job_id)
-        _end(context, held, WorkState.FAILED, _INTERNAL)
+        log.exception("job %d failed, and would fail again", claim.job_id)
+        _end(context, claim, WorkState.FAILED, _INTERNAL)
     elif number in _NO_ROOM:
-        log.exception("job %d had no room", held.job_id)
-        stumble(context.database, held, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
+        log.exception("job %d had no room", claim.job_id)
+        stumble(context.database, claim, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
     else:
-        log.exception("job %d stumbled; it is tried again", held.job_id)
-        stumble(context.database, held, _surroundings(error), _TRY_AGAIN_S)
+        log.exception("job %d stumbled; it is tried again", claim.job_id)
+        stumble(context.database, claim, _surroundings(error), _TRY_AGAIN_S)
 
 
 _DISK_FULL: Json = {
@@ -220,8 +224,8 @@ def _surroundings(error: Exception) -> Json:
     }
 
 
-def _end(context: Context, held: Claim, state: WorkState, problem: Json | None) -> None:
+def _end(context: Context, claim: Claim, state: WorkState, problem: Json | None) -> None:
     try:
-        finish(context.database, held, state=state, problem=problem)
+        finish(context.database, claim, state=state, problem=problem)
     except LostLeaseError:
-        log.warning("job %d attempt %d lost its lease before it could end as %s", held.job_id, held.attempt, state)
+        log.warning("job %d attempt %d lost its lease before it could end as %s", claim.job_id, claim.attempt, state)

@@ -25,10 +25,9 @@ from workers.judge.fit_checks import checks_of_fit
 from workers.solver.blocks import blocks_of
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
-from workers.solver.errors import SolveError
-from workers.solver.folds import Fold, folds
-from workers.solver.held_out import held_out
+from workers.solver.held_out import Fold, folds, held_out
 from workers.solver.motion import velocities_of
+from workers.solver.outcomes import NEVER, SolveError, Stop
 from workers.solver.people import shares_of
 from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.provenance import pairs_sha256, sources_sha256
@@ -44,7 +43,6 @@ from workers.solver.schedule import (
 )
 from workers.solver.slot import SlotOutcome, run_slot
 from workers.solver.solution import finished
-from workers.solver.stopping import NEVER, Stop
 from workers.tasks.context import Context
 
 Write = Callable[[Session], object]
@@ -69,19 +67,19 @@ class RunInput:
     heldout: Fold | None
 
 
-def solve(context: Context, held: Claim, lease: Lease) -> Write:
+def solve(context: Context, claim: Claim, lease: Lease) -> Write:
     """Do one part of a run: all of it, some slots of an iteration, or the finish."""
     with context.database.alone() as connection:
-        run = connection.execute(_RUN, {"run": held.subject_id}).one()
+        run = connection.execute(_RUN, {"run": claim.subject_id}).one()
     if run.state not in UNENDED or run.cancel_requested:
         raise CancelledError
-    given = read_run(run.problem, run.fold, context.pairs_of(run.set_id), lease)
-    part = held.payload["part"]
+    run_input = read_run(run.problem, run.fold, context.pairs_of(run.set_id), lease)
+    part = claim.payload["part"]
     if part == "slots":
-        return _slots(context, given, run.id, run.schedule, held.payload)
+        return _slots(context, run_input, run.id, run.schedule, claim.payload)
     if part == "finish":
-        return _finish(given, run, _state(run.schedule, given.problem))
-    return _whole(context, given, run, lease)
+        return _finish(run_input, run, _state(run.schedule, run_input.problem))
+    return _whole(context, run_input, run, lease)
 
 
 def read_run(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> RunInput:
@@ -109,8 +107,8 @@ def _problem(request: FitRequest, pairs: Json, chosen: NDArray[np.int64] | None)
     pixels = np.column_stack([columns["u"], columns["v"]]).astype(np.float64)
     covariances = None
     if request.weights == "covariances":
-        known = {name: columns[name] for name in COVARIANCE_COLUMNS if name in columns}
-        covariances = covariances_of(known, points, request.mark_sigma_px)
+        covariance_columns = {name: columns[name] for name in COVARIANCE_COLUMNS if name in columns}
+        covariances = covariances_of(covariance_columns, points, request.mark_sigma_px)
     velocities = _velocities(pairs)
     if velocities is None and CLOCK_SIGMA in pairs:
         # Boards that stand still are where they are, whatever the clocks say.
@@ -137,19 +135,19 @@ def _state(schedule: Json | None, problem: FitProblem) -> State:
     return from_document(schedule) if schedule else start(problem)
 
 
-def _slots(context: Context, given: RunInput, run_id: UUID, schedule: Json | None, payload: Json) -> Write:
+def _slots(context: Context, run_input: RunInput, run_id: UUID, schedule: Json | None, payload: Json) -> Write:
     """Some slots of the running iteration."""
     iteration = payload["iteration"]
-    lower, upper = (bound.tolist() for bound in bounds_of(given.problem, _state(schedule, given.problem)))
+    lower, upper = (bound.tolist() for bound in bounds_of(run_input.problem, _state(schedule, run_input.problem)))
     rows: list[Json] = []
     for slot in range(payload["first"], payload["stop"]):
         began = time.perf_counter()
-        outcome = run_slot(given.problem, lower, upper, iteration, slot)
+        outcome = run_slot(run_input.problem, lower, upper, iteration, slot)
         rows.append(_slot_row(context, run_id, iteration, slot, outcome, time.perf_counter() - began))
 
     def narrow(schedule: Json | None, slots: Sequence[Slot]) -> tuple[Json, bool]:
         outcomes = [SlotOutcome(row.loss, tuple(row.parameters), row.evaluations) for row in slots]
-        state = advance(given.problem, _state(schedule, given.problem), outcomes)
+        state = advance(run_input.problem, _state(schedule, run_input.problem), outcomes)
         return to_document(state), state.stopped is not None
 
     def write(session: Session) -> SlotBundle:
@@ -159,7 +157,7 @@ def _slots(context: Context, given: RunInput, run_id: UUID, schedule: Json | Non
     return write
 
 
-def _whole(context: Context, given: RunInput, run: Any, lease: Lease) -> Write:
+def _whole(context: Context, run_input: RunInput, run: Any, lease: Lease) -> Write:
     """All iterations and the finish in one job."""
     rows: list[Json] = []
     began = time.perf_counter()
@@ -170,11 +168,11 @@ def _whole(context: Context, given: RunInput, run: Any, lease: Lease) -> Write:
         began = time.perf_counter()
 
     def on_iteration(state: State) -> None:
-        limit = given.problem.schedule.max_iterations
+        limit = run_input.problem.schedule.max_iterations
         lease.report(state.iteration / limit, f"iteration {state.iteration} of at most {limit}")
 
-    state, _ = run_schedule(given.problem, on_slot, on_iteration)
-    finish = _finish(given, run, state, schedule=(to_document(state), state.iteration))
+    state, _ = run_schedule(run_input.problem, on_slot, on_iteration)
+    finish = _finish(run_input, run, state, schedule=(to_document(state), state.iteration))
 
     def write(session: Session) -> object:
         session.connection().execute(_INSERT_SLOTS, rows)
@@ -183,22 +181,24 @@ def _whole(context: Context, given: RunInput, run: Any, lease: Lease) -> Write:
     return write
 
 
-def solved(given: RunInput, state: State) -> FitResult:
+def solved(run_input: RunInput, state: State) -> FitResult:
     """Polish, baselines, deviations and checks; or the errors on the pairs that were held out."""
-    estimate, result = finished(given.problem, state)
-    if given.heldout:
-        heldout = held_out(given.problem, given.whole, given.heldout, estimate.parameters, result.outliers)
+    estimate, result = finished(run_input.problem, state)
+    if run_input.heldout:
+        heldout = held_out(
+            run_input.problem, run_input.whole, run_input.heldout, estimate.parameters, result.outliers
+        )
         return result.model_copy(update={"heldout": heldout})
-    return result.model_copy(update={"checks": checks_of_fit(estimate, result, pairs=given.pairs)})
+    return result.model_copy(update={"checks": checks_of_fit(estimate, result, pairs=run_input.pairs)})
 
 
-def _finish(given: RunInput, run: Any, state: State, schedule: tuple[Json, int] | None = None) -> Write:
+def _finish(run_input: RunInput, run: Any, state: State, schedule: tuple[Json, int] | None = None) -> Write:
     """The end of a run: its result, with what it was made of. ``schedule`` as :class:`RunEnd` has it."""
     began = time.perf_counter()
-    result = solved(given, state)
+    result = solved(run_input, state)
     of_job = {
         "provenance": Provenance(
-            request=given.document, pairs_sha256=pairs_sha256(given.pairs), sources_sha256=sources_sha256()
+            request=run_input.document, pairs_sha256=pairs_sha256(run_input.pairs), sources_sha256=sources_sha256()
         ),
         "finish_seconds": time.perf_counter() - began,
     }

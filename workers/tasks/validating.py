@@ -23,7 +23,7 @@ from workers.readers.images.decoded_frames import decoded_frames
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
-from workers.tasks.loading import lidar_key, open_lidar
+from workers.tasks.originals import lidar_key, open_lidar
 from workers.tasks.other_data import other_data
 from workers.validation.calibration import KnownCalibration
 from workers.validation.edge_check import EdgeCheck
@@ -66,10 +66,10 @@ class _Drive(NamedTuple):
 
 
 def _check(
-    context: Context, held: Claim, lease: Lease, kind: type[LaneCheck | EdgeCheck], *, colour: bool
+    context: Context, claim: Claim, lease: Lease, kind: type[LaneCheck | EdgeCheck], *, colour: bool
 ) -> Callable[[Session], None]:
     with context.database.reading() as session:
-        row = session.get_one(Analysis, held.subject_id)
+        row = session.get_one(Analysis, claim.subject_id)
         check = kind(KnownCalibration.of(row.asked["calibration"]))
         drive = _drive(session, row, check.calibration)
     began = time.process_time()
@@ -82,8 +82,8 @@ def _check(
             lease.report(number / len(drive.frames), "looking at frames")
             if image is not None:
                 check.add(lidar.sweep(lidar.nearest(stamp_ns - behind_ns)), image)
-    found = check.result()
-    return _writing(held, found | {"seconds_per_frame": (time.process_time() - began) / max(found["frames"], 1)})
+    result = check.result()
+    return _writing(claim, result | {"seconds_per_frame": (time.process_time() - began) / max(result["frames"], 1)})
 
 
 def _drive(session: Session, row: Analysis, calibration: KnownCalibration) -> _Drive:
@@ -98,7 +98,7 @@ def _drive(session: Session, row: Analysis, calibration: KnownCalibration) -> _D
     frames = session.scalars(
         select(CameraFrame).where(CameraFrame.sensor_id == camera.id).order_by(CameraFrame.index)
     ).all()
-    wanted = [one for one in frames if (one.width, one.height) == calibration.image_size]
+    wanted = [frame for frame in frames if (frame.width, frame.height) == calibration.image_size]
     if not wanted:
         width, height = calibration.image_size
         raise ReadError(
@@ -107,7 +107,7 @@ def _drive(session: Session, row: Analysis, calibration: KnownCalibration) -> _D
             "Validate a calibration of this camera in this mode.",
         )
     chosen = np.unique(np.linspace(0, len(wanted) - 1, _FRAMES).round().astype(int))
-    places = [(one.stamp_ns, one.offset, one.length) for one in (wanted[place] for place in chosen)]
+    places = [(frame.stamp_ns, frame.offset, frame.length) for frame in (wanted[index] for index in chosen)]
     return _Drive(lidar_key(session, row.recording_id), camera.blob_key, places)
 
 
@@ -116,15 +116,15 @@ def _seen_after_ns(lidar: LidarFile, calibration: KnownCalibration) -> int:
     if not len(lidar):
         raise ReadError("no_sweeps", "The recording holds no sweeps.", "Validate with another recording.")
     sweep = lidar.sweep(len(lidar) // 2)
-    seen = calibration.project(sweep.xyz.astype(np.float64))[1]
-    return int(np.median(sweep.offset_ns[seen])) if seen.any() else 0
+    in_view = calibration.project(sweep.xyz.astype(np.float64))[1]
+    return int(np.median(sweep.offset_ns[in_view])) if in_view.any() else 0
 
 
 def _writing(
-    held: Claim, result: dict[str, Any], single_pairs: dict[str, Any] | None = None
+    claim: Claim, result: dict[str, Any], single_pairs: dict[str, Any] | None = None
 ) -> Callable[[Session], None]:
     def write(session: Session) -> None:
-        row = session.get_one(Analysis, held.subject_id)
+        row = session.get_one(Analysis, claim.subject_id)
         row.result, row.single_pairs, row.state = result, single_pairs, WorkState.DONE
         session.flush()
         if row.result_id is not None:
@@ -139,6 +139,6 @@ def _judge_elsewhere(session: Session, result_id: UUID) -> None:
     if result is None or result.checks is None:
         return
     check = elsewhere(other_data(session, [result])[result.id])
-    others = [one for one in result.stored_checks[len(result.fit.checks) :] if one.name != check.name]
-    result.checks = [one.model_dump(mode="json") for one in [*others, check]]
+    others = [other for other in result.stored_checks[len(result.fit.checks) :] if other.name != check.name]
+    result.checks = [other.model_dump(mode="json") for other in [*others, check]]
     result.verdict = verdict_of(result.stored_checks, "mount_with_lens")

@@ -19,8 +19,7 @@ from workers.geometry.projection import project
 from workers.readers.limited import write_limited
 from workers.readers.normalised.manifest import FrameTable, write_table
 from workers.tasks.context import Context
-from workers.tasks.loading import require_room
-from workers.tasks.originals import reading_limits
+from workers.tasks.originals import reading_limits, require_room
 
 # Rows of the undistorted image that are projected at once: 4 MB of rays for 4,000 columns.
 _ROWS: Final = 40
@@ -28,19 +27,20 @@ _OUTSIDE: Final = -2.0
 _MAP_BYTES: Final = 8  # of a pixel
 
 
-def viewer_file(context: Context, recording: Recording, asked: Json, folder: Path, lease: Lease) -> dict[str, Any]:
+def viewer_file(context: Context, recording: Recording, question: Json, folder: Path, lease: Lease) -> dict[str, Any]:
     """Write the file into ``folder / "copy"`` in a limited child."""
-    sensors = _sensors(context, recording.id, [one["name"] for one in asked["cameras"]])
-    maps = sum(_MAP_BYTES * one["pinhole"]["width"] * one["pinhole"]["height"] for one in asked["cameras"])
+    sensors = _sensors(context, recording.id, [camera["name"] for camera in question["cameras"]])
+    pinholes = [camera["pinhole"] for camera in question["cameras"]]
+    maps = sum(_MAP_BYTES * pinhole["width"] * pinhole["height"] for pinhole in pinholes)
     require_room(context, shutil.disk_usage(folder).free, sum(size for _, size in sensors.values()) + maps)
     files = {name: _fetched(context, sensor, folder) for name, (sensor, _) in sensors.items()}
     cameras = [
         _camera(context, camera, sensors[camera["name"]][0], files[camera["name"]], folder, lease)
-        for camera in asked["cameras"]
+        for camera in question["cameras"]
     ]
-    poses = [{name: value for name, value in one.items() if name != "is_new"} for one in asked["poses"]]
-    request = {"lidar_frame": asked["lidar_frame"], "poses": poses, "facts": asked["facts"], "cameras": cameras}
-    needed = [Path(one[name]) for one in cameras for name in ("file", "table", "map")]
+    poses = [{name: value for name, value in camera.items() if name != "is_new"} for camera in question["poses"]]
+    request = {"lidar_frame": question["lidar_frame"], "poses": poses, "facts": question["facts"], "cameras": cameras}
+    needed = [Path(camera[name]) for camera in cameras for name in ("file", "table", "map")]
     return write_limited(
         [files["lidar"], *needed],
         folder / "copy",
@@ -64,19 +64,19 @@ def _sensors(context: Context, recording_id: UUID, cameras: Sequence[str]) -> di
 
 
 def _fetched(context: Context, sensor: Sensor, folder: Path) -> Path:
-    place = folder / "sensors" / str(sensor.id)
-    place.mkdir(parents=True)
-    return context.fetch(sensor.blob_key, place)
+    target = folder / "sensors" / str(sensor.id)
+    target.mkdir(parents=True)
+    return context.fetch(sensor.blob_key, target)
 
 
 def _camera(context: Context, camera: Json, sensor: Sensor, file: Path, folder: Path, lease: Lease) -> dict[str, Any]:
     """A camera as :class:`workers.readers.viewing.viewer_file.ViewedCamera` reads it."""
-    place = folder / "sensors" / str(sensor.id)
-    table, undistorting = place / "frames.json", place / "map.npy"
+    target = folder / "sensors" / str(sensor.id)
+    table, undistorting = target / "frames.json", target / "map.npy"
     write_table(table, _table(context, sensor.id))
     write_map(undistorting, camera, lease.check)
-    said = {name: camera[name] for name in ("name", "frame_id", "clock_offset_ns", "raw", "pinhole")}
-    return said | {"file": str(file.resolve()), "table": str(table.resolve()), "map": str(undistorting.resolve())}
+    stated = {name: camera[name] for name in ("name", "frame_id", "clock_offset_ns", "raw", "pinhole")}
+    return stated | {"file": str(file.resolve()), "table": str(table.resolve()), "map": str(undistorting.resolve())}
 
 
 def _table(context: Context, sensor_id: UUID) -> FrameTable:
@@ -94,7 +94,7 @@ def write_map(path: Path, camera: Json, must_stop: Callable[[], None]) -> None:
     pinhole = camera["pinhole"]
     width, height = pinhole["width"], pinhole["height"]
     f_x, _, c_x, _, f_y, c_y = pinhole["K"][:6]
-    made = np.lib.format.open_memmap(path, "w+", np.float32, (height, width, 2))
+    pixel_map = np.lib.format.open_memmap(path, "w+", np.float32, (height, width, 2))
     columns = (np.arange(width) - c_x) / f_x
     for first in range(0, height, _ROWS):
         must_stop()
@@ -105,5 +105,5 @@ def write_map(path: Path, camera: Json, must_stop: Callable[[], None]) -> None:
         # Rays far outside of the frame may give numbers that are too large for the map.
         pixels = np.clip(pixels, _OUTSIDE, [width + 1.0, height + 1.0])
         pixels[violation > 0.0] = _OUTSIDE
-        made[first : first + len(rows)] = pixels.reshape(len(rows), width, 2)
-    made.flush()
+        pixel_map[first : first + len(rows)] = pixels.reshape(len(rows), width, 2)
+    pixel_map.flush()

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from workers.geometry.ground import Plane, ground_plane, is_on
+from workers.geometry.ground import GroundPlane, ground_plane, is_on
 from workers.readers.recording import Sweep
 from workers.validation.local_excess import local_excess
 
@@ -42,7 +42,7 @@ class Markers(NamedTuple):
     marker: NDArray[np.int64]
     total: int
     plain: Floats
-    ground: Plane | None
+    ground: GroundPlane | None
 
 
 def lane_markers(sweep: Sweep) -> Markers:

@@ -83,10 +83,10 @@ class Backdrop:
         shape = elevation.size, max(8, columns)
         near, far = (np.zeros((len(numbers), *shape), np.float32) for _ in range(2))
         stamps_ns: list[int] = []
-        for place, number in enumerate(numbers):
+        for index, number in enumerate(numbers):
             sweep = source.sweep(number)
             stamps_ns.append(sweep.stamp_ns)
-            _fill(sweep.xyz, sweep.ring, near[place], far[place])
+            _fill(sweep.xyz, sweep.ring, near[index], far[index])
             if on_sweep is not None:
                 on_sweep()
         return cls(stamps_ns, near, far, elevation, _tolerance(near, far))
@@ -94,8 +94,8 @@ class Backdrop:
     def again(self, sweeps: Sequence[Sweep]) -> Self:
         """The images of other sweeps of the recording, with the same tolerance."""
         near, far = (np.zeros((len(sweeps), *self.near.shape[1:]), np.float32) for _ in range(2))
-        for place, sweep in enumerate(sweeps):
-            _fill(sweep.xyz, sweep.ring, near[place], far[place])
+        for index, sweep in enumerate(sweeps):
+            _fill(sweep.xyz, sweep.ring, near[index], far[index])
         return replace(self, stamps_ns=[sweep.stamp_ns for sweep in sweeps], near=near, far=far)
 
     def thinned(self, most: int) -> Self:
@@ -103,43 +103,47 @@ class Backdrop:
         if len(self.stamps_ns) <= most:
             return self
         places = sorted({int(n) for n in np.linspace(0, len(self.stamps_ns) - 1, most).round()})
-        stamps_ns = [self.stamps_ns[place] for place in places]
+        stamps_ns = [self.stamps_ns[index] for index in places]
         return replace(self, stamps_ns=stamps_ns, near=self.near[places], far=self.far[places])
 
-    def compare(self, sweep: Sweep, kept: Mask | None = None) -> Compared:
+    def compare(self, sweep: Sweep, chosen: Mask | None = None) -> Compared:
         """What is still and what moved in a sweep of the recording; everything is neither without another sweep.
 
         Args:
-            kept: (N,) points to look at; all others are neither.
+            chosen: (N,) points to look at; all others are neither.
         """
-        kept = np.ones(len(sweep.xyz), np.bool_) if kept is None else kept
-        still, moved = np.zeros((2, len(kept)), np.bool_)
+        chosen = np.ones(len(sweep.xyz), np.bool_) if chosen is None else chosen
+        still, moved = np.zeros((2, len(chosen)), np.bool_)
         others = np.array(
-            [place for place, stamp_ns in enumerate(self.stamps_ns) if stamp_ns != sweep.stamp_ns], np.int64
+            [index for index, stamp_ns in enumerate(self.stamps_ns) if stamp_ns != sweep.stamp_ns], np.int64
         )
         if not others.size:
             return Compared(still, moved)
-        same, beyond, none = _look(sweep.xyz[kept], sweep.ring[kept], self.near, self.far, others, self.tolerance_m)
+        same, beyond, none = _look(
+            sweep.xyz[chosen], sweep.ring[chosen], self.near, self.far, others, self.tolerance_m
+        )
         count = others.size
-        still[kept] = (same >= max(1.0, _SEEN_SHARE * count)) & (same >= _SAME_SHARE * (same + beyond + none))
-        moved[kept] = ~still[kept] & (beyond + none >= max(1.0, _BEHIND_SHARE * count))
+        still[chosen] = (same >= max(1.0, _SEEN_SHARE * count)) & (same >= _SAME_SHARE * (same + beyond + none))
+        moved[chosen] = ~still[chosen] & (beyond + none >= max(1.0, _BEHIND_SHARE * count))
         return Compared(still, moved)
 
-    def fixed(self, sweep: Sweep, kept: Mask) -> Mask:
-        """Which of the points ``kept`` (N,) are the same in nearly all sweeps that can see their place."""
-        found = np.zeros(len(kept), np.bool_)
+    def fixed(self, sweep: Sweep, chosen: Mask) -> Mask:
+        """Which of the points ``chosen`` (N,) are the same in nearly all sweeps that can see their place."""
+        fixed = np.zeros(len(chosen), np.bool_)
         others = np.array([at for at, stamp_ns in enumerate(self.stamps_ns) if stamp_ns != sweep.stamp_ns], np.int64)
-        same, beyond, none = _look(sweep.xyz[kept], sweep.ring[kept], self.near, self.far, others, self.tolerance_m)
-        seen = same + beyond + none
-        found[kept] = (same >= _SEEN_SHARE * others.size) & (same >= _FIXED_SHARE * seen)
-        return found
+        same, beyond, none = _look(
+            sweep.xyz[chosen], sweep.ring[chosen], self.near, self.far, others, self.tolerance_m
+        )
+        visible = same + beyond + none
+        fixed[chosen] = (same >= _SEEN_SHARE * others.size) & (same >= _FIXED_SHARE * visible)
+        return fixed
 
-    def same(self, sweep: Sweep, kept: Mask, place: int) -> float:
-        """Share of a sweep's points ``kept`` (N,) that are the same in the image at ``place``."""
-        if not kept.any():
+    def same(self, sweep: Sweep, chosen: Mask, index: int) -> float:
+        """Share of a sweep's points ``chosen`` (N,) that are the same in the image at ``index``."""
+        if not chosen.any():
             return 0.0
-        other = np.array([place], np.int64)
-        same, _, _ = _look(sweep.xyz[kept], sweep.ring[kept], self.near, self.far, other, self.tolerance_m)
+        other = np.array([index], np.int64)
+        same, _, _ = _look(sweep.xyz[chosen], sweep.ring[chosen], self.near, self.far, other, self.tolerance_m)
         return float(np.mean(same > 0))
 
     def moves_itself(self) -> bool:
@@ -151,13 +155,13 @@ class Backdrop:
             return False
         shares: list[float] = []
         around: list[float] = []
-        for place in range(len(self.stamps_ns)):
-            others = np.array([other for other in range(len(self.stamps_ns)) if other != place], np.int64)
-            upright, still = _upright(self.near[place], self.elevation, self.near, self.far, others, self.tolerance_m)
+        for index in range(len(self.stamps_ns)):
+            others = np.array([other for other in range(len(self.stamps_ns)) if other != index], np.int64)
+            upright, still = _upright(self.near[index], self.elevation, self.near, self.far, others, self.tolerance_m)
             count = int(np.count_nonzero(upright))
             shares.append(np.count_nonzero(still) / count if count else 1.0)
-            seen = (self.near[place] > 0.0).any(axis=0)
-            around.append(np.count_nonzero((upright & ~still).any(axis=0)) / max(np.count_nonzero(seen), 1))
+            filled = (self.near[index] > 0.0).any(axis=0)
+            around.append(np.count_nonzero((upright & ~still).any(axis=0)) / max(np.count_nonzero(filled), 1))
         return float(np.median(shares)) < _STILL_SHARE and float(np.median(around)) > _AROUND
 
 
@@ -249,7 +253,7 @@ def _look(
     tolerance: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """(N,) in how many other sweeps a point is the same, has something beyond it, has nothing."""
-    found = np.zeros((3, xyz.shape[0]), np.int64)
+    counts = np.zeros((3, xyz.shape[0]), np.int64)
     _, rings, columns = near.shape
     column, range_m = np.empty(xyz.shape[0], np.int64), np.empty(xyz.shape[0])
     for i in range(xyz.shape[0]):
@@ -262,8 +266,8 @@ def _look(
             if range_m[i] > 0.0:
                 relation = _relation(near[k], far[k], ring[i], column[i], range_m[i], tolerance)
                 if relation < 3:
-                    found[relation, i] += 1
-    return found[0], found[1], found[2]
+                    counts[relation, i] += 1
+    return counts[0], counts[1], counts[2]
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")

@@ -32,7 +32,7 @@ _PLANES: Final = 3  # of each group of points that stand together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class LikelyBoard:
     """A board: its apex (3,), metres, how likely it is, and whether enough rings meet it to tell it from a person."""
 
     apex: NDArray[np.float64]
@@ -40,17 +40,17 @@ class Found:
     telling: bool
 
 
-def search(sweep: Sweep, kept: Mask, grid: SensorGrid, *, sure: bool) -> Found | None:
-    """The likeliest board among the points ``kept`` (N,) of a sweep; None if nothing is like one.
+def search(sweep: Sweep, chosen: Mask, grid: SensorGrid, *, sure: bool) -> LikelyBoard | None:
+    """The likeliest board among the points ``chosen`` (N,) of a sweep; None if nothing is like one.
 
     Args:
         sure: whether the rays must agree with a board and determine its apex. They need not where only a board and
             people can be among the points.
     """
-    one, other = _SIZES_M[0]
-    model = BoardModel(grid, sigma=_SIGMA_M, edges=(one, other), slack=_SLACK_M)
-    best: Found | None = None
-    windows = open_windows(sweep, kept, grid)
+    short, other = _SIZES_M[0]
+    model = BoardModel(grid, sigma=_SIGMA_M, edges=(short, other), slack=_SLACK_M)
+    best: LikelyBoard | None = None
+    windows = open_windows(sweep, chosen, grid)
     sightings = [sighting for window in windows for sighting in find_planes([window], model, _PLANES)]
     for plane in (sighting.plane for sighting in sightings):
         if plane.points < _FEWEST_POINTS or plane.width < TRUNK_M:
@@ -62,7 +62,7 @@ def search(sweep: Sweep, kept: Mask, grid: SensorGrid, *, sure: bool) -> Found |
             if sure and not _certain(fix):
                 continue
             if best is None or fix.support > best.support:
-                best = Found(fix.xyz, fix.support, plane.telling)
+                best = LikelyBoard(fix.xyz, fix.support, plane.telling)
     return best
 
 
@@ -71,8 +71,8 @@ def _certain(fix: Fix) -> bool:
     return fix.explained and fix.sigma < _MOST_SIGMA and contradicted < _CONTRADICTED
 
 
-def search_everywhere(sweep: Sweep, grid: SensorGrid) -> Found | None:
+def search_everywhere(sweep: Sweep, grid: SensorGrid) -> LikelyBoard | None:
     """The likeliest board of a whole sweep, by its own shape alone."""
     pieces = upright_pieces(sweep, np.ones(len(sweep.xyz), np.bool_), grid)[:_MOST_PIECES]
-    found = [board for piece in pieces if (board := search(sweep, piece, grid, sure=True)) is not None]
-    return max(found, key=lambda board: (board.telling, board.support), default=None)
+    boards = [board for piece in pieces if (board := search(sweep, piece, grid, sure=True)) is not None]
+    return max(boards, key=lambda board: (board.telling, board.support), default=None)

@@ -42,36 +42,36 @@ def moved(vertex: Vertex, xyz: Floats, covariance: Floats) -> list[MovedCorner]:
     half = root @ axis
     left: Floats = (half * np.minimum(size, 1.0)) @ half.T
     gain = inverse.T @ inverse @ left
-    found: list[MovedCorner] = []
-    for place, (name, corner) in enumerate(zip(vertex.corners.names, vertex.corners.xyz, strict=True), start=1):
+    moved_corners: list[MovedCorner] = []
+    for index, (name, corner) in enumerate(zip(vertex.corners.names, vertex.corners.xyz, strict=True), start=1):
         at = xyz + np.array(corner) - np.array(vertex.xyz)
-        cross: Floats = joint[place, :, 0, :] - own
+        cross: Floats = joint[index, :, 0, :] - own
         both = cross @ gain
-        spread = P + both + both.T + joint[place, :, place, :] - cross - cross.T - own
-        found.append(MovedCorner(name, at, to_spherical(spread[None], at[None])[0]))
-    return found
+        spread = P + both + both.T + joint[index, :, index, :] - cross - cross.T - own
+        moved_corners.append(MovedCorner(name, at, to_spherical(spread[None], at[None])[0]))
+    return moved_corners
 
 
-def of_mean(seen: Sequence[Vertex], narrowed: Narrow) -> Corners | None:
+def of_mean(vertices: Sequence[Vertex], narrowed: Narrow) -> Corners | None:
     """The corners of the mean of some sweeps of one still pose: those that all of them have.
 
     Args:
         narrowed: the covariance (3, 3) of a mean over x, y, z, from the covariance that a sweep states on average and
             from the sweeps' values (N, 3). The correlations between corners are scaled in the same way.
     """
-    having = [vertex.corners for vertex in seen if vertex.corners is not None]
-    if not having or len(having) < len(seen):
+    having = [vertex.corners for vertex in vertices if vertex.corners is not None]
+    if not having or len(having) < len(vertices):
         return None
-    names: list[CornerName] = [name for name in having[0].names if all(name in one.names for one in having)]
+    names: list[CornerName] = [name for name in having[0].names if all(name in corners.names for corners in having)]
     if not names:
         return None
     places: Floats = np.array(
         [
-            [vertex.xyz, *(one.xyz[one.names.index(name)] for name in names)]
-            for vertex, one in zip(seen, having, strict=True)
+            [vertex.xyz, *(corners.xyz[corners.names.index(name)] for name in names)]
+            for vertex, corners in zip(vertices, having, strict=True)
         ]
     )
-    joint: Floats = np.mean([_taken(one, names) for one in having], axis=0)
+    joint: Floats = np.mean([_taken(corners, names) for corners in having], axis=0)
     middle: Floats = places.mean(axis=0)
     scaled = np.zeros_like(joint)
     for k, at in enumerate(axes(middle)):
@@ -93,6 +93,6 @@ def _joint_xyz(vertex: Vertex) -> Floats:
 
 def _taken(corners: Corners, names: Sequence[CornerName]) -> Floats:
     """The joint covariance of the apex and these corners."""
-    kept = np.array([0, *(1 + corners.names.index(name) for name in names)])
-    rows = np.add.outer(3 * kept, np.arange(3)).ravel()
+    positions = np.array([0, *(1 + corners.names.index(name) for name in names)])
+    rows = np.add.outer(3 * positions, np.arange(3)).ravel()
     return np.array(corners.covariance)[np.ix_(rows, rows)]

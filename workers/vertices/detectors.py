@@ -1,21 +1,64 @@
-"""The detectors of the board's apex by name, and the one way to run them: one vertex or a reason per sweep."""
+"""The detectors of the board's apex by name, and the one way to run them: one vertex or a reason per sweep.
+
+On a walk, what stands still (walls, cars and signs) can be no board.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from apexcal.documents.detectors import DetectorName, Options, parse_detector, resolve_options
+from workers.readers.recording import Sweep
 from workers.vertices import ring_rules
-from workers.vertices.fixed_objects import without_fixed
+from workers.vertices.backdrop import Backdrop
 from workers.vertices.pose_detection import detect_poses
 from workers.vertices.refined.run import run as run_refined
 from workers.vertices.region import Region
 from workers.vertices.seam import find_cut, run_cut
 from workers.vertices.still_poses import find_poses
-from workers.vertices.sweep_source import OnSweep, Run, SweepSource
+from workers.vertices.sweep_source import OnSweep, Run, SweepSource, stamp_of
 from workers.vertices.vertex import Answers, Detections, Vertex
+
+Mask = NDArray[np.bool_]
+
+# The largest board is 1.8 m wide. Carried at 0.3 m/s, it has left its place after 6 s.
+_LEAST_S: Final = 6.0
+_COMPARED: Final = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WithoutFixed:
+    """A region without the objects that stand still over a whole walk."""
+
+    region: Region
+    backdrop: Backdrop
+
+    @property
+    def fixed_left_out(self) -> bool:
+        """See `sweep_source.Area`."""
+        return True
+
+    def inside(self, sweep: Sweep) -> Mask:
+        """Which points (N,) of a sweep lie in the region and on nothing that stands still."""
+        inside = self.region.mask(sweep.xyz)
+        return inside & ~self.backdrop.fixed(sweep, inside) if inside.any() else inside
+
+
+def without_fixed(
+    source: SweepSource, region: Region, on_sweep: Callable[[], None] | None = None
+) -> Region | WithoutFixed:
+    """The region without fixed objects; as it is where the recording is too short to tell them."""
+    count = len(source)
+    if count < _COMPARED or stamp_of(source, count - 1) - stamp_of(source, 0) < _LEAST_S * 1e9:
+        return region
+    return WithoutFixed(region, Backdrop.of(source, _COMPARED, on_sweep))
+
 
 RUNS: dict[DetectorName, Run] = {
     "strict": ring_rules.run_strict,
@@ -81,11 +124,11 @@ def detect_range(
         answers = walk(source, region, resolved, wider, report)
     else:
         answers = detect_poses(source, region, poses, RUNS[detector], resolved, wider, report)
-    for index, found in zip(wider, answers.found, strict=True):
-        if isinstance(found, Vertex):
-            (vertices if index in indices else context).append(found)
+    for index, answer in zip(wider, answers.found, strict=True):
+        if isinstance(answer, Vertex):
+            (vertices if index in indices else context).append(answer)
         elif index in indices:
-            refused[index] = found.reason
+            refused[index] = answer.reason
     rejected = dict(sorted(Counter(refused.values()).items()))
     facts = None if poses is None else poses.facts()
     return Detections(vertices, len(indices), rejected, tuple(context), refused, facts, answers.size)

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.geometry.ground import STEEPEST_DEG, Plane, ground_plane, is_on
+from workers.geometry.ground import STEEPEST_DEG, GroundPlane, ground_plane, is_on
 
 Floats = NDArray[np.float64]
 
@@ -43,8 +43,8 @@ def find_up(xyz: Floats, ring: NDArray[np.int64], stated: Floats | None = None) 
     """
     if stated is not None:
         turned = _to_level(stated / np.linalg.norm(stated))
-        found = _ground(xyz @ turned.T, ring, STEEPEST_DEG)
-        return turned[2] if found is None else _corrected(found[0].normal) @ turned
+        ground = _ground(xyz @ turned.T, ring, STEEPEST_DEG)
+        return turned[2] if ground is None else _corrected(ground[0].normal) @ turned
     upright, flipped = _ground(xyz, ring, _LEANS_AT_MOST_DEG), _ground(xyz @ _FLIPPED, ring, _LEANS_AT_MOST_DEG)
     if flipped is not None and (upright is None or flipped[1] > _MUCH_MORE * upright[1]):
         return _corrected(flipped[0].normal) @ _FLIPPED
@@ -68,7 +68,7 @@ def _corrected(normal: Floats) -> Floats:
     return np.array([0.0, 0.0, 1.0]) if within else normal
 
 
-def _ground(xyz: Floats, ring: NDArray[np.int64], steepest_deg: float) -> tuple[Plane, int] | None:
+def _ground(xyz: Floats, ring: NDArray[np.int64], steepest_deg: float) -> tuple[GroundPlane, int] | None:
     """The ground below a sensor whose z is about up, and how many points lie on it."""
     plane = ground_plane(xyz, steepest_deg)
     if plane is None or plane.offset < _LOWEST_M:

@@ -50,9 +50,9 @@ def noise_of(vertices: Sequence[Vertex]) -> tuple[Floats, Floats, Floats]:
             own[i] = vertex.covariance
             lasting[i] = _LASTING
             continue
-        known = _BY_DETECTOR.get(vertex.detector, _UNKNOWN)
-        own[i] = np.diag(_radians(known.own) ** 2)
-        common[i] = _radians(known.common)
+        noise = _BY_DETECTOR.get(vertex.detector, _UNKNOWN)
+        own[i] = np.diag(_radians(noise.own) ** 2)
+        common[i] = _radians(noise.common)
     return own, common, lasting
 
 

@@ -45,8 +45,8 @@ def _most_shifted(source: SweepSource, grid: SensorGrid, apart_s: float, on_swee
     firsts = sorted({int(n) for n in np.linspace(0, count - 1 - gap, _PAIRS).round()}) if gap < count else []
     shifted = 0
     for first in firsts:
-        one, other = (_upright(source.sweep(number), grid) for number in (first, first + gap))
-        shifted += _shifted(one, other)
+        before, other = (_upright(source.sweep(number), grid) for number in (first, first + gap))
+        shifted += _shifted(before, other)
         if on_sweep is not None:
             on_sweep()
     return 2 * shifted > len(firsts)
@@ -72,16 +72,16 @@ def _upright(sweep: Sweep, grid: SensorGrid) -> Floats:
     upright[:-1] |= steep
     near = np.linalg.norm((np.roll(image, -1, axis=1) - image)[..., :2], axis=2) < _DENSE_M
     upright &= near | np.roll(near, 1, axis=1)
-    found: Floats = image[upright][:, :2]
-    return found
+    points: Floats = image[upright][:, :2]
+    return points
 
 
-def _shifted(one: Floats, other: Floats) -> bool:
+def _shifted(image: Floats, other: Floats) -> bool:
     """Whether a shift lays the one on the other better than none does, to the left of its direction and to the right.
 
     A surface counts by the cells that it takes, not by its points: of a near car there are many.
     """
-    here, there = np.unique(_cells(one), axis=0), _cells(other)
+    here, there = np.unique(_cells(image), axis=0), _cells(other)
     before, after = np.zeros((2, _CELLS, _CELLS))
     inside = _inside(here)
     before[here[inside, 0], here[inside, 1]] = 1.0
@@ -98,10 +98,10 @@ def _shifted(one: Floats, other: Floats) -> bool:
         return False
 
     def on(moved: NDArray[np.int64]) -> NDArray[np.bool_]:
-        kept = _inside(moved)
-        found = np.zeros(len(moved), np.bool_)
-        found[kept] = after[moved[kept, 0], moved[kept, 1]] > 0.0
-        return found
+        inside = _inside(moved)
+        occupied = np.zeros(len(moved), np.bool_)
+        occupied[inside] = after[moved[inside, 0], moved[inside, 1]] > 0.0
+        return occupied
 
     stays, comes = on(here), on(here + shift)
     x, y = (here - _CELLS // 2).T
@@ -120,5 +120,5 @@ def _cells(xy: Floats) -> NDArray[np.int64]:
 
 
 def _inside(cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-    found: NDArray[np.bool_] = (cells >= 0) & (cells < _CELLS)
-    return found[:, 0] & found[:, 1]
+    inside: NDArray[np.bool_] = (cells >= 0) & (cells < _CELLS)
+    return inside[:, 0] & inside[:, 1]

@@ -99,13 +99,13 @@ def on_track(vertices: Sequence[Vertex], context: Sequence[Vertex] = ()) -> NDAr
     gap = np.diff(times)
     near = (gap > 0) & (gap <= REACH_NS)
     fast = near & (np.linalg.norm(np.diff(xyz, axis=0), axis=1) > _FASTEST_M_S * gap * 1e-9 + _NOISE_M)
-    found = np.zeros(len(vertices), np.bool_)
+    tracked = np.zeros(len(vertices), np.bool_)
     for number, vertex in enumerate(vertices):
         close = np.abs(sweeps - vertex.sweep_index) <= MARGIN_SWEEPS
         steps = close[:-1] & close[1:] & near
         count = np.count_nonzero(steps)
-        found[number] = count >= _LEAST_STEPS and np.count_nonzero(steps & fast) <= _MOST_FAST * count
-    return found
+        tracked[number] = count >= _LEAST_STEPS and np.count_nonzero(steps & fast) <= _MOST_FAST * count
+    return tracked
 
 
 def pair_interpolated(

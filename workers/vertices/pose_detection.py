@@ -42,18 +42,18 @@ def detect_poses(
     """
     wider = range(poses.pose_of(indices.start).start, poses.pose_of(indices.stop - 1).stop)
     alone = {**options, "track": 0.0} if "track" in options else options
-    told = run(source, Foreground(region, poses), alone, wider, on_sweep)
-    found = list(told.found)
-    for place, index in enumerate(wider):
-        if found[place] == Rejection("no_points") and region.inside(source.sweep(index)).any():
-            found[place] = Rejection("nothing_differs")
+    run_answers = run(source, Foreground(region, poses), alone, wider, on_sweep)
+    outcomes = list(run_answers.found)
+    for number, index in enumerate(wider):
+        if outcomes[number] == Rejection("no_points") and region.inside(source.sweep(index)).any():
+            outcomes[number] = Rejection("nothing_differs")
     answers: list[Vertex | Rejection] = []
     at = wider.start
     while at < wider.stop:
         pose = poses.pose_of(at)
-        answers += one_of(found[pose.start - wider.start : pose.stop - wider.start])
+        answers += one_of(outcomes[pose.start - wider.start : pose.stop - wider.start])
         at = pose.stop
-    return replace(told, found=answers[indices.start - wider.start : indices.stop - wider.start])
+    return replace(run_answers, found=answers[indices.start - wider.start : indices.stop - wider.start])
 
 
 def fixed_place(xyz: Floats) -> tuple[float, float, float] | None:
@@ -67,50 +67,50 @@ def fixed_place(xyz: Floats) -> tuple[float, float, float] | None:
     return x, y, z
 
 
-def one_of(found: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
+def one_of(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
     """The answers of one pose's sweeps with a single vertex in place of all that there are.
 
     It stands in the sweep nearest to the middle of those that saw it, and is their mean.
     """
-    seen = [(place, vertex) for place, vertex in enumerate(found) if isinstance(vertex, Vertex)]
-    if len(seen) < 2:
-        return list(found)
-    xyz = np.array([vertex.xyz for _, vertex in seen])
+    vertices = [(number, vertex) for number, vertex in enumerate(outcomes) if isinstance(vertex, Vertex)]
+    if len(vertices) < 2:
+        return list(outcomes)
+    xyz = np.array([vertex.xyz for _, vertex in vertices])
     apart = np.linalg.norm(xyz[:, None] - xyz[None, :], axis=2)
     middle = int(np.argmin(np.median(apart, axis=1)))
-    agree = [seen[k] for k in np.flatnonzero(apart[middle] <= _AGREE_M)]
+    agree = [vertices[k] for k in np.flatnonzero(apart[middle] <= _AGREE_M)]
     home, vertex = agree[len(agree) // 2]
     answers: list[Vertex | Rejection] = [
-        Rejection("same_pose") if isinstance(answer, Vertex) else answer for answer in found
+        Rejection("same_pose") if isinstance(answer, Vertex) else answer for answer in outcomes
     ]
-    answers[home] = _mean(vertex, [one for _, one in agree])
+    answers[home] = _mean(vertex, [other for _, other in agree])
     return answers
 
 
-def _mean(home: Vertex, seen: Sequence[Vertex]) -> Vertex:
+def _mean(home: Vertex, vertices: Sequence[Vertex]) -> Vertex:
     """The vertex of ``home``'s sweep at the mean of all, with the covariance of that mean.
 
     The sweeps of a pose share most of their error: the same rings meet the same board. Of the covariance C that each
     states, the part S by which they differ is theirs alone. So their mean has C - (1 - 1/n) S.
     """
-    values = np.array([vertex.xyz for vertex in seen])
+    values = np.array([vertex.xyz for vertex in vertices])
     mean = values.mean(axis=0)
     x, y, z = mean.tolist()
-    stated = [vertex.covariance for vertex in seen if vertex.covariance is not None]
+    stated = [vertex.covariance for vertex in vertices if vertex.covariance is not None]
     covariance = None
-    if len(stated) == len(seen):
+    if len(stated) == len(vertices):
         common = to_xyz(np.mean(np.array(stated), axis=0), mean)
         (aa, ae, ar), (ea, ee, er), (ra, re, rr) = to_spherical(_less(common, values), mean).tolist()
         covariance = (aa, ae, ar), (ea, ee, er), (ra, re, rr)
-    flags = tuple(sorted({flag for vertex in seen for flag in vertex.flags}))
-    points = sum(vertex.points_used for vertex in seen)
+    flags = tuple(sorted({flag for vertex in vertices for flag in vertex.flags}))
+    points = sum(vertex.points_used for vertex in vertices)
     return replace(
         home,
         xyz=(x, y, z),
         points_used=points,
         covariance=covariance,
         flags=flags,
-        corners=of_mean(seen, _less),
+        corners=of_mean(vertices, _less),
     )
 
 

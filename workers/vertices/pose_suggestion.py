@@ -15,7 +15,7 @@ from workers.vertices.region import Region
 from workers.vertices.still_poses import StillPoses
 from workers.vertices.suggested_region import (
     KEPT,
-    Seen,
+    ObservedScene,
     Suggestion,
     Thing,
     describe,
@@ -44,27 +44,29 @@ def suggest_poses(source: SweepSource, poses: StillPoses, level: Floats, on_swee
         InputError: ``no_board_seen``.
     """
     chosen = sorted({int(n) for n in np.linspace(0, len(source) - 1, min(_MOST, len(source))).round()})
-    seen = Seen()
+    scene = ObservedScene()
     for number, index in enumerate(chosen):
         sweep = source.sweep(index)
         on_sweep()
         compared = poses.backdrop.compare(sweep)
-        seen.things.append(_bearer(sweep, compared.moved, poses, level))
-        _keep(seen, number, levelled(sweep.xyz, level), compared.still, len(chosen))
-    by_shape = not any(seen.things)
+        scene.things.append(_bearer(sweep, compared.moved, poses, level))
+        _keep(scene, number, levelled(sweep.xyz, level), compared.still, len(chosen))
+    by_shape = not any(scene.things)
     if by_shape:
-        _search_shapes(source, chosen, poses, seen, level, on_sweep)
-    if not any(seen.things):
+        _search_shapes(source, chosen, poses, scene, level, on_sweep)
+    if not any(scene.things):
         raise InputError(
             "no_board_seen",
             "Nothing differs from sweep to sweep, and nothing looks like a board that stands on its tip.",
             "Move the board from pose to pose, hold it on its tip within 15 m, and upload with --still. Or write the "
             "region by hand.",
         )
-    found = in_level_axes(describe(seen.things, seen, _MARGIN_M, poses=1, notes=_notes(poses, by_shape)), level)
-    grouped = poses.grouped(source, Region.from_document(found.document), on_sweep)
-    found.facts["poses"] = grouped.count
-    return found
+    suggestion = in_level_axes(
+        describe(scene.things, scene, _MARGIN_M, poses=1, notes=_notes(poses, by_shape)), level
+    )
+    grouped = poses.grouped(source, Region.from_document(suggestion.document), on_sweep)
+    suggestion.facts["poses"] = grouped.count
+    return suggestion
 
 
 def _notes(poses: StillPoses, by_shape: bool) -> list[str]:
@@ -99,7 +101,7 @@ def _search_shapes(
     source: SweepSource,
     chosen: list[int],
     poses: StillPoses,
-    seen: Seen,
+    scene: ObservedScene,
     level: Floats,
     on_sweep: Callable[[], None],
 ) -> None:
@@ -110,12 +112,12 @@ def _search_shapes(
         if board is not None:
             corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.6, 0.0)])
             apex = level @ board.apex
-            seen.things[number] = [Thing(apex + _BESIDE_M * corners / 2.0, apex[:2])]
+            scene.things[number] = [Thing(apex + _BESIDE_M * corners / 2.0, apex[:2])]
 
 
-def _keep(seen: Seen, number: int, xyz: NDArray[np.float32], still: Mask, count: int) -> None:
-    seen.points += len(xyz)
-    seen.still += int(np.count_nonzero(still))
+def _keep(scene: ObservedScene, number: int, xyz: NDArray[np.float32], still: Mask, count: int) -> None:
+    scene.points += len(xyz)
+    scene.still += int(np.count_nonzero(still))
     if number % max(1, count // KEPT) == 0:
-        seen.clouds[number] = xyz
-        seen.background.append(xyz[still].astype(np.float64))
+        scene.clouds[number] = xyz
+        scene.background.append(xyz[still].astype(np.float64))

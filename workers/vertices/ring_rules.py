@@ -63,11 +63,11 @@ def _tolerant(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Reje
 def _look(
     detector: str, select: _Select, sweep: Sweep, area: Area, options: Options, index: int, upwards: int
 ) -> Vertex | Rejection:
-    kept = np.flatnonzero(area.inside(sweep))
+    chosen = np.flatnonzero(area.inside(sweep))
     inside = _Candidates(
-        sweep.xyz[kept].astype(np.float64),
-        upwards * sweep.ring[kept].astype(np.int64),
-        sweep.offset_ns[kept].astype(np.int64),
+        sweep.xyz[chosen].astype(np.float64),
+        upwards * sweep.ring[chosen].astype(np.int64),
+        sweep.offset_ns[chosen].astype(np.int64),
     )
     selected = select(inside, options)
     if isinstance(selected, Rejection):
@@ -86,11 +86,11 @@ def _look(
 def _runner(detector: str, select: _Select) -> Run:
     def run(source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep) -> Answers:
         upwards = 1 if hanging(source) is None else -1
-        found: list[Vertex | Rejection] = []
+        outcomes: list[Vertex | Rejection] = []
         for index in indices:
-            found.append(_look(detector, select, source.sweep(index), area, options, index, upwards))
+            outcomes.append(_look(detector, select, source.sweep(index), area, options, index, upwards))
             on_sweep(index)
-        return Answers(found)
+        return Answers(outcomes)
 
     return run
 

@@ -67,19 +67,19 @@ def find_cut(source: SweepSource, region: Region) -> Cut | None:
     sweeps = [sweep for sweep in map(source.sweep, numbers) if len(sweep.xyz) and sweep.time_source != "stamp_only"]
     if not sweeps:
         return None
-    seen = _around(sum((_histogram(sweep, region) for sweep in sweeps), np.zeros(_BINS)))
+    counts = _around(sum((_histogram(sweep, region) for sweep in sweeps), np.zeros(_BINS)))
     possible = _around(_reached(sweeps, region))
     seams = {int(_bin(np.array([begins]))[0]) for begins in map(_begins, sweeps) if math.isfinite(begins)}
-    if not any(seen[k] or possible[k] for k in seams):
+    if not any(counts[k] or possible[k] for k in seams):
         return None
     turning = _turning(sweeps)
     if turning is None:
         return None
     middles = (np.arange(_BINS) + 0.5) * 2.0 * math.pi / _BINS - math.pi
-    opposite = np.cos(middles[:, None] - middles) @ seen
-    best = min(range(_BINS), key=lambda k: (seen[k], possible[k], opposite[k]))
+    opposite = np.cos(middles[:, None] - middles) @ counts
+    best = min(range(_BINS), key=lambda k: (counts[k], possible[k], opposite[k]))
     returns = sum((_counted(sweep.xyz) for sweep in sweeps), np.zeros(_BINS))
-    if not any((seen[k], possible[k]) > (seen[best], possible[best]) and _both_sides(returns, k) for k in seams):
+    if not any((counts[k], possible[k]) > (counts[best], possible[best]) and _both_sides(returns, k) for k in seams):
         return None
     return Cut(float(middles[best]), *turning)
 
@@ -159,13 +159,13 @@ class Pieces:
         return self._parts[index]
 
 
-def _taken(sweep: Sweep, kept: NDArray[np.bool_]) -> Sweep:
+def _taken(sweep: Sweep, chosen: NDArray[np.bool_]) -> Sweep:
     return replace(
         sweep,
-        xyz=sweep.xyz[kept],
-        intensity=sweep.intensity[kept],
-        ring=sweep.ring[kept],
-        offset_ns=sweep.offset_ns[kept],
+        xyz=sweep.xyz[chosen],
+        intensity=sweep.intensity[chosen],
+        ring=sweep.ring[chosen],
+        offset_ns=sweep.offset_ns[chosen],
     )
 
 

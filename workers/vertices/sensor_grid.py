@@ -97,10 +97,10 @@ def _elevations(ring: NDArray[np.int64], elevation: NDArray[np.float64], count: 
     order = np.argsort(ring, kind="stable")
     parts = np.split(elevation[order], np.searchsorted(ring[order], np.arange(1, count)))
     medians = np.array([np.median(part) if part.size else np.nan for part in parts])
-    known = np.flatnonzero(np.isfinite(medians))
-    if known.size < 2:
+    measured = np.flatnonzero(np.isfinite(medians))
+    if measured.size < 2:
         return np.nan_to_num(medians)
-    filled: Floats = np.interp(np.arange(count), known, medians[known], left=np.nan)
+    filled: Floats = np.interp(np.arange(count), measured, medians[measured], left=np.nan)
     return filled
 
 

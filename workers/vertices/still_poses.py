@@ -90,15 +90,15 @@ class StillPoses:
             stop += 1
         return range(first, stop)
 
-    def before(self, sweep: Sweep, kept: Mask) -> Mask:
-        """Which of the points ``kept`` (N,) are no backdrop.
+    def before(self, sweep: Sweep, chosen: Mask) -> Mask:
+        """Which of the points ``chosen`` (N,) are no backdrop.
 
         Of a single pose, walls and what else is too large for a board with its bearer is backdrop.
         """
         if not self.single:
-            return kept & ~self.backdrop.compare(sweep, kept).still
-        pieces = upright_pieces(sweep, kept, self.grid)
-        return np.logical_or.reduce(pieces) if pieces else kept
+            return chosen & ~self.backdrop.compare(sweep, chosen).still
+        pieces = upright_pieces(sweep, chosen, self.grid)
+        return np.logical_or.reduce(pieces) if pieces else chosen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,8 +115,8 @@ class Foreground:
 
     def inside(self, sweep: Sweep) -> Mask:
         """Which points (N,) of a sweep lie in the region and are no backdrop."""
-        kept = self.region.mask(sweep.xyz)
-        return self.poses.before(sweep, kept) if kept.any() else kept
+        inside = self.region.mask(sweep.xyz)
+        return self.poses.before(sweep, inside) if inside.any() else inside
 
 
 def find_poses(
@@ -197,12 +197,12 @@ def _largest(xyz: NDArray[np.float64]) -> tuple[float, float] | None:
     return x, y
 
 
-def _same_pose(one: Sweep, other: Sweep, region: Region, backdrop: Backdrop) -> bool:
+def _same_pose(first: Sweep, other: Sweep, region: Region, backdrop: Backdrop) -> bool:
     """Whether there is something before the backdrop in the region, and it is the same in both sweeps."""
-    both = backdrop.again([one, other])
-    for sweep, place in ((one, 1), (other, 0)):
-        kept = region.mask(sweep.xyz)
-        if both.same(sweep, kept & ~backdrop.compare(sweep, kept).still, place) < _SAME_POSE:
+    both = backdrop.again([first, other])
+    for sweep, index in ((first, 1), (other, 0)):
+        inside = region.mask(sweep.xyz)
+        if both.same(sweep, inside & ~backdrop.compare(sweep, inside).still, index) < _SAME_POSE:
             return False
     return True
 

@@ -1,4 +1,7 @@
-"""A suggested region: a polygon around what was seen to move, off the ground, without the posts inside."""
+"""A suggested region: a polygon around what was seen to move, off the ground, without the posts inside.
+
+Shapes on the ground are clusters of points seen from above, and the convex area around them.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,55 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.vertices.footprint import area_around, area_m2, clusters
 from workers.vertices.region import Region
+
+SIDES: Final = 20  # of the areas that are suggested
+
+
+def clusters(xy: Floats, cell_m: float) -> NDArray[np.int64]:
+    """(N,) the cluster of each point (N, 2), numbered from 0: cells of ``cell_m`` that touch, corners included."""
+    cells, of_point = np.unique(np.floor(xy / cell_m).astype(np.int64), axis=0, return_inverse=True)
+    number = {(int(x), int(y)): i for i, (x, y) in enumerate(cells)}
+    cluster = np.full(len(cells), -1, np.int64)
+    count = 0
+    for first in range(len(cells)):
+        if cluster[first] >= 0:
+            continue
+        cluster[first] = count
+        waiting = [first]
+        while waiting:
+            x, y = cells[waiting.pop()].tolist()
+            for dx in (-1, 0, 1):
+                for dy in (-1, 0, 1):
+                    other = number.get((x + dx, y + dy), -1)
+                    if other >= 0 and cluster[other] < 0:
+                        cluster[other] = count
+                        waiting.append(other)
+        count += 1
+    return cluster[of_point.reshape(-1)]
+
+
+def area_around(xy: Floats, margin_m: float) -> Floats:
+    """Corners (SIDES, 2), counter-clockwise, of a convex polygon that holds points (N, 2) and ``margin_m`` around.
+
+    Its sides have fixed directions; each lies the margin outside of the farthest point in its direction.
+    """
+    angle = np.arange(SIDES) * (2.0 * np.pi / SIDES)
+    normal = np.column_stack([np.cos(angle), np.sin(angle)])
+    reach = (xy @ normal.T).max(axis=0) + margin_m
+    following = np.roll(normal, -1, axis=0)
+    # Each corner lies on two sides: normal . corner = reach.
+    corners = np.linalg.solve(
+        np.stack([normal, following], axis=1), np.column_stack([reach, np.roll(reach, -1)])[..., None]
+    )
+    return corners[..., 0]
+
+
+def area_m2(corners: Floats) -> float:
+    """Area of a simple polygon (K, 2)."""
+    x, y = corners.T
+    return 0.5 * abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))
+
 
 Floats = NDArray[np.float64]
 Document = dict[str, Any]
@@ -46,7 +96,7 @@ class Thing:
 
 
 @dataclass(slots=True)
-class Seen:
+class ObservedScene:
     """What the second reading gathers: by sweep what moves, of some sweeps all points and those that stand still."""
 
     points: int = 0
@@ -61,19 +111,24 @@ def things_of(xyz: Floats) -> list[Thing]:
     if not len(xyz):
         return []
     cluster = clusters(xyz[:, :2], _CELL_M)
-    found: list[Thing] = []
+    things: list[Thing] = []
     for number in np.flatnonzero(np.bincount(cluster) >= _FEWEST_POINTS):
         points = xyz[cluster == number]
         size = np.ptp(points, axis=0)
         middle = points[:, :2].mean(axis=0)
         enough = len(points) >= _POINTS_AT_1_M / max(float(np.hypot(*middle)), 1.0)
         if enough and np.hypot(size[0], size[1]) <= _WIDEST_M and size[2] <= _TALLEST_M:
-            found.append(Thing(points, middle))
-    return found
+            things.append(Thing(points, middle))
+    return things
 
 
 def describe(
-    things: Sequence[Sequence[Thing]], seen: Seen, margin_m: float, *, poses: int = 0, notes: Sequence[str] = ()
+    things: Sequence[Sequence[Thing]],
+    scene: ObservedScene,
+    margin_m: float,
+    *,
+    poses: int = 0,
+    notes: Sequence[str] = (),
 ) -> Suggestion:
     """The region around what moved in each sweep.
 
@@ -83,11 +138,11 @@ def describe(
     """
     points = np.concatenate([thing.points for some in things for thing in some])
     corners = area_around(points[:, :2], margin_m)
-    still = np.concatenate(seen.background)
+    still = np.concatenate(scene.background)
     inside = still[Region.from_document({"polygon": corners.tolist()}).mask(still)]
-    said = list(notes)
+    sentences = list(notes)
     # What rises or stands still matters to detectors that do not know the backdrop.
-    left_in = [] if poses else said
+    left_in = [] if poses else sentences
     ground, z_low = _ground(points, inside, left_in)
     # A sensor of few rings may never have met the board where it was highest.
     z_high = max(float(np.max(points[:, 2])) + _ABOVE_M, ground + _REACH_M)
@@ -103,17 +158,17 @@ def describe(
         ]
         document = {"and": [document, *cut]}
     region = Region.from_document(document)
-    kept = [int(np.count_nonzero(region.mask(xyz))) for number, xyz in seen.clouds.items() if things[number]]
+    counts = [int(np.count_nonzero(region.mask(xyz))) for number, xyz in scene.clouds.items() if things[number]]
     facts: Document = {
         "sweeps_read": len(things),
         "sweeps_moving": sum(bool(some) for some in things),
-        "points_per_sweep": float(np.median(kept)) if kept else 0.0,
+        "points_per_sweep": float(np.median(counts)) if counts else 0.0,
         "area_m2": round(area_m2(corners), 1),
         "ground_z": round(ground, 2),
         "z_low": round(z_low, 2),
         "z_high": round(z_high, 2),
         "posts": len(posts),
-        "notes": said,
+        "notes": sentences,
         "poses": poses,
     }
     return Suggestion(document, facts)
@@ -124,14 +179,14 @@ def levelled(xyz: NDArray[np.float32], level: Floats) -> NDArray[np.float32]:
     return xyz if level[2, 2] == 1.0 else (xyz @ level.T).astype(xyz.dtype)
 
 
-def in_level_axes(found: Suggestion, level: Floats) -> Suggestion:
+def in_level_axes(suggestion: Suggestion, level: Floats) -> Suggestion:
     """The suggestion as one that says in which axes it was made."""
     if level[2, 2] == 1.0:
-        return found
+        return suggestion
     tilt = math.degrees(math.acos(float(level[2, 2])))
     note = f"The ground tells that the LiDAR is tilted by {tilt:.0f} degrees. The region is in level axes."
-    document: Document = {"level": found.document, "up": [round(value, 5) for value in level[2].tolist()]}
-    return Suggestion(document, found.facts | {"notes": [note, *found.facts["notes"]]})
+    document: Document = {"level": suggestion.document, "up": [round(value, 5) for value in level[2].tolist()]}
+    return Suggestion(document, suggestion.facts | {"notes": [note, *suggestion.facts["notes"]]})
 
 
 def _ground(points: Floats, still: Floats, notes: list[str]) -> tuple[float, float]:

@@ -24,7 +24,7 @@ from workers.vertices.sensor_grid import SensorGrid
 from workers.vertices.still_poses import find_poses
 from workers.vertices.suggested_region import (
     KEPT,
-    Seen,
+    ObservedScene,
     Suggestion,
     Thing,
     describe,
@@ -100,10 +100,10 @@ def _suggest(
         stamps_ns.append(sweep.stamp_ns)
         if on_sweep is not None:
             on_sweep(done)
-    seen = _look(source, chosen, occupancy, level, on_sweep)
-    if seen.still < 0.4 * seen.points:
-        raise _everything_moves(f"Only {seen.still / max(seen.points, 1):.0%} of the points stand still")
-    things = _walker(seen.things, stamps_ns)
+    scene = _look(source, chosen, occupancy, level, on_sweep)
+    if scene.still < 0.4 * scene.points:
+        raise _everything_moves(f"Only {scene.still / max(scene.points, 1):.0%} of the points stand still")
+    things = _walker(scene.things, stamps_ns)
     if not any(things):
         raise InputError(
             "nothing_moves",
@@ -112,13 +112,13 @@ def _suggest(
         )
     # Between two sweeps that were looked at the person walked a little farther.
     between_s = (max(stamps_ns) - min(stamps_ns)) * 1e-9 / max(len(chosen) // 2, 1)
-    return in_level_axes(describe(things, seen, _MARGIN_M + min(2.0, 0.25 * between_s)), level)
+    return in_level_axes(describe(things, scene, _MARGIN_M + min(2.0, 0.25 * between_s)), level)
 
 
-def _everything_moves(seen: str) -> InputError:
+def _everything_moves(observation: str) -> InputError:
     return InputError(
         "everything_moves",
-        f"{seen}: the LiDAR itself moves, as in a drive, or each sweep shows another place.",
+        f"{observation}: the LiDAR itself moves, as in a drive, or each sweep shows another place.",
         "Park the vehicle and record while somebody walks with the board, or holds it still in several places. Or "
         "write the region by hand.",
     )
@@ -130,25 +130,25 @@ def _look(
     occupancy: Occupancy,
     level: Floats,
     on_sweep: Callable[[int], None] | None,
-) -> Seen:
+) -> ObservedScene:
     """Read the sweeps again, now that it is known what stands still; all of them at once may not fit in memory.
 
     Points are kept in level axes.
     """
-    seen = Seen()
+    scene = ObservedScene()
     for number, index in enumerate(chosen):
         sweep = source.sweep(index)
         moving, still = occupancy.moving(sweep)
-        seen.points += len(sweep.xyz)
-        seen.still += int(np.count_nonzero(still))
+        scene.points += len(sweep.xyz)
+        scene.still += int(np.count_nonzero(still))
         xyz = levelled(sweep.xyz, level)
-        seen.things.append(things_of(xyz[moving].astype(np.float64)))
+        scene.things.append(things_of(xyz[moving].astype(np.float64)))
         if number % max(1, len(chosen) // KEPT) == 0:
-            seen.clouds[number] = xyz
-            seen.background.append(xyz[still].astype(np.float64))
+            scene.clouds[number] = xyz
+            scene.background.append(xyz[still].astype(np.float64))
         if on_sweep is not None:
             on_sweep(len(chosen))
-    return seen
+    return scene
 
 
 def _spread(count: int, samples: int) -> list[int]:
@@ -168,10 +168,10 @@ def _walker(things: list[list[Thing]], stamps_ns: list[int]) -> list[list[Thing]
         if apart_s > _TOGETHER_S:
             continue
         alone[before] = alone[after] = False
-        for one in things[before]:
+        for thing in things[before]:
             for other in things[after]:
-                if np.hypot(*(one.middle - other.middle)) <= 0.5 + _FASTEST_M_S * apart_s:
-                    met[before][id(one)] = one
+                if np.hypot(*(thing.middle - other.middle)) <= 0.5 + _FASTEST_M_S * apart_s:
+                    met[before][id(thing)] = thing
                     met[after][id(other)] = other
     return [_largest(things[i] if alone[i] else list(met[i].values())) for i in range(len(things))]
 

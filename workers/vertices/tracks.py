@@ -94,11 +94,11 @@ class Track:
 
     def places(self, vertices: Sequence[Vertex]) -> NDArray[np.int64]:
         """(M,) where vertices that the track was made of stand in it."""
-        place = {
+        index = {
             (time, sweep): i
             for i, (time, sweep) in enumerate(zip(self.times_ns.tolist(), self.sweep.tolist(), strict=True))
         }
-        return np.array([place[vertex.time_ns, vertex.sweep_index] for vertex in vertices], np.int64)
+        return np.array([index[vertex.time_ns, vertex.sweep_index] for vertex in vertices], np.int64)
 
     def at(self, times_ns: ArrayLike, centre: ArrayLike | None = None) -> TrackPoints:
         """The track at moments of the LiDAR's clock.
@@ -172,9 +172,9 @@ class Track:
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Indices (M, n) of the vertices that count at each moment, and which of them are there."""
         reach = np.arange(-MARGIN_SWEEPS, MARGIN_SWEEPS + 1)
-        wanted = about[:, None] + reach
-        index = np.clip(wanted, 0, len(self.times_ns) - 1)
-        near = (wanted == index) & (np.abs(self.sweep[index] - self.sweep[about][:, None]) <= MARGIN_SWEEPS)
+        position = about[:, None] + reach
+        index = np.clip(position, 0, len(self.times_ns) - 1)
+        near = (position == index) & (np.abs(self.sweep[index] - self.sweep[about][:, None]) <= MARGIN_SWEEPS)
         away = np.where(near, np.abs(self.times_ns[index] - times[:, None]), np.iinfo(np.int64).max)
         order = np.argsort(away, axis=1, kind="stable")[:, :_SLOTS]
         return np.take_along_axis(index, order, 1), np.take_along_axis(near, order, 1)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.vertices.refined.planes import find_stretches
-from workers.vertices.refined.window import Window, open_window
+from workers.vertices.refined.window import RangeImage, open_window
 from workers.vertices.sensor_grid import SensorGrid
 
 Floats = NDArray[np.float64]
@@ -35,13 +35,13 @@ def upright_pieces(sweep: Sweep, inside: Mask, grid: SensorGrid) -> list[Mask]:
     A piece at the rim of a sector may be met twice.
     """
     half = math.pi / _SECTORS + _OVERLAP
-    found: list[NDArray[np.int64]] = []
+    pieces: list[NDArray[np.int64]] = []
     for number in range(_SECTORS):
         window = open_window(sweep, inside, grid, (2 * number + 1) * math.pi / _SECTORS - math.pi, half)
-        found += _pieces(window)
-    found.sort(key=len, reverse=True)
+        pieces += _pieces(window)
+    pieces.sort(key=len, reverse=True)
     masks: list[Mask] = []
-    for points in found:
+    for points in pieces:
         size = np.ptp(sweep.xyz[points], axis=0)
         if math.hypot(size[0], size[1]) <= WIDEST_M and size[2] <= TALLEST_M:
             mask = np.zeros(len(sweep.xyz), np.bool_)
@@ -50,7 +50,7 @@ def upright_pieces(sweep: Sweep, inside: Mask, grid: SensorGrid) -> list[Mask]:
     return masks
 
 
-def _pieces(window: Window) -> list[NDArray[np.int64]]:
+def _pieces(window: RangeImage) -> list[NDArray[np.int64]]:
     """Numbers of the points of each piece."""
     stretches = find_stretches(window.azimuth, window.distance, window.inside, _SIGMA_M, window.steps)
     parent = list(range(len(stretches)))
@@ -75,7 +75,7 @@ def _pieces(window: Window) -> list[NDArray[np.int64]]:
     return pieces
 
 
-def _points(window: Window, stretch: Floats) -> NDArray[np.int64]:
+def _points(window: RangeImage, stretch: Floats) -> NDArray[np.int64]:
     ring, first, last = (int(value) for value in stretch[:3])
     run = slice(first, last + 1)
     point = window.point[ring, run]
@@ -94,10 +94,10 @@ def _stacked(stretches: Floats, slope: Floats) -> list[tuple[int, int]]:
         if not lower:
             continue
         rise = abs(float(slope[ring, middle] - slope[ring - 1, middle]))
-        one, other = stretches[upper], stretches[lower]
-        away = np.abs(one[:, None, 6] - other[None, :, 6])
-        gap = np.maximum(other[None, :, 4] - one[:, None, 5], one[:, None, 4] - other[None, :, 5])
+        higher, other = stretches[upper], stretches[lower]
+        away = np.abs(higher[:, None, 6] - other[None, :, 6])
+        gap = np.maximum(other[None, :, 4] - higher[:, None, 5], higher[:, None, 4] - other[None, :, 5])
         # A board leans by slopes of up to 0.7.
-        near = (away <= _GAP_M + 0.7 * rise * one[:, None, 6]) & (gap <= _GAP_M)
+        near = (away <= _GAP_M + 0.7 * rise * higher[:, None, 6]) & (gap <= _GAP_M)
         pairs += [(upper[i], lower[j]) for i, j in zip(*np.nonzero(near), strict=True)]
     return pairs

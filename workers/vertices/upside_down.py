@@ -45,18 +45,18 @@ class Turned:
 
     def sweep(self, index: int) -> Sweep:
         """The sweep of that number."""
-        one = self._source.sweep(index)
-        ring = np.maximum(self._top - one.ring.astype(np.int64), 0).astype(one.ring.dtype)
-        return replace(one, xyz=one.xyz * _TURN, ring=ring)
+        upright = self._source.sweep(index)
+        ring = np.maximum(self._top - upright.ring.astype(np.int64), 0).astype(upright.ring.dtype)
+        return replace(upright, xyz=upright.xyz * _TURN, ring=ring)
 
 
-def turned_back(found: Suggestion) -> Suggestion:
+def turned_back(suggestion: Suggestion) -> Suggestion:
     """A region that was suggested in the turned sweeps, for the sweeps as they are."""
-    if "level" in found.document:
-        return Suggestion(_turned_back(found.document), found.facts)
-    facts = found.facts | {"ground_z": -found.facts["ground_z"]}
-    facts |= {"z_low": -found.facts["z_high"], "z_high": -found.facts["z_low"]}
-    return Suggestion(_turned_back(found.document), facts)
+    if "level" in suggestion.document:
+        return Suggestion(_turned_back(suggestion.document), suggestion.facts)
+    facts = suggestion.facts | {"ground_z": -suggestion.facts["ground_z"]}
+    facts |= {"z_low": -suggestion.facts["z_high"], "z_high": -suggestion.facts["z_low"]}
+    return Suggestion(_turned_back(suggestion.document), facts)
 
 
 def _turned_back(document: dict[str, Any]) -> dict[str, Any]:

@@ -23,8 +23,8 @@ from sqlalchemy import ColumnElement, Select, bindparam, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.roles import Role, least, rank
+from service.platform.auth.credential_actions import TOKEN_PREFIX, secret_hash
 from service.platform.auth.origins import check_origin
-from service.platform.auth.secrets import TOKEN_PREFIX, secret_hash
 from service.platform.db.clock import now
 from service.platform.db.fleets import Fleet
 from service.platform.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person
@@ -78,18 +78,18 @@ class Identity:
         """The role in a fleet, or None where the person is not in it."""
         if self.only_fleet is not None and fleet_id != self.only_fleet:
             return None
-        held: Role | None = "admin" if self.person.is_owner else self.roles.get(fleet_id)
-        return least(held, self.only_role) if held else None
+        role: Role | None = "admin" if self.person.is_owner else self.roles.get(fleet_id)
+        return least(role, self.only_role) if role else None
 
 
 class Access:
     """A session together with what its person may do with it."""
 
-    def __init__(self, session: Session, identity: Identity, asked: RequestKey | None = None) -> None:
+    def __init__(self, session: Session, identity: Identity, key: RequestKey | None = None) -> None:
         self._session = session
         self.identity = identity
         self.person = identity.person
-        self._asked = asked
+        self._key = key
         self._is_known_new = False
         self._took: tuple[UUID, Role] | None = None
 
@@ -113,14 +113,14 @@ class Access:
 
     def need(self, fleet_id: UUID, role: Role) -> None:
         """Raises :class:`Problem` 404 outside the person's fleets, 403 where their role there is too low."""
-        held = self.role(fleet_id)
-        if held is None:
+        actual = self.role(fleet_id)
+        if actual is None:
             raise not_found()
-        if rank(held) < rank(role):
+        if rank(actual) < rank(role):
             raise Problem(
                 403,
                 "role_too_low",
-                f"This takes the role {role} in the fleet, and you are {held}.",
+                f"This takes the role {role} in the fleet, and you are {actual}.",
                 "Ask an admin of the fleet to change your role.",
             )
         if self._took is None or rank(role) > rank(self._took[1]):
@@ -160,14 +160,14 @@ class Access:
         """
         if self.identity.sees_all:
             return [] if fleet_id is None else [model.fleet_id == fleet_id]
-        fleets = [one for one in self._fleets("viewer") if fleet_id in (None, one)]
+        fleets = [id for id in self._fleets("viewer") if fleet_id in (None, id)]
         if not 0 < len(fleets) <= _FLEETS_ONE_BY_ONE:
             return [model.fleet_id.in_(fleets)]
-        return [model.fleet_id == one for one in fleets]
+        return [model.fleet_id == id for id in fleets]
 
     def _fleets(self, role: Role) -> list[UUID]:
         fleets = {*self.identity.roles, *filter(None, (self.identity.only_fleet,))}
-        return sorted(one for one in fleets if rank(self.role(one) or "") >= rank(role))
+        return sorted(id for id in fleets if rank(self.role(id) or "") >= rank(role))
 
     def answer(self, body: BaseModel | dict[str, Any], status: int = 201, *, secret: bool = False) -> JSONResponse:
         """The answer of a POST that made something, kept with it where the request has an Idempotency-Key.
@@ -175,18 +175,18 @@ class Access:
         ``secret`` says that the answer holds one: then only is kept that it was given.
         """
         document: dict[str, Any] = jsonable_encoder(body)
-        if self._asked:
-            self._remember(self._asked, status, document, secret=secret)
+        if self._key:
+            self._remember(self._key, status, document, secret=secret)
         headers = {"Cache-Control": "no-store"} if secret else None
         return JSONResponse(document, status_code=status, headers=headers)
 
-    def _remember(self, asked: RequestKey, status: int, document: dict[str, Any], *, secret: bool) -> None:
+    def _remember(self, key: RequestKey, status: int, document: dict[str, Any], *, secret: bool) -> None:
         fleet_id, role = self._took or (None, None)
         self.session.add(
             IdempotencyKey(
                 person_id=self.person.id,
-                key=asked.key,
-                request_hash=asked.request_hash,
+                key=key.key,
+                request_hash=key.request_hash,
                 fleet_id=fleet_id,
                 role=role,
                 status=status,
@@ -199,12 +199,12 @@ class Access:
 
         Raises :class:`Problem` where its key belongs to another request, and where who asks may no longer make it.
         """
-        kept = kept_answer(self.session, self.person.id, self._asked) if self._asked else None
-        if kept is None:
+        answer = kept_answer(self.session, self.person.id, self._key) if self._key else None
+        if answer is None:
             return
-        if kept.fleet_id is not None:
-            self.need(kept.fleet_id, kept.role or "admin")  # pyright: ignore[reportArgumentType] - only roles
-        raise repeat(kept)
+        if answer.fleet_id is not None:
+            self.need(answer.fleet_id, answer.role or "admin")  # pyright: ignore[reportArgumentType] - only roles
+        raise repeat(answer)
 
 
 async def identified(request: Request) -> Identity:
@@ -288,10 +288,10 @@ CurrentIdentity = Annotated[Identity, Depends(identified)]
 
 @contextmanager
 def _accessing(
-    open_session: Callable[[], AbstractContextManager[Session]], identity: Identity, asked: RequestKey | None = None
+    open_session: Callable[[], AbstractContextManager[Session]], identity: Identity, key: RequestKey | None = None
 ) -> Iterator[Access]:
     with open_session() as session:
-        yield Access(session, identity, asked)
+        yield Access(session, identity, key)
 
 
 # Each dependency of a dependency is solved by itself, at a cost, so these call what they need.
@@ -301,10 +301,10 @@ async def _read_access(request: Request) -> Transaction:
 
 
 async def _write_access(request: Request) -> Transaction:
-    identity, database, asked = await identified(request), request.app.state.database, await request_key(request)
-    if asked:
-        asked = of_caller(asked, secret_hash(identity.credential), identity.only_fleet, identity.only_role)
-    return Transaction(partial(_accessing, database.writing, identity, asked), writes=True, caller=identity.person.id)
+    identity, database, key = await identified(request), request.app.state.database, await request_key(request)
+    if key:
+        key = of_caller(key, secret_hash(identity.credential), identity.only_fleet, identity.only_role)
+    return Transaction(partial(_accessing, database.writing, identity, key), writes=True, caller=identity.person.id)
 
 
 ReadAccess = Annotated[Access, Depends(_read_access)]

@@ -14,11 +14,10 @@ from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from apexcal.documents.base import Name
-from service.platform.auth.credential_actions import hand_over, hold
-from service.platform.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
+from service.platform.auth.credential_actions import TOKEN_PREFIX, hand_over, hold, new_secret, secret_hash
 from service.platform.auth.session_actions import make_link
+from service.platform.db.base import new_id
 from service.platform.db.clock import now
-from service.platform.db.ids import new_id
 from service.platform.db.people import ApiToken, Person
 from service.platform.db.session import Database
 from service.platform.settings import settings_or_exit
@@ -28,12 +27,12 @@ _LOCAL_TOKEN = "this machine"
 
 def owner(session: Session, name: str = "Owner") -> Person:
     """The first owner, made where there is none."""
-    found = session.scalar(select(Person).where(Person.is_owner).order_by(Person.id).limit(1))
-    if found is None:
-        found = Person(name=name, is_owner=True)
-        session.add(found)
+    person = session.scalar(select(Person).where(Person.is_owner).order_by(Person.id).limit(1))
+    if person is None:
+        person = Person(name=name, is_owner=True)
+        session.add(person)
         session.flush()
-    return found
+    return person
 
 
 def renew_owner_token(session: Session, person: Person) -> str:
@@ -94,8 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if link:
             print(link)
     except SQLAlchemyError as error:
-        said = str(getattr(error, "orig", None) or error).strip().partition("\n")[0]
-        sys.exit(f"The database: {said}. Did `python -m service.platform.db.migrate` run?")
+        message = str(getattr(error, "orig", None) or error).strip().partition("\n")[0]
+        sys.exit(f"The database: {message}. Did `python -m service.platform.db.migrate` run?")
     except OSError as error:
         sys.exit(f"{error.filename}: {error.strerror}")
     finally:

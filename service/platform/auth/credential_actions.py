@@ -1,7 +1,12 @@
-"""Credentials: sign-in links, sessions and tokens. Each ends with what made it, and with a higher role."""
+"""Credentials: sign-in links, sessions and tokens. Each ends with what made it, and with a higher role.
+
+A secret is 256 random bits, shown once, kept as SHA-256 only and found by it.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import secrets
 from typing import Any, NamedTuple
 from uuid import UUID
 
@@ -11,10 +16,23 @@ from sqlalchemy.orm import Session
 from service.platform.db.clock import moment
 from service.platform.db.people import ApiToken, BrowserSession, Person, SignInLink
 
+TOKEN_PREFIX = "apx_"
+
+
+def new_secret(prefix: str = "") -> str:
+    """A fresh secret in letters that fit into a header and a URL."""
+    return prefix + secrets.token_urlsafe(32)
+
+
+def secret_hash(secret: str) -> str:
+    """What is stored of a secret. It has 256 random bits, so a plain hash cannot be searched."""
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
 _MADE = (ApiToken, SignInLink, BrowserSession)
 
 
-class Ended(NamedTuple):
+class EndedCredentials(NamedTuple):
     """How many sessions, unused links and tokens ended."""
 
     sessions: int = 0
@@ -28,11 +46,11 @@ def hold(session: Session, *person_ids: UUID) -> None:
     Whoever makes or ends credentials holds their person first. So a link is made before its person gets a higher
     role, and ends, or after, by somebody who still may make it.
     """
-    wanted = select(Person.id).where(Person.id.in_(person_ids)).order_by(Person.id)
-    session.execute(wanted.with_for_update(key_share=True)).all()
+    rows = select(Person.id).where(Person.id.in_(person_ids)).order_by(Person.id)
+    session.execute(rows.with_for_update(key_share=True)).all()
 
 
-def end_credentials(session: Session, person_id: UUID, fleet_id: UUID | None = None) -> Ended:
+def end_credentials(session: Session, person_id: UUID, fleet_id: UUID | None = None) -> EndedCredentials:
     """End a person's sessions, unused links and tokens, and what was made with these.
 
     With ``fleet_id`` only tokens that act in this fleet end; those of other fleets have nothing to do with it.
@@ -42,11 +60,11 @@ def end_credentials(session: Session, person_id: UUID, fleet_id: UUID | None = N
     if fleet_id is not None:
         tokens &= or_(ApiToken.fleet_id == fleet_id, ApiToken.fleet_id.is_(None))
     ended = _end_ways_in(session, SignInLink.person_id == person_id, BrowserSession.person_id == person_id)
-    made = revoke(session, tokens)
-    return Ended(ended.sessions + made.sessions, ended.links + made.links, made.tokens)
+    dependents = revoke(session, tokens)
+    return EndedCredentials(ended.sessions + dependents.sessions, ended.links + dependents.links, dependents.tokens)
 
 
-def revoke(session: Session, which: Any) -> Ended:
+def revoke(session: Session, which: Any) -> EndedCredentials:
     """Revoke the valid tokens among ``which``, and end what was made with them."""
     hold(session, *session.scalars(select(ApiToken.person_id).where(which, ApiToken.revoked_at.is_(None))))
     revoked = session.scalars(
@@ -57,10 +75,12 @@ def revoke(session: Session, which: Any) -> Ended:
         .execution_options(synchronize_session="fetch")
     ).all()
     if not revoked:
-        return Ended()
+        return EndedCredentials()
     ended = _end_ways_in(session, SignInLink.made_by.in_(revoked), BrowserSession.made_by.in_(revoked))
-    made = revoke(session, ApiToken.made_by.in_(revoked))
-    return Ended(ended.sessions + made.sessions, ended.links + made.links, len(revoked) + made.tokens)
+    dependents = revoke(session, ApiToken.made_by.in_(revoked))
+    return EndedCredentials(
+        ended.sessions + dependents.sessions, ended.links + dependents.links, len(revoked) + dependents.tokens
+    )
 
 
 def hand_over(session: Session, old: list[UUID], new: UUID) -> None:
@@ -74,7 +94,7 @@ def hand_over(session: Session, old: list[UUID], new: UUID) -> None:
         )
 
 
-def _end_ways_in(session: Session, links: Any, sessions: Any) -> Ended:
+def _end_ways_in(session: Session, links: Any, sessions: Any) -> EndedCredentials:
     # Links first: a link that is used at this moment leaves a session, which the second statement then sees.
     now = moment(session)
     unused = (SignInLink.used_at.is_(None), SignInLink.expires_at > now)
@@ -91,4 +111,4 @@ def _end_ways_in(session: Session, links: Any, sessions: Any) -> Ended:
         .returning(BrowserSession.id)
         .execution_options(synchronize_session=False)
     ).all()
-    return Ended(len(gone), len(ended))
+    return EndedCredentials(len(gone), len(ended))

@@ -16,8 +16,8 @@ from service.platform.auth.credential_actions import end_credentials
 from service.platform.auth.member_rules import check_may_give, check_may_sign_in_as, find_member, hold_to_give
 from service.platform.auth.session_actions import make_link
 from service.platform.broker.hints import hint
+from service.platform.db.base import new_id
 from service.platform.db.fleets import Fleet
-from service.platform.db.ids import new_id
 from service.platform.db.people import Membership, Person
 from service.platform.http.pages import Page, Paging, fetch
 from service.platform.http.router import Router
@@ -84,8 +84,8 @@ def post_invitation(id: UUID, body: NewInvitation, request: Request, access: Wri
         access.session, person.id, settings.public_url, settings.invitation_hours, token and token.id
     )
     hint(access.session, id, "member", person.id)
-    made: dict[str, Any] = _member(membership, person).model_dump()
-    return access.answer(Invitation(**made, link=link, expires_at=expires_at), secret=True)
+    member: dict[str, Any] = _member(membership, person).model_dump()
+    return access.answer(Invitation(**member, link=link, expires_at=expires_at), secret=True)
 
 
 def _member(membership: Membership, person: Person) -> Member:

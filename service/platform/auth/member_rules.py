@@ -21,28 +21,28 @@ _ENGINEER_INVITES: Role = "reviewer"
 
 def check_may_give(access: Access, fleet_id: UUID, role: str) -> None:
     """Raises :class:`Problem` 403 where the person may not give ``role`` in the fleet."""
-    held = access.role(fleet_id)
-    limit: Role = "admin" if held == "admin" else _ENGINEER_INVITES
-    if held not in ("admin", "engineer") or rank(role) > rank(limit):
+    own = access.role(fleet_id)
+    limit: Role = "admin" if own == "admin" else _ENGINEER_INVITES
+    if own not in ("admin", "engineer") or rank(role) > rank(limit):
         raise Problem(
             403,
             "role_too_low",
-            f"As {held} you may not give the role {role}.",
-            f"You may give up to {limit}; ask an admin of the fleet for more." if held == "engineer" else "",
+            f"As {own} you may not give the role {role}.",
+            f"You may give up to {limit}; ask an admin of the fleet for more." if own == "engineer" else "",
         )
 
 
 def find_member(access: Access, fleet_id: UUID, person_id: UUID) -> tuple[Membership, Person]:
     """A member of a fleet. Raises :class:`Problem` ``not_found``."""
-    found = access.session.execute(
+    row = access.session.execute(
         select(Membership, Person)
         .join(Person, Person.id == Membership.person_id)
         .where(Membership.fleet_id == fleet_id, Membership.person_id == person_id)
         .with_for_update(of=Membership)
     ).first()
-    if found is None:
+    if row is None:
         raise not_found()
-    return found[0], found[1]
+    return row[0], row[1]
 
 
 def hold_to_give(access: Access, *others: UUID) -> None:
@@ -68,9 +68,9 @@ def check_may_sign_in_as(access: Access, person: Person) -> None:
     A link signs in as its person in all of their fleets, so one fleet's word is not enough for it.
     """
     fleets = access.session.scalars(select(Membership.fleet_id).where(Membership.person_id == person.id)).all()
-    if not person.is_owner and all(access.role(one) is not None for one in fleets):
-        for one in fleets:
-            access.need(one, "admin")
+    if not person.is_owner and all(access.role(fleet_id) is not None for fleet_id in fleets):
+        for fleet_id in fleets:
+            access.need(fleet_id, "admin")
         return
     raise Problem(
         403,

@@ -64,5 +64,5 @@ def _me(access: Access) -> Me:
         id=person.id,
         name=person.name,
         is_owner=person.is_owner and access.identity.sees_all,
-        fleets=[FleetRole(id=one.id, name=one.name, role=access.role(one.id) or "viewer") for one in fleets],
+        fleets=[FleetRole(id=fleet.id, name=fleet.name, role=access.role(fleet.id) or "viewer") for fleet in fleets],
     )

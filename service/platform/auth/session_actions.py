@@ -8,8 +8,7 @@ from uuid import UUID
 from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session
 
-from service.platform.auth.credential_actions import hold
-from service.platform.auth.secrets import new_secret, secret_hash
+from service.platform.auth.credential_actions import hold, new_secret, secret_hash
 from service.platform.db.clock import moment
 from service.platform.db.people import BrowserSession, Person, SignInLink
 from service.platform.http.problems import Problem
@@ -39,16 +38,16 @@ def sign_in(session: Session, link: str, days: int) -> tuple[Person, str]:
     hashed = secret_hash(link.partition("#")[2].strip() or link.strip())
     now = moment(session)
     # One statement decides, so that of two browsers that open the link at once exactly one is signed in.
-    found = session.execute(
+    row = session.execute(
         update(SignInLink)
         .where(SignInLink.secret_hash == hashed, SignInLink.used_at.is_(None), SignInLink.expires_at > now)
         .values(used_at=now)
         .returning(SignInLink.person_id, SignInLink.made_by)
         .execution_options(synchronize_session=False)
     ).first()
-    if found is None:
+    if row is None:
         raise _refusal(session, hashed)
-    person_id = found.person_id
+    person_id = row.person_id
     secret = new_secret()
     session.execute(
         delete(BrowserSession).where(BrowserSession.person_id == person_id, BrowserSession.expires_at <= now)
@@ -57,7 +56,7 @@ def sign_in(session: Session, link: str, days: int) -> tuple[Person, str]:
         BrowserSession(
             secret_hash=secret_hash(secret),
             person_id=person_id,
-            made_by=found.made_by,
+            made_by=row.made_by,
             expires_at=now + timedelta(days=days),
         )
     )
@@ -71,9 +70,9 @@ def sign_out(session: Session, secret: str) -> None:
 
 def _refusal(session: Session, hashed: str) -> Problem:
     hint = "Ask whoever invited you for a new link; each signs in once."
-    found = session.scalar(select(SignInLink).where(SignInLink.secret_hash == hashed))
-    if found is None:
+    row = session.scalar(select(SignInLink).where(SignInLink.secret_hash == hashed))
+    if row is None:
         return Problem(404, "link_unknown", "This sign-in link is not known here.", hint)
-    if found.used_at is not None:
+    if row.used_at is not None:
         return Problem(410, "link_used", "This sign-in link has been used.", hint)
-    return Problem(410, "link_expired", f"This sign-in link ended at {found.expires_at:%Y-%m-%d %H:%M} UTC.", hint)
+    return Problem(410, "link_expired", f"This sign-in link ended at {row.expires_at:%Y-%m-%d %H:%M} UTC.", hint)

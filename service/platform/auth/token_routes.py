@@ -11,12 +11,11 @@ from sqlalchemy import select
 from apexcal.documents.people import MadeToken, NewToken, Token
 from apexcal.documents.roles import rank
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
-from service.platform.auth.credential_actions import revoke
+from service.platform.auth.credential_actions import TOKEN_PREFIX, new_secret, revoke, secret_hash
 from service.platform.auth.member_rules import hold_to_give
-from service.platform.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
+from service.platform.db.base import new_id
 from service.platform.db.clock import moment
 from service.platform.db.fleets import Fleet
-from service.platform.db.ids import new_id
 from service.platform.db.people import ApiToken
 from service.platform.http.pages import Page, Paging, fetch
 from service.platform.http.problems import Problem, not_found
@@ -31,10 +30,10 @@ def post_token(id: UUID, body: NewToken, access: WriteAccess) -> JSONResponse:
     access.find(Fleet, id, "engineer")
     hold_to_give(access)
     access.need(id, "engineer")
-    held = access.role(id)
-    if rank(body.role) > rank(held or ""):
+    own = access.role(id)
+    if rank(body.role) > rank(own or ""):
         raise Problem(
-            403, "role_too_low", f"As {held} you cannot make a token for {body.role}.", "Choose a lesser role."
+            403, "role_too_low", f"As {own} you cannot make a token for {body.role}.", "Choose a lesser role."
         )
     secret = new_secret(TOKEN_PREFIX)
     now = moment(access.session)

@@ -66,8 +66,8 @@ class Publisher:
         try:
             with self._client.pipeline(transaction=False) as pipeline:
                 # Repeating a hint adds nothing.
-                for one in dict.fromkeys(hints):
-                    pipeline.publish(channel(one.fleet_id), json.dumps({"kind": one.kind, "id": one.id}))
+                for hint in dict.fromkeys(hints):
+                    pipeline.publish(channel(hint.fleet_id), json.dumps({"kind": hint.kind, "id": hint.id}))
                 pipeline.execute()
         except redis.RedisError as error:
             self._quiet_until = time.monotonic() + _QUIET_S

@@ -47,9 +47,9 @@ def connect_args(url: URL, *, patient: bool, lock_s: float = LOCK_S) -> dict[str
         # Milliseconds until something sent is acknowledged. Linux lets it end the probes too.
         "tcp_user_timeout": silence_s * 1000,
     }
-    given = {name: value for name, value in ours.items() if name not in url.query}
+    defaults = {name: value for name, value in ours.items() if name not in url.query}
     options = " ".join(f"-c {name}={value}" for name, value in _of_the_server(silence_s, lock_s, patient).items())
-    return {**given, "options": f"{options} {url.query.get('options', '')}".strip()}
+    return {**defaults, "options": f"{options} {url.query.get('options', '')}".strip()}
 
 
 def _of_the_server(silence_s: int, lock_s: float, patient: bool) -> dict[str, int]:

@@ -21,7 +21,7 @@ from sqlalchemy import Connection, Engine, inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
-from service.platform.db.revisions import SCRIPTS, known
+from service.platform.db.revisions import SCRIPTS, all_revisions
 from service.platform.db.session import open_engine
 from service.platform.observability import logs
 from service.platform.settings import settings_or_exit
@@ -65,10 +65,10 @@ def _refuse_newer(connection: Connection) -> None:
     if not inspect(connection).has_table("alembic_version"):
         return
     revision = connection.scalar(text("SELECT version_num FROM alembic_version"))
-    if revision is not None and revision not in known():
+    if revision is not None and revision not in all_revisions():
         raise NewerSchemaError(
-            f"The database has revision {revision} of the schema; this version of apexcal knows {known()[0]} as the "
-            "newest. Start the version that migrated the database, or a later one."
+            f"The database has revision {revision} of the schema; this version of apexcal knows {all_revisions()[0]} "
+            "as the newest. Start the version that migrated the database, or a later one."
         )
 
 
@@ -90,7 +90,7 @@ def revise(message: str) -> None:
         upgrade(url)
         engine = open_engine(url)
         with _locked(engine) as connection:
-            number = f"{len(known()) + 1:04d}"
+            number = f"{len(all_revisions()) + 1:04d}"
             command.revision(config(connection), message=message, autogenerate=True, rev_id=number)
         engine.dispose()
 

@@ -15,6 +15,7 @@ from service.platform.db.calibrations import (
     Calibration,
     CalibrationRun,
     CorrespondenceSet,
+    Publication,
     Result,
     Slot,
 )
@@ -23,7 +24,6 @@ from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.platform.db.jobs import Heartbeat, Job, JobEvent, JobTotal, Worker
 from service.platform.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person, SignInLink
-from service.platform.db.publications import Publication
 from service.platform.db.recordings import (
     Blob,
     BlobHold,

@@ -12,7 +12,7 @@ SCRIPTS = Path(__file__).parent / "migrations"
 
 
 @cache
-def known() -> tuple[str, ...]:
+def all_revisions() -> tuple[str, ...]:
     """The revisions, the newest first. A file is named ``<revision>_<what it changes>.py``; revisions count up."""
     names = [file.name.partition("_")[0] for file in (SCRIPTS / "versions").glob("[0-9]*_*.py")]
     return tuple(sorted(names, reverse=True))
@@ -25,9 +25,9 @@ def stored(session: Session) -> str | None:
 
 def newest() -> str:
     """The newest revision."""
-    return known()[0]
+    return all_revisions()[0]
 
 
 def is_older(revision: str) -> bool:
     """Whether a schema lacks what this code needs. One that this code does not know is newer."""
-    return revision in known()[1:]
+    return revision in all_revisions()[1:]

@@ -1,4 +1,8 @@
-"""The one way to the database: a writing session and a reading one, on SQLite and PostgreSQL alike."""
+"""The one way to the database: a writing session and a reading one, on SQLite and PostgreSQL alike.
+
+A transaction whose content took minutes to compute is repeated after a deadlock. :func:`put` writes a row that
+several processes may be the first to write.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +10,19 @@ import json
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import DisconnectionError
+from sqlalchemy.exc import DisconnectionError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 import service.platform.db.models  # noqa: F401  # a flush sorts tables by their foreign keys, so all of them must be known
 from apexcal.documents.errors import DocumentError
+from service.platform.db.base import Base
 from service.platform.db.connection import LOCK_S, connect_args
 
 _WRITES = "apexcal_writes"
@@ -210,3 +215,45 @@ class Database:
     def _close_late(self, connection: Any, record: Any) -> None:
         if self._is_closed:  # its pool is gone, and nobody else would
             record.close()
+
+
+def put(
+    session: Session,
+    model: type[Base],
+    key: Mapping[str, Any],
+    values: Mapping[str, Any] | None = None,
+    *,
+    first: Mapping[str, Any] | None = None,
+) -> None:
+    """Write ``values`` to the row with this key, and make it with ``first`` besides if nobody has.
+
+    Neither of two that do so at once fails. ``key`` names a primary or unique key's columns.
+    """
+    insert: Any = {"postgresql": postgresql.insert, "sqlite": sqlite.insert}[session.get_bind().dialect.name]
+    statement = insert(model).values(**(first or {}), **key, **(values or {}))
+    if values:
+        statement = statement.on_conflict_do_update(index_elements=list(key), set_=dict(values))
+    else:
+        statement = statement.on_conflict_do_nothing(index_elements=list(key))
+    session.execute(statement.execution_options(synchronize_session=False))
+
+
+# Seconds between the tries. Together less than half a lease; a database that is away for longer is no deadlock.
+_PAUSES_S = (0.05, 0.2, 0.5, 1.0, 2.0)
+
+T = TypeVar("T")
+
+
+def repeated(transaction: Callable[[], T]) -> T:
+    """What ``transaction`` returns; repeated where the database ended it in favour of another one.
+
+    PostgreSQL does so in a deadlock, SQLite where it gets no lock. A connection that broke may have committed: so
+    ``transaction`` must refuse to be done twice, as the gate of a job's finish does.
+    """
+    for pause in _PAUSES_S:
+        try:
+            return transaction()
+        except OperationalError as error:
+            log.warning("a transaction is done again: %s", str(error.orig).partition("\n")[0])
+            time.sleep(pause)
+    return transaction()

@@ -58,7 +58,7 @@ class Fanout:
 
         Raises :class:`Problem` 503 ``too_many_streams`` where the process has as many as it takes.
         """
-        own = [one for one in self._followers if one.identity.person.id == identity.person.id]
+        own = [follower for follower in self._followers if follower.identity.person.id == identity.person.id]
         if len(own) >= STREAMS_OF_A_PERSON:
             self._end(own[0], gives_way=True)
         if len(self._followers) >= STREAMS_OF_A_PROCESS:
@@ -75,45 +75,45 @@ class Fanout:
 
     async def feed(self) -> None:
         """Hand the broker's hints to the followers, until cancelled."""
-        said = False
+        is_reported = False
         while True:
             try:
-                async for one in _hints(self._url):
-                    if one is None:  # earlier hints may be lost
-                        said = False
+                async for hint in _hints(self._url):
+                    if hint is None:  # earlier hints may be lost
+                        is_reported = False
                         for follower in self._followers:
                             follower.tell(anything(follower.fleet_id))
-                    elif one.kind != "marking":
-                        self._tell(one)
-                    elif one in self._markings:
-                        self._markings[one] = (self._markings[one][0], True)
+                    elif hint.kind != "marking":
+                        self._tell(hint)
+                    elif hint in self._markings:
+                        self._markings[hint] = (self._markings[hint][0], True)
                     else:
-                        self._tell_marking(one)
+                        self._tell_marking(hint)
             except Exception as error:  # whatever it is, streams must be fed again
-                if not said:
+                if not is_reported:
                     log.warning("streams of events wait for the broker: %r", error)
-                said = True
+                is_reported = True
             await asyncio.sleep(_RECONNECT_S)
 
-    def _tell(self, one: Hint) -> None:
+    def _tell(self, hint: Hint) -> None:
         for follower in self._followers:
-            if follower.fleet_id == one.fleet_id:
-                follower.tell(one)
-        if one.kind == "member":
+            if follower.fleet_id == hint.fleet_id:
+                follower.tell(hint)
+        if hint.kind == "member":
             self._check_due = 0.0
 
-    def _tell_marking(self, one: Hint) -> None:
+    def _tell_marking(self, hint: Hint) -> None:
         """Tell that somebody answered. Forty annotators do so sixty times a second, and each page reads again."""
-        self._tell(one)
-        self._markings[one] = (time.monotonic() + MARKING_APART_S, False)
+        self._tell(hint)
+        self._markings[hint] = (time.monotonic() + MARKING_APART_S, False)
 
     def _tell_late(self) -> None:
         now = time.monotonic()
-        for one, (due, came) in list(self._markings.items()):
+        for marking, (due, came) in list(self._markings.items()):
             if due <= now:
-                del self._markings[one]
+                del self._markings[marking]
                 if came:
-                    self._tell_marking(one)
+                    self._tell_marking(marking)
 
     async def watch(self) -> None:
         """End the streams of a service that stops, and of people who may follow no more, until cancelled."""
@@ -139,10 +139,14 @@ class Fanout:
 
     def _without_right(self, followers: list[Follower]) -> list[Follower]:
         with self._database.reading() as session:
-            now = {one.identity.credential: one.identity for one in followers}
+            now = {follower.identity.credential: follower.identity for follower in followers}
             now = {secret: renewed(session, identity) for secret, identity in now.items()}
-        roles = ((one, now[one.identity.credential]) for one in followers)
-        return [one for one, identity in roles if not identity or identity.role(one.fleet_id) != one.role]
+        roles = ((follower, now[follower.identity.credential]) for follower in followers)
+        return [
+            follower
+            for follower, identity in roles
+            if not identity or identity.role(follower.fleet_id) != follower.role
+        ]
 
     def _end(self, follower: Follower, *, gives_way: bool = False) -> None:
         if follower in self._followers:
@@ -155,7 +159,7 @@ async def _hints(url: str) -> AsyncGenerator[Hint | None, None]:
     client: Any = redis.asyncio.Redis.from_url(url, socket_connect_timeout=2, **tcp_options(url))
     async with client, client.pubsub() as subscription:
         await subscription.psubscribe(EVERY_CHANNEL)
-        asked = answered = time.monotonic()
+        pinged = answered = time.monotonic()
         yield None
         while True:
             message = await subscription.get_message(timeout=1.0)
@@ -163,10 +167,10 @@ async def _hints(url: str) -> AsyncGenerator[Hint | None, None]:
                 answered = time.monotonic()
                 if message["type"] == "pmessage":
                     yield Hint(fleet_of(message["channel"].decode()), **json.loads(message["data"]))
-            if time.monotonic() - asked >= _PING_S:
-                if answered < asked:
+            if time.monotonic() - pinged >= _PING_S:
+                if answered < pinged:
                     raise RedisError("no answer to a ping")
-                asked = time.monotonic()
+                pinged = time.monotonic()
                 await subscription.ping()
 
 

@@ -24,12 +24,12 @@ class Follower:
         self.gives_way = False
         self._waiting: asyncio.Queue[Hint | None] = asyncio.Queue(_MOST_WAITING)
 
-    def tell(self, one: Hint) -> None:
+    def tell(self, hint: Hint) -> None:
         """Put a hint behind those that wait. Where too many wait, one that says `anything` takes their place."""
         if self._waiting.full():
             self._put_only(anything(self.fleet_id))
         else:
-            self._waiting.put_nowait(one)
+            self._waiting.put_nowait(hint)
 
     def end(self, *, gives_way: bool = False) -> None:
         """End the stream; ``gives_way`` says that a newer one of the same person takes its place."""
@@ -43,18 +43,18 @@ class Follower:
         while clock() < end:
             try:
                 async with asyncio.timeout_at(min(end, clock() + pause_s)):
-                    found = await self._waiting.get()
+                    hint = await self._waiting.get()
             except TimeoutError:
                 yield None
                 continue
-            if found is None:
+            if hint is None:
                 return
-            yield found
+            yield hint
 
-    def _put_only(self, one: Hint | None) -> None:
+    def _put_only(self, hint: Hint | None) -> None:
         while not self._waiting.empty():
             self._waiting.get_nowait()
-        self._waiting.put_nowait(one)
+        self._waiting.put_nowait(hint)
 
 
 def anything(fleet_id: UUID) -> Hint:

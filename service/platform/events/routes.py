@@ -68,11 +68,11 @@ async def get_events(follower: Annotated[Follower, Depends(_follower)]) -> Event
 async def _events(follower: Follower) -> AsyncIterator[bytes]:
     # At once, so that the client knows it is connected; kind `fleet` says that anything may have changed.
     yield _changed(anything(follower.fleet_id))
-    async for one in follower.hints(_LONGEST_S, _PING_S):
-        yield KEEPALIVE_COMMENT if one is None else _changed(one)
+    async for hint in follower.hints(_LONGEST_S, _PING_S):
+        yield KEEPALIVE_COMMENT if hint is None else _changed(hint)
     if follower.gives_way:
         yield format_sse_event(comment="a newer stream of the same person took its place", retry=_COMES_BACK_MS)
 
 
-def _changed(one: Hint) -> bytes:
-    return format_sse_event(event="changed", data_str=json.dumps({"kind": one.kind, "id": one.id}))
+def _changed(hint: Hint) -> bytes:
+    return format_sse_event(event="changed", data_str=json.dumps({"kind": hint.kind, "id": hint.id}))

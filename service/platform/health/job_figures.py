@@ -23,9 +23,9 @@ from service.platform.db.clock import now
 from service.platform.db.jobs import Heartbeat, Job, JobTotal
 from service.platform.db.recordings import Blob
 from service.platform.db.session import Database
+from service.platform.jobs.history import BUCKETS_S
+from service.platform.jobs.queue import answering_workers
 from service.platform.jobs.queues import QUEUES
-from service.platform.jobs.totals import BUCKETS_S
-from service.platform.jobs.workers import answering_workers
 
 FRESH_S = 5.0
 # The blobs' rows are counted whole, so less often: for a thousandth of the time at most, however many they get.
@@ -67,17 +67,17 @@ class JobFigures(Collector):
         if moment < self._stale_at:
             return
         with self._database.reading() as session:
-            found = [*_queues(session), *_totals(session), *_workers(session), _heartbeats(session)]
+            figures = [*_queues(session), *_totals(session), *_workers(session), _heartbeats(session)]
             if moment >= self._blobs_stale_at:
                 began = time.monotonic()
                 self._blobs = list(_blobs(session))
                 took_s = time.monotonic() - began
                 self._blobs_stale_at = moment + max(_BLOBS_FRESH_S, took_s / _BLOBS_SHARE)
-        self._found, self._stale_at = found, moment + FRESH_S
+        self._found, self._stale_at = figures, moment + FRESH_S
 
 
-def _gauge(name: str, said: str, labels: Iterable[str], rows: Iterable[tuple[tuple[str, ...], float]]) -> Metric:
-    family = GaugeMetricFamily(name, said, labels=tuple(labels))
+def _gauge(name: str, help_text: str, labels: Iterable[str], rows: Iterable[tuple[tuple[str, ...], float]]) -> Metric:
+    family = GaugeMetricFamily(name, help_text, labels=tuple(labels))
     for values, value in rows:
         family.add_metric(values, value)
     return family
@@ -164,8 +164,10 @@ def _heartbeats(session: Session) -> Metric:
 
 
 def _blobs(session: Session) -> Iterator[Metric]:
-    known = case((Blob.state.in_(("reserved", "stored", "condemned")), Blob.state), else_="other")
-    rows = session.execute(select(known, func.count(), func.coalesce(func.sum(Blob.size), 0)).group_by(known)).all()
+    by_state = case((Blob.state.in_(("reserved", "stored", "condemned")), Blob.state), else_="other")
+    rows = session.execute(
+        select(by_state, func.count(), func.coalesce(func.sum(Blob.size), 0)).group_by(by_state)
+    ).all()
     yield _gauge(
         "apexcal_blobs", "Objects of the store by state.", ("state",), (((state,), count) for state, count, _ in rows)
     )

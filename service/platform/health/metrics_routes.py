@@ -43,8 +43,8 @@ class PartFigures(Collector):
         """The parts' state, as fresh as /readyz has it."""
         works = GaugeMetricFamily("apexcal_part_up", "Whether a part of the service works.", labels=("part",))
         parts: list[Part] = self._app.state.parts
-        asked = [(part, part.asked()) for part in parts]
-        for part, future in asked:
+        answers = [(part, part.asked()) for part in parts]
+        for part, future in answers:
             wait([future], part.patience())
             works.add_metric([part.name], float(part.answer(future)["ok"]))
         yield works
@@ -66,8 +66,8 @@ def _may_read(request: Request) -> None:
     settings: Settings = request.app.state.settings
     token = settings.metrics_token.get_secret_value()
     if token:
-        kind, _, given = request.headers.get("authorization", "").partition(" ")
-        if kind.lower() == "bearer" and compare_digest(given.encode(), token.encode()):
+        kind, _, secret = request.headers.get("authorization", "").partition(" ")
+        if kind.lower() == "bearer" and compare_digest(secret.encode(), token.encode()):
             return
         raise Problem(
             401,

@@ -63,19 +63,19 @@ class Part:
             return {"ok": False, "detail": f"no answer within {PATIENCE_S:g} s"}
         return future.result()
 
-    def _is_stale(self, found: Answer) -> bool:
-        return time.monotonic() - self._ended >= (self._fresh_s if found["ok"] else AGAIN_S)
+    def _is_stale(self, answer: Answer) -> bool:
+        return time.monotonic() - self._ended >= (self._fresh_s if answer["ok"] else AGAIN_S)
 
     def _run(self, future: Future[Answer]) -> None:
         began = time.perf_counter()
         try:
-            found = self._ask()
-            self._note(found.get("detail", ""))
+            answer = self._ask()
+            self._note(answer.get("detail", ""))
         except Exception as error:
-            found = {"ok": False, "detail": "does not answer as it should; the service's log says more"}
+            answer = {"ok": False, "detail": "does not answer as it should; the service's log says more"}
             self._note(f"{type(error).__name__}: {error}".partition("\n")[0])
         self._ended = time.monotonic()
-        future.set_result(found | {"milliseconds": round((time.perf_counter() - began) * 1000, 1)})
+        future.set_result(answer | {"milliseconds": round((time.perf_counter() - began) * 1000, 1)})
 
     def _note(self, why: str) -> None:
         """A line when it changes, not at every look."""
@@ -86,7 +86,7 @@ class Part:
 
 async def ask_parts(parts: Iterable[Part]) -> dict[str, Answer]:
     """What is found of each part, within :data:`PATIENCE_S`."""
-    asked = [(part, part.asked()) for part in parts]
-    for part, future in asked:
+    answers = [(part, part.asked()) for part in parts]
+    for part, future in answers:
         await asyncio.wait([asyncio.wrap_future(future)], timeout=part.patience())
-    return {part.name: part.answer(future) for part, future in asked}
+    return {part.name: part.answer(future) for part, future in answers}

@@ -14,15 +14,14 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 from sqlalchemy.exc import DBAPIError
 
+from service.platform.db.base import new_id
 from service.platform.db.clock import now
-from service.platform.db.ids import new_id
 from service.platform.db.jobs import Heartbeat
 from service.platform.db.revisions import is_older, newest, stored
-from service.platform.db.session import Database
-from service.platform.db.upserts import put
+from service.platform.db.session import Database, put
 from service.platform.health.parts import PATIENCE_S, Answer, Part, ask_parts
+from service.platform.jobs.queue import answering_workers
 from service.platform.jobs.queues import QUEUES
-from service.platform.jobs.workers import answering_workers
 from service.platform.settings import Settings
 from service.platform.storage.store import Store
 
@@ -124,10 +123,10 @@ def _store(store: Store, probe: str, settings: Settings) -> Answer:
 
 def _sweep(database: Database, settings: Settings) -> Answer:
     with database.reading() as session:
-        found = session.execute(select(Heartbeat.at, now()).where(Heartbeat.name == SWEEP)).first()
-    if found is None:
+        times = session.execute(select(Heartbeat.at, now()).where(Heartbeat.name == SWEEP)).first()
+    if times is None:
         return {"ok": False, "detail": "the sweep has never run: is there a sweeper?"}
-    age = (found[1] - found[0]).total_seconds()
+    age = (times[1] - times[0]).total_seconds()
     if age < max(_SILENT_SWEEPS * settings.sweep_s, settings.lease_s):
         return {"ok": True, "age_s": round(age, 1)}
     return {"ok": False, "detail": "the sweep is late: does the sweeper run?", "age_s": round(age, 1)}

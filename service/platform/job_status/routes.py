@@ -11,13 +11,13 @@ from sqlalchemy import select
 from apexcal.documents.jobs import JobView, WorkerStanding
 from apexcal.documents.states import WorkState
 from service.platform.auth.access import ReadAccess
-from service.platform.db.base import written
+from service.platform.db.base import state_literal
 from service.platform.db.jobs import Job
 from service.platform.http.pages import Page, Paging, fetch
 from service.platform.http.router import Router
 from service.platform.job_status.views import job_view
 from service.platform.jobs.kinds import kinds
-from service.platform.jobs.workers import answering_workers
+from service.platform.jobs.queue import answering_workers
 
 router = Router(tags=["jobs"])
 
@@ -32,7 +32,7 @@ def get_jobs(
     """The jobs of the person's fleets, newest first."""
     statement = select(Job)
     if state:
-        statement = statement.where(Job.state == written(state))
+        statement = statement.where(Job.state == state_literal(state))
     scopes = access.scopes(Job, fleet_id)
     rows, following = fetch(access.session, statement, Job.id, paging, newest_first=True, any_of=scopes)
     return Page(items=[job_view(row) for row in rows], next=following)

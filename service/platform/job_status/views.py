@@ -27,10 +27,10 @@ def job_view(job: Job) -> JobView:
 
 def job_views(session: Session, ids: Iterable[int | None]) -> dict[int, JobView]:
     """The views of these jobs, by id."""
-    wanted = {one for one in ids if one is not None}
-    if not wanted:
+    numbers = {id for id in ids if id is not None}
+    if not numbers:
         return {}
-    return {job.id: job_view(job) for job in session.scalars(select(Job).where(Job.id.in_(wanted)))}
+    return {job.id: job_view(job) for job in session.scalars(select(Job).where(Job.id.in_(numbers)))}
 
 
 def jobs_of(session: Session, subject_ids: Iterable[UUID]) -> dict[UUID, Job]:

@@ -20,8 +20,7 @@ from apexcal.documents.states import WorkState
 from service.platform.db.base import Json
 from service.platform.db.clock import now, now_plus
 from service.platform.db.jobs import Job
-from service.platform.db.repeating import repeated
-from service.platform.db.session import Database
+from service.platform.db.session import Database, repeated
 from service.platform.jobs.history import ATTEMPT, note
 from service.platform.jobs.kinds import kind_of, kinds
 from service.platform.jobs.losses import lose
@@ -105,9 +104,9 @@ def claim(database: Database, job_id: int, worker: str) -> Claim | None:
     the sweep sends them again until one who knows them looks.
     """
     names = [kind.name for kind in kinds()]
-    asked = {"job": job_id, "by": worker, "kinds": names, "lease_s": get_settings().lease_s}
+    bindings = {"job": job_id, "by": worker, "kinds": names, "lease_s": get_settings().lease_s}
     with database.alone() as connection:
-        row = connection.execute(_CLAIM, asked).one_or_none()
+        row = connection.execute(_CLAIM, bindings).one_or_none()
     return Claim(*row) if row else None
 
 
@@ -118,16 +117,16 @@ class Lease:
     while the work is wanted), everything else calls :meth:`check`.
     """
 
-    def __init__(self, database: Database, held: Claim) -> None:
+    def __init__(self, database: Database, claim: Claim) -> None:
         self._database = database
-        self._held = held
+        self._held = claim
         self._progress: Json | None = None
         self._ended = threading.Event()
         self._broken: type[BaseException] | None = None
         self.flag = bytearray(1)
         # In a copy of this context, so that what the thread logs carries the request's id.
         renewing = partial(copy_context().run, self._renew)
-        self._thread = threading.Thread(target=renewing, name=f"lease-{held.job_id}", daemon=True)
+        self._thread = threading.Thread(target=renewing, name=f"lease-{claim.job_id}", daemon=True)
 
     def __enter__(self) -> Lease:
         self._thread.start()
@@ -188,7 +187,7 @@ class Lease:
 
 @contextmanager
 def finishing(
-    database: Database, held: Claim, state: WorkState = WorkState.DONE, problem: Json | None = None
+    database: Database, claim: Claim, state: WorkState = WorkState.DONE, problem: Json | None = None
 ) -> Iterator[Session]:
     """The one transaction that ends a job: the gate, the block's results, what the end means to
     the subject, the next release.
@@ -196,19 +195,19 @@ def finishing(
     Raises :class:`LostLeaseError`, with everything rolled back, where the job is no longer this worker's.
     """
     with database.writing() as session:
-        ended = _mine(held) | {"ended_as": state, "because": problem}
+        ended = _mine(claim) | {"ended_as": state, "because": problem}
         passed = session.connection().execute(_END, ended).one_or_none()
         if passed is None:
-            raise LostLeaseError(f"job {held.job_id} is no longer attempt {held.attempt}'s")
+            raise LostLeaseError(f"job {claim.job_id} is no longer attempt {claim.attempt}'s")
         yield session
         note(session, passed, state, problem)
-        kind_of(held.kind).end(session, held.subject_id, state, problem)
-        release(session, held.fleet_id, held.queue)
+        kind_of(claim.kind).end(session, claim.subject_id, state, problem)
+        release(session, claim.fleet_id, claim.queue)
 
 
 def finish(
     database: Database,
-    held: Claim,
+    claim: Claim,
     write: Callable[[Session], object] | None = None,
     state: WorkState = WorkState.DONE,
     problem: Json | None = None,
@@ -220,30 +219,30 @@ def finish(
     """
 
     def once() -> None:
-        with finishing(database, held, state, problem) as session:
+        with finishing(database, claim, state, problem) as session:
             handed_over = write(session) if write else None
-            take = kind_of(held.kind).take
+            take = kind_of(claim.kind).take
             if take and handed_over is not None:
-                take(session, held.subject_id, handed_over)
+                take(session, claim.subject_id, handed_over)
 
     repeated(once)
 
 
-def give_back(database: Database, held: Claim) -> None:
+def give_back(database: Database, claim: Claim) -> None:
     """Put a draining worker's job back into the queue, without counting it as a loss."""
 
     def once() -> None:
         with database.writing() as session:
-            given = session.connection().execute(_GIVE_BACK, _mine(held)).one_or_none()
-            if given:
-                note(session, given, "given_back")
+            row = session.connection().execute(_GIVE_BACK, _mine(claim)).one_or_none()
+            if row:
+                note(session, row, "given_back")
 
     repeated(once)
 
 
 def stumble(
     database: Database,
-    held: Claim,
+    claim: Claim,
     problem: Json,
     after_s: float,
     *,
@@ -258,20 +257,20 @@ def stumble(
 
     def once() -> None:
         with database.writing() as session:
-            job = session.scalars(select(Job).where(_MINE).with_for_update(), _mine(held)).one_or_none()
+            job = session.scalars(select(Job).where(_MINE).with_for_update(), _mine(claim)).one_or_none()
             if job:
                 lose(session, job, "lost" if suspect else "stumbled", problem, after_s, tries=tries)
                 session.flush()
-                release(session, held.fleet_id, held.queue)
+                release(session, claim.fleet_id, claim.queue)
 
     repeated(once)
 
 
-def require_mine(session: Session, held: Claim) -> None:
+def require_mine(session: Session, claim: Claim) -> None:
     """Hold the job's row until the commit. Raises :class:`LostLeaseError` where it is another's by now."""
-    if session.execute(select(Job.id).where(_MINE).with_for_update(), _mine(held)).one_or_none() is None:
-        raise LostLeaseError(f"job {held.job_id} is no longer attempt {held.attempt}'s")
+    if session.execute(select(Job.id).where(_MINE).with_for_update(), _mine(claim)).one_or_none() is None:
+        raise LostLeaseError(f"job {claim.job_id} is no longer attempt {claim.attempt}'s")
 
 
-def _mine(held: Claim) -> dict[str, Any]:
-    return {"job": held.job_id, "mine": held.attempt}
+def _mine(claim: Claim) -> dict[str, Any]:
+    return {"job": claim.job_id, "mine": claim.attempt}

@@ -1,8 +1,12 @@
-"""Into the table and out to the broker: enqueue, release within each fleet's window, cancel, abandon."""
+"""Into the table and out to the broker: enqueue, release within each fleet's window, cancel, abandon.
+
+A retry starts failed work again from its beginning, with fresh jobs, in one transaction. The failed job keeps its
+history, and the results are the same as a first try's.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 from uuid import UUID
 
@@ -13,6 +17,7 @@ from sqlalchemy import (
     Update,
     bindparam,
     case,
+    exists,
     func,
     literal_column,
     select,
@@ -21,13 +26,13 @@ from sqlalchemy import (
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
-from service.platform.db.base import written
+from service.platform.db.base import state_literal
 from service.platform.db.clock import now, now_plus
 from service.platform.db.fleets import Fleet
-from service.platform.db.jobs import Job
+from service.platform.db.jobs import Job, Worker
 from service.platform.db.session import post
 from service.platform.jobs.history import ATTEMPT, note
-from service.platform.jobs.kinds import kind_of
+from service.platform.jobs.kinds import CannotRetryError, kind_of
 from service.platform.jobs.messages import COURIER, Message
 from service.platform.jobs.queues import FLEET_CAPS
 from service.platform.settings import get_settings
@@ -43,11 +48,11 @@ def _releasing(*, capped: bool) -> Update:
     """
     window = bindparam("window", type_=Integer())
     mine = select(Job.id).where(Job.queue == bindparam("of_queue"), Job.fleet_id == bindparam("fleet"))
-    queued = mine.where(Job.state == written(WorkState.QUEUED))
+    queued = mine.where(Job.state == state_literal(WorkState.QUEUED))
     # At most a window's worth is sent and unclaimed; counting stops there.
     room = window - _count(queued.where(Job.sends > literal_column("0")).limit(window))
     if capped:
-        room -= _count(mine.where(Job.state == written(WorkState.RUNNING)))
+        room -= _count(mine.where(Job.state == state_literal(WorkState.RUNNING)))
     # A common table expression, for PostgreSQL may run a plain subquery once per row, each time past its own limit.
     oldest = (
         queued.where(Job.send_after.is_(None), ~Job.cancel_requested)
@@ -153,3 +158,30 @@ def abandon(session: Session, subject_ids: Iterable[UUID]) -> None:
     )
     for job in ended.all():
         note(session, job, WorkState.CANCELLED)
+
+
+def retry(session: Session, job_id: int) -> Sequence[Job]:
+    """Start a failed job's work anew and return the fresh jobs. Raises :class:`CannotRetryError`."""
+    job = session.get(Job, job_id, with_for_update=True)
+    if job is None:
+        raise CannotRetryError(f"there is no job {job_id}")
+    if job.state != WorkState.FAILED:
+        raise CannotRetryError(f"job {job_id} is {job.state}; only failed ones are started again")
+    again = kind_of(job.kind).retry
+    if again is None:
+        raise CannotRetryError(f"work of the kind {job.kind} is not started again by itself; ask for it anew")
+    under_way = exists().where(Job.subject_id == job.subject_id, Job.state.in_(UNENDED))
+    if session.scalar(select(under_way)):
+        raise CannotRetryError("other jobs of the same work are under way; wait for their end")
+    fresh = again(session, job)
+    note(session, job, "requeued", job.problem)
+    return fresh
+
+
+# A worker says every 2 s that it is there. It takes up to 5 s where the database answers slowly.
+SILENT_S = 8.0
+
+
+def answering_workers(session: Session) -> Sequence[Worker]:
+    """Return the workers that said within `SILENT_S` that they are there, also those that still compile."""
+    return session.scalars(select(Worker).where(Worker.at.between(now(-SILENT_S), now()))).all()

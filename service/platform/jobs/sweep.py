@@ -15,20 +15,18 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
-from service.platform.db.base import Json, written
+from service.platform.db.base import Json, state_literal
 from service.platform.db.clock import now
 from service.platform.db.fleets import Fleet
 from service.platform.db.jobs import Heartbeat, Job
-from service.platform.db.session import Database, post
-from service.platform.db.upserts import put
+from service.platform.db.session import Database, post, put
+from service.platform.jobs.history import tally
 from service.platform.jobs.kinds import kinds
-from service.platform.jobs.leases import LeaseWatch
-from service.platform.jobs.losses import LONGEST_S, end, lose
+from service.platform.jobs.losses import LONGEST_S, LeaseWatch, end, lose
 from service.platform.jobs.messages import COURIER, Message
 from service.platform.jobs.queue import cancel, release
 from service.platform.jobs.queues import QUEUES
 from service.platform.jobs.retention import forget_workers
-from service.platform.jobs.totals import tally
 from service.platform.settings import get_settings
 from service.platform.storage.blobs import condemn_lost, condemned, forget, postpone
 from service.platform.storage.store import Store
@@ -46,7 +44,7 @@ def sweep(database: Database, store: Store, gets_on: Callable[[], None] = lambda
     ``gets_on`` is called before each step. Raises the first failure once all have been tried; at once where the
     database is away, as none of them can work.
     """
-    cancelled = (Job.state == written(WorkState.QUEUED)) & Job.cancel_requested
+    cancelled = (Job.state == state_literal(WorkState.QUEUED)) & Job.cancel_requested
     steps: tuple[Callable[[], None], ...] = (
         partial(_write, database, _beat),
         partial(_recover_lost, database),
@@ -86,7 +84,7 @@ def _beat(session: Session) -> None:
 
 def _recover_lost(database: Database) -> None:
     """Give the jobs of workers that died or stalled to others."""
-    running = Job.state == written(WorkState.RUNNING)
+    running = Job.state == state_literal(WorkState.RUNNING)
     with database.reading() as session:
         rows = session.execute(select(Job.id, Job.attempt, Job.lease_until).where(running)).all()
     lost = LEASES.lost((job_id, attempt, until) for job_id, attempt, until in rows)
@@ -112,11 +110,11 @@ def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Sess
     while time.monotonic() < end:
         with database.reading() as session:
             oldest = select(Job.id).where(which, Job.id > last).order_by(Job.id)
-            found = session.scalars(oldest.limit(_BATCH)).all()
-        if not found:
+            ids = session.scalars(oldest.limit(_BATCH)).all()
+        if not ids:
             return
-        last = found[-1]
-        for job_id in found:
+        last = ids[-1]
+        for job_id in ids:
             if time.monotonic() >= end:
                 return
             _decide(database, job_id, which, decide)
@@ -166,7 +164,7 @@ def _send_again(session: Session) -> None:
     settings = get_settings()
     overdue = (
         select(Job.id, Job.queue, Job.sends)
-        .where(Job.state == written(WorkState.QUEUED), Job.sends > 0, ~Job.cancel_requested)
+        .where(Job.state == state_literal(WorkState.QUEUED), Job.sends > 0, ~Job.cancel_requested)
         .where(_due(settings.resend_s * _MOST_RESENDS))
         .order_by(Job.id)
         .limit(_BATCH)
@@ -182,7 +180,7 @@ def _end_backoff(session: Session) -> None:
     """Let the jobs whose time to be tried again has come wait for their place in the window, as fresh ones do."""
     over = (
         select(Job.id)
-        .where(Job.state == written(WorkState.QUEUED), Job.sends == 0, _due(LONGEST_S))
+        .where(Job.state == state_literal(WorkState.QUEUED), Job.sends == 0, _due(LONGEST_S))
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
@@ -203,7 +201,7 @@ def _release_waiting(session: Session) -> None:
         waits = exists().where(
             Job.fleet_id == Fleet.id,
             Job.queue == queue,
-            Job.state == written(WorkState.QUEUED),
+            Job.state == state_literal(WorkState.QUEUED),
             Job.send_after.is_(None),
         )
         # Two sweeps hold fleets in one order.
@@ -219,8 +217,8 @@ def _remove_blobs(database: Database, store: Store) -> None:
     with database.writing() as session:
         condemn_lost(session)
         keys = condemned(session)
-    removed, kept = store.delete_all(keys, time.monotonic() + 2 * get_settings().sweep_s)
-    if removed or kept:
+    removed, postponed = store.delete_all(keys, time.monotonic() + 2 * get_settings().sweep_s)
+    if removed or postponed:
         with database.writing() as session:
             forget(session, removed)
-            postpone(session, kept)
+            postpone(session, postponed)

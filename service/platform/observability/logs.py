@@ -26,7 +26,7 @@ def visible(text: str) -> str:
     """The text with everything that cannot be seen spelled as in JSON: line ends, escapes, directions, surrogates."""
     if text.isprintable():
         return text
-    return "".join(one if one.isprintable() else json.dumps(one)[1:-1] for one in text)
+    return "".join(character if character.isprintable() else json.dumps(character)[1:-1] for character in text)
 
 
 def formatter(form: str) -> logging.Formatter:
@@ -55,11 +55,11 @@ class _Lines(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """A line, or several."""
         time = strftime("%Y-%m-%d %H:%M:%S", localtime(record.created))
-        found = " ".join(f"{name}={value}" for name, value in get_contextvars().items())
-        about = f" [{found}]" if found else ""
+        context = " ".join(f"{name}={value}" for name, value in get_contextvars().items())
+        about = f" [{context}]" if context else ""
         first = visible(f"{time} {record.levelname} {record.name}{about} {record.getMessage()}")
         below = _below(self, record).values()
-        return "\n".join([first, *(f"  {visible(one)}" for text in below for one in text.split("\n"))])
+        return "\n".join([first, *(f"  {visible(line)}" for text in below for line in text.split("\n"))])
 
 
 _JSON = json.JSONEncoder(default=str, ensure_ascii=False)
@@ -68,18 +68,18 @@ _USUAL = frozenset(logging.makeLogRecord({}).__dict__) | {"message", "asctime", 
 
 def _extras(record: logging.LogRecord) -> dict[str, Any]:
     """What the caller gave beside the message. Uvicorn gives its messages a second time, with colours."""
-    given = ((name, value) for name, value in record.__dict__.items() if name not in _USUAL)
-    return {name: value for name, value in given if not name.startswith(("color_", "_"))}
+    extras = ((name, value) for name, value in record.__dict__.items() if name not in _USUAL)
+    return {name: value for name, value in extras if not name.startswith(("color_", "_"))}
 
 
 def _below(formatter: logging.Formatter, record: logging.LogRecord) -> dict[str, str]:
     """The traceback and the stack, where the record has them."""
-    found = {}
+    texts = {}
     if record.exc_info and record.exc_info[0] is not None:
-        found["exception"] = formatter.formatException(record.exc_info)
+        texts["exception"] = formatter.formatException(record.exc_info)
     if record.stack_info:
-        found["stack_info"] = record.stack_info
-    return found
+        texts["stack_info"] = record.stack_info
+    return texts
 
 
 def configure(form: str, level: int = logging.INFO) -> None:

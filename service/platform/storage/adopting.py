@@ -14,8 +14,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.platform.db.recordings import Blob
 from service.platform.db.session import Database
-from service.platform.storage.marker import MARKER
-from service.platform.storage.store import Store
+from service.platform.storage.store import MARKER, Store
 
 # So many of the newest objects are looked for: one that is there tells that the folder is ours.
 _LOOKED_FOR = 50

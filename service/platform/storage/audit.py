@@ -16,10 +16,9 @@ from sqlalchemy import exists, select, update
 from service.platform.db.clock import now
 from service.platform.db.jobs import Heartbeat
 from service.platform.db.recordings import Blob, BlobHold
-from service.platform.db.session import Database
-from service.platform.db.upserts import put
+from service.platform.db.session import Database, put
 from service.platform.settings import Settings
-from service.platform.storage.store import Listed, Store
+from service.platform.storage.store import ListedObject, Store
 
 log = logging.getLogger(__name__)
 
@@ -36,14 +35,14 @@ class Audit:
     """What was found. ``lost`` are keys that the table calls stored and the store does not have."""
 
     objects: int = 0
-    orphans: list[Listed] = field(default_factory=list)
+    orphans: list[ListedObject] = field(default_factory=list)
     removed: int = 0
     lost: list[str] = field(default_factory=list)
 
     @property
     def orphan_bytes(self) -> int:
         """Bytes of all orphans."""
-        return sum(one.size for one in self.orphans)
+        return sum(orphan.size for orphan in self.orphans)
 
 
 def audit_if_due(database: Database, store: Store, settings: Settings) -> Audit | None:
@@ -60,35 +59,35 @@ def audit(database: Database, store: Store, orphan_age: timedelta, *, remove: bo
     """
     with database.reading() as session:
         began = session.scalars(select(now())).one()
-    found = Audit()
+    report = Audit()
     listed: set[str] = set()
     for page in _pages(store.list()):
-        found.objects += len(page)
-        listed.update(one.key for one in page)
-        found.orphans += _without_row(database, page, began - orphan_age)
-    found.lost = list(_lost(database, listed, began))
-    if found.lost:
-        log.error("%d objects are gone from the store, among them %s", len(found.lost), found.lost[:_SHOWN])
-    if not found.orphans:
-        log.info("the audit of the store found %d objects, each with its row", found.objects)
-        return found
-    keys = [one.key for one in found.orphans]
-    too_many = len(keys) > max(_LITTER_AT_LEAST, _LITTER * found.objects)
+        report.objects += len(page)
+        listed.update(listed_object.key for listed_object in page)
+        report.orphans += _without_row(database, page, began - orphan_age)
+    report.lost = list(_lost(database, listed, began))
+    if report.lost:
+        log.error("%d objects are gone from the store, among them %s", len(report.lost), report.lost[:_SHOWN])
+    if not report.orphans:
+        log.info("the audit of the store found %d objects, each with its row", report.objects)
+        return report
+    keys = [orphan.key for orphan in report.orphans]
+    too_many = len(keys) > max(_LITTER_AT_LEAST, _LITTER * report.objects)
     if remove and not too_many and not _held(database):
         removed, failed = store.delete_all(keys)
-        found.removed = len(removed)
+        report.removed = len(removed)
         if failed:
             log.warning("the audit could not remove %d objects, among them %s", len(failed), failed[:_SHOWN])
     log.warning(
         "the audit of the store found %d objects; %d of %d bytes have no row, %d of them were removed%s; they are %s",
-        found.objects,
+        report.objects,
         len(keys),
-        found.orphan_bytes,
-        found.removed,
+        report.orphan_bytes,
+        report.removed,
         ": so many look like another service's, or like a database from a backup" if too_many else "",
         keys[:_SHOWN],
     )
-    return found
+    return report
 
 
 def _take_turn(database: Database, period_s: float) -> bool:
@@ -101,10 +100,10 @@ def _take_turn(database: Database, period_s: float) -> bool:
         return taken.one_or_none() is not None
 
 
-def _pages(found: Iterable[Listed]) -> Iterator[list[Listed]]:
-    page: list[Listed] = []
-    for one in found:
-        page.append(one)
+def _pages(objects: Iterable[ListedObject]) -> Iterator[list[ListedObject]]:
+    page: list[ListedObject] = []
+    for listed in objects:
+        page.append(listed)
         if len(page) == _PAGE:
             yield page
             page = []
@@ -112,13 +111,13 @@ def _pages(found: Iterable[Listed]) -> Iterator[list[Listed]]:
         yield page
 
 
-def _without_row(database: Database, page: list[Listed], before: datetime) -> list[Listed]:
+def _without_row(database: Database, page: list[ListedObject], before: datetime) -> list[ListedObject]:
     """The objects of a page that were there ``before`` and that no row knows."""
     # What an interrupted write left in a folder is named after its object, with a # and a number.
-    old = {one.key: one.key.partition("#")[0] for one in page if one.modified < before}
+    old = {listed.key: listed.key.partition("#")[0] for listed in page if listed.modified < before}
     with database.reading() as session:
-        known = set(session.scalars(select(Blob.key).where(Blob.key.in_(set(old.values())))))
-    return [one for one in page if one.key in old and old[one.key] not in known]
+        keys = set(session.scalars(select(Blob.key).where(Blob.key.in_(set(old.values())))))
+    return [listed for listed in page if listed.key in old and old[listed.key] not in keys]
 
 
 def _lost(database: Database, listed: set[str], began: datetime) -> Iterator[str]:

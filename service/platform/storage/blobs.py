@@ -14,8 +14,8 @@ from sqlalchemy import and_, delete, exists, or_, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
+from service.platform.db.base import new_id
 from service.platform.db.clock import now
-from service.platform.db.ids import new_id
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Blob, BlobHold, PackedSweeps, Sensor
 from service.platform.storage.errors import ReservationEndedError
@@ -53,12 +53,12 @@ def keep(session: Session, key: str, *, size: int, sha256: str | None = None) ->
     Raises :class:`ReservationEndedError` unless the key is reserved: what was condemned may be removed at any moment.
     """
     reserved = update(Blob).where(Blob.key == key, Blob.state == "reserved")
-    kept = session.execute(
+    updated = session.execute(
         reserved.values(state="stored", size=size, sha256=sha256)
         .returning(Blob.key)
         .execution_options(synchronize_session=False)
     )
-    if kept.one_or_none() is None:
+    if updated.one_or_none() is None:
         raise ReservationEndedError(key)
 
 
@@ -101,9 +101,9 @@ def condemn_lost(session: Session) -> None:
 def condemned(session: Session, limit: int = 200) -> list[str]:
     """Keys whose objects are to be removed; none while a backup holds the store."""
     # In one statement with the list: what is condemned after a backup's hold is never on a list made before it.
-    held = exists().where(BlobHold.until > now())
+    hold = exists().where(BlobHold.until > now())
     due = or_(Blob.remove_after.is_(None), Blob.remove_after < now())
-    return list(session.scalars(select(Blob.key).where(Blob.state == "condemned", due, ~held).limit(limit)))
+    return list(session.scalars(select(Blob.key).where(Blob.state == "condemned", due, ~hold).limit(limit)))
 
 
 def postpone(session: Session, keys: Iterable[str]) -> None:

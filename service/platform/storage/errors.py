@@ -62,11 +62,11 @@ def translated(key: str, *, writing: bool = False) -> Iterator[None]:
     try:
         yield
     except (BaseError, OSError) as error:
-        said = str(error)
-        if any(words in said for words in _FULL):
+        message = str(error)
+        if any(words in message for words in _FULL):
             raise StoreFullError from error
-        gone = isinstance(error, FileNotFoundError) or any(words in said for words in _CUT)
-        if gone and not writing and "NoSuchBucket" not in said:
+        gone = isinstance(error, FileNotFoundError) or any(words in message for words in _CUT)
+        if gone and not writing and "NoSuchBucket" not in message:
             raise MissingBlobError(key) from None
-        log.warning("the blob store failed on %s: %s", key, said.partition("\n\nDebug source")[0])
+        log.warning("the blob store failed on %s: %s", key, message.partition("\n\nDebug source")[0])
         raise StoreUnavailableError from error

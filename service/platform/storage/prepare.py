@@ -36,13 +36,13 @@ def prepare(url: str, options: S3Options) -> bool:
     Raises :class:`StoreUnavailableError` if the store still cannot be written.
     """
     parts = urlsplit(url)
-    made = False
+    is_new = False
     store = Store(url, options)
     if parts.scheme == "s3" and not _is_there(parts.netloc, options):
-        made = _make(parts.netloc, options)
+        is_new = _make(parts.netloc, options)
     store.put_bytes(_PROBE, b"writable?")
     store.delete(_PROBE)
-    return made
+    return is_new
 
 
 def _is_there(bucket: str, options: S3Options) -> bool:
@@ -91,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     settings = settings_or_exit()
     try:
         _mark(settings, anew=chosen.anew)
-        made = prepare(settings.blobs, settings.s3)
+        is_new = prepare(settings.blobs, settings.s3)
     except StrangeFolderError as error:
         print(f"{error}. {error.hint}", file=sys.stderr)
         return 1
@@ -101,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (OSError, httpx.TransportError) as error:  # the store's own errors among them
         print(f"the blob store at {settings.blobs} cannot be written: {error}", file=sys.stderr)
         return 1
-    print(f"the blob store at {settings.blobs} can be written{'; its bucket was made' if made else ''}")
+    print(f"the blob store at {settings.blobs} can be written{'; its bucket was made' if is_new else ''}")
     return 0
 
 

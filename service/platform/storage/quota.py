@@ -33,12 +33,12 @@ class QuotaExceededError(Exception):
 
     code = "fleet_quota_exceeded"
 
-    def __init__(self, use: Use, asked: int) -> None:
+    def __init__(self, use: Use, bytes_more: int) -> None:
         self.use = use
-        self.asked = asked
+        self.asked = bytes_more
         self.message = (
             f"The fleet's recordings and reports take {spoken(use.taken)} of the {spoken(use.allowed)} that they "
-            f"may, and this would take {spoken(asked)} more."
+            f"may, and this would take {spoken(bytes_more)} more."
         )
         self.hint = (
             "Delete recordings and unfinished uploads of the fleet that nobody needs, or ask whoever runs the "
@@ -108,7 +108,7 @@ def counted(session: Session, recording: Recording, *, besides: int | None) -> i
         session.scalar(packed.where(Sensor.recording_id == recording.id)),
         session.scalar(writing),
     )
-    return recording.size + copied(session, recording.id) + sum(int(one or 0) for one in sums)
+    return recording.size + copied(session, recording.id) + sum(int(total or 0) for total in sums)
 
 
 @contextmanager

@@ -26,9 +26,11 @@ from obstore.store import S3Store
 
 from service.platform.settings import MIB, S3Options, Settings
 from service.platform.storage.errors import MissingBlobError, StoreUnavailableError, translated
-from service.platform.storage.marker import MARKER, is_marked, mark
 from service.platform.storage.urls import open_url
 
+# A disk that is unmounted under a running service leaves an empty folder, where everything would seem to be missing.
+MARKER = ".apexcal-store"
+_SAYS = "Blobs of apexcal. Without this file the service takes the folder for one whose disk is not mounted.\n"
 # Objects are read in ranges of this many bytes, each a request with its own time limit and repetitions.
 _RANGE = 8 * MIB
 # Memory for one object on its way up: this many chunks at once. S3 takes 10,000 chunks of one object: 80 GiB.
@@ -40,8 +42,23 @@ _AWAY = 3
 log = logging.getLogger(__name__)
 
 
+def is_marked(folder: Path) -> bool:
+    """Whether the folder can be looked into and has its marker."""
+    try:
+        (folder / MARKER).stat()
+    except OSError:
+        return False
+    return True
+
+
+def mark(folder: Path) -> None:
+    """Write the marker, unless it is there. It is durable when the folder's first object is."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / MARKER).write_text(_SAYS)
+
+
 @dataclass(frozen=True)
-class Listed:
+class ListedObject:
     """An object as the store lists it; ``modified`` by the store's clock."""
 
     key: str
@@ -134,8 +151,8 @@ class Store:
         start, size = 0, 1
         while start < size:
             async with self._reading_async(key):
-                found = await obstore.get_async(self._store, key, options={"range": (start, start + _RANGE)})
-                size, data = int(found.meta["size"]), bytes(await found.bytes_async())
+                answer = await obstore.get_async(self._store, key, options={"range": (start, start + _RANGE)})
+                size, data = int(answer.meta["size"]), bytes(await answer.bytes_async())
             yield _whole(key, data, min(_RANGE, size - start))
             start += len(data)
 
@@ -144,8 +161,8 @@ class Store:
         start, size = 0, 1
         while start < size:
             with self._reading(key):
-                found = obstore.get(self._store, key, options={"range": (start, start + _RANGE)})
-                size, data = int(found.meta["size"]), bytes(found.bytes())
+                answer = obstore.get(self._store, key, options={"range": (start, start + _RANGE)})
+                size, data = int(answer.meta["size"]), bytes(answer.bytes())
             yield _whole(key, data, min(_RANGE, size - start))
             start += len(data)
 
@@ -157,24 +174,24 @@ class Store:
         """The address at which anyone may read this object, or ranges of it, for so long."""
         return self._sign("GET", key, seconds)
 
-    def list(self) -> Iterator[Listed]:
+    def list(self) -> Iterator[ListedObject]:
         """Every object that is there, in no order, also what interrupted writes left beside them in a folder."""
         self._require_marker()
         yield from self.list_unprepared()
         self._require_marker()
 
-    def list_unprepared(self) -> Iterator[Listed]:
+    def list_unprepared(self) -> Iterator[ListedObject]:
         """:meth:`list`, also of a folder that is no store yet."""
         with translated("(listing)", writing=True):
             for page in obstore.list(self._store):
-                for found in page:
-                    if found["path"] != MARKER:
-                        yield Listed(found["path"], int(found["size"]), found["last_modified"])
+                for meta in page:
+                    if meta["path"] != MARKER:
+                        yield ListedObject(meta["path"], int(meta["size"]), meta["last_modified"])
         for left in self.folder.rglob("*#*") if self.folder else ():
             with contextlib.suppress(FileNotFoundError):
                 status = left.stat()
                 modified = datetime.fromtimestamp(status.st_mtime, UTC)
-                yield Listed(left.relative_to(self.folder or left).as_posix(), status.st_size, modified)
+                yield ListedObject(left.relative_to(self.folder or left).as_posix(), status.st_size, modified)
 
     def delete(self, key: str) -> None:
         """Remove an object, and what an interrupted write of it left. A missing one is no error."""

@@ -16,8 +16,8 @@ from uuid import UUID
 from sqlalchemy import func, select, text, update
 from sqlalchemy.exc import OperationalError
 
-from service.platform.auth.secrets import new_secret, secret_hash
-from service.platform.db.ids import new_id
+from service.platform.auth.credential_actions import new_secret, secret_hash
+from service.platform.db.base import new_id
 from service.platform.db.models import ApiToken, Blob, Calibration, Detection, Job, Membership, Person, Recording
 from service.platform.storage.audit import audit
 from tests.faults.campaign.clients import Annotator, Engineer, GaveUpError

@@ -29,8 +29,8 @@ from service.platform.db.models import (
 )
 from service.platform.db.session import Database
 from service.platform.jobs.claims import claim, finishing
+from service.platform.jobs.history import tally
 from service.platform.jobs.queue import enqueue, enqueue_all
-from service.platform.jobs.totals import tally
 from service.platform.settings import get_settings
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.platform.jobs.support import make_calibration, make_fleet, make_jobs

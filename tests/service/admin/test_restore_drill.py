@@ -21,7 +21,7 @@ from typer.testing import CliRunner, Result
 
 from service.admin import __main__ as commands
 from service.admin.backup import back_up
-from service.admin.errors import AdminError
+from service.admin.context import AdminError
 from service.admin.manifest import BLOB_LIST, BLOBS, ROWS, verify
 from service.admin.restore import restore
 from service.app import create_app

@@ -4,12 +4,12 @@ import pytest
 
 from apexcal.documents.analysis_kinds import AnalysisKind
 from service.platform.db.analyses import Analysis
+from service.platform.db.base import new_id
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.fleets import Rig
-from service.platform.db.ids import new_id
 from service.platform.db.jobs import Job
 from service.platform.jobs.claims import claim, finish
-from service.platform.jobs.retry import retry
+from service.platform.jobs.queue import retry
 from tests.service.detections.seeding import seed_answer, seed_marking
 from tests.service.publications.given import publish
 from tests.support.rows import LEVEL

@@ -7,8 +7,8 @@ import pytest
 
 from service.annotations.answer_actions import MOST_ANSWERS
 from service.platform.db.annotations import Answer
+from service.platform.db.base import new_id
 from service.platform.db.detections import VertexFrame
-from service.platform.db.ids import new_id
 from service.platform.db.recordings import Blob, CameraFrame, Sensor
 from tests.service.annotations.test_routes import ask, let_leases_end, reply
 from tests.service.detections.seeding import seed_marking, standing

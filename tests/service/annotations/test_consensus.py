@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.annotations.consensus import Opinion, Outcome, agree, combine, far_apart_px, geometric_median
+from service.annotations.consensus import ConsensusOutcome, Opinion, agree, combine, far_apart_px, geometric_median
 
 coordinate = st.floats(-0.5, 2000.0).map(lambda value: round(value, 3))
 pixel = st.tuples(coordinate, coordinate)
@@ -22,7 +22,12 @@ def confirmed(u, v):
 
 def test_one_mark_is_taken_as_it_is():
     found = agree([confirmed(10.25, 20.5)])
-    assert (found.outcome, found.pixel, found.spread_px, found.marks) == (Outcome.KEPT, (10.25, 20.5), 0.0, 1)
+    assert (found.outcome, found.pixel, found.spread_px, found.marks) == (
+        ConsensusOutcome.KEPT,
+        (10.25, 20.5),
+        0.0,
+        1,
+    )
 
 
 def test_two_marks_give_their_mean_and_their_spread():
@@ -53,14 +58,14 @@ def test_fermat_point_of_an_equilateral_triangle():
 @pytest.mark.parametrize(
     ("verdicts", "outcome"),
     [
-        (["confirmed", "confirmed", "rejected"], Outcome.KEPT),
-        (["confirmed", "rejected"], Outcome.TIED),
-        (["confirmed", "rejected", "unsure"], Outcome.TIED),
-        (["confirmed", "rejected", "rejected"], Outcome.REMOVED),
-        (["rejected", "unsure", "unsure"], Outcome.REMOVED),
-        (["confirmed", "unsure", "unsure"], Outcome.KEPT),
-        (["unsure"], Outcome.UNMARKED),
-        ([], Outcome.UNMARKED),
+        (["confirmed", "confirmed", "rejected"], ConsensusOutcome.KEPT),
+        (["confirmed", "rejected"], ConsensusOutcome.TIED),
+        (["confirmed", "rejected", "unsure"], ConsensusOutcome.TIED),
+        (["confirmed", "rejected", "rejected"], ConsensusOutcome.REMOVED),
+        (["rejected", "unsure", "unsure"], ConsensusOutcome.REMOVED),
+        (["confirmed", "unsure", "unsure"], ConsensusOutcome.KEPT),
+        (["unsure"], ConsensusOutcome.UNMARKED),
+        ([], ConsensusOutcome.UNMARKED),
     ],
 )
 def test_verdicts_are_counted_and_unsure_counts_neither_way(verdicts, outcome):
@@ -68,7 +73,7 @@ def test_verdicts_are_counted_and_unsure_counts_neither_way(verdicts, outcome):
     found = agree(opinions)
     assert found.outcome is outcome
     assert found.answers == len(verdicts)
-    assert (found.pixel is not None) == (outcome in (Outcome.KEPT, Outcome.TIED))
+    assert (found.pixel is not None) == (outcome in (ConsensusOutcome.KEPT, ConsensusOutcome.TIED))
 
 
 def test_marks_of_people_who_did_not_confirm_are_not_used():
@@ -77,16 +82,16 @@ def test_marks_of_people_who_did_not_confirm_are_not_used():
 
 
 def test_a_confirmation_without_a_mark_gives_nothing_but_still_outvotes():
-    assert agree([Opinion("confirmed")]).outcome is Outcome.UNMARKED
+    assert agree([Opinion("confirmed")]).outcome is ConsensusOutcome.UNMARKED
     found = agree([confirmed(1.0, 1.0), Opinion("confirmed"), Opinion("rejected")])
-    assert (found.outcome, found.marks) == (Outcome.KEPT, 1)
+    assert (found.outcome, found.marks) == (ConsensusOutcome.KEPT, 1)
 
 
 def test_two_marks_that_cannot_both_be_right_give_no_mean():
     apart = far_apart_px(1920, 1200)
     assert apart == pytest.approx(22.64, abs=0.01)
     found = agree([confirmed(100.0, 100.0), confirmed(127.0, 136.0)], apart)
-    assert (found.outcome, found.pixel, found.answers) == (Outcome.APART, None, 2)
+    assert (found.outcome, found.pixel, found.answers) == (ConsensusOutcome.APART, None, 2)
     near = agree([confirmed(100.0, 100.0), confirmed(104.0, 103.0)], apart)
     assert near.pixel == (102.0, 101.5)
     third = agree([confirmed(100.0, 100.0), confirmed(127.0, 136.0), confirmed(101.0, 100.0)], apart)
@@ -135,5 +140,5 @@ def test_a_reviewed_answer_counts_but_is_not_independent():
     assert found.pixel == (12.0, 20.0)
     assert (found.marks, found.reviewed, found.spread_px) == (1, 1, 0.0)
     alone = agree([seen])
-    assert (alone.outcome, alone.pixel, alone.marks, alone.spread_px) == (Outcome.KEPT, (14.0, 20.0), 0, 0.0)
-    assert agree([confirmed(1.0, 1.0), Opinion("rejected", reviewed=True)]).outcome is Outcome.TIED
+    assert (alone.outcome, alone.pixel, alone.marks, alone.spread_px) == (ConsensusOutcome.KEPT, (14.0, 20.0), 0, 0.0)
+    assert agree([confirmed(1.0, 1.0), Opinion("rejected", reviewed=True)]).outcome is ConsensusOutcome.TIED

@@ -4,11 +4,11 @@ import pytest
 from sqlalchemy import func, select
 
 from service.annotations import task_queries
-from service.detections import corner_actions, jobs
+from service.detections import actions, jobs
 from service.platform.db.annotations import MarkingFrontier
 from service.platform.db.detections import Apex, Vertex, VertexFrame
 from service.platform.db.jobs import Job
-from service.platform.jobs.retry import retry
+from service.platform.jobs.queue import retry
 from service.platform.jobs.sweep import sweep
 from tests.service.annotations.test_corners import ALL, choose, state_corners
 from tests.service.annotations.test_routes import ask, reply
@@ -21,7 +21,7 @@ TIPS = 11
 
 @pytest.fixture
 def seed(api, monkeypatch):
-    for module in (jobs, corner_actions):
+    for module in (jobs, actions):
         monkeypatch.setattr(module, "AT_ONCE", AT_ONCE)
     found = seed_marking(api.database, api.fleet(), vertices=TIPS)
     state_corners(api.database, found.detection_id)

@@ -7,8 +7,8 @@ from sqlalchemy import update
 
 from service.platform.db.analyses import Analysis
 from service.platform.db.annotations import Disclosure
+from service.platform.db.base import new_id
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.platform.db.ids import new_id
 from service.platform.db.recordings import Recording
 from tests.service.annotations.test_answer_actions import add_rear_camera, take_back
 from tests.service.annotations.test_routes import ask, reply

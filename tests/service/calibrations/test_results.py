@@ -8,9 +8,9 @@ from sqlalchemy import text, update
 from sqlalchemy.exc import StatementError
 
 from apexcal.geometry.se3 import from_document, to_document
+from service.platform.db.base import new_id
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.platform.db.fleets import Rig
-from service.platform.db.ids import new_id
 from tests.service.detections.seeding import seed_rig
 from tests.support.results import ENDED, fit_result, model_summary, of_block, summary
 from tests.support.rows import LEVEL, add

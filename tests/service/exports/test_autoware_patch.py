@@ -13,8 +13,7 @@ import yaml
 
 from apexcal.geometry.se3 import SE3
 from service.exports.autoware_patch import patched
-from service.exports.calibrated import Calibrated, CalibratedCamera, SolvedJoint
-from service.exports.mounts import solved_edge
+from service.exports.calibrated import Calibrated, CalibratedCamera, SolvedJoint, solved_edge
 from service.platform.http.problems import Problem
 from tests.service.exports.readers import _tree, files_of, joints, move, only, plumb_bob, published
 from tests.service.exports.rigs import mount, ours, rig_of, seen

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from apexcal.geometry.se3 import SE3
-from service.exports.calibrated import Calibrated, SolvedJoint
+from service.exports.calibrated import Calibrated, SolvedJoint, poses
 from service.exports.formats import FORMATS, export
-from service.exports.mounts import poses
 from service.platform.http.problems import Problem
 from tests.service.exports.readers import READERS
 from tests.service.exports.rigs import mount, ours, rig_of, seen, vehicle_mount

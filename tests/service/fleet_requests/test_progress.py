@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import select, update
 
 from service.calibration_runs.actions import end_run
-from service.calibration_runs.fleet_request_actions import drop_calibrations
+from service.calibration_runs.conclusion import drop_calibrations
 from service.fleet_requests import actions
 from service.fleet_requests.actions import ask_all_to_end, retry_failed
 from service.platform.db.models import (

@@ -11,7 +11,7 @@ import pytest
 
 from apexcal.documents.imports import CalibrationFiles
 from service.exports.calibrated import file_name
-from service.imports.views import files_view
+from service.imports.formats import files_view
 from service.platform.http.problems import Problem
 from tests.service.exports.readers import files_of
 from tests.service.exports.rigs import rig_of

@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select, update
 
-from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.platform.db.publications import Publication
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.platform.jobs.claims import StaleInputError
 from service.publications.actions import Grounds, hold_to_publish, publish
 from service.recordings.actions import delete_recording

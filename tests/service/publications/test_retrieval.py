@@ -11,7 +11,7 @@ import psycopg
 import pytest
 from sqlalchemy import delete, update
 
-from service.platform.auth.secrets import new_secret, secret_hash
+from service.platform.auth.credential_actions import new_secret, secret_hash
 from service.platform.db.calibrations import Calibration, Result
 from service.platform.db.clock import utc_now
 from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle

@@ -9,10 +9,9 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import select, text, update
 
-from service.platform.db.calibrations import Calibration, CorrespondenceSet, Result
+from service.platform.db.calibrations import Calibration, CorrespondenceSet, Publication, Result
 from service.platform.db.clock import utc_now
 from service.platform.db.fleets import Rig
-from service.platform.db.publications import Publication
 from tests.service.calibrations.test_results import (
     EDGE,
     FOUND,

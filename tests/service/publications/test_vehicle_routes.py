@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
+from service.platform.db.base import new_id
 from service.platform.db.calibrations import Calibration, CalibrationRun, Result
 from service.platform.db.fleets import RigCamera
-from service.platform.db.ids import new_id
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
 from tests.service.detections.seeding import seed_rig
 from tests.support.rows import add

@@ -6,9 +6,8 @@ from uuid import UUID
 
 from sqlalchemy import delete, select
 
-from service.platform.db.calibrations import Calibration, Result
+from service.platform.db.calibrations import Calibration, Publication, Result
 from service.platform.db.fleets import Rig, RigCamera
-from service.platform.db.publications import Publication
 from service.publications import routes
 from tests.service.calibrations.test_results import FOUND, NEWER, current_address, failed, seed_results
 from tests.service.publications.given import history, publish, same_moment, withdraw

@@ -7,8 +7,8 @@ import pytest
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.exc import OperationalError
 
+from service.platform.db.base import new_id
 from service.platform.db.clock import utc_now
-from service.platform.db.ids import new_id
 from service.platform.db.models import (
     Answer,
     Apex,

@@ -7,7 +7,7 @@ from apexcal.documents.checks import Check
 from apexcal.documents.comparisons import ResultDifference
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import Behind, CameraSummary, RigSummary
-from service.platform.db.ids import new_id
+from service.platform.db.base import new_id
 from tests.support.results import fit_result, model_summary, of_block, rig_summary, summary
 from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
 from workers.judge.held_out_check import HeldOutPairs, held_out_pairs

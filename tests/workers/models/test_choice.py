@@ -12,7 +12,7 @@ from workers.geometry.models import INTRINSICS
 from workers.models.choice import Candidate, choose
 from workers.models.evidence import Pairs, weigh
 from workers.solver.estimate import estimate
-from workers.solver.folds import folds
+from workers.solver.held_out import folds
 from workers.solver.polish import distances, polish
 from workers.solver.problem import fit_problem
 

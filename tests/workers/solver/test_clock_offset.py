@@ -10,7 +10,7 @@ from apexcal.geometry.se3 import SE3, to_document
 from tests.workers.vertices.walks import START_NS, seconds, vertices, walk
 from workers.simulation.camera import CAMERA_FRAME, LIDAR_FRAME, make_camera, nominal_mount
 from workers.solver import clock_offset, offset_fit
-from workers.solver.errors import SolveError
+from workers.solver.outcomes import SolveError
 from workers.vertices.pairing import pair
 from workers.vertices.tracks import Track
 

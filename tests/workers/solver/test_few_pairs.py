@@ -6,7 +6,7 @@ import pytest
 
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.few_pairs import KINDS, calibrated, drawn, real
-from workers.solver.errors import SolveError
+from workers.solver.outcomes import SolveError
 
 
 def ends(document, pairs):

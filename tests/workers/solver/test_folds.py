@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from apexcal.documents.folds import cut_folds
 from tests.workers.solver.rigs import real_correspondences
-from workers.solver.errors import SolveError
-from workers.solver.folds import folds
+from workers.solver.held_out import folds
+from workers.solver.outcomes import SolveError
 
 
 @given(st.lists(st.integers(0, 8), min_size=30, max_size=80), st.integers(2, 3))

@@ -9,7 +9,7 @@ import pytest
 from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, SIZE, finish_plain, simulated
 from workers.geometry.models import MODELS
-from workers.solver.errors import SolveError
+from workers.solver.outcomes import SolveError
 from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule

@@ -4,7 +4,7 @@ import numpy as np
 
 from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, finish_plain, real_correspondences
-from workers.solver.folds import folds
+from workers.solver.held_out import folds
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import evaluate

@@ -8,7 +8,7 @@ import pytest
 
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.walks import Recomputed, finish, walked
-from workers.solver.errors import SolveError
+from workers.solver.outcomes import SolveError
 from workers.solver.residuals import predict
 from workers.solver.rolling_shutter import at_their_rows
 

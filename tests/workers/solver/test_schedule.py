@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.workers.solver.rigs import simulated
-from workers.solver.errors import SolveError
+from workers.solver.outcomes import SolveError
 from workers.solver.schedule import advance, bounds_of, from_document, run_schedule, start, to_document
 from workers.solver.slot import SlotOutcome, run_slot
 

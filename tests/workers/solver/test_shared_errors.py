@@ -12,8 +12,8 @@ from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import simulated
 from tests.workers.solver.walks import Recomputed, finish, posed, walked
 from workers.solver.blocks import blocks_of
-from workers.solver.errors import SolveError
 from workers.solver.estimate import estimate
+from workers.solver.outcomes import SolveError
 from workers.solver.residuals import predict
 
 

@@ -10,8 +10,8 @@ from tests.workers.solver.rigs import simulated
 from workers.geometry.models import MODELS, SEARCH_FORMS
 from workers.solver.fitness import evaluate_population, fitness_of, loss_px
 from workers.solver.genetic import select_best
+from workers.solver.outcomes import NEVER, flag_of
 from workers.solver.slot import SlotOutcome, run_slot, warm_up
-from workers.solver.stopping import NEVER, flag_of
 
 GO_ON = flag_of(NEVER)
 SHORT = {"population": 160, "generations": 12}

@@ -16,8 +16,8 @@ from tests.workers.solver.rigs import (
     simulated,
 )
 from workers.geometry.models import INTRINSICS, MODELS, SEARCH_FORMS
-from workers.solver.errors import SolveError
-from workers.solver.folds import folds
+from workers.solver.held_out import folds
+from workers.solver.outcomes import SolveError
 from workers.solver.polish import polish
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule, start

@@ -11,8 +11,8 @@ from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simula
 from workers.geometry.models import MODELS
 from workers.geometry.spherical import axes
 from workers.solver.covariances import SIGMAS, Covariances, covariances_of
-from workers.solver.errors import SolveError
 from workers.solver.fitness import fitness_of, loss_px, pack_pairs
+from workers.solver.outcomes import SolveError
 from workers.solver.outliers import judge
 from workers.solver.polish import polish, weighted_residuals
 from workers.solver.problem import fit_problem

@@ -10,7 +10,7 @@ from tests.service.detections.seeding import seed_rig
 from tests.service.platform.jobs.support import make_fleet
 from tests.support.databases import one_database
 from workers.readers.normalised.manifest import SensorManifest
-from workers.tasks.image_kinds import keep_image_kinds
+from workers.tasks.ingesting import keep_image_kinds
 
 pytestmark = one_database
 R = [0.9998, -0.02, 0.0, 0.02, 0.9998, 0.0, 0.0, 0.0, 1.0]

@@ -9,8 +9,7 @@ import sys
 
 import pytest
 
-from workers.tasks.context import Context
-from workers.tasks.leftovers import remove_leftovers, scratch_prefix
+from workers.tasks.context import Context, remove_leftovers, scratch_prefix
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from apexcal.documents.fit_requests import fit_request
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from apexcal.geometry.se3 import SE3, to_document
-from workers.solver.errors import SolveError
+from workers.solver.outcomes import SolveError
 from workers.solver.problem import fit_problem
 from workers.solver.slot import SlotOutcome, run_slot
 from workers.tasks.solving import _slot_row

@@ -9,7 +9,7 @@ from tests.workers.vertices.refined_walks import REGION, SIZE, walk
 from workers.vertices.refined.board import find_boards, find_planes
 from workers.vertices.refined.board_model import BoardModel
 from workers.vertices.refined.planes import find_stretches
-from workers.vertices.refined.window import Window
+from workers.vertices.refined.window import RangeImage
 from workers.vertices.sensor_grid import learn_grid
 
 STEP = 0.004
@@ -49,7 +49,7 @@ def test_a_ray_without_a_return_beside_a_head_may_have_met_the_board_too(near):
     distance[:, MIDDLE - 27] = 0.0  # the head's dark hair
     inside = distance > 0.0
     point = np.where(inside, np.arange(RINGS * COLUMNS).reshape(RINGS, COLUMNS), -1)
-    window = Window(np.eye(3), np.full(RINGS, STEP), np.arange(RINGS), azimuth, slope, distance, inside, point)
+    window = RangeImage(np.eye(3), np.full(RINGS, STEP), np.arange(RINGS), azimuth, slope, distance, inside, point)
     plane = find_planes([window], near[0], 1)[0].plane
     along = np.round(np.arctan2(plane.left, 5.0) / STEP)
     assert plane.mixed[(along == -27) & ~plane.returned].all()

@@ -10,8 +10,7 @@ from benchmarks.detection.walks import simulate
 from tests.support.scenes.drawn import draw_street
 from tests.workers.vertices.refined_walks import REGION, SIZE, walk
 from tests.workers.vertices.test_facades import street
-from workers.vertices.detectors import detect_range
-from workers.vertices.fixed_objects import without_fixed
+from workers.vertices.detectors import detect_range, without_fixed
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 

@@ -11,7 +11,7 @@ from apexcal.documents.detectors import resolve_options
 from benchmarks.detection.figures import mean_sigma
 from benchmarks.detection.walks import looked_at
 from tests.support.scenes.drawn import draw
-from workers.vertices.fixed_objects import without_fixed
+from workers.vertices.detectors import without_fixed
 from workers.vertices.refined.learning import learn
 from workers.vertices.refined.size import doubtful
 from workers.vertices.region import Region

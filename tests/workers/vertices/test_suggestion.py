@@ -15,8 +15,8 @@ from workers.simulation.flaws import Mount
 from workers.simulation.lidar import BOARD, PERSON, SENSORS, SimulatedLidar
 from workers.simulation.scene import scene_with
 from workers.simulation.walker import Walk
-from workers.vertices.footprint import SIDES, area_around, area_m2, clusters
 from workers.vertices.region import Region
+from workers.vertices.suggested_region import SIDES, area_around, area_m2, clusters
 from workers.vertices.suggestion import suggest
 from workers.vertices.sweep_source import Listed
 

@@ -24,11 +24,10 @@ from workers.vertices.refined.board_model import (
     Way,
     hang,
 )
-from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import find_corner
 from workers.vertices.refined.planes import find_stretches, grow_planes, pair_stretches
 from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios, mixed_rays
-from workers.vertices.refined.window import Window, open_window
+from workers.vertices.refined.window import RangeImage, clusters, open_window
 from workers.vertices.sensor_grid import SensorGrid
 
 _WIDEST_M = 1.8  # a stretch of points on a ring that is wider is no board
@@ -43,7 +42,7 @@ _PULSE_M = 0.9
 _OFF = 4.0  # standard deviations behind the plane: the return is not of the board alone
 
 
-def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> list[Window]:
+def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> list[RangeImage]:
     """A window around every group of points that lie in the region."""
     return [
         open_window(sweep, inside, grid, centre, half + 5.0 * float(grid.steps.max()))
@@ -51,9 +50,9 @@ def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> l
     ]
 
 
-def find_planes(windows: Iterable[Window], model: BoardModel, most: int) -> list[Sighting]:
+def find_planes(windows: Iterable[RangeImage], model: BoardModel, most: int) -> list[Sighting]:
     """Planes that could be the board's, at least two rings on each, the likeliest first."""
-    found: list[tuple[float, Window, Floats, Floats, tuple[int, int, int]]] = []
+    candidates: list[tuple[float, RangeImage, Floats, Floats, tuple[int, int, int]]] = []
     prior = np.array([*model.yaw, *model.tilt])
     for window in windows:
         stretches = find_stretches(window.azimuth, window.distance, window.inside, model.sigma, window.steps)
@@ -63,10 +62,10 @@ def find_planes(windows: Iterable[Window], model: BoardModel, most: int) -> list
         )
         for w, info, score, number in zip(planes, infos, scores.tolist(), pair_of, strict=True):
             r, first, last = stretches[pairs[number, 0], :3].astype(int).tolist()
-            found.append((score, window, w, np.asarray(np.linalg.inv(info), np.float64), (r, first, last)))
-    found.sort(key=lambda item: -item[0])
+            candidates.append((score, window, w, np.asarray(np.linalg.inv(info), np.float64), (r, first, last)))
+    candidates.sort(key=lambda item: -item[0])
     sightings: list[Sighting] = []
-    for item in found:
+    for item in candidates:
         sighting = _with_rays(*item, model)
         if sighting is not None and _at_most(sighting.plane, model) > _NARROWEST_M:
             sightings.append(sighting)
@@ -81,7 +80,7 @@ def _at_most(plane: Plane, model: BoardModel) -> float:
 
 
 def _with_rays(
-    score: float, window: Window, w: Floats, spread: Floats, seed: tuple[int, int, int], model: BoardModel
+    score: float, window: RangeImage, w: Floats, spread: Floats, seed: tuple[int, int, int], model: BoardModel
 ) -> Sighting | None:
     image = window.azimuth, window.slope, window.distance
     left, up, ratio = likelihood_ratios(*image, w, spread, model.sigma, model.lost)
@@ -129,7 +128,9 @@ def _with_rays(
     return Sighting(plane, window, ends)
 
 
-def _of_rings(w: Floats, spread: Floats, window: Window, on_board: NDArray[np.bool_], model: BoardModel) -> Floats:
+def _of_rings(
+    w: Floats, spread: Floats, window: RangeImage, on_board: NDArray[np.bool_], model: BoardModel
+) -> Floats:
     """What is added (3, 3) to the covariance of a plane's w, because its points (R, C) share their ring's error."""
     if model.ring_bias == 0.0:
         return np.zeros((3, 3))
@@ -161,12 +162,12 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     Args:
         coarse: see :func:`weigh`.
     """
-    held = weigh(plane, model, coarse=coarse)
-    if held is None:
+    weighed = weigh(plane, model, coarse=coarse)
+    if weighed is None:
         return None
-    corners = [way.corner for way in held.ways]
-    weight = np.exp(np.array([way.evidence for way in held.ways]) - held.evidence)
-    means = np.array([[*way.corner[1:3], way.corner[3] - hang(way.edges)] for way in held.ways])
+    corners = [way.corner for way in weighed.ways]
+    weight = np.exp(np.array([way.evidence for way in weighed.ways]) - weighed.evidence)
+    means = np.array([[*way.corner[1:3], way.corner[3] - hang(way.edges)] for way in weighed.ways])
     mean: Floats = weight @ means
     apart = means - mean
     covariance = np.einsum("w,wij->ij", weight, [_matrix(corner) for corner in corners]) + (apart.T * weight) @ apart
@@ -179,18 +180,18 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     # Both edges move out, so the apex rises by the square root of two.
     errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
     first = int(np.argmax(weight))
-    against, within, upper, lower = _against(plane, model, held.ways[first].edges, corners[first])
+    against, within, upper, lower = _against(plane, model, weighed.ways[first].edges, corners[first])
     wrong = np.where(plane.below, model.wrong_below, model.wrong)
     expected = float(np.sum(wrong * np.log(wrong))) + plane.ratio.size * model.lost * math.log(model.lost)
     ways = tuple(
         Way(x, way.edges, way.corner[1:4], _matrix(way.corner))
-        for x, way in zip(weight.tolist(), held.ways, strict=True)
+        for x, way in zip(weight.tolist(), weighed.ways, strict=True)
     )
     return Fix(
         plane, xyz, errors, math.sqrt(own[0, 0] + own[1, 1]), float(mean[2]),
         math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(weight @ np.array([corner[3] for corner in corners])),
-        against, within, upper, lower, max(float(corner[10]) for corner in corners), expected, held.evidence,
-        model.wrong, held.told, ways,
+        against, within, upper, lower, max(float(corner[10]) for corner in corners), expected, weighed.evidence,
+        model.wrong, weighed.told, ways,
     )  # fmt: skip
 
 
@@ -217,24 +218,24 @@ def weigh(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Held | No
         coarse: for comparing models: quicker, and good enough for the evidence.
     """
     ways: list[_Way] = []
-    told = np.full((2, ROLLS.size), -math.inf)
+    grid = np.full((2, ROLLS.size), -math.inf)
     for share, swapped in sorted([(1.0 - model.swapped, False), (model.swapped, True)], reverse=True):
         floor = ways[0].evidence - math.log(share) - _HOPELESS if ways else -math.inf
         edges = _edges(model, swapped)
-        found = _corner(plane, model, edges, coarse, floor)
-        if found is not None:
-            corner, likely, rolls = found
+        best = _corner(plane, model, edges, coarse, floor)
+        if best is not None:
+            corner, likely, rolls = best
             ways.append(_Way(edges, math.log(share) + float(corner[0]), corner))
-            told[int(swapped)] = np.interp(ROLLS, rolls - hang(edges), likely, left=-math.inf, right=-math.inf)
+            grid[int(swapped)] = np.interp(ROLLS, rolls - hang(edges), likely, left=-math.inf, right=-math.inf)
     if not ways:
         return None
-    return Held(tuple(ways), float(np.logaddexp.reduce([way.evidence for way in ways])), told)
+    return Held(tuple(ways), float(np.logaddexp.reduce([way.evidence for way in ways])), grid)
 
 
 def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
     """Lengths of the edges to the lower left and to the lower right."""
-    one, other = model.edges
-    return (other, one) if swapped else (one, other)
+    first, other = model.edges
+    return (other, first) if swapped else (first, other)
 
 
 def _against(
@@ -309,11 +310,11 @@ def _corner(
     hits = plane.ratio > _CONFIDENT
     if not hits.any():
         return None
-    found = find_corner(
+    best = find_corner(
         plane.left, plane.up, _grown(plane, model), plane.reach * model.soft, plane.believed(model), hits,
         edges[0], edges[1], model.slack, hang(edges) + model.roll[0], model.roll[1], coarse, floor,
     )  # fmt: skip
-    return found if found[0][0] > -1e299 else None
+    return best if best[0][0] > -1e299 else None
 
 
 def find_boards(
@@ -321,5 +322,5 @@ def find_boards(
 ) -> list[tuple[Sighting, Fix]]:
     """The apexes that the likeliest planes of a sweep tell: boards by all appearances first, then the likeliest."""
     sightings = find_planes(open_windows(sweep, inside, model.grid), model, most)
-    found = [(sighting, fix) for sighting in sightings if (fix := locate(sighting.plane, model)) is not None]
-    return sorted(found, key=lambda pair: (not pair[1].explained, -pair[1].support))
+    boards = [(sighting, fix) for sighting in sightings if (fix := locate(sighting.plane, model)) is not None]
+    return sorted(boards, key=lambda pair: (not pair[1].explained, -pair[1].support))

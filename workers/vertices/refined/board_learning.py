@@ -40,21 +40,21 @@ def learn_board(
     if len(planes) < ENOUGH:
         return model
     solid = [plane for plane in planes if plane.telling]
-    told = len(solid) >= ENOUGH
+    enough = len(solid) >= ENOUGH
     steps = usual_steps()
     if not all(edges):
         model = _first_edges(planes, model, edges)
-    elif told and growth_mrad < 0.0:
+    elif enough and growth_mrad < 0.0:
         model = _first_growth(solid, model)
     for step in (1.0, 0.4):
-        if told and all(edges):
+        if enough and all(edges):
             model, steps = _learn_step(solid[:_SOME], model)
         model = _refine(planes, model, edges, growth_mrad, step, steps)
-        if told and all(edges):
+        if enough and all(edges):
             model = _learn_inset(solid[:_SOME], model)
-        elif told:
+        elif enough:
             model = _learn_blur(solid[:_SOME], model)
-        if told:
+        if enough:
             model = _learn_wrong(solid[:_SOME], model)
         # Growth and roll are told by the same edges, so each is learned again with the other.
         model = _learn_roll(planes, model)
@@ -82,13 +82,13 @@ def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float,
 
 def _table(model: BoardModel, edges: tuple[float, float]) -> list[BoardModel]:
     """The model with each pair of lengths of a coarse table."""
-    known = max(edges)
-    lengths = [known] if known > 0.0 else _LENGTHS_M
+    longest = max(edges)
+    lengths = [longest] if longest > 0.0 else _LENGTHS_M
     return [
-        replace(model, edges=(one, other), slack=0.5 * (_LENGTHS_M[1] / _LENGTHS_M[0] - 1.0) * other)
-        for one in lengths
+        replace(model, edges=(length, other), slack=0.5 * (_LENGTHS_M[1] / _LENGTHS_M[0] - 1.0) * other)
+        for length in lengths
         for other in _LENGTHS_M
-        if known > 0.0 or one <= other
+        if longest > 0.0 or length <= other
     ]
 
 
@@ -97,15 +97,15 @@ def some_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, f
     if not planes:
         return model
     tried = _table(model, edges)
-    told = np.array([evidence(planes, candidate) for candidate in tried])
-    weight = np.exp(told - np.logaddexp.reduce(told))
+    evidences = np.array([evidence(planes, candidate) for candidate in tried])
+    weight = np.exp(evidences - np.logaddexp.reduce(evidences))
     lengths = np.array([candidate.edges for candidate in tried])
     mean = weight @ lengths
     spread = np.sqrt(weight @ (lengths - mean) ** 2)
-    one, other = mean.tolist()
+    first, other = mean.tolist()
     half_step = 0.5 * (_LENGTHS_M[1] / _LENGTHS_M[0] - 1.0) * other
     slack = min(2.0 * float(spread.max()) + half_step, model.slack)
-    return replace(model, edges=(one, other), slack=slack, sizes_tried=len(tried))
+    return replace(model, edges=(first, other), slack=slack, sizes_tried=len(tried))
 
 
 def _first_growth(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
@@ -126,8 +126,8 @@ def _learn_blur(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
 
 def _learn_step(planes: Sequence[Plane], model: BoardModel) -> tuple[BoardModel, Floats]:
     """How gradually the hits end at an edge: the mean; and how likely each of the table's half widths is (K,)."""
-    told = np.array([evidence(planes, replace(model, soft=math.radians(width))) for width in SOFT_DEG])
-    share = usual_steps() * np.exp(told - told.max())
+    evidences = np.array([evidence(planes, replace(model, soft=math.radians(width))) for width in SOFT_DEG])
+    share = usual_steps() * np.exp(evidences - evidences.max())
     share /= share.sum()
     return replace(model, soft=float(share @ np.radians(SOFT_DEG))), share
 
@@ -197,14 +197,14 @@ def evidence(planes: Sequence[Plane], model: BoardModel) -> float:
     The boards' rolls have an unknown mean in common: each by itself can take the roll that suits a wrong model.
     """
     wide = _any_way(model)
-    found = [weigh(plane, wide, coarse=True) for plane in planes]
-    boards = sorted((held for held in found if held is not None), key=lambda held: held.evidence)
-    few = len(found) // 4 - (len(found) - len(boards))
-    kept = boards[max(few, 0) :]
-    if not kept:
-        return _HOPELESS * len(found)
-    told = np.array([held.told for held in kept])
-    return learn_roll(told, any_roll(model.edges)).evidence + _HOPELESS * max(-few, 0)
+    weighed = [weigh(plane, wide, coarse=True) for plane in planes]
+    boards = sorted((board for board in weighed if board is not None), key=lambda board: board.evidence)
+    few = len(weighed) // 4 - (len(weighed) - len(boards))
+    counted = boards[max(few, 0) :]
+    if not counted:
+        return _HOPELESS * len(weighed)
+    grids = np.array([board.told for board in counted])
+    return learn_roll(grids, any_roll(model.edges)).evidence + _HOPELESS * max(-few, 0)
 
 
 def _refine(
@@ -237,8 +237,8 @@ def _refine(
     if open_growth:
         reaches = np.array([np.median(plane.reach) for plane in planes])
         lever = float(np.std(reaches) if free else np.mean(reaches)) * math.sqrt(len(planes))
-        told = state[2], math.hypot(sigmas[2], EDGE_M / max(lever, 1e-3))
-        state[2], sigmas[2] = likely_growth(*told, model.soft) if free else any_growth(*told, widths)
+        boards = state[2], math.hypot(sigmas[2], EDGE_M / max(lever, 1e-3))
+        state[2], sigmas[2] = likely_growth(*boards, model.soft) if free else any_growth(*boards, widths)
     slack = 2.0 * float(max([sigmas[index] for index in free], default=0.0))
     return replace(modelled(state), slack=slack, growth_sigma=float(sigmas[2]))
 
@@ -256,17 +256,17 @@ def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float
         x[index] += k * step
         return value(x)
 
-    known: dict[int, float] = {k: along(k) for k in (-1, 0, 1)}
+    values: dict[int, float] = {k: along(k) for k in (-1, 0, 1)}
     for _ in range(8):
-        top = max(known, key=known.__getitem__)
-        missing = [k for k in (top - 1, top + 1) if k not in known]
+        top = max(values, key=values.__getitem__)
+        missing = [k for k in (top - 1, top + 1) if k not in values]
         if not missing:
             break
-        known |= {k: along(k) for k in missing}
-    top = max(known, key=known.__getitem__)
+        values |= {k: along(k) for k in missing}
+    top = max(values, key=values.__getitem__)
     moved = at.copy()
-    before, after = known.get(top - 1), known.get(top + 1)
-    bend = 2.0 * known[top] - before - after if before is not None and after is not None else 0.0
+    before, after = values.get(top - 1), values.get(top + 1)
+    bend = 2.0 * values[top] - before - after if before is not None and after is not None else 0.0
     shift = 0.5 * (after - before) / bend if bend > 0.0 and before is not None and after is not None else 0.0
     moved[index] += (top + min(max(shift, -0.5), 0.5)) * step
     return moved, step / math.sqrt(bend) if bend > 1e-9 else step

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.vertices.refined.rays import WRONG
-from workers.vertices.refined.window import Window
+from workers.vertices.refined.window import RangeImage
 from workers.vertices.sensor_grid import SensorGrid
 from workers.vertices.vertex import SizeFacts
 
@@ -194,7 +194,7 @@ class Sighting:
     """A plane, its window, and for each ring the board's first and last column there: (R, 2), -1 for none."""
 
     plane: Plane
-    window: Window
+    window: RangeImage
     ends: NDArray[np.int64]
 
 

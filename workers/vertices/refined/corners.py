@@ -23,25 +23,25 @@ def corners_of(fix: Fix, most: float) -> Corners | None:
     """
     weights = [way.weight for way in fix.ways]
     places, spreads, floors = zip(*(_of_way(fix.plane, way) for way in fix.ways), strict=True)
-    place: Floats = np.average(places, axis=0, weights=weights)
-    apart: Floats = np.array(places) - place
+    mean: Floats = np.average(places, axis=0, weights=weights)
+    apart: Floats = np.array(places) - mean
     own = np.average(spreads, axis=0, weights=weights) + (apart.T * weights) @ apart
     joint = own + np.average(floors, axis=0, weights=weights)
     stated = to_xyz(fix.covariance[None], fix.xyz[None])[0]
     turn = fix.plane.R_window_lidar.T
     shared = _not_negative(turn.T @ stated @ turn - joint[:3, :3])
     joint += np.kron(np.ones((_COUNT, _COUNT)), shared)
-    xyz = place.reshape(_COUNT, 3) @ turn.T
+    xyz = mean.reshape(_COUNT, 3) @ turn.T
     # Over azimuth, elevation and range of each corner.
     inverse = np.linalg.inv(axes(xyz)) @ turn
-    told, stated = (_blocks(inverse, part) for part in (own, joint))
-    variance = np.einsum("iaia->ia", told)
-    known = [k for k in range(1, _COUNT) if math.sqrt(variance[k, 0] + variance[k, 1]) <= most]
-    if not known:
+    own_blocks, stated = (_blocks(inverse, part) for part in (own, joint))
+    variance = np.einsum("iaia->ia", own_blocks)
+    precise = [k for k in range(1, _COUNT) if math.sqrt(variance[k, 0] + variance[k, 1]) <= most]
+    if not precise:
         return None
-    kept = [0, *known]
-    covariance = stated[np.ix_(kept, range(3), kept, range(3))].reshape(3 * len(kept), 3 * len(kept))
-    return Corners.of([CORNERS[k] for k in known], xyz[known], covariance)
+    chosen = [0, *precise]
+    covariance = stated[np.ix_(chosen, range(3), chosen, range(3))].reshape(3 * len(chosen), 3 * len(chosen))
+    return Corners.of([CORNERS[k] for k in precise], xyz[precise], covariance)
 
 
 def _blocks(inverse: Floats, joint: Floats) -> Floats:
@@ -57,15 +57,15 @@ def _of_way(plane: Plane, way: Way) -> tuple[Floats, Floats, Floats]:
     first, second = way.edges
     at: Floats = np.array([*way.mean, first, second, *plane.w])
     step = _STEP * np.array([1.0, 1.0, 1.0, 1.0, 1.0, *[np.linalg.norm(plane.w)] * 3])
-    columns = [(_place(plane, at + one) - _place(plane, at - one)) for one in np.diag(step)]
+    columns = [(_place(plane, at + shift) - _place(plane, at - shift)) for shift in np.diag(step)]
     J = np.column_stack(columns) / (2.0 * step)
-    told = np.zeros((8, 8))
-    told[:3, :3], told[5:, 5:] = way.covariance, plane.spread
+    covariance = np.zeros((8, 8))
+    covariance[:3, :3], covariance[5:, 5:] = way.covariance, plane.spread
     # Either end of an edge may err by EDGE_M. Both upper edges tell the roll.
     roll = 0.5 * EDGE_M**2 * (first**-2 + second**-2)
     floor = np.diag([0.0, 0.0, roll, EDGE_M**2, EDGE_M**2, 0.0, 0.0, 0.0])
     floor[5:, 5:] = plane.uneven
-    return _place(plane, at), J @ told @ J.T, J @ floor @ J.T
+    return _place(plane, at), J @ covariance @ J.T, J @ floor @ J.T
 
 
 def _place(plane: Plane, at: Floats) -> Floats:

@@ -23,7 +23,7 @@ def usual_steps() -> Floats:
     return share / share.sum()
 
 
-def likely_growth(told: float, sigma: float, soft: float) -> tuple[float, float]:
+def likely_growth(measured: float, sigma: float, soft: float) -> tuple[float, float]:
     """Growth and its standard deviation: what the boards tell, and what the step at the edges does.
 
     A beam whose middle is on the board lies on it for the most part. So the step from hits to misses begins at the
@@ -31,18 +31,18 @@ def likely_growth(told: float, sigma: float, soft: float) -> tuple[float, float]
     """
     spread = growth_spread(soft)
     weight = spread**2 / (spread**2 + sigma**2)
-    growth = weight * told + (1.0 - weight) * soft
+    growth = weight * measured + (1.0 - weight) * soft
     return min(max(growth, GROWTH_RAD[0]), GROWTH_RAD[1]), spread * math.sqrt(1.0 - weight)
 
 
-def any_growth(told: float, sigma: float, widths: Floats) -> tuple[float, float]:
+def any_growth(measured: float, sigma: float, widths: Floats) -> tuple[float, float]:
     """As `likely_growth`, where the half width of the step may be each of `SOFT_DEG`, with shares ``widths`` (K,)."""
     soft = np.radians(SOFT_DEG)
     spread = np.array([growth_spread(width) for width in soft.tolist()])
     variance = spread**2 + sigma**2
     with np.errstate(divide="ignore"):
-        log = np.log(widths) - 0.5 * ((told - soft) ** 2 / variance + np.log(variance))
+        log = np.log(widths) - 0.5 * ((measured - soft) ** 2 / variance + np.log(variance))
     share = np.exp(log - np.logaddexp.reduce(log))
-    growth, own = np.array([likely_growth(told, sigma, width) for width in soft.tolist()]).T
+    growth, own = np.array([likely_growth(measured, sigma, width) for width in soft.tolist()]).T
     mean = float(share @ growth)
     return mean, math.sqrt(float(share @ (own**2 + (growth - mean) ** 2)))

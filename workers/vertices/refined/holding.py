@@ -56,8 +56,8 @@ class Holding:
     evidence: float
 
 
-def learn_roll(told: Floats, general: Pair) -> Holding:
-    """How boards are held whose rays have the log likelihoods ``told`` (N, 2, G), as `Fix.told`.
+def learn_roll(grids: Floats, general: Pair) -> Holding:
+    """How boards are held whose rays have the log likelihoods ``grids`` (N, 2, G), as `Fix.told`.
 
     The roll of a board that few rings meet can be anything within an interval, and hardly anything outside. So each
     likelihood is summed as it is; a Gaussian of the same moments would draw the mean towards the usual roll.
@@ -67,15 +67,15 @@ def learn_roll(told: Floats, general: Pair) -> Holding:
     """
     rolls, prior = _any_rolls(*general)
     step = ROLLS[1] - ROLLS[0]
-    highest = told.max(axis=(1, 2), keepdims=True)
-    likely = np.exp(told - highest)  # (N, W, G)
+    highest = grids.max(axis=(1, 2), keepdims=True)
+    likely = np.exp(grids - highest)  # (N, W, G)
     # A false board has a roll of its own.
     none = 0.5 * step * likely.sum(axis=1) @ _density(ROLLS, *general)
     each = likely @ prior.reshape(-1, ROLLS.size).T / none[:, None, None]  # (N, W, S M)
     share = np.stack([1.0 - _SWAPPED, _SWAPPED])
-    held = np.einsum("nwp,wh->nhp", each * step, share)
+    likelihood = np.einsum("nwp,wh->nhp", each * step, share)
     stray = _STRAY[:, None, None, None]
-    log = np.log((1.0 - stray) * held + stray).sum(axis=1) + rolls.prior.ravel()  # (T, H, S M)
+    log = np.log((1.0 - stray) * likelihood + stray).sum(axis=1) + rolls.prior.ravel()  # (T, H, S M)
     total = float(np.logaddexp.reduce(log, axis=None))
     weight = np.exp(log - total)
     of_rolls = weight.sum(axis=(0, 1)).reshape(rolls.mean.shape)
@@ -120,9 +120,9 @@ def learn_slope(slope: Floats, variance: Floats, fitted_with: Pair, general: Pai
     at, own = _alone(slope, variance, fitted_with)
     # Legs and ground give any slope, also those of no board.
     none = _normal(at, np.clip(at, mean.min(), mean.max()), wide**2 + own)
-    held = _normal(at[:, None, None], slopes.mean, own[:, None, None] + slopes.spread**2)
+    log_density = _normal(at[:, None, None], slopes.mean, own[:, None, None] + slopes.spread**2)
     stray = _STRAY[:, None, None, None]
-    each = np.logaddexp(np.log1p(-stray) + held, np.log(stray) + none[:, None, None])
+    each = np.logaddexp(np.log1p(-stray) + log_density, np.log(stray) + none[:, None, None])
     total = each.sum(axis=1) + slopes.prior
     weight = np.exp(total - total.max()).sum(axis=0)
     return slopes.moments(weight / weight.sum())
@@ -134,10 +134,10 @@ def _alone(value: Floats, variance: Floats, prior: Pair) -> tuple[Floats, Floats
     The likelihood is approximated by the Gaussian whose product with the prior has the moments found.
     """
     middle, wide = prior
-    told = variance < _TELLING * wide**2
-    variance = np.where(told, variance, 0.5 * wide**2)
+    is_informed = variance < _TELLING * wide**2
+    variance = np.where(is_informed, variance, 0.5 * wide**2)
     own = 1.0 / (1.0 / variance - 1.0 / wide**2)
-    return middle + (value - middle) * own / variance, np.where(told, own, _NOTHING)
+    return middle + (value - middle) * own / variance, np.where(is_informed, own, _NOTHING)
 
 
 def _normalised(log: Floats) -> Floats:

@@ -28,7 +28,7 @@ from workers.vertices.refined.plane_learning import (
 from workers.vertices.refined.size import doubtful, growth_spread, other_size
 from workers.vertices.refined.track import trustworthy
 from workers.vertices.refined.upright import likelier_than_upright
-from workers.vertices.refined.window import Window
+from workers.vertices.refined.window import RangeImage
 from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, SweepSource
 
@@ -46,7 +46,7 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     grid = learn_grid(some, up if up.any() else None)
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
     model = _given(BoardModel(grid, sigma=FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
-    near: list[tuple[int, int, Window]] = []
+    near: list[tuple[int, int, RangeImage]] = []
     places: list[tuple[int, float, float]] = []
     for index in _spread(len(source), _SWEEPS):
         sweep = source.sweep(index)
@@ -76,17 +76,17 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         return learned
     default = BoardModel(model.grid)
     as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
-    seen = learn_board(planes, as_seen, (0.0, 0.0), growth_mrad)
-    seen = replace(seen, shown=_shown(planes, seen, (0.0, 0.0)))
+    open_size = learn_board(planes, as_seen, (0.0, 0.0), growth_mrad)
+    open_size = replace(open_size, shown=_shown(planes, open_size, (0.0, 0.0)))
     # Doors and cars are no boards of another size.
-    size = other_size(edges, seen, mean_reach(planes)) if seen.shown else None
-    if size is None or _likelihood(planes, seen) < _likelihood(planes, learned):
+    size = other_size(edges, open_size, mean_reach(planes)) if open_size.shown else None
+    if size is None or _likelihood(planes, open_size) < _likelihood(planes, learned):
         return learned
     # Apexes that are found with a wrong size are wrong by decimetres.
-    return replace(seen, size=size)
+    return replace(open_size, size=size)
 
 
-def _planes(windows: Sequence[Window], model: BoardModel) -> list[Plane]:
+def _planes(windows: Sequence[RangeImage], model: BoardModel) -> list[Plane]:
     return [sighting.plane for sighting in best_sightings(windows, model)]
 
 

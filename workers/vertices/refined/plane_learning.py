@@ -1,19 +1,69 @@
-"""The noise of distances, what rings err by, and how people turn and lean the board: from planes of near sweeps."""
+"""The noise of distances, what rings err by, and how people turn and lean the board: from planes of near sweeps.
+
+Distances lie about a plane each by itself, and those of a ring together.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workers.vertices.refined.board import find_planes
 from workers.vertices.refined.board_model import BoardModel, Floats, Sighting
 from workers.vertices.refined.holding import learn_slope
 from workers.vertices.refined.planes import fit_plane
-from workers.vertices.refined.ring_errors import MANY_RINGS, Spread, spread_about
-from workers.vertices.refined.window import Window
+from workers.vertices.refined.window import RangeImage
+
+MANY_RINGS = 3
+_DEVIATION = 1.4826  # of a normal variable, over the median of its absolute value
+
+
+class Spread(NamedTuple):
+    """Variances of distances about a plane, square metres.
+
+    Attributes:
+        about: of all, without their long tails.
+        within: the same within the rings.
+        between: of the rings' own errors; its estimate may be negative.
+        rings: how many.
+    """
+
+    about: float
+    within: float
+    between: float
+    rings: int
+
+    def own(self, noise: float) -> float:
+        """Metres, standard deviation of the rings' own errors, from all points and the noise of each."""
+        return math.sqrt(max(self.about - noise**2, 0.0) * self.rings / (self.rings - 2))
+
+
+def spread_about(beyond: Floats, ring: NDArray[np.int64]) -> Spread | None:
+    """One-way analysis of variance of points that lie ``beyond`` a plane fitted to them; None on fewer than 3 rings.
+
+    Any two rings lie in one plane, whatever their biases: it takes two degrees of freedom of the rings' means.
+    """
+    count = np.bincount(ring).astype(np.float64)
+    counted = (count > 1.0)[ring]
+    count = count[count > 1.0]
+    rings, points = count.size, float(count.sum())
+    if rings < MANY_RINGS:
+        return None
+    about = (1.05 * _DEVIATION * float(np.median(np.abs(beyond)))) ** 2
+    beyond, ring = beyond[counted], np.unique(ring[counted], return_inverse=True)[1]
+    mean = np.bincount(ring, beyond) / count
+    within = (_DEVIATION * float(np.median(np.abs(beyond - mean[ring])))) ** 2 * points / (points - rings)
+    free = rings - 2
+    between = float(count @ (mean - beyond.mean()) ** 2) / free
+    between /= (1.0 - 2.0 / (9.0 * free)) ** 3  # median of chi-square (Wilson and Hilferty)
+    on_each = (points - float(count @ count) / points) / (rings - 1)
+    return Spread(about, within, (between - within) / on_each, rings)
+
 
 ENOUGH = 4  # near sweeps from which something is learned
 MIN_RINGS = 2
@@ -25,7 +75,7 @@ _LEAST_TILT, _LEAST_YAW = 0.03, 0.1
 BIAS_M = 0.015  # data sheets: accuracy 0.03 m, as two standard deviations
 
 
-def learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardModel, list[Sighting]]:
+def learn_planes(windows: Sequence[RangeImage], model: BoardModel) -> tuple[BoardModel, list[Sighting]]:
     """The noise of the distances, and how upright the board is held."""
     sightings = best_sightings(windows, model)
     noise = _noise(sightings)
@@ -74,8 +124,8 @@ def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, 
     widest = max(rings, key=lambda r: width[r])
     wide = [r for r in rings if width[r] > 0.6 * width[widest]]
     above = [r for r in rings if r > widest and r not in wide]
-    kept = [*wide, *above[: max(MANY_RINGS - len(wide), 0)]]
-    runs = [(r, slice(ends[r, 0], ends[r, 1] + 1)) for r in kept]
+    chosen = [*wide, *above[: max(MANY_RINGS - len(wide), 0)]]
+    runs = [(r, slice(ends[r, 0], ends[r, 1] + 1)) for r in chosen]
     azimuth, slope, distance = (
         np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
     )
@@ -94,7 +144,7 @@ def _beyond(azimuth: Floats, slope: Floats, distance: Floats, w: Floats) -> Floa
     return distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
 
 
-def best_sightings(windows: Sequence[Window], model: BoardModel) -> list[Sighting]:
+def best_sightings(windows: Sequence[RangeImage], model: BoardModel) -> list[Sighting]:
     """Each window's likeliest plane, if two rings or more meet it."""
     sightings = [sighting for window in windows for sighting in find_planes([window], model, 1)]
     return [sighting for sighting in sightings if sighting.plane.rings >= MIN_RINGS]

@@ -29,7 +29,7 @@ def find_stretches(
         (S, 7) ring, first column, last column, points, y' of the first and of the last point, mean x'; metres.
     """
     rings, columns = distance.shape
-    found = np.empty((inside.sum(), 7))  # every point may be a run of its own
+    stretches = np.empty((inside.sum(), 7))  # every point may be a run of its own
     count = 0
     for r in range(rings):
         first, last, n, total = -1, -1, 0, 0.0
@@ -43,10 +43,10 @@ def find_stretches(
                 jump = 5.0 * sigma + 1.2 * h * steps[r] * (c - last)
                 joined = c - last <= 3 and abs(h - distance[r, last]) <= jump
             if last >= 0 and not joined:
-                found[count, 0], found[count, 1], found[count, 2], found[count, 3] = r, first, last, n
-                found[count, 4] = distance[r, first] * math.sin(azimuth[r, first])
-                found[count, 5] = distance[r, last] * math.sin(azimuth[r, last])
-                found[count, 6] = total / n
+                stretches[count, 0], stretches[count, 1], stretches[count, 2], stretches[count, 3] = r, first, last, n
+                stretches[count, 4] = distance[r, first] * math.sin(azimuth[r, first])
+                stretches[count, 5] = distance[r, last] * math.sin(azimuth[r, last])
+                stretches[count, 6] = total / n
                 count += 1
                 n, total = 0, 0.0
             if is_point:
@@ -55,7 +55,7 @@ def find_stretches(
                 last = c
                 n += 1
                 total += distance[r, c] * math.cos(azimuth[r, c])
-    return found[:count].copy()
+    return stretches[:count].copy()
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
@@ -182,15 +182,17 @@ def grow_planes(
     most = 2 * pairs.shape[0]
     planes, infos, scores = np.empty((most, 3)), np.empty((most, 3, 3)), np.empty(most)
     pair_of = np.empty(most, np.int64)
-    found = 0
+    plane_count = 0
     start, near = np.empty(count, np.bool_), np.empty(count, np.bool_)
     for number in range(pairs.shape[0]):
         y, z, n = 0.0, 0.0, 0
         lowest = math.inf
         for i in range(count):
             start[i] = False
-            for one in pairs[number]:
-                start[i] |= ring[i] == stretches[one, 0] and stretches[one, 1] <= column[i] <= stretches[one, 2]
+            for stretch in pairs[number]:
+                start[i] |= (
+                    ring[i] == stretches[stretch, 0] and stretches[stretch, 1] <= column[i] <= stretches[stretch, 2]
+                )
             if start[i]:
                 y += reach[i] * angle[i]
                 z += reach[i] * rise[i]
@@ -205,15 +207,15 @@ def grow_planes(
         first, counted = start[some], near[some]
         # Points below those of the pair may be the body's: with them, and without them.
         for from_height in (-math.inf, lowest):
-            w, info = planes[found], infos[found]
-            scores[found] = _grow(c, s, k, h, first, counted, from_height, sigma, prior, w, info)
+            w, info = planes[plane_count], infos[plane_count]
+            scores[plane_count] = _grow(c, s, k, h, first, counted, from_height, sigma, prior, w, info)
             again = False
-            for other in range(found):
+            for other in range(plane_count):
                 again |= np.max(np.abs(planes[other] - w)) < _ALIKE * abs(w[0])
             if not again:
-                pair_of[found] = number
-                found += 1
-    return planes[:found], infos[:found], scores[:found], pair_of[:found]
+                pair_of[plane_count] = number
+                plane_count += 1
+    return planes[:plane_count], infos[:plane_count], scores[:plane_count], pair_of[:plane_count]
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")

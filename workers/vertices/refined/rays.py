@@ -49,8 +49,8 @@ def likelihood_ratios(
             h = 1.0 / inverse
             left[r, c] = h * (u0 * l0 + u1 * l1)
             up[r, c] = h * (u0 * v0 + u1 * v1 + u2 * v2)
-            seen = distance[r, c]
-            if seen <= 0.0:
+            measured = distance[r, c]
+            if measured <= 0.0:
                 ratio[r, c] = lost
                 continue
             variance = 0.0
@@ -60,7 +60,7 @@ def likelihood_ratios(
                     ub = u0 if b == 0 else u1 if b == 1 else u2
                     variance += ua * spread[a, b] * ub
             total = math.sqrt(sigma * sigma + variance * h * h * h * h)
-            behind = (seen - h) / total
+            behind = (measured - h) / total
             if behind < -4.0:
                 ratio[r, c] = 1.0  # something stands in front and tells nothing of the board
             else:

@@ -15,7 +15,7 @@ from workers.vertices.refined.board_model import BoardModel, Fix, Sighting
 from workers.vertices.refined.corners import corners_of
 from workers.vertices.refined.learning import learn
 from workers.vertices.refined.surroundings import apex_time, flags_of, overtopped
-from workers.vertices.refined.track import Seen, confirmed, off_path, reach_of, roll_prior, trustworthy
+from workers.vertices.refined.track import TimedFix, confirmed, off_path, reach_of, roll_prior, trustworthy
 from workers.vertices.refined.upright import clearly_a_board, likelier_than_upright
 from workers.vertices.sweep_source import Area, OnSweep, SweepSource
 from workers.vertices.vertex import Answers, Covariance, Rejection, Vertex
@@ -35,7 +35,7 @@ _FINE_AZIMUTH, _FINE_ELEVATION = math.radians(0.055), math.radians(0.043)
 class _Findings:
     """What a sweep tells by itself: candidates, the likeliest first, or the reason why there are none."""
 
-    candidates: tuple[Seen, ...]
+    candidates: tuple[TimedFix, ...]
     flags: tuple[tuple[str, ...], ...]
     reason: str
 
@@ -57,28 +57,28 @@ def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
     if not inside.any():
         return _Findings((), (), "no_points")
     every = find_boards(sweep, inside, model)
-    found = [pair for pair in every if not overtopped(*pair, model)]
-    if not found:
+    boards = [pair for pair in every if not overtopped(*pair, model)]
+    if not boards:
         return _Findings((), (), "overtopped" if every else "too_few_rings")
-    if any(fix.explained for _, fix in found):
+    if any(fix.explained for _, fix in boards):
         if area.fixed_left_out:
             # The first one counts. What comes after it is a board only on the path of others that came first.
-            while found and found[0][1].explained and not likelier_than_upright(found[0][1], model):
-                found = found[1:]
+            while boards and boards[0][1].explained and not likelier_than_upright(boards[0][1], model):
+                boards = boards[1:]
         else:
             # Nothing shows that it is carried: its shape alone must tell it from what stands about.
-            found = [pair for pair in found if not pair[1].explained or clearly_a_board(pair[1], model)]
-        if not any(fix.explained for _, fix in found):
+            boards = [pair for pair in boards if not pair[1].explained or clearly_a_board(pair[1], model)]
+        if not any(fix.explained for _, fix in boards):
             return _Findings((), (), "upright_object")
-    seen = [Seen(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in found]
-    flags = [_flags(sighting, fix, found) for sighting, fix in found]
-    return _Findings(tuple(seen), tuple(flags), "")
+    candidates = [TimedFix(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in boards]
+    flags = [_flags(sighting, fix, boards) for sighting, fix in boards]
+    return _Findings(tuple(candidates), tuple(flags), "")
 
 
-def _flags(sighting: Sighting, fix: Fix, found: Sequence[tuple[Sighting, Fix]]) -> tuple[str, ...]:
+def _flags(sighting: Sighting, fix: Fix, boards: Sequence[tuple[Sighting, Fix]]) -> tuple[str, ...]:
     rivals = [
         other
-        for _, other in found
+        for _, other in boards
         if other is not fix
         and float(np.linalg.norm(other.xyz - fix.xyz)) > _RIVAL_M
         and other.support > fix.support - _RIVAL
@@ -101,14 +101,14 @@ def _settle(
     ]
     chosen, path, least = _choose(own.candidates, others, model)
     beside = path or 0.0
-    seen = own.candidates[chosen]
+    candidate = own.candidates[chosen]
     flags = own.flags[chosen]
-    fix = seen.fix
+    fix = candidate.fix
     if others:
-        fix = locate(fix.plane, replace(model, roll=roll_prior(seen, others, model))) or fix
+        fix = locate(fix.plane, replace(model, roll=roll_prior(candidate, others, model))) or fix
     if not _is_board(fix, model, least):
         return Rejection("not_a_board")
-    if fix.plane.like_a_person and path is None and not confirmed(seen, others):
+    if fix.plane.like_a_person and path is None and not confirmed(candidate, others):
         return Rejection("like_a_person")
     if not model.shown and not (fix.plane.telling and _size_known(options, model)):
         return Rejection("never_shown")
@@ -118,24 +118,26 @@ def _settle(
         return Rejection("off_the_track")
     if beside >= _OFF_PATH:
         flags = (*flags, "track_jump")
-    return _vertex(index, seen.time_ns, fix, flags, options, model)
+    return _vertex(index, candidate.time_ns, fix, flags, options, model)
 
 
-def _choose(candidates: Sequence[Seen], others: Sequence[Seen], model: BoardModel) -> tuple[int, float | None, int]:
+def _choose(
+    candidates: Sequence[TimedFix], others: Sequence[TimedFix], model: BoardModel
+) -> tuple[int, float | None, int]:
     """The first candidate that is a board on the path of the others; if none is, the first.
 
     Returns:
         Its number; standard deviations by which it lies beside the path, None if there is none; points that it needs.
     """
-    known: list[tuple[int, float | None, int]] = []
-    for number, seen in enumerate(candidates):
-        if known and not _is_board(seen.fix, model, _ON_PATH_POINTS):
+    judged: list[tuple[int, float | None, int]] = []
+    for number, candidate in enumerate(candidates):
+        if judged and not _is_board(candidate.fix, model, _ON_PATH_POINTS):
             continue
-        path = off_path(seen, others)
-        known.append((number, path, _LEAST_POINTS if path is None or path >= _OFF_PATH else _ON_PATH_POINTS))
-        if (path or 0.0) < _OFF_PATH and _is_board(seen.fix, model, known[-1][2]):
-            return known[-1]
-    return known[0]
+        path = off_path(candidate, others)
+        judged.append((number, path, _LEAST_POINTS if path is None or path >= _OFF_PATH else _ON_PATH_POINTS))
+        if (path or 0.0) < _OFF_PATH and _is_board(candidate.fix, model, judged[-1][2]):
+            return judged[-1]
+    return judged[0]
 
 
 def _is_board(fix: Fix, model: BoardModel, least_points: int) -> bool:

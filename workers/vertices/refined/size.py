@@ -46,24 +46,24 @@ def doubtful(planes: Sequence[Plane], model: BoardModel, reach: float) -> bool:
     if model.growth > 0.0:
         # The edges fit: what contradicts is a head or hands.
         return False
-    found = [(locate(plane, model, coarse=True), plane.points) for plane in planes]
-    return float(np.median([1.0 if fix is None else fix.against / points for fix, points in found])) > _CONTRADICT
+    fixes = [(locate(plane, model, coarse=True), plane.points) for plane in planes]
+    return float(np.median([1.0 if fix is None else fix.against / points for fix, points in fixes])) > _CONTRADICT
 
 
-def other_size(given: Edges, seen: BoardModel, reach: float) -> SizeFacts | None:
-    """The size of a board whose edges are not those ``given``; None if they may be.
+def other_size(edges: Edges, learned: BoardModel, reach: float) -> SizeFacts | None:
+    """The size of a board whose edges are not those ``edges``; None if they may be.
 
     Args:
-        seen: what was learned with the size open.
+        learned: what was learned with the size open.
         reach: metres, mean distance of the boards.
     """
     sigma = math.sqrt(
-        (0.5 * seen.slack) ** 2 + (2.0 * reach * seen.growth_sigma) ** 2 + 2.0 * (EDGE_M**2 + BEAM_M**2)
+        (0.5 * learned.slack) ** 2 + (2.0 * reach * learned.growth_sigma) ** 2 + 2.0 * (EDGE_M**2 + BEAM_M**2)
     )
-    (short, long), said = sorted(seen.edges), sorted(given)
+    (short, long), stated = sorted(learned.edges), sorted(edges)
     if short < TRUNK_M:
         return None
-    if max(abs(short - said[0]), abs(long - said[1])) < _DIFFERS * sigma:
+    if max(abs(short - stated[0]), abs(long - stated[1])) < _DIFFERS * sigma:
         return None
     return SizeFacts((short, long), (sigma, sigma))
 

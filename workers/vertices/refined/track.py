@@ -24,7 +24,7 @@ _SHOULDERS_M = 0.5  # breadth of a standing person (DIN 33402-2): two people sta
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class TimedFix:
     """A sweep's apex by itself."""
 
     time_ns: int
@@ -45,7 +45,7 @@ def trustworthy(fix: Fix) -> bool:
     return fix.explained and not fix.plane.like_a_person and fix.sigma < math.radians(0.3)
 
 
-def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[float, float]:
+def roll_prior(own: TimedFix, others: Sequence[TimedFix], model: BoardModel) -> tuple[float, float]:
     """Mean and standard deviation of the roll, from the neighbours that the walker can have come from or gone to.
 
     Gaussian-process regression; each neighbour's roll counts as its posterior without the prior.
@@ -55,13 +55,13 @@ def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[fl
     apart = np.array([np.linalg.norm(other.fix.xyz - own.fix.xyz) for other in others])
     roll = np.array([other.fix.roll for other in others])
     precision = np.array([other.fix.roll_sigma for other in others]) ** -2.0 - spread**-2.0
-    told = (apart < TREMBLE_M + FASTEST_M_S * np.abs(after)) & (precision > 0.1 * spread**-2.0)
+    counted = (apart < TREMBLE_M + FASTEST_M_S * np.abs(after)) & (precision > 0.1 * spread**-2.0)
     # A sweep that was recorded twice tells nothing new.
-    told &= (np.abs(after) < LONGEST_S) & (after != 0.0)
-    if not told.any():
+    counted &= (np.abs(after) < LONGEST_S) & (after != 0.0)
+    if not counted.any():
         return mean, spread
-    after, once = np.unique(after[told], return_index=True)
-    roll, precision = roll[told][once], precision[told][once]
+    after, once = np.unique(after[counted], return_index=True)
+    roll, precision = roll[counted][once], precision[counted][once]
     alone = (roll - mean) * (precision + spread**-2.0) / precision
     between = spread**2 * np.exp(-0.5 * ((after[:, None] - after[None, :]) / _ROLL_LENGTH_S) ** 2)
     towards = spread**2 * np.exp(-0.5 * (after / _ROLL_LENGTH_S) ** 2)
@@ -70,7 +70,7 @@ def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[fl
     return mean + float(gain @ alone), min(math.sqrt(max(variance, 0.0) + _ROLL_FLOOR**2), spread)
 
 
-def off_path(own: Seen, others: Sequence[Seen]) -> float | None:
+def off_path(own: TimedFix, others: Sequence[TimedFix]) -> float | None:
     """Standard deviations by which the apex lies beside the smooth path of its neighbours; None if there is none."""
     near = [other for other in others if abs(other.time_ns - own.time_ns) < LONGEST_S * 1e9]
     if len(near) < _FEWEST:
@@ -86,7 +86,7 @@ def off_path(own: Seen, others: Sequence[Seen]) -> float | None:
     return max(_beside(powers, offset[:, k], np.hypot(sigma[:, k], _SWAY_M), float(own_sigma[k])) for k in (0, 1))
 
 
-def confirmed(own: Seen, others: Sequence[Seen]) -> bool:
+def confirmed(own: TimedFix, others: Sequence[TimedFix]) -> bool:
     """Whether a neighbour shows a board so near that nobody else can stand there."""
     return any(
         abs(other.time_ns - own.time_ns) < LONGEST_S * 1e9

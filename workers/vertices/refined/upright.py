@@ -63,17 +63,19 @@ def _climb(
     if share < 1.0 and hits.size:
         low, high = np.quantile(hits, [0.5 - 0.5 * share, 0.5 + 0.5 * share]).tolist()
         ends[1 - axis] = (low, high)
-    found: list[_Stretch | None] = [None, None]
+    stretches: list[_Stretch | None] = [None, None]
     total = 0.0
     for turn in range(_TURNS):
         other = along[1 - axis]
         within = (other >= ends[1 - axis][0]) & (other <= ends[1 - axis][1])
         before = ends[axis]
-        total, ends[axis], found[axis] = _stretch(along[axis][order[axis]], np.where(within, gain, 0.0)[order[axis]])
+        total, ends[axis], stretches[axis] = _stretch(
+            along[axis][order[axis]], np.where(within, gain, 0.0)[order[axis]]
+        )
         if turn > 1 and ends[axis] == before:
             break  # all further turns find the same
         axis = 1 - axis
-    return total + sum(_kept_ends(*stretch) for stretch in found if stretch is not None)
+    return total + sum(_kept_ends(*stretch) for stretch in stretches if stretch is not None)
 
 
 def _stretch(at: Floats, gain: Floats) -> tuple[float, Ends, _Stretch]:

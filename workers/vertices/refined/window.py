@@ -1,4 +1,7 @@
-"""A part of a sweep as an image: one row per ring, one column per shot, also where nothing came back."""
+"""A part of a sweep as an image: one row per ring, one column per shot, also where nothing came back.
+
+Where to look is told by clusters: points that stand together, seen from above.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,43 @@ from numpy.typing import NDArray
 from workers.readers.recording import Sweep
 from workers.vertices.sensor_grid import MOST_RINGS, SensorGrid
 
+_CELL_M = 0.4
+
+
+def clusters(xyz: NDArray[np.float32]) -> list[tuple[float, float]]:
+    """Azimuth of the middle and half the width of each group of points, radians.
+
+    Args:
+        xyz: (N, 3) metres; points in neighbouring cells of 0.4 m belong together.
+    """
+    if not len(xyz):
+        return []
+    cell = np.unique(np.floor(xyz[:, :2].astype(np.float64) / _CELL_M).astype(np.int64), axis=0)
+    near = np.abs(cell[:, None, :] - cell[None, :, :]).max(axis=2) <= 1
+    label = np.arange(len(cell))
+    while True:
+        lowest = np.where(near, label[None, :], len(cell)).min(axis=1)
+        if (lowest == label).all():
+            break
+        label = lowest
+    corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    groups: list[tuple[float, float]] = []
+    for name in np.unique(label):
+        members = (cell[label == name][:, None, :] + corners[None, :, :]).reshape(-1, 2) * _CELL_M
+        x, y = members.mean(axis=0).tolist()
+        across = members[:, 1] * x - members[:, 0] * y
+        half = float(np.abs(np.arctan2(across, members @ np.array([x, y]))).max())
+        groups.append((math.atan2(y, x), half))
+    return groups
+
+
 Floats = NDArray[np.float64]
 _TWO_PI = 2.0 * math.pi
 _BLOCK_RAD = math.radians(3.0)  # a motor wanders over tens of degrees
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Window:
+class RangeImage:
     """The rays of a sweep around one azimuth.
 
     The window's own frame has x' horizontal towards the middle, y' left, z' up; its rays are
@@ -49,7 +82,7 @@ class Window:
 
 def open_window(
     sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid, centre: float, half_width: float
-) -> Window:
+) -> RangeImage:
     """The rays within ``half_width`` (radians, at most 80 degrees) of the azimuth ``centre``.
 
     Args:
@@ -63,7 +96,7 @@ def open_window(
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     level = grid.R_level_lidar
     if level[2, 2] == 1.0:
-        return Window(turn, steps, ring, *image)
+        return RangeImage(turn, steps, ring, *image)
     ahead = level @ turn[0]
     if math.hypot(ahead[0], ahead[1]) < 1e-9:  # a sensor on its side that looks up or down
         ahead = level[:, 2]
@@ -73,8 +106,8 @@ def open_window(
     azimuth, slope, distance, within, point = image
     azimuth, slope, distance = _levelled(azimuth, slope, distance, R_window_lidar @ turn.T)
     if level[2, 2] > 0.0:
-        return Window(R_window_lidar, steps, ring, azimuth, slope, distance, within, point)
-    return Window(
+        return RangeImage(R_window_lidar, steps, ring, azimuth, slope, distance, within, point)
+    return RangeImage(
         R_window_lidar,
         steps[::-1].copy(),
         ring[::-1].copy(),
@@ -119,21 +152,21 @@ def _image(
 ) -> tuple[Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.int64]]:  # fmt: skip
     rings = elevation.size
     reach = math.tan(half)
-    kept = np.empty(ring.size, np.int64)
+    indices = np.empty(ring.size, np.int64)
     angle = np.empty(ring.size)
     count = 0
     for i in range(ring.size):
         x, y = np.float64(xyz[i, 0]), np.float64(xyz[i, 1])
         along, across = x * c0 + y * s0, y * c0 - x * s0
         if ring[i] < rings and along > 0.0 and abs(across) <= reach * along:
-            kept[count], angle[count] = i, math.atan2(across, along)
+            indices[count], angle[count] = i, math.atan2(across, along)
             count += 1
-    kept, angle = kept[:count], angle[:count]
-    late = _wandered(angle, ring[kept], shift, steps, half)
+    indices, angle = indices[:count], angle[:count]
+    late = _wandered(angle, ring[indices], shift, steps, half)
     rate = _TWO_PI / steps
     cosine, sine = np.zeros(rings), np.zeros(rings)
     for j in range(count):
-        r = ring[kept[j]]
+        r = ring[indices[j]]
         even = angle[j] - _at(late, angle[j], half)
         cosine[r] += math.cos(rate[r] * even)
         sine[r] += math.sin(rate[r] * even)
@@ -153,7 +186,7 @@ def _image(
     within = np.zeros((rings, columns), np.bool_)
     point = np.full((rings, columns), -1, np.int64)
     for j in range(count):
-        i = kept[j]
+        i = indices[j]
         r = np.int64(ring[i])
         c = math.floor((angle[j] - _at(late, angle[j], half) - phase[r]) / steps[r] + 0.5) + middle
         x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
@@ -172,24 +205,24 @@ def _wandered(angle: Floats, ring: NDArray[np.uint16], shift: Floats, steps: Flo
     cosine, sine = np.zeros(places), np.zeros(places)
     for j in range(angle.size):
         if steps[ring[j]] == step:
-            place = round((angle[j] + half) / (2.0 * half) * (places - 1))
+            index = round((angle[j] + half) / (2.0 * half) * (places - 1))
             turned = (angle[j] - shift[ring[j]]) * _TWO_PI / step
-            cosine[place] += math.cos(turned)
-            sine[place] += math.sin(turned)
+            cosine[index] += math.cos(turned)
+            sine[index] += math.sin(turned)
     late = np.zeros(places)
     middle = places // 2
     for direction in (1, -1):
         before, c, s = 0.0, cosine[middle], sine[middle]
-        place = middle + direction
-        while 0 <= place < places:
+        index = middle + direction
+        while 0 <= index < places:
             # Between two places the motor wanders by less than half a step.
-            if cosine[place] != 0.0 or sine[place] != 0.0:
+            if cosine[index] != 0.0 or sine[index] != 0.0:
                 if c != 0.0 or s != 0.0:
-                    further = math.atan2(sine[place] * c - cosine[place] * s, cosine[place] * c + sine[place] * s)
+                    further = math.atan2(sine[index] * c - cosine[index] * s, cosine[index] * c + sine[index] * s)
                     before += further * step / _TWO_PI
-                c, s = cosine[place], sine[place]
-            late[place] = before
-            place += direction
+                c, s = cosine[index], sine[index]
+            late[index] = before
+            index += direction
     return late
 
 

@@ -12,8 +12,8 @@ import httpx
 import pytest
 
 from service.platform.auth import access
+from service.platform.auth.credential_actions import new_secret
 from service.platform.auth.gate import Gate
-from service.platform.auth.secrets import new_secret
 from service.platform.http.bodies import DOCUMENT
 from tests.service.platform.auth.test_every_route import OPEN, address, fill, routes
 from tests.support.databases import one_database

@@ -19,9 +19,9 @@ from service.fleets.routes import get_vehicles
 from service.pairs.routes import list_sets
 from service.platform.auth.access import Access, Identity
 from service.platform.auth.retention import remove_ended
+from service.platform.db.calibrations import current_publication
 from service.platform.db.clock import utc_now
 from service.platform.db.models import Detection, Person, Sensor, Vehicle
-from service.platform.db.publications import current_publication
 from service.platform.db.session import Database
 from service.platform.http.pages import Window
 from service.platform.job_status.routes import get_jobs

@@ -15,7 +15,7 @@ from sqlalchemy import Engine, text
 from service.platform.db import revisions
 from service.platform.db.migrate import NewerSchemaError, config, upgrade
 from service.platform.db.models import Base
-from service.platform.db.revisions import is_older, known, newest, stored
+from service.platform.db.revisions import all_revisions, is_older, newest, stored
 from service.platform.db.session import Database, open_engine
 from tests.support.postgres import Postgres
 
@@ -103,16 +103,18 @@ def test_a_schema_of_a_newer_version_is_named_and_left(make_url: Callable[[], st
     opened = Database(url)
     with opened.engine.begin() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
-    with pytest.raises(NewerSchemaError, match=f"revision 9999 .* knows {known()[0]} as the newest"):
+    with pytest.raises(NewerSchemaError, match=f"revision 9999 .* knows {all_revisions()[0]} as the newest"):
         upgrade(url)
     opened.close()
 
 
 def test_which_schema_is_older(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not is_older(newest()) and not is_older("of another age")
-    monkeypatch.setattr(revisions, "known", lambda: ("0002", "0001"))
+    monkeypatch.setattr(revisions, "all_revisions", lambda: ("0002", "0001"))
     assert is_older("0001") and not is_older("0002")
 
 
 def test_the_names_of_the_files_are_the_revisions() -> None:
-    assert known() == tuple(script.revision for script in ScriptDirectory.from_config(config()).walk_revisions())
+    assert all_revisions() == tuple(
+        script.revision for script in ScriptDirectory.from_config(config()).walk_revisions()
+    )

@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import text
 
 from service.platform.db.jobs import JobTotal
-from service.platform.jobs.totals import _add
+from service.platform.jobs.history import _add
 from tests.support.processes import wait_until
 
 _WAITING = text("SELECT count(*) FROM pg_stat_activity WHERE wait_event_type = 'Lock'")

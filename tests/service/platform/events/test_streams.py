@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy import update
 
 from service.platform.auth.access import Identity
-from service.platform.auth.secrets import new_secret, secret_hash
+from service.platform.auth.credential_actions import new_secret, secret_hash
 from service.platform.broker.hints import Hint
 from service.platform.db.clock import utc_now
 from service.platform.db.people import ApiToken, BrowserSession, Person

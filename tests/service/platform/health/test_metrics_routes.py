@@ -15,9 +15,9 @@ from service.platform.db.clock import now
 from service.platform.db.jobs import Heartbeat, Job, Worker
 from service.platform.db.recordings import Blob
 from service.platform.jobs.claims import claim, finishing, stumble
+from service.platform.jobs.history import tally
 from service.platform.jobs.retention import forget_jobs
 from service.platform.jobs.sweep import sweep
-from service.platform.jobs.totals import tally
 from tests.service.platform.jobs.support import let_backoff_end, make_calibration, make_fleet, make_jobs
 from tests.support.leases import let_lease_expire
 from tests.support.people import Api

@@ -144,11 +144,11 @@ def test_an_older_schema_is_not_ready_and_a_newer_one_is(api: Api, monkeypatch) 
     """A newer one is there while an upgrade rolls: what this version needs is still in it."""
     beat(api)
     present = revisions.newest()
-    monkeypatch.setattr(revisions, "known", lambda: ("9999", present))
+    monkeypatch.setattr(revisions, "all_revisions", lambda: ("9999", present))
     answer = api.client.get("/readyz")
     assert answer.status_code == 503
     assert "python -m service.platform.db.migrate" in answer.json()["parts"]["database"]["detail"]
-    monkeypatch.setattr(revisions, "known", lambda: ("0000",))
+    monkeypatch.setattr(revisions, "all_revisions", lambda: ("0000",))
     answer = api.client.get("/readyz")
     assert answer.status_code == 200 and "newer" in answer.json()["parts"]["database"]["detail"]
 

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from sqlalchemy import delete, func, select, update
 
-from service.platform.auth.secrets import new_secret, secret_hash
+from service.platform.auth.credential_actions import new_secret, secret_hash
 from service.platform.db.fleets import Fleet, Vehicle
 from service.platform.db.people import ApiToken, IdempotencyKey, Membership
 from tests.support.people import Actor, Api

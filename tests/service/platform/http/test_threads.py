@@ -9,7 +9,7 @@ import psycopg.errors
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from service.platform.db.ids import new_id
+from service.platform.db.base import new_id
 from service.platform.http.limits import BusyProblem
 from service.platform.http.threads import Lane
 

@@ -2,7 +2,7 @@
 
 from service.platform.db.clock import now
 from service.platform.db.jobs import Worker
-from service.platform.jobs.workers import SILENT_S
+from service.platform.jobs.queue import SILENT_S
 from tests.support.people import Api
 
 

@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 from apexcal.documents.schedules import PRESETS, Schedule
-from service.platform.jobs.bundles import BUNDLE_S, RUN_S, TRIP_MS, TRIPS_PER_BUNDLE, choose_farming, cut, shards
-from service.platform.jobs.costs import RunCost, run_cost
+from service.platform.jobs.bundles import (
+    BUNDLE_S,
+    RUN_S,
+    TRIP_MS,
+    TRIPS_PER_BUNDLE,
+    RunCost,
+    choose_farming,
+    cut,
+    run_cost,
+    shards,
+)
 
 SMALL = run_cost("pinhole", 222, PRESETS["paper"].schedule)
 LARGE = run_cost("brown_conrady", 2000, PRESETS["toolbox"].schedule)

@@ -9,9 +9,9 @@ from sqlalchemy import update
 
 from service.platform.db.clock import now
 from service.platform.db.jobs import Job
-from service.platform.jobs import leases
+from service.platform.jobs import losses
 from service.platform.jobs.claims import claim
-from service.platform.jobs.leases import LeaseWatch
+from service.platform.jobs.losses import LeaseWatch
 from service.platform.jobs.sweep import sweep
 from service.platform.settings import get_settings
 from service.platform.storage.store import Store
@@ -23,7 +23,7 @@ from .support import Postbox, job, make_fleet, make_jobs
 @pytest.fixture
 def clock(monkeypatch) -> list[float]:
     moment = [0.0]
-    monkeypatch.setattr(leases, "time", SimpleNamespace(monotonic=lambda: moment[0]))
+    monkeypatch.setattr(losses, "time", SimpleNamespace(monotonic=lambda: moment[0]))
     return moment
 
 

@@ -18,7 +18,7 @@ from service.platform.jobs.queue import cancel
 from service.platform.jobs.sweep import sweep
 from service.platform.settings import get_settings
 from service.platform.storage.blobs import condemn, keep, reserve
-from service.platform.storage.marker import MARKER
+from service.platform.storage.store import MARKER
 from tests.support.folders import folder_store
 from tests.support.leases import let_lease_expire
 

@@ -10,8 +10,7 @@ from service.platform.db.session import Database
 from service.platform.settings import Settings
 from service.platform.storage import prepare
 from service.platform.storage.adopting import StrangeFolderError, adopt, adopt_if_known
-from service.platform.storage.marker import MARKER
-from service.platform.storage.store import Store, open_store
+from service.platform.storage.store import MARKER, Store, open_store
 
 # What differs between the databases is not asked for.
 pytestmark = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from sqlalchemy import update
 
+from service.platform.db.base import new_id
 from service.platform.db.clock import now, utc_now
-from service.platform.db.ids import new_id
 from service.platform.db.jobs import Heartbeat
 from service.platform.db.recordings import Blob, BlobHold
 from service.platform.db.session import Database

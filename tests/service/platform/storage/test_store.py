@@ -12,9 +12,8 @@ import pytest
 
 from service.platform.settings import MIB, S3Options, Settings
 from service.platform.storage.errors import MissingBlobError, StoreFullError, StoreUnavailableError
-from service.platform.storage.marker import MARKER
 from service.platform.storage.prepare import prepare
-from service.platform.storage.store import Store
+from service.platform.storage.store import MARKER, Store
 from tests.support.folders import folder_store
 from tests.support.s3 import S3Server, free_port
 

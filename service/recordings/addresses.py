@@ -1,16 +1,55 @@
-"""Byte ranges of sensors' blobs: nothing is parsed to answer with one, and it never changes."""
+"""Where clients find bytes: ranges of sensors' blobs, and addresses at the store where the operator wants them.
+
+Nothing is parsed to answer with a byte range, and it never changes.
+"""
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 
 from fastapi import Request, Response
 
 from apexcal.documents.recordings import BlobAddress
+from service.platform.db.clock import utc_now
 from service.platform.http.etags import Conditions, content_etag
+from service.platform.settings import Settings
 from service.platform.storage.store import Store
-from service.recordings.presigner import Presigner
+
+
+@dataclass(frozen=True)
+class Presigner:
+    """Signs for one answer; all its addresses end together, at ``expires_at``."""
+
+    store: Store
+    settings: Settings
+    expires_at: datetime
+
+    @classmethod
+    def of(cls, request: Request) -> Presigner:
+        """The one of this request's application."""
+        settings: Settings = request.app.state.settings
+        return cls(request.app.state.store, settings, utc_now() + timedelta(seconds=settings.presigned_s))
+
+    @property
+    def uploads(self) -> bool:
+        """Whether parts go straight to the store."""
+        return self.settings.uploads == "presigned" and self.store.signs
+
+    @property
+    def downloads(self) -> bool:
+        """Whether frames and originals come straight from the store."""
+        return self.settings.downloads == "presigned" and self.store.signs
+
+    def upload(self, key: str) -> str:
+        """Where this object is put."""
+        return self.store.sign_put(key, self.settings.presigned_s)
+
+    def download(self, key: str) -> str | None:
+        """Where this object is read; None where it goes through the API."""
+        return self.store.sign_get(key, self.settings.presigned_s) if self.downloads else None
+
 
 _FOREVER = "private, max-age=31536000, immutable"
 

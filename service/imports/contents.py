@@ -19,7 +19,7 @@ _MOST_NUMBERS = 64
 
 
 @dataclass(frozen=True)
-class Lens:
+class FileLens:
     """A lens: K by rows in pixels, D in the order of its distortion model. The size is None if the file has none."""
 
     distortion_model: str
@@ -29,20 +29,20 @@ class Lens:
 
 
 @dataclass(frozen=True)
-class FoundCamera:
+class FileCamera:
     """One camera. ``T_camera_lidar`` has the frames ``name`` and :data:`LIDAR`, or those that the file names."""
 
     name: str
     topic: str | None = None
-    lens: Lens | None = None
+    lens: FileLens | None = None
     T_camera_lidar: SE3 | None = None
 
 
 @dataclass(frozen=True)
-class Found:
+class Contents:
     """The cameras of a file, the transforms between them, and what was left out, in sentences."""
 
-    cameras: Sequence[FoundCamera]
+    cameras: Sequence[FileCamera]
     camera_transforms: Sequence[SE3] = ()
     notes: list[str] = field(default_factory=list[str])
 
@@ -69,10 +69,10 @@ def numbers(where: str, values: Any, count: int | None = None) -> list[float]:
         flat += value if isinstance(value, list) else [value]
         if len(flat) > _MOST_NUMBERS:
             raise refused(f"{where} has more than {_MOST_NUMBERS} numbers.", "Send the file as it was written.")
-    found = [_number(where, value) for value in flat]
-    if count is not None and len(found) != count:
-        raise refused(f"{where} has {len(found)} numbers, not {count}.", "Send the file as it was written.")
-    return found
+    listed = [_number(where, value) for value in flat]
+    if count is not None and len(listed) != count:
+        raise refused(f"{where} has {len(listed)} numbers, not {count}.", "Send the file as it was written.")
+    return listed
 
 
 def _number(where: str, value: Any) -> float:
@@ -89,10 +89,10 @@ def _number(where: str, value: Any) -> float:
 
 def image_size(where: str, width: Any, height: Any) -> tuple[int, int]:
     """Raises :class:`Problem` ``calibration_file_not_read`` where these are no two whole numbers of pixels."""
-    found = numbers(where, [width, height], 2)
-    if any(one != int(one) or not 1 <= one <= 32768 for one in found):
-        raise refused(f"{where} are {found[0]:g} x {found[1]:g} pixels.", "Both are whole numbers up to 32768.")
-    return int(found[0]), int(found[1])
+    pixels = numbers(where, [width, height], 2)
+    if any(count != int(count) or not 1 <= count <= 32768 for count in pixels):
+        raise refused(f"{where} are {pixels[0]:g} x {pixels[1]:g} pixels.", "Both are whole numbers up to 32768.")
+    return int(pixels[0]), int(pixels[1])
 
 
 def camera_matrix(f_x: float, f_y: float, c_x: float, c_y: float) -> list[float]:
