@@ -171,8 +171,9 @@ def _answers(child: subprocess.Popen[bytes], port: int) -> bool:
 
 def _asked(port: int, path: str, token: str = "") -> int:
     """The status of an answer; 0 where nobody listens."""
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
     try:
-        return httpx.get(f"http://127.0.0.1:{port}{path}", headers={"Authorization": f"Bearer {token}"}).status_code
+        return httpx.get(f"http://127.0.0.1:{port}{path}", headers=headers).status_code
     except httpx.TransportError:
         return 0
 
