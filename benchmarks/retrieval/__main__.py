@@ -127,7 +127,9 @@ def _stale(apis: list[Api], database: Database, fleet: Fleet, draw: random.Rando
                 {"v": vehicle, "c": camera},
             ).all()
         new = draw.choice([str(one) for one in others if str(one) != now])
-        made = clients[number % 2].post(f"/results/{new}/publication", json={"reason": "For the measurement."})
+        made = clients[number % 2].post(
+            f"/results/{new}/publication", json={"override": {"reason": "For the measurement."}}
+        )
         made.raise_for_status()
         for client in (*clients, *clients):
             conditional = {"If-None-Match": before.headers["ETag"]}
