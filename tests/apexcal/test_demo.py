@@ -128,7 +128,6 @@ def test_a_good_report_has_no_shortfall_with_or_without_real_data():
 @pytest.mark.parametrize(
     ("document", "says"),
     [
-        (changed("simulated", "workers_used", to=1), "one worker"),
         (changed("simulated", "brown_conrady", "rotation_error_deg", to=1.1), "degrees off"),
         (changed("simulated", "brown_conrady", "heldout_px", to=1.7), "held-out"),
         (changed("simulated", "detections", "refined", "accepted", to=3), "no more sweeps"),
