@@ -214,6 +214,7 @@ class Campaign:
 
     def _quiet(self) -> None:
         """Wait until nothing is left to do. What clients left of broken uploads is as old as if hours had passed."""
+        self._plant.wait_ready()  # the last strike may have been at the database
         with self._plant.database.writing() as session:
             left = (Blob.state == "reserved") & Blob.job_id.is_(None)
             older = Blob.created_at - text(str(_LONGER_THAN_ANY_UPLOAD_US))
