@@ -13,15 +13,14 @@ import hashlib
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import NamedTuple
 
-from sqlalchemy import Connection, select
+from sqlalchemy import select
 
 from service.admin.context import AdminError
 from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, ROWS, BlobFile, Damaged, Manifest, digest, write_rows
@@ -100,16 +99,9 @@ def _write(database: Database, store: Store, target: Path, staged: Path, report:
     return manifest
 
 
-@contextmanager
-def _snapshot(database: Database) -> Iterator[Connection]:
-    """A connection that sees the database of one moment, whatever is written meanwhile, and holds nobody up."""
-    options = {} if database.engine.dialect.name == "sqlite" else {"isolation_level": "REPEATABLE READ"}
-    with database.engine.connect().execution_options(**options) as connection, connection.begin():
-        yield connection
-
-
 def _rows(database: Database, file: Path) -> tuple[dict[str, int], list[_Named]]:
-    with _snapshot(database) as connection:
+    with database.snapshot() as session:
+        connection = session.connection()
         # The first statement fixes the moment.
         statement = select(Blob.key, Blob.size, Blob.sha256).where(Blob.state == "stored").order_by(Blob.key)
         named = [_Named(key, size, sha256) for key, size, sha256 in connection.execute(statement)]
