@@ -17,6 +17,7 @@ from apexcal.documents.analyses import (
 from apexcal.documents.base import Page
 from apexcal.documents.copies import CopyRequest, CopyView
 from apexcal.documents.machine_marks import MarksRequest, MarksView
+from apexcal.documents.pixel_points import PixelPointsRequest, PixelPointsView
 from apexcal.documents.reports import ReportRequest, ReportView
 from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import (
@@ -33,6 +34,7 @@ AnalysisKind = Literal[
     "packing",
     "calibrated_copy",
     "machine_marks",
+    "pixel_points",
     "report",
     "pair_validation",
     "lane_validation",
@@ -45,6 +47,7 @@ AnalysisRequest = Annotated[
     | PackingRequest
     | CopyRequest
     | MarksRequest
+    | PixelPointsRequest
     | ReportRequest
     | PairValidationRequest
     | RoadValidationRequest,
@@ -57,6 +60,7 @@ AnyAnalysis = Annotated[
     | PackingView
     | CopyView
     | MarksView
+    | PixelPointsView
     | ReportView
     | PairValidationView
     | RoadValidationView,

@@ -10,6 +10,7 @@ from uuid import UUID
 from apexcal.documents.analyses import AnalysisView, OffsetView, PreviewView, SuggestionView
 from apexcal.documents.copies import CopyView
 from apexcal.documents.machine_marks import MachineMark, MarksList, MarksView
+from apexcal.documents.pixel_points import PixelPointsView
 from apexcal.documents.reports import ReportView
 from apexcal.documents.sweeps import PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
@@ -65,6 +66,17 @@ class Analyses(Resource):
         """
         content = {"cameras": list(cameras), "joints": dict(joints or {}), "for_viewers": for_viewers}
         return self._ask(CopyView, "calibrated_copy", recording_id=recording_id, **content)
+
+    def locate_pixels(
+        self, recording_id: UUID | str, camera: str, pixels: Sequence[Mapping[str, float]], **request: Any
+    ) -> PixelPointsView:
+        """Ask which points in 3D the pixels show (``u``, ``v``, ``sigma_px``).
+
+        ``request``: ``frame`` or ``stamp_ns``, and other members of a ``PixelPointsRequest``; its calibration is as
+        in :meth:`validate_on_pairs`.
+        """
+        content = {"recording_id": recording_id, "camera": camera, "pixels": list(pixels), **request}
+        return self._ask(PixelPointsView, "pixel_points", **content)
 
     def report(self, result_id: UUID | str) -> ReportView:
         """Ask for the report of a result, which must be a fit to all pairs. Its file is HTML."""

@@ -19,7 +19,7 @@ from service.platform.jobs.kinds import Kind, failed_subject
 from service.platform.jobs.queue import enqueue
 from service.platform.storage.quota import recounting
 
-# Scores of pairs take milliseconds: they must not wait behind drives.
+# Scores of pairs and points of pixels take milliseconds: they must not wait behind drives.
 _QUEUES = {
     "preview": "detect",
     "suggestion": "detect",
@@ -27,6 +27,7 @@ _QUEUES = {
     "machine_marks": "detect",
     "packing": "ingest",
     "calibrated_copy": "ingest",
+    "pixel_points": "report",
     "report": "report",
     "pair_validation": "report",
     "lane_validation": "detect",

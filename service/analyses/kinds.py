@@ -16,10 +16,11 @@ from apexcal.documents.analyses import (
 from apexcal.documents.analysis_kinds import AnalysisRequest, AnyAnalysis
 from apexcal.documents.copies import CopyView
 from apexcal.documents.machine_marks import MarksView
+from apexcal.documents.pixel_points import PixelPointsView
 from apexcal.documents.reports import ReportView
 from apexcal.documents.sweeps import PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
-from service.analyses import clock_offsets, copies, machine_marks, reports, validations
+from service.analyses import clock_offsets, copies, machine_marks, pixel_points, reports, validations
 from service.detections.queries import ready_recording
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
@@ -53,7 +54,7 @@ class _Kind(NamedTuple):
     members: Callable[[Analysis], Json] = _shown()
 
 
-_ROAD: Final = _Kind(validations.plan_on_road, RoadValidationView, _shown("camera"))
+_ROAD: Final = _Kind(validations.plan_on_recording, RoadValidationView, _shown("camera"))
 _KINDS: Final[Mapping[str, _Kind]] = {
     "preview": _Kind(_preview, PreviewView, _shown("region")),
     "suggestion": _Kind(_question, SuggestionView),
@@ -61,6 +62,7 @@ _KINDS: Final[Mapping[str, _Kind]] = {
     "clock_offset": _Kind(clock_offsets.plan, OffsetView, clock_offsets.members),
     "calibrated_copy": _Kind(copies.plan, CopyView, _shown("results", "poses", "for_viewers")),
     "machine_marks": _Kind(machine_marks.plan, MarksView, machine_marks.members),
+    "pixel_points": _Kind(pixel_points.plan, PixelPointsView, _shown("camera")),
     "report": _Kind(reports.plan, ReportView),
     "pair_validation": _Kind(validations.plan_on_pairs, PairValidationView, _shown("camera")),
     "lane_validation": _ROAD,

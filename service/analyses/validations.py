@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from uuid import UUID
 
+from apexcal.documents.pixel_points import PixelPointsRequest
 from apexcal.documents.validations import (
     GivenCalibration,
     PairValidationRequest,
@@ -31,8 +32,8 @@ def plan_on_pairs(access: Access, request: PairValidationRequest) -> Analysis:
     return row
 
 
-def plan_on_road(access: Access, request: RoadValidationRequest) -> Analysis:
-    """A validation on a drive. Raises :class:`Problem` as :func:`_plan` does, and 404 ``unknown_camera``."""
+def plan_on_recording(access: Access, request: RoadValidationRequest | PixelPointsRequest) -> Analysis:
+    """A calibration and a camera of a recording. Raises :class:`Problem` as :func:`_plan`, 404 ``unknown_camera``."""
     recording = ready_recording(access, request.recording_id, "engineer")
     find_camera(access.session, recording.id, request.camera)
     row = _plan(access, request, recording, request.camera)

@@ -240,6 +240,7 @@ PAGE_SETUPS: dict[str, Setup] = {
 # Blocks of other programs, or of more than one machine: (page, first line), and why they are not run here.
 NOT_RUN = {
     ("README.md", "make demo"): "these make the environment and run these tests",
+    ("docs/judging.md", "curl"): "needs a recording; tests/contract/test_pixel_points.py asks the same",
     ("docs/operators.md", "aws s3api"): "needs a bucket at a provider",
 }
 _PROGRAMS = ("sh", "python", "")

@@ -55,9 +55,9 @@ def test_a_calibration_is_scored_on_pairs_that_it_never_saw(api, context):
 SIZE = (640, 480)  # of the seeded rig's camera
 
 
-def bag_of_a_drive(path, frames=3):
+def bag_of_a_drive(path, frames=3, drive=Drive(speed_m_s=0.0)):
     """A ROS bag of a simulated road; the vehicle stands, and the sweeps' stamps are their frames'."""
-    seen = record(draw_road(5), Drive(speed_m_s=0.0), SENSORS["os1-64"], camera(*SIZE), 5, frames)
+    seen = record(draw_road(5), drive, SENSORS["os1-64"], camera(*SIZE), 5, frames)
     messages = []
     for number, (sweep, image) in enumerate(seen):
         columns = dict(zip("xyz", sweep.xyz.T, strict=True))

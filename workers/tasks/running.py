@@ -66,6 +66,7 @@ _ROOMS = {
     "solve": "solving",
     "conclude": "concluding",
     "report": "reporting",
+    "pixel_points": "locating",
     "pair_validation": "validating",
     "lane_validation": "validating",
     "edge_validation": "validating",

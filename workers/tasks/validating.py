@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 from uuid import UUID
 
@@ -77,7 +77,7 @@ def _check(
         camera = context.fetch(drive.camera_key, folder)
         places = [(offset, length) for _, offset, length in drive.frames]
         images = decoded_frames(camera, places, folder, colour=colour, widest=check.widest_px, must_stop=lease.check)
-        behind_ns = _seen_after_ns(lidar, check.calibration)
+        behind_ns = seen_after_ns(lidar, check.calibration)
         for number, ((stamp_ns, *_), image) in enumerate(zip(drive.frames, images, strict=True)):
             lease.report(number / len(drive.frames), "looking at frames")
             if image is not None:
@@ -98,20 +98,28 @@ def _drive(session: Session, row: Analysis, calibration: KnownCalibration) -> _D
     frames = session.scalars(
         select(CameraFrame).where(CameraFrame.sensor_id == camera.id).order_by(CameraFrame.index)
     ).all()
-    wanted = [frame for frame in frames if (frame.width, frame.height) == calibration.image_size]
-    if not wanted:
-        width, height = calibration.image_size
-        raise ReadError(
-            "image_size_differs",
-            f"No frame of {camera.name} is {width} x {height} pixels large, as the calibration is.",
-            "Validate a calibration of this camera in this mode.",
-        )
+    wanted = check_image_size(camera, frames, calibration)
     chosen = np.unique(np.linspace(0, len(wanted) - 1, _FRAMES).round().astype(int))
     places = [(frame.stamp_ns, frame.offset, frame.length) for frame in (wanted[index] for index in chosen)]
     return _Drive(lidar_key(session, row.recording_id), camera.blob_key, places)
 
 
-def _seen_after_ns(lidar: LidarFile, calibration: KnownCalibration) -> int:
+def check_image_size(
+    camera: Sensor, frames: Sequence[CameraFrame], calibration: KnownCalibration
+) -> list[CameraFrame]:
+    """Return the frames of the calibration's size. Raises ReadError ``image_size_differs`` if there are none."""
+    fitting = [frame for frame in frames if (frame.width, frame.height) == calibration.image_size]
+    if not fitting:
+        width, height = calibration.image_size
+        raise ReadError(
+            "image_size_differs",
+            f"No frame of {camera.name} is {width} x {height} pixels large, as the calibration is.",
+            "Give a calibration of this camera in this mode.",
+        )
+    return fitting
+
+
+def seen_after_ns(lidar: LidarFile, calibration: KnownCalibration) -> int:
     """How long after a sweep's stamp the LiDAR measures what the camera sees."""
     if not len(lidar):
         raise ReadError("no_sweeps", "The recording holds no sweeps.", "Validate with another recording.")

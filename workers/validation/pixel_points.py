@@ -36,10 +36,14 @@ _TILT_RAD: Final = 0.24
 
 @dataclass(frozen=True)
 class RangeNoise:
-    """Noise of a LiDAR's points: metres along the beam, and radians across it (one deviation each)."""
+    """Noise of a LiDAR's points: metres along the beam, and radians across it (one deviation each).
+
+    ``shared_m``: metres along the beam by which all points err together, so that no plane through them shows it.
+    """
 
     along_m: float
     across_rad: float
+    shared_m: float = 0.0
 
 
 class FittedPlane(NamedTuple):
@@ -114,6 +118,7 @@ def point_of_pixel(
     equations = np.vstack([by_point[0], normal])
     errors = np.zeros((3, 3))
     errors[:2, :2], errors[2, 2] = of_pixel[0], plane.offset_variance(point)
+    errors[2, 2] += (noise.shared_m * float(normal @ point) / np.linalg.norm(point)) ** 2
     solved = np.linalg.inv(equations)
     # Of second order: where the pixel errs, the plane's tilt lifts the point. Both errors are independent.
     shift = plane.axes[:2] @ solved @ errors @ solved.T @ plane.axes[:2].T

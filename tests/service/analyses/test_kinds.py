@@ -20,6 +20,7 @@ REGION = {"and": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range"
 K = [400.0, 0.0, 320.0, 0.0, 400.0, 240.0, 0.0, 0.0, 1.0]
 LENS = {"width": 640, "height": 480, "distortion_model": "plumb_bob", "K": K, "D": []}
 STATED = {"lens": LENS, "transform": LEVEL}
+PIXEL = {"u": 300.0, "v": 200.0, "sigma_px": 2.0}
 # By kind: what the request names besides `kind`, and the role that it needs.
 KINDS = {
     "preview": (("recording_id",), {"region": REGION}, "engineer"),
@@ -27,6 +28,7 @@ KINDS = {
     "packing": (("recording_id",), {}, "engineer"),
     "clock_offset": (("detection_id",), {"camera": "front"}, "engineer"),
     "machine_marks": (("detection_id",), {"camera": "front"}, "engineer"),
+    "pixel_points": (("recording_id", "result_id"), {"camera": "front", "frame": 0, "pixels": [PIXEL]}, "engineer"),
     "calibrated_copy": (("recording_id",), {"for_viewers": True}, "engineer"),
     "report": (("result_id",), {}, "reviewer"),
     "pair_validation": (("set_id",), {"calibration": STATED}, "engineer"),

@@ -87,6 +87,27 @@ def test_the_stated_covariance_holds() -> None:
     assert np.mean(np.array(squared) > 11.34) < 0.04  # 0.01 for a normal error; it is a product in part
 
 
+def test_what_all_ranges_share_is_stated_though_no_plane_shows_it() -> None:
+    """Squared errors over 300 draws of an exact wall whose ranges are all off by the same: 1 on average along it."""
+    rng = np.random.default_rng(5)
+    exact = wall()
+    here, noise = truth(exact), replace(NOISE, shared_m=0.03)
+    beams = exact / np.linalg.norm(exact, axis=1)[:, None]
+    squared = []
+    for shift in rng.normal(0, noise.shared_m, 300):
+        seen = point_of_pixel(TRUTH, PIXEL, SIGMA_PX, noisy(exact + shift * beams, rng), noise)
+        assert seen is not None
+        if seen.point is not None:
+            along = seen.normal @ (seen.point - here)
+            squared.append(along**2 / (seen.normal @ seen.covariance @ seen.normal))
+    assert len(squared) >= 297
+    assert np.mean(squared) == pytest.approx(1.0, abs=0.25)  # three deviations: 3 sqrt(2 / 300)
+    without = point_of_pixel(TRUTH, PIXEL, SIGMA_PX, exact, NOISE)
+    stated = point_of_pixel(TRUTH, PIXEL, SIGMA_PX, exact, noise)
+    own, all_errors = (point.normal @ point.covariance @ point.normal for point in (without, stated))
+    assert own < 0.1 * all_errors
+
+
 def test_the_point_the_ray_and_the_normal_of_exact_points() -> None:
     exact = wall()
     seen = at(exact)
