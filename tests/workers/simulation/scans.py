@@ -1,4 +1,4 @@
-"""What a sensor without noise sees of a walk, with what each point lies on and where board and bodies are."""
+"""What a sensor sees of a walk, with what each point lies on and where board and bodies are."""
 
 from types import SimpleNamespace
 
@@ -18,16 +18,13 @@ def scanned(
     sensor="vlp16",
     plan="yard",
     scene=None,
-    board_m=None,
+    noise_m=0.0,
     starts_s=(1.0, 4.0, 7.0, 10.0),
 ):
     scene = scene or Scene()
-    kinds = {"disturbances": disturbances, "hold": hold, **({"board_m": board_m} if board_m else {})}
-    walk = Walk(5, 60.0, scene.ground_z, plan=plan, **kinds)
-    lidar = SimulatedLidar(
-        SENSORS[sensor], scene, walk, sector_deg=60.0, noise_m=0.0, seed=5, disturbances=disturbances, flaws=flaws,
-        mount=mount,
-    )  # fmt: skip
+    walk = Walk(5, 60.0, scene.ground_z, plan=plan, disturbances=disturbances, hold=hold)
+    spoiled = {"noise_m": noise_m, "disturbances": disturbances, "flaws": flaws, "mount": mount}
+    lidar = SimulatedLidar(SENSORS[sensor], scene, walk, sector_deg=60.0, seed=5, **spoiled)
     sweeps, labels, poses = [], [], []
     for index, start_s in enumerate(starts_s):
         sweep, label = lidar.labelled_sweep(index, start_s, 0)
@@ -42,6 +39,7 @@ def scanned(
 
     return SimpleNamespace(
         walk=walk,
+        disturbances=disturbances,
         lidar=lidar,
         sweeps=sweeps,
         xyz=np.concatenate([sweep.xyz for sweep in sweeps]).astype(float),

@@ -7,7 +7,6 @@ import pytest
 import velodyne_decoder
 
 from apexcal.documents.simulation import SimulationOptions
-from workers.readers.recording import Sweep
 from workers.simulation.rig import SimulatedRig
 from workers.simulation.writers.packets import Pcap, Vlp16Packets, ethernet
 
@@ -56,30 +55,3 @@ def test_the_decoder_of_others_finds_the_same_points(rig, tmp_path):
             continue
         near, _ = cKDTree(points[ring == number]).query(wanted)
         assert (near < 0.0015 + np.radians(0.0125) * np.linalg.norm(wanted, axis=1)).all()
-
-
-def test_a_sweep_without_any_return_still_turns(rig):
-    nothing = Sweep(
-        1_780_000_000_000_000_000,
-        np.zeros((0, 3), np.float32),
-        np.zeros(0, np.float32),
-        np.zeros(0, np.uint16),
-        np.zeros(0, np.int64),
-    )
-    packets = Vlp16Packets(rig.lidar).of(nothing)
-    assert len(packets) == 75
-    assert all(payload[4:100] == bytes(96) for _, payload in packets)
-
-
-def test_the_checksum_of_the_address_header_is_right():
-    frame = ethernet(b"\x01\x02")
-    words = struct.unpack(">10H", frame[14:34])
-    total = sum(words)
-    assert (total & 0xFFFF) + (total >> 16) == 0xFFFF
-    assert struct.unpack_from(">HHH", frame, 34) == (2368, 2368, 10)
-
-
-def test_only_sixteen_lasers_make_such_packets():
-    other = SimulatedRig(SimulationOptions(seconds=1.0, sensor="hdl32"))
-    with pytest.raises(ValueError, match="16 lasers"):
-        Vlp16Packets(other.lidar)
