@@ -12,6 +12,7 @@ from service.platform.jobs.claims import Lease, StaleInputError, claim, finish, 
 from service.platform.jobs.kinds import CannotRetryError, kind_of
 from tests.service.platform.jobs.support import make_calibration, statements
 from tests.support.results import fit_result, model_summary, of_block, summary
+from tests.support.rows import add
 from tests.support.work import work
 from workers.tasks.concluding import conclude
 
@@ -285,25 +286,10 @@ def give(context, of_run, before_px):
         calibration = session.get_one(Calibration, run.calibration_id)
         of_vehicle = {"fleet_id": calibration.fleet_id, "vehicle_id": calibration.vehicle_id}
         had = summary({"pinhole": model_summary(of_run, heldout_mean_px=before_px)})
-        before = Calibration(
-            **of_vehicle, rig_id=calibration.rig_id, request={}, content_hash="1", state="done", remaining=0,
-            publish="none", notes=[], summary=had,
-        )  # fmt: skip
-        session.add(before)
-        session.flush()
-        of_before = CalibrationRun(
-            fleet_id=run.fleet_id, calibration_id=before.id, set_id=run.set_id, camera="front", model="pinhole",
-            fold=-1, farm="runs", slots=1, bundle=1, problem={}, state="done",
-        )  # fmt: skip
-        session.add(of_before)
-        session.flush()
-        given = Result(
-            fleet_id=run.fleet_id, calibration_id=before.id, run_id=of_before.id, camera="front", model="pinhole",
-            fold=-1, document=document(before_px), checks=[], verdict="pass",
-        )  # fmt: skip
-        session.add(given)
-        session.flush()
-        session.add(Publication(**of_vehicle, camera="front", alias="current", number=1, result_id=given.id))
+        before = add(session, Calibration, rig_id=calibration.rig_id, content_hash="1", summary=had, **of_vehicle)
+        of_before = add(session, CalibrationRun, before, set_id=run.set_id, state="done")
+        given = add(session, Result, of_before, document=document(before_px), checks=[], verdict="pass")
+        add(session, Publication, result_id=given.id, **of_vehicle)
         return given.id
 
 

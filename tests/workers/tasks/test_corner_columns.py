@@ -5,7 +5,7 @@ import pytest
 
 from service.detections.views import vertex_views
 from service.platform.db.models import Detection, Sensor, Vertex
-from tests.workers.tasks.test_detecting import PAIRING, finish, make_run, recording  # noqa: F401 - a fixture
+from tests.workers.tasks.test_detecting import PAIRING, make_run, recording  # noqa: F401 - fixtures
 from workers.tasks import detecting
 from workers.vertices.corners import moved
 from workers.vertices.vertex import Corners, Detections
@@ -28,20 +28,19 @@ def walked(count=5):
     return vertices, joint
 
 
-def test_corners_are_kept_with_what_they_share_and_move_with_their_vertex(database, recording):  # noqa: F811
-    fleet_id, recording_id, camera_id = recording
-    run, (job,) = make_run(database, fleet_id, recording_id)
+def test_corners_are_kept_with_what_they_share_and_move_with_their_vertex(database, make_run):  # noqa: F811
+    run = make_run()
     vertices, joint = walked()
     found = Detections(vertices, len(vertices), {})
     stamps = np.array([vertex.time_ns + 20_000_000 for vertex in vertices])
     pairs = detecting._pair(found, stamps, PAIRING | {"mode": "interpolate"})
-    finish(database, run, job, found, {camera_id: pairs})
+    run.finish(0, found, pairs)
     with database.reading() as session:
-        rows = session.query(Vertex).filter_by(detection_id=run.id).order_by(Vertex.sweep_index).all()
+        rows = session.query(Vertex).filter_by(detection_id=run.row.id).order_by(Vertex.sweep_index).all()
         assert [row.corner for row in rows] == ["top"] * 5
-        views = vertex_views(session, rows, session.get_one(Sensor, camera_id), joint=True)
+        views = vertex_views(session, rows, session.get_one(Sensor, run.camera_id), joint=True)
         assert vertex_views(session, rows, None)[0].joint_covariance is None
-        assert session.get_one(Detection, run.id).counts["accepted"] == 5
+        assert session.get_one(Detection, run.row.id).counts["accepted"] == 5
     view = views[2]
     assert [corner.corner for corner in view.corners] == ["left", "right"]
     np.testing.assert_allclose([[one.x, one.y, one.z] for one in view.corners], vertices[2].corners.xyz)
@@ -56,13 +55,12 @@ def test_corners_are_kept_with_what_they_share_and_move_with_their_vertex(databa
         assert told.y - view.frames["front"].moved.y == pytest.approx({"left": 0.4, "right": -0.4}[corner.name])
 
 
-def test_a_vertex_without_corners_says_so(database, recording):  # noqa: F811
-    fleet_id, recording_id, camera_id = recording
-    run, (job,) = make_run(database, fleet_id, recording_id)
+def test_a_vertex_without_corners_says_so(database, make_run):  # noqa: F811
+    run = make_run()
     found = Detections([Found((5.0, 0.0, 0.5), 0, 7, 0, 2, "tolerant")], 1, {})
-    finish(database, run, job, found, {camera_id: [detecting.Pair(0, 0)]})
+    run.finish(0, found, [detecting.Pair(0, 0)])
     with database.reading() as session:
-        rows = session.query(Vertex).filter_by(detection_id=run.id).all()
+        rows = session.query(Vertex).filter_by(detection_id=run.row.id).all()
         (view,) = vertex_views(session, rows, None, joint=True)
     assert (view.corner, view.corners, view.joint_covariance) == ("top", [], None)
     assert view.frames["front"].corners == []

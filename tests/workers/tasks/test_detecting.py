@@ -1,6 +1,7 @@
 """What a shard of a detection writes, beside shards that failed and runs that go on at the same time."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from service.platform.jobs.claims import finish as end_job
 from service.platform.jobs.queue import enqueue_all
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.platform.jobs.support import make_fleet
+from tests.support.rows import add
 from workers.tasks import detecting
 from workers.tasks.detecting import Pair
 from workers.vertices.vertex import Detections, PoseFacts, SizeFacts
@@ -28,18 +30,30 @@ def found(*vertices, xyz=(5.0, 0.0, 0.5), **more):
     return Detections(made, max(len(made), 1), {})
 
 
-def make_run(database, fleet_id, recording_id, shards=1):
-    """A detection and its jobs' ids."""
-    with database.writing() as session:
-        run = Detection(
-            fleet_id=fleet_id, recording_id=recording_id, region=REGION, detector="tolerant", options={},
-            pairing=PAIRING, content_hash="0", remaining=shards,
-        )  # fmt: skip
-        session.add(run)
-        session.flush()
-        payloads = [{"first": number, "stop": number + 1} for number in range(shards)]
-        jobs = enqueue_all(session, kind="detect", fleet_id=fleet_id, subject_id=run.id, payloads=payloads)
-        return run, [job.id for job in jobs]
+class Run:
+    """A detection in a recording, whose shards a test ends in any order."""
+
+    def __init__(self, database, recording, shards=1):
+        self.database = database
+        fleet_id, recording_id, self.camera_id = recording
+        with database.writing() as session:
+            asked = {"region": REGION, "pairing": PAIRING, "state": "running", "remaining": shards, "counts": {}}
+            self.row = add(session, Detection, fleet_id=fleet_id, recording_id=recording_id, **asked)
+            payloads = [{"first": number, "stop": number + 1} for number in range(shards)]
+            of_run = {"kind": "detect", "fleet_id": fleet_id, "subject_id": self.row.id}
+            self.jobs = [job.id for job in enqueue_all(session, payloads=payloads, **of_run)]
+
+    def finish(self, shard, detections, pairs=(), wait=None):
+        """End a shard with these vertices and their pairs in the camera."""
+        held = claim(self.database, self.jobs[shard], f"w{self.jobs[shard]}")
+        assert held
+        if wait:
+            wait()
+        end_job(self.database, held, detecting.writing(self.row, detections, {self.camera_id: list(pairs)}))
+
+    def counts(self):
+        with self.database.reading() as session:
+            return session.get_one(Detection, self.row.id).counts
 
 
 @pytest.fixture
@@ -49,62 +63,49 @@ def recording(database):
     return fleet_id, recording_id, camera_id
 
 
-def finish(database, run, job_id, detections, pairs, *, wait=None):
-    held = claim(database, job_id, f"w{job_id}")
-    assert held
-    if wait:
-        wait()
-    end_job(database, held, detecting.writing(run, detections, pairs))
+@pytest.fixture
+def make_run(database, recording):
+    return lambda shards=1: Run(database, recording, shards)
 
 
-def test_a_run_with_a_failed_shard_stays_failed_when_the_others_finish(database, recording):
-    fleet_id, recording_id, camera_id = recording
-    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
-    held = claim(database, first, "w")
+def test_a_run_with_a_failed_shard_stays_failed_when_the_others_finish(database, make_run):
+    run = make_run(2)
+    held = claim(database, run.jobs[0], "w")
     with finishing(database, held, "failed", {"code": "worker_lost"}):
         pass
-    finish(database, run, second, found((1, 100)), {camera_id: [Pair(1, 0)]})
+    run.finish(1, found((1, 100)), [Pair(1, 0)])
     with database.reading() as session:
-        row = session.get_one(Detection, run.id)
+        row = session.get_one(Detection, run.row.id)
         assert (row.state, row.problem) == ("failed", {"code": "worker_lost"})
 
 
-def test_two_runs_at_once_find_one_apex(database, recording):
-    fleet_id, recording_id, camera_id = recording
-    runs = [make_run(database, fleet_id, recording_id) for _ in range(2)]
-    wait = {"wait": threading.Barrier(2).wait}
-    given = (found((0, 0)), {camera_id: [Pair(0, 0)]})
-    threads = [
-        threading.Thread(target=finish, args=(database, run, jobs[0], *given), kwargs=wait) for run, jobs in runs
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+def test_two_runs_at_once_find_one_apex(database, make_run):
+    wait = threading.Barrier(2).wait
+    ends = [make_run().finish for _ in range(2)]
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda end: end(0, found((0, 0)), [Pair(0, 0)], wait), ends))
     with database.reading() as session:
         assert len(session.scalars(select(Apex)).all()) == 1
 
 
-def test_a_frame_belongs_to_the_vertex_nearest_in_time_also_across_shards(database, recording):
-    fleet_id, recording_id, camera_id = recording
-    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
-    finish(database, run, first, found((0, 0), (1, 60)), {camera_id: [Pair(0, 3), Pair(1, 40)]})
-    finish(database, run, second, found((2, 110)), {camera_id: [Pair(1, -10)]})
+def test_a_frame_belongs_to_the_vertex_nearest_in_time_also_across_shards(database, make_run):
+    run = make_run(2)
+    run.finish(0, found((0, 0), (1, 60)), [Pair(0, 3), Pair(1, 40)])
+    run.finish(1, found((2, 110)), [Pair(1, -10)])
     with database.reading() as session:
         rows = session.execute(select(VertexFrame.frame_index, VertexFrame.gap_ns).order_by(VertexFrame.frame_index))
         assert [tuple(row) for row in rows] == [(0, 3), (1, -10)]
-        counts = session.get_one(Detection, run.id).counts
+        counts = run.counts()
         assert (counts["accepted"], counts["paired"], counts["frame_taken"]) == (3, 2, 1)
         marks = session.scalars(select(Analysis)).one()
-        assert (marks.kind, marks.detection_id, marks.asked["camera"]) == ("machine_marks", run.id, "front")
+        assert (marks.kind, marks.detection_id, marks.asked["camera"]) == ("machine_marks", run.row.id, "front")
         assert session.get_one(Job, marks.job_id).state == "queued"
 
 
-def test_a_moved_vertex_has_no_gap_and_yet_the_nearest_keeps_the_frame(database, recording):
-    fleet_id, recording_id, camera_id = recording
-    run, (job_id,) = make_run(database, fleet_id, recording_id)
+def test_a_moved_vertex_has_no_gap_and_yet_the_nearest_keeps_the_frame(database, make_run):
+    run = make_run()
     moved = [Pair(1, 0, (x, 0.0, 0.5), [[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 1e-4]]) for x in (5.1, 5.2)]
-    finish(database, run, job_id, found((0, 60), (1, 110)), {camera_id: moved})
+    run.finish(0, found((0, 60), (1, 110)), moved)
     with database.reading() as session:
         row = session.scalars(select(VertexFrame)).one()
         assert (row.gap_ns, row.x, row.covariance) == (0, 5.2, moved[1].covariance)
@@ -114,66 +115,57 @@ def test_a_moved_vertex_has_no_gap_and_yet_the_nearest_keeps_the_frame(database,
     ("x", "moved_m", "apexes"), [(5.0, 0.09, 1), (5.0, 0.11, 2), (30.0, 0.15, 1), (30.0, 0.17, 2)]
 )
 def test_another_run_finds_the_same_apex_within_a_decimetre_or_a_third_of_a_degree(
-    database, recording, x, moved_m, apexes
+    database, make_run, x, moved_m, apexes
 ):
-    fleet_id, recording_id, camera_id = recording
     for y in (0.0, moved_m):
-        run, (job_id,) = make_run(database, fleet_id, recording_id)
-        finish(database, run, job_id, found((0, 0), xyz=(x, y, 0.0)), {camera_id: [Pair(0, 0)]})
+        run = make_run()
+        run.finish(0, found((0, 0), xyz=(x, y, 0.0)), [Pair(0, 0)])
     with database.reading() as session:
         assert len(session.scalars(select(Apex)).all()) == apexes
 
 
-def test_what_a_detector_says_of_its_vertices_is_kept_and_counted_over_shards(database, recording):
-    fleet_id, recording_id, camera_id = recording
-    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
+def test_what_a_detector_says_of_its_vertices_is_kept_and_counted_over_shards(database, make_run):
+    run = make_run(2)
     covariance = ((1e-7, 0.0, 0.0), (0.0, 2e-7, 0.0), (0.0, 0.0, 1e-4))
     fine = found((0, 0), quality="fine", covariance=covariance)
-    finish(database, run, first, fine, {camera_id: [Pair(0, 0)]})
-    finish(database, run, second, found((1, 100), quality="usable", flags=("head_above",)), {camera_id: [None]})
+    run.finish(0, fine, [Pair(0, 0)])
+    run.finish(1, found((1, 100), quality="usable", flags=("head_above",)), [None])
     with database.reading() as session:
         rows = session.scalars(select(Vertex).order_by(Vertex.sweep_index)).all()
         assert [(row.quality, row.flags) for row in rows] == [("fine", []), ("usable", ["head_above"])]
         assert (rows[0].covariance, rows[1].covariance) == ([list(line) for line in covariance], None)
-        counts = session.get_one(Detection, run.id).counts
+    counts = run.counts()
     assert (counts["quality"], counts["flags"]) == ({"fine": 1, "usable": 1}, {"head_above": 1})
     assert counts["paired"] == 1
 
 
-def test_each_refused_sweep_is_kept_with_its_reason_whichever_shard_ends_first(database, recording):
-    fleet_id, recording_id, camera_id = recording
-    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
+def test_each_refused_sweep_is_kept_with_its_reason_whichever_shard_ends_first(make_run):
+    run = make_run(2)
     later = Detections([], 4, {}, refused={6: "no_points", 7: "no_points", 8: "too_uncertain", 9: "no_points"})
     earlier = Detections([], 3, {}, refused={2: "too_uncertain", 3: "too_uncertain", 5: "no_points"})
-    finish(database, run, second, later, {camera_id: []})
-    finish(database, run, first, earlier, {camera_id: []})
-    with database.reading() as session:
-        counts = session.get_one(Detection, run.id).counts
-    assert counts["refused_sweeps"] == {"no_points": [[5, 7], [9, 9]], "too_uncertain": [[2, 3], [8, 8]]}
+    run.finish(1, later)
+    run.finish(0, earlier)
+    assert run.counts()["refused_sweeps"] == {"no_points": [[5, 7], [9, 9]], "too_uncertain": [[2, 3], [8, 8]]}
 
 
-def test_how_the_board_was_rolled_is_told_over_all_shards(database, recording):
-    fleet_id, recording_id, camera_id = recording
-    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
+def test_how_the_board_was_rolled_is_told_over_all_shards(make_run):
+    run = make_run(2)
     degrees = [10.0, 14.0, 9.0]
     rolled = [found((k, 100 * k), roll=(np.radians(deg), 0.01)).vertices[0] for k, deg in enumerate(degrees)]
-    finish(database, run, first, Detections(rolled[:2], 2, {}), {camera_id: [None, None]})
-    finish(database, run, second, Detections(rolled[2:], 1, {}), {camera_id: [None]})
-    with database.reading() as session:
-        roll = session.get_one(Detection, run.id).counts["roll"]
+    run.finish(0, Detections(rolled[:2], 2, {}), [None, None])
+    run.finish(1, Detections(rolled[2:], 1, {}), [None])
+    roll = run.counts()["roll"]
     assert roll["vertices"] == 3
     assert (roll["mean_deg"], roll["spread_deg"]) == pytest.approx((np.mean(degrees), np.std(degrees)))
 
 
-def test_what_is_not_as_the_owner_said_is_kept_whichever_shard_says_it(database, recording):
-    fleet_id, recording_id, camera_id = recording
-    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
+def test_what_is_not_as_the_owner_said_is_kept_whichever_shard_says_it(make_run):
+    run = make_run(2)
     size = SizeFacts((0.88, 1.2), (0.01, 0.01))
     poses = PoseFacts(8, True, walked=True)
-    finish(database, run, second, Detections([], 4, {}, poses=poses, size=size), {camera_id: []})
-    finish(database, run, first, Detections([], 3, {}, poses=poses, size=size), {camera_id: []})
-    with database.reading() as session:
-        counts = DetectionCounts.model_validate(session.get_one(Detection, run.id).counts)
+    run.finish(1, Detections([], 4, {}, poses=poses, size=size))
+    run.finish(0, Detections([], 3, {}, poses=poses, size=size))
+    counts = DetectionCounts.model_validate(run.counts())
     assert (counts.poses, counts.poses_stated, counts.poses_walked) == (8, True, True)
     assert counts.size is not None and counts.size.seen_m == (0.88, 1.2)
 

@@ -19,6 +19,7 @@ from service.recordings.actions import delete_recording
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.platform.jobs.support import make_fleet
 from tests.support.leases import let_lease_expire
+from tests.support.rows import add
 from tests.support.work import work
 from tests.workers.readers.making_recordings import clouds, header, images, interleaved, png, write_bag
 from workers.readers import limited
@@ -66,13 +67,10 @@ def uploaded(context: Context, rig: Rig, file: Path) -> Recording:
     key = f"recordings/{file.stem}/parts/1/{sha256[:32]}"
     context.store.put_bytes(key, data)
     with context.database.writing() as session:
-        row = Recording(
-            fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, rig_id=rig.id, name=file.stem, file_name=file.name,
-            state="queued", size=len(data),
-        )  # fmt: skip
-        session.add_all((row, Blob(key=key, state="stored", size=len(data), sha256=sha256)))
-        session.flush()
-        session.add(UploadPart(recording_id=row.id, number=1, blob_key=key, size=len(data), sha256=sha256))
+        named = {"name": file.stem, "file_name": file.name, "state": "queued"}
+        row = add(session, Recording, rig, size=len(data), **named)
+        add(session, Blob, key=key, size=len(data), sha256=sha256)
+        add(session, UploadPart, row, number=1, blob_key=key, size=len(data), sha256=sha256)
         row.job_id = enqueue(session, kind="ingest", fleet_id=rig.fleet_id, subject_id=row.id).id
         return row
 

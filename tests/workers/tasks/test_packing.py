@@ -8,8 +8,9 @@ from sqlalchemy import func, select
 
 from apexcal.sweeps import unpack
 from service.analyses.jobs import queue_packing
-from service.platform.db.models import Analysis, Blob, Fleet, PackedSweep, PackedSweeps, Recording, Sensor
+from service.platform.db.models import Analysis, Blob, Fleet, Job, PackedSweep, PackedSweeps, Recording, Sensor
 from service.platform.db.session import Database
+from service.platform.jobs.claims import Lease, claim, finish
 from service.platform.jobs.sweep import sweep
 from service.platform.storage.quota import take
 from tests.service.detections.seeding import seed_rig
@@ -19,17 +20,20 @@ from tests.workers.readers.making_recordings import clouds, images, interleaved,
 from tests.workers.tasks.test_ingesting import uploaded
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.tasks.context import Context
+from workers.tasks.packing import packing
+from workers.tasks.running import run_job
 
 pytestmark = pytest.mark.usefixtures("broker")
 
 
+def bag(tmp_path):
+    frames = list(images(4, "/camera/compressed", png(640, 480)))
+    return write_bag(tmp_path / "one.bag", interleaved(clouds(4), frames))
+
+
 def ingested(context: Context, database: Database, tmp_path) -> UUID:
     """The id of a recording of four sweeps, after all its jobs."""
-    rig = seed_rig(database, make_fleet(database))
-    file = write_bag(
-        tmp_path / "one.bag", interleaved(clouds(4), list(images(4, "/camera/compressed", png(640, 480))))
-    )
-    recording = uploaded(context, rig, file)
+    recording = uploaded(context, seed_rig(database, make_fleet(database)), bag(tmp_path))
     work(context)
     return recording.id
 
@@ -74,6 +78,33 @@ def test_packing_again_changes_nothing(context, database, tmp_path):
     assert second.state == "done" and second.result == first.result
     with database.reading() as session:
         assert session.scalars(select(PackedSweeps.blob_key)).one() == before
+
+
+def test_of_two_packings_at_once_the_first_is_kept(context, database, tmp_path):
+    """Both have computed before either commits: the second neither replaces the first's bytes nor its rows."""
+    recording = uploaded(context, seed_rig(database, make_fleet(database)), bag(tmp_path))
+    run_job(context, recording.job_id)
+    with database.writing() as session:
+        queue_packing(session, recording.id, session.get_one(Recording, recording.id))
+    with database.reading() as session:
+        ids = session.scalars(select(Job.id).where(Job.kind == "packing").order_by(Job.id)).all()
+    held = [claim(database, job_id, "w") for job_id in ids]
+    writes = []
+    for one in held:
+        with Lease(database, one) as lease:
+            writes.append(packing(context, one, lease))
+    kept = []
+    for one, write in zip(held, writes, strict=True):
+        finish(database, one, write)
+        with database.reading() as session:
+            rows = session.execute(select(PackedSweep.index, PackedSweep.offset, PackedSweep.length)).all()
+            kept.append((session.scalars(select(PackedSweeps.blob_key)).one(), rows))
+    assert len(kept) == 2 and kept[0] == kept[1] and len(kept[0][1]) == 4
+    assert [one.state for one in analyses(database)] == ["done"] * 2
+    sweep(database, context.store)
+    with database.reading() as session:
+        packed = session.scalars(select(Blob.key).where(Blob.key.contains("/sweeps"))).all()
+    assert packed == [kept[0][0]] and context.store.local_path(packed[0])
 
 
 def test_a_fleet_without_room_keeps_its_recording_and_hears_why(context, database, tmp_path, monkeypatch):
