@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from apexcal.documents.fit_requests import fit_request
 from apexcal.documents.results import FitResult
@@ -12,15 +13,16 @@ from tests.workers.judge.fits import FOCAL_PX, checked, failed, lens_of, rig
 from tests.workers.solver.few_pairs import SHORT, real
 from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE
 from tests.workers.solver.test_optima import small_board
-from tests.workers.solver.walks import posed
+from tests.workers.solver.walks import ended, posed
 from workers.judge.agreement_checks import fit
 from workers.judge.fit_checks import checks_of_fit, without_outliers
 from workers.judge.pair_checks import places_of
-from workers.judge.precision_checks import mount_alone
+from workers.judge.precision_checks import marked_rays, mount_alone, precision
 from workers.judge.time_checks import image_velocities
 from workers.judge.topics import graded
 from workers.judge.validation_checks import elsewhere
 from workers.solver.estimate import estimate
+from workers.solver.prediction import covariances_along
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import finished, solve_finish
@@ -205,6 +207,16 @@ def test_precision_is_judged_where_points_are_used():
     few = checked(*rig(pairs=24))["precision"]
     assert few.verdict == "look" and "times what 2 px or 1.5 mrad allow" in few.sentence
     assert checked(*rig(pairs=24, noise_px=6.0))["precision"].verdict == "stop"
+
+
+def test_few_pairs_widen_what_is_judged_by_students_t():
+    found, result = ended(*rig("pinhole", pairs=12))
+    C = covariances_along(found, marked_rays(found))[0]
+    widest = np.quantile(np.sqrt(np.linalg.eigvalsh(C)[..., -1]), 0.95, axis=1)
+    student = stats.t.ppf(0.975, found.freedom) * result.prediction.expected_over_stated
+    assert found.freedom < 15.0 and student > 2.1
+    judged = precision(found, result).figures
+    assert [judged[f"half_width_at_{at}_m_px"] for at in (5, 20, 50)] == pytest.approx((student * widest).tolist())
 
 
 def test_the_mount_alone_is_judged_by_degrees_and_millimetres():
