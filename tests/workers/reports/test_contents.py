@@ -10,10 +10,8 @@ from scipy.stats import f as f_distribution
 from apexcal.documents.results import FitResult
 from tests.workers.reports.material import EDGES, made, steady
 from tests.workers.solver.rigs import plain
-from workers.judge.time_checks import clock
 from workers.reports.contents import contents
 from workers.reports.page import page
-from workers.solver.estimate import estimate
 
 LENS = ("k1", "k2", "k3", "k4", "k5")
 
@@ -102,35 +100,6 @@ def rays_of(document, u, v):
     plane = cv2.undistortPoints(plane[:, None], np.eye(3), distortion, criteria=criteria).reshape(-1, 2)
     rays = np.column_stack([plane, np.ones(len(plane))])
     return rays / np.linalg.norm(rays, axis=1, keepdims=True)
-
-
-def test_expected_errors_are_the_covariance_carried_along_rays(report):
-    material = made()
-    document = plain(material.chosen.result)
-    R, t = matrix(document)
-    prediction = report["result"]["prediction"]
-    points = prediction["points"]
-    width, height = document["intrinsics"]["image_size"]
-    u, v = (np.array([point[name] for point in points]) for name in "uv")
-    assert np.allclose(np.unique(u), (np.arange(5) + 0.5) * width / 5 - 0.5)
-    assert np.allclose(np.unique(v), (np.arange(3) + 0.5) * height / 3 - 0.5)
-    rays = rays_of(document, u, v)
-    shown = [i for i, point in enumerate(points) if point["stated_px"]]
-    assert len(shown) >= 9
-    for k, distance in enumerate(prediction["distances_m"]):
-        sigma, _ = deviation(material, material.chosen.result.model, (distance * rays - t) @ R)
-        told = np.array([points[i]["stated_px"][k] for i in shown])
-        assert np.allclose(told, sigma[shown], rtol=5e-3)
-    # The sentence of the verdict repeats the middle of the image at 20 m, and the fit's mean.
-    at = prediction["distances_m"].index(20.0)
-    factor = prediction["expected_over_stated"]
-    middle = points[len(points) // 2]
-    mean = np.mean(steady(report["pairs"]["error_px"])[belonging(document)])
-    for said in (
-        f"{mean:.2f} px off on average",
-        f"within {factor * middle['stated_px'][at]:.2f} px or {factor * middle['stated_mm'][at]:.0f} mm",
-    ):
-        assert said in report["verdict"]["sentence"]
 
 
 def test_what_is_said_of_each_model_is_its_own_pairs(report):
@@ -252,20 +221,6 @@ def test_coverage_counts_and_names_what_is_missing(report):
         assert any("right of" in one for one in field["missing"])
 
 
-def test_rings_off_the_axis_are_the_pairs_own(report):
-    rings = report["rings"]
-    used = belonging(plain(made().chosen.result))
-    angle, error = (steady(report["pairs"][name])[used] for name in ("angle_deg", "error_px"))
-    assert sum(ring["pairs"] for ring in rings) == used.sum()
-    for k, ring in enumerate(rings):
-        end = np.inf if k == 3 else ring["to_deg"]
-        within = (angle >= ring["from_deg"] - 1e-4) & (angle < end - 1e-4)
-        if abs(int(within.sum()) - ring["pairs"]) == 0:
-            assert ring["rms_px"] == pytest.approx(np.sqrt((error[within] ** 2).mean()), rel=1e-3)
-        else:
-            assert abs(int(within.sum()) - ring["pairs"]) <= 1
-
-
 def belonging(document):
     """(N,) bool, the pairs that the fit did not leave out."""
     used = np.ones(len(document["residuals_px"]), bool)
@@ -335,23 +290,6 @@ def test_the_pattern_of_a_lens_is_least_squares_of_the_residuals(report):
     # The report's angles are under the fit that keeps the outliers.
     assert angle[at] == pytest.approx(figures["pattern_at_deg"], abs=1.0)
     assert size[at] == pytest.approx(largest, rel=0.1)
-
-
-def test_the_clocks_offset_is_least_squares_along_the_motion():
-    material = made()
-    points, marks = points_and_marks(material)
-    velocities = np.random.default_rng(3).normal(0.0, 1.0, points.shape)
-    walked = replace(material.chosen.problem, velocities=velocities, outliers="exclude")
-    start = plain(material.chosen.result)["polished"]["parameters"]
-    figures = clock(estimate(walked, np.array([start[name] for name in walked.names]))).figures
-    document, used = refitted(material)
-    step = 1e-6
-    ends = [projected(document, points + sign * step * velocities) for sign in (1.0, -1.0)]
-    moved = (ends[0] - ends[1]) / (2 * step)
-    values, deviations, _, _ = further(document, used, points, marks, moved[:, :, None])
-    assert figures["seconds"] == pytest.approx(values[0], rel=1e-3, abs=1e-8)
-    assert figures["deviation_seconds"] == pytest.approx(deviations[0], rel=0.01)
-    assert figures["speed_px_s"] == pytest.approx(np.median(np.hypot(*moved[used].T)), rel=1e-4)
 
 
 def test_the_rest_is_as_stored(report):
