@@ -24,9 +24,8 @@ from service.platform.broker.hints import channel
 from service.platform.db.jobs import Worker
 from service.platform.db.migrate import upgrade
 from service.platform.db.session import Database
-from tests.faults.farm import free_port
 from tests.support.postgres import Postgres
-from tests.support.processes import start, stop, wait_until
+from tests.support.processes import free_port, start, stop, wait_until
 
 _TICKS = os.sysconf("SC_CLK_TCK")
 

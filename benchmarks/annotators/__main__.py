@@ -33,11 +33,10 @@ from service.platform.db.fleets import Fleet
 from service.platform.db.migrate import upgrade
 from service.platform.db.people import ApiToken, Membership, Person
 from service.platform.db.session import Database
-from tests.faults.farm import free_port
 from tests.service.detections.seeding import Seed, seed_marking
 from tests.support.broker import Broker
 from tests.support.postgres import Postgres
-from tests.support.processes import start, stop_all, wait_until
+from tests.support.processes import free_port, start, stop_all, wait_until
 
 _TICKS = os.sysconf("SC_CLK_TCK")
 _MARKS = 3

@@ -31,9 +31,8 @@ from benchmarks.retrieval.served import EMPTY
 from benchmarks.retrieval.vehicles import CAMERAS, Fleet, make
 from service.platform.db.migrate import upgrade
 from service.platform.db.session import Database
-from tests.faults.farm import free_port
 from tests.support.postgres import Postgres
-from tests.support.processes import start, stop_all, wait_until
+from tests.support.processes import free_port, start, stop_all, wait_until
 
 _VERSIONS = 10
 _TICKS = os.sysconf("SC_CLK_TCK")

@@ -6,7 +6,7 @@ from sqlalchemy import select
 from service.platform.db.models import Job, UploadPart
 from service.platform.storage.store import Store
 from tests.service.platform.jobs.support import let_backoff_end
-from tests.support.s3 import free_port
+from tests.support.processes import free_port
 from tests.support.uploads import new_recording, upload
 from tests.support.work import work
 from workers.tasks.running import run_job

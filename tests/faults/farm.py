@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
-import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,7 +21,7 @@ from service.platform.db.models import Job
 from service.platform.db.session import Database
 from tests.faults.results import Documents, documents
 from tests.support.broker import Broker
-from tests.support.processes import start, stop, stop_all, wait_until
+from tests.support.processes import free_port, is_ready, start, stop, stop_all, wait_until
 from tests.support.wrong_clocks import WrongClock, why_not
 
 LEASE_S = 2.0
@@ -168,21 +166,10 @@ class Farm:
 
     def is_ready(self) -> bool:
         """Whether a balancer would ask its API."""
-        try:
-            with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/readyz", timeout=30) as answer:
-                return answer.status == 200
-        except OSError:
-            return False
+        return is_ready(f"http://127.0.0.1:{self.port}", 30)
 
     def _run(self, module: str, *arguments: str) -> None:
         subprocess.run([sys.executable, "-m", module, *arguments], env=self._environment, check=True)
-
-
-def free_port() -> int:
-    """A port that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def seconds_of(action: Callable[[], Any]) -> float:

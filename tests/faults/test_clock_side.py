@@ -60,7 +60,7 @@ def test_who_gets_on_stays(
     child = start(list(plans.sweeper(folder, environment).command), tmp_path / "log", env=environment)
     try:
         wait_until(lambda: sweeps() > 0, "the first sweep", 60)
-        until = sweeps() + 3 * STALLED_S
+        until = sweeps() + 1.5 * STALLED_S
         wait_until(lambda: sweeps() > until, "sweeps without a pause", 60)
         assert child.poll() is None
     finally:

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import time
-import urllib.request
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,8 @@ import redis
 from tests.support.broker import binary
 from tests.support.compose import load, part
 from tests.support.postgres import Postgres
-from tests.support.processes import start, wait_until
-from tests.support.s3 import S3Server, free_port
+from tests.support.processes import free_port, is_ready, start, wait_until
+from tests.support.s3 import S3Server
 
 _PATH = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
 # Of the caller's environment no setting of ours and no key of S3 may slip in.
@@ -99,7 +98,7 @@ class Fleet:
 
     def wait_until_healthy(self, names: Sequence[str], seconds: float) -> None:
         """Until /readyz and every health check say yes."""
-        wait_until(lambda: self._ready() or self._fail_if_dead(), "the readiness of the API", seconds)
+        wait_until(lambda: is_ready(self.url) or self._fail_if_dead(), "the readiness of the API", seconds)
         for name in names:
             wait_until(lambda name=name: self.healthy(name) or self._fail_if_dead(), f"the health of {name}", seconds)
 
@@ -142,13 +141,6 @@ class Fleet:
             except redis.AuthenticationError:
                 return True  # it asks for its password
         return False
-
-    def _ready(self) -> bool:
-        try:
-            with urllib.request.urlopen(f"{self.url}/readyz", timeout=5) as answer:
-                return answer.status == 200
-        except OSError:
-            return False
 
     def _fail_if_dead(self) -> bool:
         for name, child in self._children.items():

@@ -6,8 +6,9 @@ import asyncio
 import contextlib
 import itertools
 import threading
-import urllib.request
 from collections.abc import Sequence
+
+from tests.support.processes import is_ready
 
 _LOOK_S = 0.2
 
@@ -52,7 +53,7 @@ class Balancer:
 
     async def _look(self, port: int) -> None:
         while True:
-            healthy = await asyncio.to_thread(is_ready, port)
+            healthy = await asyncio.to_thread(is_ready, f"http://127.0.0.1:{port}")
             (self.ready.add if healthy else self.ready.discard)(port)
             await asyncio.sleep(_LOOK_S)
 
@@ -77,12 +78,3 @@ async def _pipe(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> N
             await writer.drain()
     with contextlib.suppress(ConnectionError, OSError):
         writer.close()
-
-
-def is_ready(port: int) -> bool:
-    """Whether the API on this port says that it is ready."""
-    try:
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/readyz", timeout=5) as answer:
-            return answer.status == 200
-    except OSError:
-        return False

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -18,7 +17,7 @@ from service.platform.db.models import ApiToken, Person
 from service.platform.db.session import Database
 from tests.operations.balancer import Balancer
 from tests.support.broker import Broker
-from tests.support.processes import start, stop, wait_until
+from tests.support.processes import free_port, start, stop, wait_until
 
 DRAIN_S = 2.0
 # Written past every logger, from the handler of the signal.
@@ -50,7 +49,7 @@ class Fleet:
             "OMP_NUM_THREADS": "1",
             "PYTHONUNBUFFERED": "1",
         }
-        self.ports = [_free_port(), _free_port()]
+        self.ports = [free_port(), free_port()]
         worker = plans.worker_command(plans.QUEUES, 1)
         self._commands: dict[str, list[str]] = {
             **{f"api-{n}": [sys.executable, *_API, "--port", str(port)] for n, port in enumerate(self.ports)},
@@ -109,9 +108,3 @@ class Fleet:
             session.flush()
             session.add(ApiToken(secret_hash=secret_hash(secret), name="test", person_id=person.id))
         return secret
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]

@@ -14,10 +14,9 @@ from sqlalchemy import func, select
 from service.platform.db.migrate import upgrade
 from service.platform.db.models import Job, JobEvent, Vehicle, Worker
 from tests.contract.test_work import pairs_of_a_pinhole
-from tests.operations.balancer import is_ready
 from tests.operations.fleet import DRAIN_S, Fleet
 from tests.support.postgres import Postgres
-from tests.support.processes import wait_until
+from tests.support.processes import is_ready, wait_until
 from tests.support.uploads import RIG
 
 pytestmark = [pytest.mark.faults, pytest.mark.timeout(600)]
@@ -123,7 +122,7 @@ def _replace_api(fleet: Fleet, number: int) -> None:
     name, port = f"api-{number}", fleet.ports[number]
     began = time.monotonic()
     fleet.ask_to_stop(name)
-    wait_until(lambda: not is_ready(port), "the process's own word that it leaves", DRAIN_S)
+    wait_until(lambda: not is_ready(f"http://127.0.0.1:{port}"), "the process's own word that it leaves", DRAIN_S)
     answer = httpx.get(f"http://127.0.0.1:{port}/readyz")
     assert (answer.status_code, answer.json()["status"]) == (503, "draining")
     assert answer.headers["Connection"] == "close"

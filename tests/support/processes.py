@@ -3,8 +3,10 @@
 import contextlib
 import ctypes
 import signal
+import socket
 import subprocess
 import time
+import urllib.request
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -48,6 +50,22 @@ def stop_all(children: Iterable[subprocess.Popen[bytes]], how: signal.Signals = 
         except subprocess.TimeoutExpired:
             child.kill()
             child.wait()
+
+
+def free_port() -> int:
+    """A port that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def is_ready(url: str, patience_s: float = 5.0) -> bool:
+    """Whether a balancer would ask the API at this address."""
+    try:
+        with urllib.request.urlopen(f"{url}/readyz", timeout=patience_s) as answer:
+            return answer.status == 200
+    except OSError:
+        return False
 
 
 def wait_until(true: Callable[[], bool], what: str, seconds: float = 20.0) -> None:

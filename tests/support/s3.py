@@ -4,7 +4,6 @@ import itertools
 import os
 import shutil
 import signal
-import socket
 import sys
 import tempfile
 from pathlib import Path
@@ -16,7 +15,7 @@ from pydantic import SecretStr
 from service.platform.settings import S3Options
 from service.platform.storage.prepare import prepare
 from service.platform.storage.store import Store
-from tests.support.processes import start, stop, wait_until
+from tests.support.processes import free_port, start, stop, wait_until
 
 _numbers = itertools.count(1)
 
@@ -86,10 +85,3 @@ class S3Server:
             return httpx.get(f"{self.endpoint}/moto-api/", timeout=2).status_code == 200
         except httpx.TransportError:
             return False
-
-
-def free_port() -> int:
-    """A port that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]

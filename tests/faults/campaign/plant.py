@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import time
-import urllib.request
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from random import Random
@@ -17,12 +16,13 @@ from apexcal.embedded.folder import DataFolder
 from service.platform.db.migrate import upgrade
 from service.platform.db.session import Database
 from service.platform.storage.store import Store
-from tests.faults.farm import QUICK, free_port
+from tests.faults.farm import QUICK
 from tests.support.broker import Broker
 from tests.support.networks import Host, Network
 from tests.support.postgres import Postgres
-from tests.support.processes import start, stop, stop_all, wait_until
+from tests.support.processes import free_port, is_ready, start, stop, stop_all, wait_until
 from tests.support.s3 import S3Server
+from tests.support.wrong_clocks import WrongClock, why_not
 
 # A pause before a dead process is started again, in seconds.
 _PAUSE_S = (0.2, 1.0)
@@ -37,6 +37,7 @@ _ELSEWHERE = {
     "worker-a": "worker",
     "sweeper": "sweeper",
 }
+_AHEAD = ("worker-b", "sweeper")
 HOSTS = tuple(dict.fromkeys(_ELSEWHERE.values()))
 POOL = 2
 
@@ -96,6 +97,9 @@ class Plant:
         self._bucket = self.s3.make_bucket() if self.s3 else ""
         self.environment = self._environment()
         self.parts: dict[str, Part] = {}
+        self._ahead = None if why_not() else WrongClock(logs, "ahead")
+        if self._ahead:
+            self._ahead.step(CLOCKS_APART_S)
 
     def begin(self) -> str:
         """Start every process, wait until it is ready, and return the owner's token."""
@@ -177,21 +181,18 @@ class Plant:
 
     def _commands(self) -> dict[str, list[str]]:
         port = int(self.url.rpartition(":")[2])
-        ahead = [sys.executable, "-m", "tests.faults.campaign.shifted", str(CLOCKS_APART_S)]
-        sweeper = plans.sweeper(self._folder, self.environment).command
-        workers = {name: plans.worker_command(plans.QUEUES, POOL, name) for name in WORKERS}
         return {
             "api": list(plans.api(self._folder, self.environment, "127.0.0.1", port).command),
-            "worker-a": list(workers["worker-a"]),
-            "worker-b": [*ahead, *_after_python(workers["worker-b"])],
-            "sweeper": [*ahead, *_after_python(sweeper)],
+            **{name: list(plans.worker_command(plans.QUEUES, POOL, name)) for name in WORKERS},
+            "sweeper": list(plans.sweeper(self._folder, self.environment).command),
         }
 
     def _launcher(self, name: str, command: list[str]) -> Callable[[], subprocess.Popen[bytes]]:
         def launch() -> subprocess.Popen[bytes]:
-            host = self._host(name.removeprefix("second-"))
+            part = name.removeprefix("second-")
+            host, clock = self._host(part), self._ahead.environment if self._ahead and part in _AHEAD else {}
             with host.inside() if host else contextlib.nullcontext():
-                return start(command, self.logs / f"{name}.log", env=self.environment)
+                return start(command, self.logs / f"{name}.log", env=self.environment | clock)
 
         return launch
 
@@ -200,11 +201,7 @@ class Plant:
 
     def _ready(self) -> bool:
         self.watch()
-        try:
-            with urllib.request.urlopen(f"{self.url}/readyz", timeout=2) as answer:
-                return answer.status == 200
-        except OSError:
-            return False
+        return is_ready(self.url, 2)
 
 
 def children(pid: int) -> list[int]:
@@ -221,8 +218,3 @@ def send(pids: Sequence[int], signal_number: int) -> None:
     for pid in pids:
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, signal_number)
-
-
-def _after_python(command: Sequence[str]) -> Sequence[str]:
-    """``[python, -m, MODULE, ...]`` without its first two words."""
-    return command[2:]

@@ -14,7 +14,7 @@ from service.admin import __main__ as commands
 from service.platform.db.models import Blob
 from service.platform.db.session import Database
 from service.platform.settings import get_settings
-from tests.support.s3 import free_port
+from tests.support.processes import free_port
 
 
 def typed(*words: str) -> Result:

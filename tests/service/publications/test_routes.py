@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from datetime import timedelta
@@ -21,6 +22,7 @@ from tests.service.calibrations.test_results import (
     failed,
     seed_results,
 )
+from tests.support.wrong_clocks import WrongClock, why_not
 
 
 def history(actor, rig, **query):
@@ -162,29 +164,31 @@ def test_the_history_comes_in_pages(api, fleet, rig, reviewer):
 _PUBLISH = """
 import sys
 from uuid import UUID
-from tests.faults.campaign.shifted import shift
-shift(float(sys.argv[2]))
 from service.publications.actions import Grounds, hold_to_publish, publish
 from service.platform.db.calibrations import Result
 from service.platform.db.session import Database
 database = Database(sys.argv[1])
 with database.writing() as session:
-    result = session.get_one(Result, UUID(sys.argv[3]))
+    result = session.get_one(Result, UUID(sys.argv[2]))
     publish(session, hold_to_publish(session, result), result, Grounds(None, None))
 """
 
 
-def publish_elsewhere(api, result, clock_s):
+def publish_elsewhere(api, result, clock):
     """In a process of its own, whose clock is wrong."""
-    command = [sys.executable, "-c", _PUBLISH, api.database.engine.url.render_as_string(), str(clock_s), str(result)]
-    subprocess.run(command, check=True)
+    command = [sys.executable, "-c", _PUBLISH, api.database.engine.url.render_as_string(), str(result)]
+    subprocess.run(command, check=True, env=os.environ | clock.environment)
 
 
-def test_the_newest_is_what_was_published_last_whatever_the_clocks_say(api, rig, reviewer):
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)  # SQLite asks the host
+@pytest.mark.skipif(bool(why_not()), reason=f"no clock can be set here: {why_not()}")
+def test_the_newest_is_what_was_published_last_whatever_the_clocks_say(api, rig, reviewer, tmp_path):
     early, late = (seed_results(api, rig, folds=(-1,))[1][0] for _ in range(2))
     asked_at = utc_now()
-    publish_elsewhere(api, early, 300.0)
-    publish_elsewhere(api, late, -300.0)
+    clock = WrongClock(tmp_path, "elsewhere")
+    for result, wrong_s in ((early, 300), (late, -300)):
+        clock.step(wrong_s)
+        publish_elsewhere(api, result, clock)
     assert reviewer.get(current_address(rig)).json()["result_id"] == str(late)
     newest, before = history(reviewer, rig)["items"]
     assert [newest["result_id"], before["result_id"]] == [str(late), str(early)]

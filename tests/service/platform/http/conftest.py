@@ -1,6 +1,5 @@
 """A server process of its own, whose memory and threads are no test's."""
 
-import socket
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +9,7 @@ import httpx
 import pytest
 
 from tests.support.people import Api
-from tests.support.processes import start, stop, wait_until
+from tests.support.processes import free_port, start, stop, wait_until
 
 
 class ServedProcess(NamedTuple):
@@ -28,9 +27,7 @@ class ServedProcess(NamedTuple):
 @pytest.fixture
 def process(api: Api, tmp_path: Path) -> Iterator[ServedProcess]:
     """A server process on the test's database."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     serve = ("-m", "uvicorn", "service.app:create_app", "--factory", "--host", "127.0.0.1", "--no-access-log")
     more = ("--http", "service.platform.http.connections:PatientProtocol", "--port", str(port))
     child = start([sys.executable, *serve, *more], tmp_path / "server.log")

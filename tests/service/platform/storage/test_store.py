@@ -15,7 +15,8 @@ from service.platform.storage.errors import MissingBlobError, StoreFullError, St
 from service.platform.storage.prepare import prepare
 from service.platform.storage.store import MARKER, Store
 from tests.support.folders import folder_store
-from tests.support.s3 import S3Server, free_port
+from tests.support.processes import free_port
+from tests.support.s3 import S3Server
 
 LARGE = os.urandom(9 * MIB + 1)
 
