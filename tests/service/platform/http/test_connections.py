@@ -424,14 +424,3 @@ def test_an_unfinished_sign_in_ends(connect: Callable, monkeypatch: pytest.Monke
     monkeypatch.setattr(connections, "WINDOW_S", 10 * PATIENCE_S)
     answer = all_of(connect(unfinished_sign_in()))
     assert answer.startswith(b"HTTP/1.1 408") and b'"body_too_slow"' in answer
-
-
-def test_unfinished_sign_ins_leave_room(served: tuple[Api, str], connect: Callable, monkeypatch) -> None:
-    _, url = served
-    monkeypatch.setattr(gate, "STRANGER_S", 10 * PATIENCE_S)
-    monkeypatch.setattr(connections, "WINDOW_S", 10 * PATIENCE_S)
-    crowd = [connect(unfinished_sign_in()) for _ in range(gate.STRANGERS + 100)]
-    assert all(all_of(one).startswith(b"HTTP/1.1 408") for one in crowd[:100])
-    assert httpx.get(f"{url}/healthz").status_code == 200
-    answer = httpx.post(f"{url}/v1/sign-in", json={"link": "x"})
-    assert answer.status_code not in (408, 429, 503), answer.text

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from sqlalchemy import func, select, update
+from sqlalchemy import func, select
 
 from service.app import ROUTERS
-from service.platform.db.fleet_requests import FleetRequest
 from service.platform.db.fleets import Vehicle
 from tests.support.people import Api
 
@@ -85,22 +84,3 @@ def test_every_post_honours_its_key_or_needs_none() -> None:
     assert not unsaid
     said = (Path(__file__).parents[4] / "docs/api.md").read_text()
     assert all(f"`{end}`" in said for end in NATURAL), "docs/api.md names those that need none"
-
-
-def test_a_repeated_retry_of_a_fleet_request_gets_the_first_answer(api: Api) -> None:
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
-    with api.database.writing() as session:
-        asked = {"vehicles": {}, "calibration": {"publish": "none"}}
-        request = FleetRequest(fleet_id=fleet, asked=asked, state="done", matched=1)
-        request.remaining = request.wave = 0
-        session.add(request)
-        session.flush()
-        path = f"/fleet-requests/{request.id}/retry"
-    key = {"Idempotency-Key": "again"}
-    first = engineer.post(path, headers=key)
-    with api.database.writing() as session:
-        session.execute(update(FleetRequest).values(matched=2))
-    again = engineer.post(path, headers=key)
-    assert again.headers.get("idempotency-replayed") == "true"
-    assert (again.status_code, again.json()) == (202, first.json())

@@ -4,9 +4,7 @@ import re
 
 import pytest
 from sqlalchemy import text
-from sqlalchemy.exc import OperationalError
 
-from service.platform.http.problems import Problem
 from service.platform.http.web import Pages
 from tests.support.people import Api
 
@@ -65,16 +63,6 @@ def test_a_bug_shows_nothing_of_itself(api: Api, caplog) -> None:
     assert "the secret inside" in caplog.text
 
 
-def test_an_absent_database_is_said(api: Api) -> None:
-    @api.app.get("/v1/gone")
-    def gone() -> None:
-        raise OperationalError("SELECT 1", {}, Exception("closed"))
-
-    answer = api.client.get("/v1/gone")
-    check_document(answer, 503, "database_unavailable")
-    assert answer.headers["retry-after"]
-
-
 def test_large_bodies_are_refused(api: Api) -> None:
     owner = api.owner()
     answer = owner.request(
@@ -87,10 +75,6 @@ def test_thousands_of_wrong_fields_are_answered_shortly(api: Api) -> None:
     answer = api.owner().post("/fleets", {f"field {number}": 0 for number in range(4000)})
     document = check_document(answer, 422, "invalid_request")
     assert len(document["errors"]) == 50 and "4000 more" in document["detail"]
-
-
-def test_a_problem_carries_more_fields() -> None:
-    assert Problem(409, "parts_missing", "gone", "send", missing=[2]).document()["missing"] == [2]
 
 
 def test_answers_carry_safe_headers(api: Api) -> None:
@@ -117,10 +101,6 @@ def test_pages_are_served_and_nothing_beside_them(api: Api, tmp_path) -> None:
     for path in ("/%2e%2e/secret", "/assets/%2e%2e/%2e%2e/secret", "/%00", "/../secret"):
         assert api.client.get(path).text != "no"
     assert api.client.get("/v1/none").json()["code"] == "no_such_route"
-
-
-def test_the_metrics_are_closed_to_the_world_and_that_is_said(api: Api) -> None:
-    check_document(api.client.get("/metrics"), 403, "metrics_closed")
 
 
 def test_a_schema_of_another_version_is_said(api: Api) -> None:
@@ -159,29 +139,6 @@ def test_an_address_that_no_file_can_have_is_a_page(api: Api, path: str) -> None
     assert (answer.status_code, answer.headers["content-type"]) == (200, "text/html; charset=utf-8"), answer.text
     check_document(api.client.get(f"/assets/{path}"), 404, "no_such_route")
     check_document(api.client.get(f"/v1/{path}"), 404, "no_such_route")
-
-
-@pytest.mark.parametrize(
-    ("path", "parameter", "nearest"),
-    [
-        ("/vehicles/{id}/calibration", "serials", "serial"),
-        ("/calibration", "sensors", "sensor"),
-        ("/recordings", "fleet", "fleet_id"),
-        ("/fleets", "limits", "limit"),
-        ("/me", "name", None),
-        ("/fleets/{id}/events", "kind", None),
-        ("/recordings/{id}/original", "part", None),
-        ("/correspondence-sets/{id}", "format", None),
-    ],
-)
-def test_a_parameter_that_nobody_reads_is_refused(api: Api, path: str, parameter: str, nearest: str | None) -> None:
-    answer = api.owner().get(path.format(id="0" * 32), params={parameter: "front=1"})
-    found = answer.json()
-    assert (answer.status_code, found["code"]) == (422, "invalid_request")
-    (error,) = found["errors"]
-    assert error["field"] == f"query {parameter}"
-    assert (f"`{nearest}`" in error["message"]) if nearest else ("is not known here" in error["message"])
-    assert nearest is None or nearest in found["known"]
 
 
 def test_every_parameter_of_the_description_is_read(api: Api) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from sqlalchemy import func, select
@@ -11,15 +12,9 @@ from service.platform.db.models import Job
 from service.platform.jobs.claims import claim, finish, give_back, stumble
 from service.platform.jobs.sweep import sweep
 from service.platform.settings import get_settings
-from tests.support.folders import folder_store
 from tests.support.leases import let_lease_expire
 
 from .support import Postbox, job, let_backoff_end, make_due, make_fleet, make_jobs
-
-
-@pytest.fixture
-def store(tmp_path):
-    return folder_store(tmp_path / "blobs")
 
 
 @pytest.fixture
@@ -114,21 +109,16 @@ def test_uploads_completed_at_the_same_moment_do_not_pass_the_cap_together(datab
         barrier.wait()
         make_jobs(database, fleet_id, 1, kind="ingest")
 
-    threads = [threading.Thread(target=complete) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(8) as pool:
+        for done in [pool.submit(complete) for _ in range(8)]:
+            done.result()
     assert len(postbox.ids) == 2
     # Every finish lets out one more, also where two end at once, until all are done.
     for _ in range(4):
         held = claimed(database, postbox.ids[-2:])
         assert len(held) == 2
-        enders = [threading.Thread(target=finish, args=(database, one)) for one in held]
-        for thread in enders:
-            thread.start()
-        for thread in enders:
-            thread.join()
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(lambda one: finish(database, one), held))
     assert len(postbox.ids) == 8 and running(database) == 0
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from service.platform.db.models import CalibrationRun, Job
-from service.platform.jobs.claims import claim, finishing
+from service.platform.db.models import Job
+from service.platform.jobs.claims import claim
 from service.platform.jobs.queue import abandon, cancel, enqueue
 from service.platform.settings import get_settings
 
@@ -48,20 +48,6 @@ def test_a_second_fleet_is_sent_at_once_beside_a_full_window(database):
     sent = len(postbox.sent)
     (small,) = make_jobs(database, make_fleet(database, "small"), 1)
     assert postbox.ids[sent:] == [small]
-
-
-def test_finishing_a_job_releases_the_next_one(database):
-    _, (run_id,) = make_calibration(database, slots=20)
-    with database.reading() as session:
-        fleet_id = session.get_one(CalibrationRun, run_id).fleet_id
-    window = get_settings().workers
-    ids = make_jobs(database, fleet_id, window + 2, run_id)
-    postbox = Postbox(database)
-    held = claim(database, ids[0], "w")
-    assert held
-    with finishing(database, held):
-        pass
-    assert postbox.ids == [ids[window]]
 
 
 def test_cancel_flags_and_a_flagged_job_is_not_claimed(database):
