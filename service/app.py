@@ -12,6 +12,7 @@ from anyio.to_thread import current_default_thread_limiter
 from fastapi import APIRouter, FastAPI
 from fastapi.concurrency import run_in_threadpool
 
+from service import description
 from service.analyses import routes as analyses
 from service.annotations import mark_routes
 from service.annotations import routes as annotations
@@ -204,6 +205,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.router.routes[:0] = [route for router in ROUTERS for route in router.routes]
     app.router.middleware_stack = Gate(app.router.middleware_stack)
     web.install(app)
+    description.install(app)
     return app
 
 

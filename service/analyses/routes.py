@@ -93,7 +93,7 @@ def delete(analysis_id: UUID, access: WriteAccess) -> Response:
     return Response(status_code=204)
 
 
-@router.get("/analyses/{analysis_id}/marks")
+@router.get("/analyses/{analysis_id}/marks", operation_id="analyses.list_marks")
 def get_marks(request: Request, analysis_id: UUID, access: ReadAccess) -> MarksList:
     """The machine's marks. [reviewer] What one answers on their vertices afterwards counts as reviewed."""
     return list_marks(access, request.app.state.database, analysis_id)

@@ -112,7 +112,7 @@ def list_vertices(
     return compressed(request, Page(items=items, next=following))
 
 
-@router.get("/detections/{detection_id}/vertices/details")
+@router.get("/detections/{detection_id}/vertices/details", operation_id="vertices.list_details")
 def list_vertex_details(
     detection_id: UUID,
     access: ReadAccess,

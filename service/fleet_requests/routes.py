@@ -71,7 +71,7 @@ def read_fleet_request(fleet_request_id: UUID, access: ReadAccess, conditions: C
     return view
 
 
-@router.get("/fleet-requests/{fleet_request_id}/vehicles")
+@router.get("/fleet-requests/{fleet_request_id}/vehicles", operation_id="fleet_requests.list_vehicles")
 def list_request_vehicles(
     fleet_request_id: UUID,
     access: ReadAccess,

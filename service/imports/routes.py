@@ -49,7 +49,7 @@ def draft_rig(body: UrdfDraftRequest, identity: CurrentIdentity) -> RigDraft:
     return draft(body, urdf_tree(body.urdf.encode()))
 
 
-@router.post("/recordings/{recording_id}/rig-drafts")
+@router.post("/recordings/{recording_id}/rig-drafts", operation_id="recordings.create_rig_draft")
 def draft_rig_of_recording(recording_id: UUID, body: DraftRequest, access: ReadAccess) -> RigDraft:
     """A rig from the transforms that a recording states once and for all (`/tf_static`)."""
     from service.imports.drafting import draft, recorded_tree

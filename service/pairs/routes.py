@@ -70,7 +70,12 @@ _IMPORTED = {
 }
 
 
-@router.post("/detections/{detection_id}/correspondence-sets", status_code=201, response_model=SetView)
+@router.post(
+    "/detections/{detection_id}/correspondence-sets",
+    operation_id="detections.create_correspondence_set",
+    status_code=201,
+    response_model=SetView,
+)
 def build_set(detection_id: UUID, body: BuildRequest, access: WriteAccess) -> JSONResponse:
     """Make pairs of what people marked; the same content is found again, with 200, and is the newest. [engineer]"""
     detection = access.find(Detection, detection_id, "engineer")

@@ -56,7 +56,7 @@ async def get_original(request: Request, complete: Complete) -> StreamingRespons
     )
 
 
-@router.get("/recordings/{id}/original/parts")
+@router.get("/recordings/{id}/original/parts", operation_id="recordings.list_original_parts")
 def get_original_parts(request: Request, complete: Complete) -> Original:
     """The uploaded file's parts in order, each with the address where it is read straight from the store."""
     row, parts = complete

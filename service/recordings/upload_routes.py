@@ -12,10 +12,11 @@ from fastapi.responses import JSONResponse
 from apexcal.documents.recordings import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
 from apexcal.documents.states import RecordingState
 from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.platform.db.base import Json
 from service.platform.db.recordings import Recording, UploadPart
 from service.platform.db.session import Database
 from service.platform.http.problems import Problem
-from service.platform.http.router import Router
+from service.platform.http.router import Router, header
 from service.platform.job_status.views import job_views
 from service.platform.settings import Settings
 from service.platform.storage.errors import StoreFullError
@@ -42,9 +43,13 @@ router = Router(tags=["recordings"])
 
 # Settings say less; this only keeps the application's limit on JSON bodies away from parts.
 _NO_PART_IS_LARGER = 5 * 1024**3
+_SENT: Json = {
+    "parameters": [header("Content-Digest", "sha-256=:<base64 of the 32 bytes>: (RFC 9530).", required=True)],
+    "requestBody": {"required": True, "content": {"application/octet-stream": {"schema": {}}}},
+}
 
 
-@router.put("/recordings/{id}/parts/{number}", max_body_size=_NO_PART_IS_LARGER)
+@router.put("/recordings/{id}/parts/{number}", max_body_size=_NO_PART_IS_LARGER, openapi_extra=_SENT)
 async def put_part(
     id: UUID, number: Annotated[int, Path(ge=1, le=MAX_PARTS)], request: Request, identity: CurrentIdentity
 ) -> PartView:

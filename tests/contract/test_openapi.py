@@ -14,7 +14,7 @@ from sqlalchemy import select
 from service.platform.db.models import Sensor, VertexFrame
 from tests.faults.jobs import pairs
 from tests.service.fleet_requests.conftest import QUICK
-from tests.service.platform.auth.test_every_route import address, fill
+from tests.service.platform.auth.test_every_route import OPEN, address, fill
 from tests.support.databases import one_database
 from tests.support.people import Actor, Api
 from tests.support.uploads import new_vehicle
@@ -87,6 +87,42 @@ def test_every_answer_says_what_it_holds(api: Api) -> None:
                         for one in untyped(body, described["components"]["schemas"], f"{method} {path}", set())
                     }
     assert found - UNTYPED == set()
+
+
+@one_database
+def test_a_program_learns_credentials_names_headers_and_refusals(api: Api) -> None:
+    described = api.app.openapi()
+    operations = {
+        (method, path): operation
+        for path, methods in described["paths"].items()
+        for method, operation in methods.items()
+    }
+    names = [operation["operationId"] for operation in operations.values()]
+    assert len(set(names)) == len(names) and {"vehicles.list", "recordings.complete", "fleets.update"} <= {*names}
+    assert {one for one, operation in operations.items() if operation.get("security") == []} == OPEN
+    assert described["security"] == [{name: []} for name in described["components"]["securitySchemes"]]
+    assert not {"HTTPValidationError", "ValidationError"} & described["components"]["schemas"].keys()
+    refused = api.client.get("/v1/me")
+    refusal = operations["get", "/v1/me"]["responses"]["default"]["content"]
+    schema = refusal[refused.headers["content-type"]]["schema"]["$ref"].rpartition("/")[2]
+    assert {*described["components"]["schemas"][schema]["required"]} == refused.json().keys()
+    for operation in operations.values():
+        assert "422" not in operation["responses"] and operation["responses"]["default"]["content"] == refusal
+
+
+@one_database
+@pytest.mark.parametrize(
+    ("method", "path", "header"),
+    [
+        ("post", "/v1/fleets", "Idempotency-Key"),
+        ("patch", "/v1/fleets/{id}", "If-Match"),
+        ("get", "/v1/fleets/{id}", "If-None-Match"),
+        ("put", "/v1/recordings/{id}/parts/{number}", "Content-Digest"),
+    ],
+)
+def test_headers_that_a_route_reads_are_described(api: Api, method: str, path: str, header: str) -> None:
+    parameters = api.app.openapi()["paths"][path][method]["parameters"]
+    assert [one["name"] for one in parameters if one["in"] == "header"] == [header]
 
 
 class Asked(NamedTuple):

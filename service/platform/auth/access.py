@@ -295,17 +295,19 @@ def _accessing(
 
 
 # Each dependency of a dependency is solved by itself, at a cost, so these call what they need.
-async def _read_access(request: Request) -> Transaction:
+async def read_access(request: Request) -> Transaction:
+    """What opens an :class:`Access` that only reads."""
     identity, database = await identified(request), request.app.state.database
     return Transaction(partial(_accessing, database.reading, identity), writes=False, caller=identity.person.id)
 
 
-async def _write_access(request: Request) -> Transaction:
+async def write_access(request: Request) -> Transaction:
+    """What opens an :class:`Access` that writes, under the request's Idempotency-Key."""
     identity, database, key = await identified(request), request.app.state.database, await request_key(request)
     if key:
         key = of_caller(key, secret_hash(identity.credential), identity.only_fleet, identity.only_role)
     return Transaction(partial(_accessing, database.writing, identity, key), writes=True, caller=identity.person.id)
 
 
-ReadAccess = Annotated[Access, Depends(_read_access)]
-WriteAccess = Annotated[Access, Depends(_write_access)]
+ReadAccess = Annotated[Access, Depends(read_access)]
+WriteAccess = Annotated[Access, Depends(write_access)]

@@ -93,9 +93,10 @@ def install(app: FastAPI) -> None:
         return Response(status_code=304, headers={"ETag": found.etag, "Cache-Control": "private, no-cache"})
 
 
-async def _conditions(request: Request, response: Response) -> Conditions:
+async def conditions(request: Request, response: Response) -> Conditions:
+    """The conditions of a request."""
     # A coroutine is called in place; anything else would cost a trip through the thread pool.
     return Conditions(request, response)
 
 
-Conditional = Annotated[Conditions, Depends(_conditions)]
+Conditional = Annotated[Conditions, Depends(conditions)]

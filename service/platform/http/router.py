@@ -25,6 +25,7 @@ from service.platform.http.problems import check_query
 from service.platform.http.threads import Lane, Threads
 
 _READS = frozenset(("GET", "HEAD"))
+_VERBS = {"GET": "get", "POST": "create", "PATCH": "update", "PUT": "put", "DELETE": "delete"}
 
 
 @dataclass(frozen=True)
@@ -123,4 +124,34 @@ class Router(APIRouter):
     """A resource's router. Its routes know their whole address, so that the application takes them as they are."""
 
     def __init__(self, *, tags: list[str], route_class: type[Route] = Route) -> None:
-        super().__init__(prefix="/v1", tags=[*tags], route_class=route_class, max_body_size=DEFAULT)
+        super().__init__(
+            prefix="/v1",
+            tags=[*tags],
+            route_class=route_class,
+            max_body_size=DEFAULT,
+            generate_unique_id_function=operation_id,
+        )
+
+
+def operation_id(route: APIRoute) -> str:
+    """The name of an operation in the description, by method and address: `vehicles.list`, `recordings.complete`.
+
+    A route whose name would be another's states its own.
+    """
+    method = min(route.methods or {"GET"})
+    parts = [part.replace("-", "_") for part in route.path_format.removeprefix("/v1").split("/")[1:]]
+    *parents, last = [part for part in parts if not part.startswith("{")]
+    verb = _VERBS[method]
+    if parts[-1].startswith("{"):
+        return f"{last}.{verb}"
+    if last.endswith("s") and not last.endswith("ss") and method in ("GET", "POST"):
+        return f"{last}.{'list' if method == 'GET' else verb}"
+    if method == "POST":
+        return ".".join([*parents[-1:], last])
+    return f"{parents[-1]}.{verb}_{last}" if parents else f"{last}.{verb}"
+
+
+def header(name: str, description: str, *, required: bool = False) -> dict[str, Any]:
+    """A header as the description of an operation has it."""
+    schema = {"type": "string", "title": name}
+    return {"name": name, "in": "header", "required": required, "schema": schema, "description": description}

@@ -21,7 +21,7 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 
 from service.app import ROUTERS
-from service.platform.auth.access import _read_access, _write_access
+from service.platform.auth.access import read_access, write_access
 from service.platform.db.fleets import Fleet, Vehicle
 from service.platform.http.router import Route
 from service.platform.http.threads import CONNECTIONS, LOCK_S, WAIT_S
@@ -34,7 +34,7 @@ from tests.support.uploads import digest, new_recording
 
 # More than a process has threads and connections for them, whatever for.
 AT_ONCE = 60
-ACCESS = {_read_access, _write_access}
+ACCESS = {read_access, write_access}
 
 
 def dependencies(of: Dependant) -> Iterator[Dependant]:
