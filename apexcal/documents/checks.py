@@ -59,6 +59,10 @@ class CheckTopic:
         )
 
 
+# Made by the workers, and looked up by the policy.
+MARKS_CONFIRMED: Final = CheckTopic("marks_confirmed", "Marks seen by people")
+
+
 def figure(value: float, digits: int = 2) -> str:
     """Return a number for a sentence, with so many significant digits and no exponent: 0.0012, 54, 110."""
     return format(Decimal(f"{value:.{digits}g}"), "f")

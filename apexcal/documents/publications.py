@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 from typing import Annotated
 from uuid import UUID
@@ -9,7 +10,7 @@ from uuid import UUID
 from pydantic import AfterValidator, Field, StringConstraints
 
 from apexcal.documents.base import Received, Sent, legible_text
-from apexcal.documents.checks import CheckVerdict
+from apexcal.documents.checks import MARKS_CONFIRMED, Check, verdict_of
 
 _Most = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 _Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
@@ -22,7 +23,8 @@ class PublicationPolicy(Received):
     standard deviation of a turn and of a component of the translation; ``halves_ratio`` of the difference of halves
     of the pairs over what is stated. Lower limit: ``coverage``, the share of the image's 8 x 6 equal cells that hold
     a pair. ``publish_looks``: whether a result with a check of ``look`` is published by itself too, where that was
-    asked for; otherwise only one that passes all checks.
+    asked for; otherwise only one that passes all checks. ``publish_unattended``: whether nobody needs to have looked
+    at the machine's marks, and no earlier result to confirm them; ``publish_looks`` alone does not publish these.
     """
 
     heldout_mean_px: _Most | None = None
@@ -31,9 +33,13 @@ class PublicationPolicy(Received):
     halves_ratio: _Most | None = None
     coverage: _Share | None = None
     publish_looks: bool | None = None
+    publish_unattended: bool | None = None
 
-    def publishes(self, verdict: CheckVerdict) -> bool:
-        """Whether a recommended result with this verdict is published by itself."""
+    def publishes(self, checks: Sequence[Check]) -> bool:
+        """Whether a recommended result with these checks is published by itself."""
+        verdict = verdict_of(checks, "mount_with_lens")
+        if any(check.name == MARKS_CONFIRMED.name and check.verdict != "pass" for check in checks):
+            return False
         return verdict == "pass" or (verdict == "look" and bool(self.publish_looks))
 
 

@@ -21,7 +21,7 @@ from service.platform.db.calibrations import (
 )
 from service.platform.db.fleets import Fleet, Rig, RigCamera
 from service.publications.mounted_sensors import CalibratedSensor, swapped_sensors
-from service.publications.policy_checks import policy_check
+from service.publications.policy_checks import policy_check, unattended_check
 from service.publications.queries import withdrawals
 
 _CURRENT: Final = CheckTopic("current", "The vehicle's current calibration")
@@ -64,8 +64,8 @@ def moment_checks(session: Session, result: Result) -> JudgedResult:
         _withdrawn(session, result),
         _sensors(session, result.camera, own),
     ]
-    limits = policy_check(session, result, policy)
-    return JudgedResult([*checks, limits] if limits else checks, policy)
+    by_policy = (unattended_check(result, policy), policy_check(session, result, policy))
+    return JudgedResult([*checks, *(check for check in by_policy if check)], policy)
 
 
 def _origin(result_id: UUID) -> Select[*tuple[Any, ...]]:

@@ -8,7 +8,6 @@ from uuid import UUID
 from sqlalchemy import update
 from sqlalchemy.orm import Session
 
-from apexcal.documents.checks import verdict_of
 from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import CameraSummary
 from service.calibration_runs.conclusion import end_calibration
@@ -56,6 +55,6 @@ def _publish(session: Session, calibration: Calibration, summary: CameraSummary)
         return
     result = session.get_one(Result, chosen.result_id, populate_existing=True)
     summary.checks, policy = judged_now(session, result)
-    if is_asked and policy.publishes(verdict_of(summary.checks, "mount_with_lens")):
+    if is_asked and policy.publishes(summary.checks):
         publish_by_itself(session, calibration, result, [one.sentence for one in failing(summary.checks)])
         summary.published = True

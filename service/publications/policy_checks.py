@@ -8,7 +8,7 @@ from typing import NamedTuple
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import EXTRINSICS
-from apexcal.documents.checks import Check, CheckTopic, figure
+from apexcal.documents.checks import MARKS_CONFIRMED, Check, CheckTopic, figure
 from apexcal.documents.publications import PublicationPolicy
 from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
 
@@ -39,7 +39,7 @@ _LIMITS = {
 
 def policy_check(session: Session, result: Result, policy: PublicationPolicy) -> Check | None:
     """Return the check of a fit to all pairs against the limits of its rig and fleet; None if they state none."""
-    limits = policy.model_dump(exclude_none=True, exclude={"publish_looks"})
+    limits = policy.model_dump(exclude_none=True, exclude={"publish_looks", "publish_unattended"})
     if not limits:
         return None
     measured = _measures(session, result, with_coverage="coverage" in limits)
@@ -52,6 +52,14 @@ def policy_check(session: Session, result: Result, policy: PublicationPolicy) ->
         "Add pairs until it keeps the limit, or have an admin change the limit.",
         **{name: measured[name] for name in limits},
     )
+
+
+def unattended_check(result: Result, policy: PublicationPolicy) -> Check | None:
+    """Return the check of the machine's marks that passes by the policy; None if it passes without, or does not."""
+    stored = next((check for check in result.stored_checks if check.name == MARKS_CONFIRMED.name), None)
+    if stored is None or stored.verdict == "pass" or not policy.publish_unattended:
+        return None
+    return MARKS_CONFIRMED.passes(f"{stored.sentence} The publication policy allows that.", **stored.figures)
 
 
 def _misses(name: str, limit: float, measured: Mapping[str, float | None]) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from apexcal.documents.checks import Check, CheckTopic, CheckVerdict
+from apexcal.documents.checks import MARKS_CONFIRMED, Check, CheckTopic, CheckVerdict
 from apexcal.documents.comparisons import ResultDifference
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import CameraSummary, RigSummary
@@ -46,20 +46,51 @@ def checks_of_calibration(
     pairs: HeldOutPairs | None = None,
     rig: RigSummary | None = None,
     current: CurrentResult | None = None,
+    machine: Sequence[bool] = (),
+    confirming: CurrentResult | None = None,
 ) -> list[Check]:
     """Return what a calibration's end adds to the checks of a result, a fit to all pairs of a camera.
 
     ended_well: whether all runs are done; pairs: the held-out ones; rig: the comparison of the cameras; current: None
-    where the vehicle has none, or it was withdrawn.
+    where the vehicle has none, or it was withdrawn. machine: of each pair, whether it stands on the machine's mark
+    alone; confirming: the newest result that was given to the camera, passes, and stands on people's marks.
     """
     own = summary.models[result.model]
     return [
+        confirmed(result, machine, confirming),
         held_out(result, own, pairs),
         models(result.model, summary),
         runs(ended_well),
         of_rig(camera, rig if result.model == summary.recommended else None),
         beside_current(result, own.heldout_mean_px, current),
     ]
+
+
+def confirmed(result: FitResult, machine: Sequence[bool], earlier: CurrentResult | None) -> Check:
+    """Whether people looked at the marks, or an earlier result from people's marks agrees with this one."""
+    count = sum(machine)
+    if not count:
+        return MARKS_CONFIRMED.passes("No pair stands on the machine alone.", machine=0.0)
+    nobody = f"Nobody looked at {count} of {len(machine)} marks, which are the machine's"
+    apart = earlier.compared if earlier and _is_alike(result, earlier.result) else None
+    if apart is None:
+        verdict: CheckVerdict = "look"
+        sentence = f"{nobody}, and no earlier result of this camera and lens from people's marks confirms them."
+    else:
+        verdict = "look" if apart.differs else "pass"
+        differs = "differs from" if apart.differs else "agrees with"
+        sentence = (
+            f"{nobody}. The mount {differs} the earlier result from people's marks: {apart.rotation_deg:.2f} degrees "
+            f"and {apart.translation_mm:.0f} mm, {apart.sigmas:.1f} times what both state."
+        )
+    return MARKS_CONFIRMED.fails(
+        verdict,
+        sentence,
+        "Mark some of these vertices by hand and make the pairs again: people's marks tell how far the machine's are "
+        "off on this recording.",
+        machine=float(count),
+        sigmas=apart and apart.sigmas,
+    )
 
 
 def models(name: str, summary: CameraSummary) -> Check:
@@ -113,8 +144,7 @@ def beside_current(result: FitResult, heldout_px: float | None, current: Current
     if current.verdict not in ("pass", "look"):
         return _CURRENT.passes("The vehicle's current result fails its own checks and is no standard.")
     doubts: list[str] = []
-    is_alike = (current.result.model, current.result.lens) == (result.model, result.lens)
-    apart = current.compared if is_alike and current.verdict == "pass" else None
+    apart = current.compared if _is_alike(result, current.result) and current.verdict == "pass" else None
     figures: dict[str, float | None] = {}
     if apart:
         figures = {name: getattr(apart, name) for name in ("rotation_deg", "translation_mm", "sigmas")}
@@ -137,6 +167,11 @@ def beside_current(result: FitResult, heldout_px: float | None, current: Current
         "Compare both results, and publish this one by hand if it is the better one.",
         **figures,
     )
+
+
+def _is_alike(result: FitResult, other: FitResult) -> bool:
+    """Whether their lenses are of one model and one origin, so that their mounts can be compared."""
+    return (result.model, result.lens) == (other.model, other.lens)
 
 
 def _over_limit(checks: Sequence[Check]) -> float | None:

@@ -10,7 +10,7 @@ from apexcal.documents.checks import Check
 from apexcal.documents.results import FitResult
 from workers.judge.agreement_checks import fit, halves, optima, shared_errors
 from workers.judge.lens_checks import bounds, lens_model, priors, stated_lens
-from workers.judge.pair_checks import confirmed, coverage, noise, number_of_pairs, outside, wrong_pairs
+from workers.judge.pair_checks import coverage, noise, number_of_pairs, outside, wrong_pairs
 from workers.judge.precision_checks import mount_alone, precision
 from workers.judge.time_checks import clock, rolling_shutter
 from workers.solver.estimate import Estimate, estimate
@@ -30,7 +30,6 @@ def checks_of_fit(
         fit(result),
         optima(result),
         wrong_pairs(found, result),
-        confirmed(pairs or {}),
         outside(belonging.holding),
         number_of_pairs(belonging),
         coverage(belonging.holding, result),

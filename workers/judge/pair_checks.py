@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.checks import Check, CheckTopic, CheckVerdict, figure
-from apexcal.documents.pairs import MACHINE
 from apexcal.documents.results import FitResult
 from apexcal.geometry.rotations import vector_from_rotation
 from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD
@@ -21,7 +20,6 @@ from workers.solver.residuals import transform_of
 
 Floats = NDArray[np.float64]
 _WRONG: Final = CheckTopic("wrong_pairs", "Wrong marks")
-_CONFIRMED: Final = CheckTopic("marks_confirmed", "Marks seen by people")
 _OUTSIDE: Final = CheckTopic("marks_outside", "Marks outside of the image")
 _PAIRS: Final = CheckTopic("pairs", "Number of pairs and places")
 _COVERAGE: Final = CheckTopic("coverage", "Coverage of the image")
@@ -81,21 +79,6 @@ def _moved(estimate: Estimate) -> str:
     turn = float(np.degrees(np.linalg.norm(vector_from_rotation(to.R @ begin.R.T))))
     shift_mm = 1e3 * float(np.linalg.norm(to.t - begin.t))
     return f" and move the mount by {figure(turn)} degrees and {figure(shift_mm)} mm, which the deviations include"
-
-
-def confirmed(pairs: Mapping[str, Sequence[Any]]) -> Check:
-    """Whether people looked at the marks. `pairs`: columns of the set, if at hand."""
-    machine = pairs.get(MACHINE, ())
-    count = sum(machine)
-    return _CONFIRMED.fails(
-        "look" if count else "pass",
-        f"{count} of {len(machine)} marks are the machine's, and nobody looked at them."
-        if count
-        else "No pair stands on the machine alone.",
-        "Mark some of these vertices by hand and make the pairs again: people's marks tell how far the machine's are "
-        "off on this recording.",
-        machine=float(count),
-    )
 
 
 def outside(problem: FitProblem) -> Check:

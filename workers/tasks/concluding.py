@@ -6,16 +6,18 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import Final, NamedTuple
 from uuid import UUID
 
 import numpy as np
 from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.checks import Check, CheckScope, CheckVerdict, verdict_of
+from apexcal.documents.checks import MARKS_CONFIRMED, Check, CheckScope, CheckVerdict, verdict_of
 from apexcal.documents.errors import GeometryError
 from apexcal.documents.jobs import ProblemView
+from apexcal.documents.pairs import MACHINE
+from apexcal.documents.publications import CURRENT
 from apexcal.documents.results import FitResult
 from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import CameraSummary, ModelSummary, RigSummary, Summary
@@ -31,6 +33,7 @@ from service.platform.db.calibrations import (
     Result,
     Slot,
     current_publication,
+    moves_of,
 )
 from service.platform.db.fleets import Rig
 from service.platform.handovers import Conclusion
@@ -58,6 +61,11 @@ _SEARCHES = (
     .group_by(Slot.run_id, Slot.worker)
     .order_by(Slot.worker)
 )
+
+
+# Moves of an alias that are looked through for a result from people's marks: a year of monthly calibrations, twice.
+_MOST_MOVES: Final = 24
+_CONFIRMED: Final = MARKS_CONFIRMED.name
 
 
 class _Current(NamedTuple):
@@ -98,6 +106,7 @@ def conclude(context: Context, claim: Claim, lease: Lease) -> Callable[[Session]
         runs = session.execute(of_runs.where(CalibrationRun.calibration_id == calibration.id)).all()
         sets = {run.id: run.set_id for run in runs}
         current = {camera: _current(session, calibration.vehicle_id, camera) for camera in cameras}
+        confirming = {camera: _confirming(session, calibration.vehicle_id, camera) for camera in cameras}
         elsewhere = other_data(
             session, [judgement for every in cameras.values() for judgement in every if judgement.fold == FULL]
         )
@@ -107,6 +116,7 @@ def conclude(context: Context, claim: Claim, lease: Lease) -> Callable[[Session]
         _judge(
             *(result, fits[camera], summaries[camera], rig, current[camera], elsewhere[result.id]),
             context.pairs_of(sets[result.run_id]),
+            confirming[camera],
             ended_well=ended_well,
         )
         for camera, of_camera in cameras.items()
@@ -133,13 +143,16 @@ def _judge(
     current: _Current | None,
     elsewhere: Sequence[Json],
     pairs: Json,
+    confirming: _Current | None,
     *,
     ended_well: bool,
 ) -> _Judged:
     """Judge a fit beside the other fits of its calibration, and beside what the vehicle has."""
     folds = [fit.result for fit in fits if fit.result.model == result.model and fit.heldout_fold is not None]
     points = np.column_stack([pairs[name] for name in "xyz"]).astype(np.float64)
+    model = summary.models[result.model]
     other = None if current is None or current.result.id == result.id else current
+    machine = pairs.get(MACHINE, ())
     checks = checks_of_calibration(
         result.fit,
         camera=result.camera,
@@ -147,7 +160,9 @@ def _judge(
         ended_well=ended_well,
         pairs=held_out_pairs(result.fit, folds, points),
         rig=rig,
-        current=other and _beside(result.fit, summary.models[result.model], other),
+        current=other and _beside(result.fit, model, other),
+        machine=machine,
+        confirming=_beside(result.fit, model, confirming) if confirming and any(machine) else None,
     )
     return _Judged(result, [*checks, other_data_check(elsewhere)], current and current.result.id)
 
@@ -169,6 +184,25 @@ def _current(session: Session, vehicle_id: UUID, camera: str) -> _Current | None
         return None
     result = session.get_one(Result, publication.result_id)
     return _Current(result, result.summary)
+
+
+def _confirming(session: Session, vehicle_id: UUID, camera: str) -> _Current | None:
+    """The newest result that the camera was given, passes and stands on people's marks; none that was withdrawn."""
+    withdrawn: set[UUID | None] = set()
+    ends_next = False
+    for move in session.scalars(moves_of(vehicle_id, camera, CURRENT).limit(_MOST_MOVES)):
+        if ends_next:
+            withdrawn.add(move.led_to)
+        ends_next = move.led_to is None
+        result = session.get(Result, move.result_id) if move.result_id else None
+        if result is None or result.id in withdrawn or result.verdict != "pass":
+            continue
+        machine = next(
+            (check.figures.get("machine") for check in result.stored_checks if check.name == _CONFIRMED), None
+        )
+        if machine == 0.0:
+            return _Current(result, result.summary)
+    return None
 
 
 def _by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:

@@ -42,13 +42,13 @@ def fitted(over_limit=0.5, **members):
     return FitResult.model_validate(RESULT | members | {"checks": [precision(over_limit)]})
 
 
-def judged(change=None, *, recommended="pinhole", ended_well=True, rig=None, current=None, held=None):
+def judged(change=None, *, recommended="pinhole", ended_well=True, rig=None, current=None, held=None, **marks):
     model = model_summary(new_id(), RESULT, **{"heldout_mean_px": 1.3, "heldout_sigma_px": 1.05} | (change or {}))
     of_camera = summary({"pinhole": model}, recommended=recommended, why="It is likelier.")["cameras"]["front"]
     whole = rig and RigSummary.model_validate({"alarms": [], "left_out": [], "pairs": [], "problem": None} | rig)
     checks = checks_of_calibration(
         fitted(), camera="front", summary=CameraSummary.model_validate(of_camera), ended_well=ended_well,
-        pairs=held or pairs(), rig=whole, current=current,
+        pairs=held or pairs(), rig=whole, current=current, **marks,
     )  # fmt: skip
     return {check.name: check for check in checks}
 
@@ -138,3 +138,19 @@ def test_a_person_looks_before_a_better_current_result_is_replaced(of, said):
 )
 def test_mounts_are_compared_if_lens_and_model_are_alike_and_the_current_passes(change):
     assert failed(judged(current=current(differs=True, **change))) == {}
+
+
+def test_marks_of_the_machine_are_looked_at_unless_people_marked_an_earlier_result_that_agrees():
+    for machine in ((), [False] * 5):
+        check = judged(machine=machine)["marks_confirmed"]
+        assert (check.verdict, check.figures["machine"]) == ("pass", 0.0)
+    machine = [True, True, False]
+    alone = judged(machine=machine)
+    assert failed(alone) == {"marks_confirmed": "look"}
+    assert alone["marks_confirmed"].sentence.startswith("Nobody looked at 2 of 3 marks, which are the machine's")
+    agrees = judged(machine=machine, confirming=current())["marks_confirmed"]
+    assert agrees.verdict == "pass" and "Nobody looked" in agrees.sentence and "agrees" in agrees.sentence
+    differs = judged(machine=machine, confirming=current(differs=True, sigmas=7.0))["marks_confirmed"]
+    assert differs.verdict == "look" and "7.0 times what both state" in differs.sentence
+    for members in ({"model": "brown_conrady"}, {"lens": "stated"}):
+        assert judged(machine=machine, confirming=current(members=members))["marks_confirmed"].verdict == "look"

@@ -147,12 +147,6 @@ def test_marks_that_belong_and_lie_outside_of_the_image(count, verdict):
     assert (check.verdict, check.figures["outside"]) == (verdict, np.count_nonzero(u > width + 0.5))
 
 
-@pytest.mark.parametrize(("machine", "verdict"), [([], "pass"), ([False] * 222, "pass"), ([True] * 222, "look")])
-def test_marks_of_the_machine_that_nobody_looked_at_ask_for_a_look(machine, verdict):
-    check = checked(*rig("pinhole"), **({"machine": machine} if machine else {}))["marks_confirmed"]
-    assert (check.verdict, check.figures["machine"]) == (verdict, sum(machine))
-
-
 def moving(problem, seed=5):
     velocities = np.random.default_rng(seed).normal(0.0, 0.8, (len(problem.points), 3))
     return replace(problem, velocities=velocities)

@@ -2,12 +2,21 @@
 
 from uuid import UUID
 
+import numpy as np
 import pytest
 from sqlalchemy import select, update
 
 from apexcal.geometry.se3 import SE3, to_document
 from service.calibration_runs.actions import end_run
-from service.platform.db.models import Calibration, CalibrationRun, Fleet, Job, Publication, Result
+from service.platform.db.models import (
+    Calibration,
+    CalibrationRun,
+    CorrespondenceSet,
+    Fleet,
+    Job,
+    Publication,
+    Result,
+)
 from service.platform.jobs.claims import Lease, StaleInputError, claim, finish, finishing
 from service.platform.jobs.kinds import CannotRetryError, kind_of
 from tests.service.platform.jobs.support import make_calibration, statements
@@ -279,17 +288,88 @@ def test_a_calibration_published_meanwhile_has_the_result_judged_beside_it(conte
         assert {one.compared_with for one in results} == {another}
 
 
-def give(context, of_run, before_px):
+TURNS, SHIFTS = ("rotation_x", "rotation_y", "rotation_z"), ("t_x", "t_y", "t_z")
+DEVIATIONS = dict.fromkeys(TURNS, 0.05) | dict.fromkeys(SHIFTS, 0.005)  # degrees, metres
+STATED = {
+    "std": DEVIATIONS,
+    "covariance": {
+        "names": list(DEVIATIONS),
+        "units": [*["deg"] * 3, *["m"] * 3],
+        "matrix": [[(a == b) * DEVIATIONS[a] ** 2 for b in DEVIATIONS] for a in DEVIATIONS],
+    },
+}
+
+
+def give_marked(context, of_run, number, machine, off_m=0.0):
+    """An earlier result whose pairs had so many machine marks, given to the camera by its move of this number."""
+    mount = to_document(SE3("camera", "velodyne", t=np.array([off_m, 0.0, 0.0])))
+    with context.database.writing() as session:
+        given = session.get_one(Result, give(context, of_run, 1.2, number))
+        given.document = document(1.2) | STATED | {"transform": mount}
+        marks = {"name": "marks_confirmed", "figures": {"machine": machine}}
+        given.checks = [check("pass") | marks]
+
+
+@pytest.mark.parametrize(
+    ("policy", "earlier", "is_published"),
+    [
+        ({}, [], False),
+        ({"publish_looks": True}, [], False),
+        ({"publish_unattended": True}, [], True),
+        ({}, [(0.0, 0.0)], True),
+        ({}, [(0.0, 0.004)], True),
+        ({"publish_looks": True}, [(0.0, 0.1)], False),
+        ({}, [(60.0, 0.0)], False),
+        ({}, [(0.0, 0.0), (60.0, 0.0)], True),
+        ({}, [(0.0, 0.0), None], False),
+        ({}, [(0.0, 0.0), None, (60.0, 0.0)], False),
+    ],
+    ids=[
+        "nobody looked", "the policy for looks does not count", "the policy allows it", "people's result agrees",
+        "within what both state", "people's result differs", "the earlier one was unattended, too",
+        "the one before was people's", "people's was withdrawn", "people's was withdrawn before another",
+    ],
+)  # fmt: skip
+def test_a_result_of_the_machines_marks_alone_publishes_itself_only_where_something_vouches_for_it(
+    context, policy, earlier, is_published
+):
+    """`earlier`: moves of the alias, each with its machine marks and how far it is off; None withdraws."""
+    calibration_id, runs = two_models(context)
+    with context.database.writing() as session:
+        session.execute(update(Fleet).values(policy=policy))
+        pairs = session.query(CorrespondenceSet).one()
+        pairs.pairs = pairs.pairs | {"machine": [True] * 60}
+        owner = session.get_one(Calibration, calibration_id)
+        of_vehicle = {"fleet_id": owner.fleet_id, "vehicle_id": owner.vehicle_id, "camera": "front"}
+    for number, move in enumerate(earlier, start=1):
+        if move is not None:
+            give_marked(context, runs["pinhole"][0], number, *move)
+            continue
+        with context.database.writing() as session:
+            session.add(Publication(**of_vehicle, alias="current", number=number))
+    end_model(context, runs["pinhole"], 1.0, "pinhole", **STATED)
+    end_model(context, runs["brown_conrady"], 5.0, "brown_conrady", **STATED)
+    _, summary, _ = ended(context, calibration_id)
+    front = summary["cameras"]["front"]
+    (marks,) = (one for one in front["checks"] if one["name"] == "marks_confirmed")
+    assert marks["sentence"].startswith("Nobody looked at 60 of 60 marks")
+    assert (front["published"], marks["verdict"]) == (is_published, "pass" if is_published else "look")
+
+
+def give(context, of_run, before_px, number=1):
     """Another calibration's result, judged sound and published for the run's vehicle; its id."""
     with context.database.writing() as session:
         run = session.get_one(CalibrationRun, of_run)
         calibration = session.get_one(Calibration, run.calibration_id)
         of_vehicle = {"fleet_id": calibration.fleet_id, "vehicle_id": calibration.vehicle_id}
         had = summary({"pinhole": model_summary(of_run, heldout_mean_px=before_px)})
-        before = add(session, Calibration, rig_id=calibration.rig_id, content_hash="1", summary=had, **of_vehicle)
+        before = add(
+            session, Calibration, rig_id=calibration.rig_id, content_hash=f"{number}", summary=had, **of_vehicle
+        )
         of_before = add(session, CalibrationRun, before, set_id=run.set_id, state="done")
         given = add(session, Result, of_before, document=document(before_px), checks=[], verdict="pass")
-        add(session, Publication, result_id=given.id, **of_vehicle)
+        move = {"number": number, "result_id": given.id, "led_to": given.id}
+        add(session, Publication, **move, **of_vehicle)
         return given.id
 
 
