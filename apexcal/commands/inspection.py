@@ -1,28 +1,29 @@
-"""``apexcal inspect``: what a recording on this machine holds and lacks, told by the child that reads uploads."""
+"""``apexcal inspect``: what a recording on this machine holds and lacks, and the rig that it proposes."""
 
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from apexcal.cli import FAILED, USAGE
-from apexcal.commands.recordings import (
-    LidarModelOption,
-    RingsOption,
-    StillOption,
-    TopicOption,
-    candidates_of,
-    reading_of,
+from apexcal.commands.options import ForceOption
+from apexcal.commands.proposing import (
+    FrameOption,
+    JointOption,
+    LooksOption,
+    UrdfOption,
+    answers_of,
+    inspect_file,
+    refuse,
 )
+from apexcal.commands.recordings import LidarModelOption, RingsOption, StillOption, TopicOption, reading_of
 from apexcal.commands.session import Reply
-from apexcal.commands.terminal import complain
+from apexcal.commands.terminal import check_target, note, write_content
 from apexcal.documents.inspections import InspectedSensor, Inspection
+from apexcal.documents.rig_proposals import RigProposal
 
 
 def inspect(
@@ -31,26 +32,33 @@ def inspect(
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
+    urdf: UrdfOption = None,
+    frame: FrameOption = None,
+    looks: LooksOption = None,
+    joint: JointOption = None,
+    rig_out: Annotated[
+        Path | None, typer.Option("--rig-out", help="File to write the proposed rig into, for --rig.")
+    ] = None,
+    force: ForceOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
     """Say what a recording holds, which cameras can be calibrated with it, and what is missing. It needs no service.
 
-    Exit codes: 0 nothing is missing; 1 something is missing, as it says; 2 no camera can be calibrated, the recording
-    cannot be read, or wrong usage.
+    It also proposes the rig: sensors, topics and frames of the recording, mounts of /tf_static, /robot_description or
+    --urdf. Exit codes: 0 nothing is missing; 1 something is missing, as it says; 2 no camera can be calibrated, the
+    recording cannot be read, or wrong usage.
     """
-    options = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
-    topics = options.pop("topics", {})
-    request = {"inspect": True, "options": options, "lidar": topics.get("lidar"), "cameras": topics.get("cameras")}
-    command = (sys.executable, "-m", "workers.readers", str(path), os.devnull, "--request", json.dumps(request))
-    child = subprocess.run(command, stdout=subprocess.PIPE, text=True)
-    lines = [json.loads(line) for line in child.stdout.splitlines()]
-    if not lines or not {"inspection", "error"} & set(lines[-1]):
-        complain(f"the reader of {path} ended with the code {child.returncode}", "What it said stands above.")
-    if error := lines[-1].get("error"):
-        question = candidates_of(error["fields"]).replace("apexcal reread RECORDING", f"apexcal inspect {path}")
-        complain(f"{error['message'].rstrip('.')} ({error['code']})", error["hint"] + question, code=USAGE)
-    inspection = Inspection.model_validate(lines[-1]["inspection"])
+    if rig_out:
+        check_target(rig_out, force)
+    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
+    inspection = inspect_file(path, reading, answers_of(frame, looks, joint), urdf)
+    if not isinstance(inspection, Inspection):
+        refuse(inspection, f"apexcal inspect {path}")
     Reply(inspection, _text(inspection)).print(as_json=as_json)
+    if rig_out and inspection.proposal:
+        rig = inspection.proposal.rig.model_dump(mode="json", exclude_none=True)
+        write_content(rig_out, json.dumps(rig, indent=2, ensure_ascii=False) + "\n")
+        note(f"Wrote {rig_out}. Give it with --rig, or add it with `apexcal rig {rig_out}`.")
     raise typer.Exit(USAGE if not inspection.calibratable else FAILED if inspection.faults else 0)
 
 
@@ -63,8 +71,22 @@ def _text(inspection: Inspection) -> str:
         for fault in inspection.faults
         for line in (f"{fault.verdict} ({fault.code}): {fault.sentence}", f"  {fault.remedy}")
     ]
+    lines += _rig_lines(inspection.proposal) if inspection.proposal else []
     cameras = ", ".join(inspection.calibratable) or "no camera"
     return "\n".join([*lines, f"It can calibrate {cameras}."])
+
+
+def _rig_lines(proposal: RigProposal) -> list[str]:
+    frames = ", ".join(f"{camera.name} [{camera.frame}]" for camera in proposal.rig.cameras)
+    lines = [
+        f"Proposed rig: lidar [{proposal.rig.lidar.frame}], {frames}.",
+        *(f"  {each}" for each in proposal.notes),
+    ]
+    return lines + [
+        f"  {question.sentence} Assumed: {question.assumed}. Say it with "
+        f"{'--looks' if question.asks == 'looks' else '--frame'} {question.sensor}=..., or give --urdf."
+        for question in proposal.questions
+    ]
 
 
 def _sensor_line(sensor: InspectedSensor) -> str:
@@ -75,6 +97,6 @@ def _sensor_line(sensor: InspectedSensor) -> str:
     if sensor.kind == "camera":
         parts += [
             f"{sensor.image_kind or 'raw or rectified (not said)'}",
-            f"lens {'' if sensor.states_lens else 'not '}stated",
+            f"lens {'' if sensor.lens else 'not '}stated",
         ]
     return f"  {sensor.name:<12} {sensor.topic} [{sensor.frame_id}]: {', '.join(parts)}"

@@ -1,24 +1,22 @@
-"""``apexcal rig`` tells the service how a vehicle's sensors are mounted; ``draft-rig`` writes such a description."""
+"""``apexcal rig`` tells the service how a vehicle's sensors are mounted."""
 
 from __future__ import annotations
 
-import json
-import re
+from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 import typer
 
 from apexcal.client import Client
-from apexcal.commands.named import assignments, check_id, pick
-from apexcal.commands.options import ForceOption, TargetOption
+from apexcal.commands.named import pick
 from apexcal.commands.session import Reply, Session
-from apexcal.commands.stated_files import read_text
-from apexcal.commands.terminal import check_target, note, usage, write_content
-from apexcal.documents.fleets import FleetOut, VehicleOut
+from apexcal.commands.terminal import note
+from apexcal.documents.fleets import FleetOut, NewRig, RigOut, VehicleOut
 from apexcal.rigs import read_rig
+from apexcal.transport import Document
 
-_CAMERA = re.compile(r"([^=]+)=([^=]+)=(\d+)x(\d+)")
 New = TypeVar("New", FleetOut, VehicleOut)
 
 
@@ -43,7 +41,17 @@ def rig(
         kinds = {camera: {"kind": kind} if kind else None for camera, _, kind in words}
         corrected = client.vehicles.set_images(correct, kinds, version=client.vehicles.rig(correct).version)
         return Reply(corrected, f"The images of the rig {corrected.name!r} are corrected.")
-    document = read_rig(description)
+    added, where = add_rig(client, read_rig(description), fleet, vehicle)
+    return Reply(added, f"The rig {added.name!r} of {where} is {added.id}.")
+
+
+def add_rig(
+    client: Client, document: Document, fleet: str, vehicle: str, *, again: bool = False
+) -> tuple[RigOut, str]:
+    """Add a rig to a vehicle, which is made if there is none of this name. Return it, and whose it is.
+
+    ``again``: a rig of the vehicle that says the same is taken, and a name that is taken gets a number.
+    """
     in_fleet = _fleet(client, fleet)
     on_vehicle = _vehicle(client, in_fleet, vehicle) if in_fleet else None
     if in_fleet is None or on_vehicle is None:
@@ -51,70 +59,28 @@ def rig(
         client.vehicles.check_rig(document)
         in_fleet = in_fleet or _noted("fleet", client.fleets.create(fleet or "Fleet"))
         on_vehicle = _noted("vehicle", client.vehicles.create(in_fleet.id, vehicle))
-    added = client.vehicles.create_rig(on_vehicle.id, document)
     where = f"{on_vehicle.name} in the fleet {in_fleet.name}"
-    return Reply(added, f"The rig {added.name!r} of {where} is {added.id}.")
+    before = list(client.vehicles.rigs(on_vehicle.id)) if again else []
+    if before:
+        client.vehicles.check_rig(document)
+        described = _mounts(NewRig.model_validate(document))
+        same = next((existing for existing in before if _mounts(existing) == described), None)
+        if same is not None:
+            return same, where
+    names = {existing.name for existing in before}
+    free = next(name for name in _numbered(document["name"]) if name not in names)
+    return client.vehicles.create_rig(on_vehicle.id, document | {"name": free}), where
 
 
-def draft_rig(
-    session: Session,
-    lidar: Annotated[str, typer.Option(help="The LiDAR's link.", show_default=False)],
-    camera: Annotated[
-        list[str],
-        typer.Option(
-            help="NAME=LINK=WIDTHxHEIGHT of a camera; LINK is its optical frame. May be given several times.",
-            show_default=False,
-        ),
-    ],
-    urdf: Annotated[Path | None, typer.Option(help="The vehicle's URDF file.", exists=True)] = None,
-    recording: Annotated[str, typer.Option(help="Id of a recording, for its /tf_static.")] = "",
-    joint: Annotated[
-        list[str] | None,
-        typer.Option(help="NAME=JOINT: the joint (or its child link) that a camera's results are given for."),
-    ] = None,
-    vehicle_link: Annotated[str, typer.Option(help="The vehicle's link; otherwise the root above the LiDAR.")] = "",
-    name: Annotated[str, typer.Option(help="The rig's name.")] = "roof",
-    output: TargetOption = None,
-    force: ForceOption = False,
-) -> None:
-    """Write a rig's description for `apexcal rig`: mounts, frames, and the joints to solve for.
-
-    Without --output it goes to the terminal.
-    """
-    if (urdf is None) == (not recording):
-        usage("draft-rig needs either --urdf or --recording")
-    if output:
-        check_target(output, force)
-    joints = assignments(joint, "--joint", "NAME=JOINT")
-    request: dict[str, Any] = {
-        "name": name,
-        "lidar_link": lidar,
-        "vehicle_link": vehicle_link or None,
-        "cameras": [_camera(text, joints) for text in camera],
-    }
-    if joints:
-        usage(f"--joint names {next(iter(joints))!r}, which is no camera", "Name cameras as --camera does")
-    imports = session.client.imports
-    if urdf is not None:
-        draft = imports.draft_rig(read_text(urdf), **request)
-    else:
-        draft = imports.draft_rig_of_recording(check_id(recording, "recording"), **request)
-    for sentence in draft.notes:
-        note(sentence)
-    text = json.dumps(draft.rig.model_dump(mode="json", exclude_none=True), indent=2, ensure_ascii=False)
-    if output is None:
-        print(text)
-        return
-    write_content(output, text + "\n")
-    note(f"Wrote {output}. Add it with `apexcal rig {output}`.")
+def _mounts(rig: RigOut | NewRig) -> Document:
+    """What a recording is read with, and a search begins at."""
+    document = rig.model_dump(mode="json", include={"lidar", "cameras", "T_vehicle_lidar"})
+    return document | {"cameras": [camera | {"images": None} for camera in document["cameras"]]}
 
 
-def _camera(text: str, joints: dict[str, str]) -> dict[str, Any]:
-    match = _CAMERA.fullmatch(text)
-    if match is None:
-        usage(f"--camera {text} is not understood", "Write it as --camera front=camera_front_optical=1920x1200")
-    name, link, width, height = match.groups()
-    return {"name": name, "link": link, "image_size": [int(width), int(height)], "joint": joints.pop(name, None)}
+def _numbered(name: str) -> Iterator[str]:
+    yield name
+    yield from (f"{name} {number}" for number in count(2))
 
 
 def _fleet(client: Client, name: str) -> FleetOut | None:

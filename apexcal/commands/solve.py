@@ -1,60 +1,110 @@
-"""``apexcal solve``: from a recording to a calibration in one command, marked by the machine."""
+"""``apexcal solve``: from a recording to a calibration in one command."""
 
 from __future__ import annotations
 
+import time
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
+from urllib.parse import quote
 
 import typer
 
 from apexcal.cli import WITHHELD
-from apexcal.commands import calibrate, detect, recordings, rig
+from apexcal.commands import calibrate, detect, recordings
 from apexcal.commands.calibrated import line_of, verdict_line
 from apexcal.commands.export import FormatOption, export
 from apexcal.commands.marks import marks
 from apexcal.commands.named import find_camera
 from apexcal.commands.options import CameraOption, ForceOption, OutputOption
+from apexcal.commands.proposing import (
+    FrameOption,
+    JointOption,
+    LooksOption,
+    UrdfOption,
+    answers_of,
+    choose_camera,
+    propose,
+)
+from apexcal.commands.recordings import LidarModelOption, RingsOption, StillOption, TopicOption, reading_of
+from apexcal.commands.rig import add_rig
 from apexcal.commands.session import Reply, Session
-from apexcal.commands.terminal import check_target, complain, note, usage
+from apexcal.commands.stated_files import read_text
+from apexcal.commands.terminal import check_target, complain, note
 from apexcal.demo.service import serving
 from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.fleets import RigOut
+from apexcal.rigs import read_rig
+
+# The check `pairs` passes with so many pairs in six places: 2 x 33 pixels leave the 16 parameters of the largest lens
+# model and its mount 50 degrees of freedom (`workers/judge/pair_checks.py`).
+_SUFFICIENT = 33
+_POLL_S = 2.0
 
 
 def solve(
     session: Session,
     recording: Annotated[Path, typer.Argument(help="File or folder that `apexcal upload` takes.", exists=True)],
-    description: Annotated[Path, typer.Option("--rig", help="JSON file of the rig: docs/rigs.md.", exists=True)],
     output: OutputOption,
+    urdf: UrdfOption = None,
     board: Annotated[str, typer.Option(help="Size of the board in metres, as 0.61x0.91.")] = "",
+    description: Annotated[
+        Path | None,
+        typer.Option(
+            "--rig", help="JSON file of the rig (docs/rigs.md), instead of what the recording proposes.", exists=True
+        ),
+    ] = None,
     machine_marks: Annotated[
         bool, typer.Option("--machine-marks", help="The machine marks, and nobody looks at its marks.")
     ] = False,
     camera: CameraOption = "",
+    topic: TopicOption = None,
+    frame: FrameOption = None,
+    looks: LooksOption = None,
+    joint: JointOption = None,
+    still: StillOption = False,
+    lidar_model: LidarModelOption = None,
+    rings: RingsOption = 0,
     fleet: Annotated[str, typer.Option(help="Fleet, by name; a new name makes one.")] = "",
     format: FormatOption = "urdf",
     force: ForceOption = False,
 ) -> Reply:
     """Calibrate a camera from a recording: rig, upload, region, detection, marks, fit and file in one command.
 
-    It starts a service on --data where none runs. If a check says stop, it writes no file and exits with 4.
+    The rig comes from the recording and --urdf; what neither says is asked. Without --machine-marks it prints the
+    address where a person marks, and waits. It starts a service on --data where none runs. With --urdf the output is
+    that file with the camera's joint as calibrated. If a check says stop, it writes no file and exits with 4.
     """
-    if not machine_marks:
-        usage("solve asks nobody for marks", "Give --machine-marks, or follow the steps of docs/engineers.md")
     check_target(output, force)
+    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
+    if description:
+        document = read_rig(description)
+    else:
+        proposal = propose(recording, reading, answers_of(frame, looks, joint), urdf)
+        camera = choose_camera([each.name for each in proposal.rig.cameras], camera)
+        document = proposal.rig.model_dump(mode="json")
+        for sentence in proposal.notes:
+            note(sentence)
     with ExitStack() as until:
+        link = ""
         if not session.url:
-            session.url, session.token = until.enter_context(serving(session.data.resolve()))
-        added = _step(rig.rig(session, description, fleet=fleet, vehicle=recording.stem))
+            session.url, session.token, link = until.enter_context(serving(session.data.resolve()))
+        added, where = add_rig(session.client, document, fleet, recording.resolve().stem, again=True)
+        note(f"The rig {added.name!r} of {where} is {added.id}.")
         name = find_camera([added], camera)
-        of = str(_step(recordings.upload(session, recording, vehicle=str(added.vehicle_id), rig=str(added.id))).id)
+        named = {"vehicle": str(added.vehicle_id), "rig": str(added.id), "topic": topic}
+        how = {"still": still, "lidar_model": lidar_model, "rings": rings}
+        of = str(_step(recordings.upload(session, recording, **named, **how)).id)
         with TemporaryDirectory() as folder:
             region = Path(folder) / "region.json"
             _step(detect.suggest(session, of, out=region))
-            detection = _step(detect.detect(session, of, region=region, board=board))
-        _step(marks(session, str(detection.id), camera=name))
-        done = calibrate.calibrate(session, detection=str(detection.id), camera=[name], machine_marks=True)
+            detection = str(_step(detect.detect(session, of, region=region, board=board)).id)
+        if machine_marks:
+            _step(marks(session, detection, camera=name))
+        else:
+            _people_mark(session, detection, name, link)
+        done = calibrate.calibrate(session, detection=detection, camera=[name], machine_marks=machine_marks)
         calibration: CalibrationView = done.document
         summary = calibration.summary.cameras[name] if calibration.summary else None
         model = summary.models.get(summary.recommended or "") if summary else None
@@ -63,8 +113,44 @@ def solve(
         sentences = [verdict_line(summary), *(line_of(check) for check in summary.checks if check.verdict != "pass")]
         if model.verdict == "stop":
             return Reply(calibration, "\n".join([*sentences, "No file was written."]), WITHHELD)
-        export(session, result=str(model.result_id), format=format, output=output, force=force)
+        into = _patched(added, name, urdf) if format == "urdf" else {}
+        export(session, result=str(model.result_id), format=format, output=output, force=force, **into)
     return Reply(calibration, "\n".join(sentences))
+
+
+def _people_mark(session: Session, detection: str, camera: str, link: str) -> None:
+    """Say where a person marks, and wait until enough vertices have their answers. Ctrl-C says how to go on."""
+    if link:
+        note(f"Sign in with this link; it works once: {link}")
+    note(f"Mark here: {session.url.rstrip('/')}/detections/{detection}/mark?camera={quote(camera)}")
+    try:
+        with session.progress("Waiting for marks") as on_progress:
+            while True:
+                progress = session.client.marking.progress(detection, camera)
+                needed = min(_SUFFICIENT, progress.vertices)
+                on_progress(min(progress.complete / max(needed, 1), 1.0), f"{progress.complete} of {needed} vertices")
+                if progress.complete >= needed:
+                    return
+                time.sleep(_POLL_S)
+    except KeyboardInterrupt:
+        start = f"apexcal serve --data {session.data}`, then `" if link else ""
+        later = f"apexcal calibrate --detection {detection} --camera {camera}"
+        complain(
+            "stopped before there were enough marks; those that there are stay",
+            f"Go on with `{start}{later}`",
+            code=130,
+        )
+
+
+def _patched(added: RigOut, camera: str, urdf: Path | None) -> dict[str, Any]:
+    """Return what `export` takes to write the calibration into the URDF, if that holds the camera and its joint."""
+    if urdf is None:
+        return {}
+    of, text = next(each for each in added.cameras if each.name == camera), read_text(urdf)
+    if of.joint is None or of.frame not in text or of.joint.T_child_camera.to_frame not in text:
+        note(f"{urdf} has no joint for {of.frame}. The output is a URDF of LiDAR and camera alone.")
+        return {}
+    return {"urdf": urdf, "joint": of.joint.T_child_camera.to_frame}
 
 
 def _step(reply: Reply) -> Any:

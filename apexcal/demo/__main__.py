@@ -61,9 +61,11 @@ def _drive(out: Console) -> Document:
         with DemoSteps(out) as steps, ThreadPoolExecutor(2) as pool:
             simulating = pool.submit(simulated.simulate, steps, scratch / "walk")
             with _started(steps) as service:
-                session = DemoSession(steps, "simulated", *service)
+                session = DemoSession(steps, "simulated", service.url, service.token)
                 fleet = session.client.fleets.create(f"Demo {datetime.now(UTC):%Y-%m-%d %H:%M:%S}")
-                beside = data and pool.submit(real.run, DemoSession(steps, "real", *service), fleet, data, scratch)
+                beside = data and pool.submit(
+                    real.run, DemoSession(steps, "real", service.url, service.token), fleet, data, scratch
+                )
                 simulating.result()
                 first = simulated.run(session, fleet, scratch / "walk")
                 skipped = {"skipped": "a clone holds no real recording (../shared/data/vlp16-diamond-board)"}

@@ -19,10 +19,11 @@ WORKERS = 2
 
 
 class DemoService(NamedTuple):
-    """Address and the owner's token."""
+    """Address, the owner's token, and a one-time link that signs the owner in where the service was started here."""
 
     url: str
     token: str
+    link: str = ""
 
 
 @contextmanager
@@ -49,7 +50,8 @@ def serving(data: Path) -> Iterator[DemoService]:
                 raise ClientError(
                     "the service did not start", f"What it said stands above; its logs are in {data}/logs."
                 )
-            yield DemoService(json.loads(line)["url"], _token(data))
+            ready = json.loads(line)
+            yield DemoService(ready["url"], _token(data), ready["owner_link"])
         finally:
             process.terminate()
             process.wait()

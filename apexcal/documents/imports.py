@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from apexcal.documents.base import Name, Received, Sent, Topic
+from apexcal.documents.base import Name, Received, Sent
 from apexcal.documents.camera_models import ModelName
-from apexcal.documents.fleets import CameraName, NewRig, Pixels, Serial
+from apexcal.documents.fleets import Pixels
 from apexcal.documents.transforms import SolvedTransform, Transform
 
 ImportFormat = Literal["camera_info", "opencv", "kalibr", "kitti"]
@@ -97,41 +97,3 @@ class StatedComparison(Sent):
     read_as: Literal["stated", "inverted", "body", "inverted_body", "none"] | None
     lens: LensDifference | None
     hints: list[str]
-
-
-class DraftCamera(Received):
-    """A camera of a rig to draft: its optical link in the tree, and its images.
-
-    ``joint`` is the joint that the calibration is solved for, by its name or its child link; by default the first
-    joint towards the camera where the ways to camera and LiDAR part.
-    """
-
-    name: CameraName
-    link: Name
-    image_size: tuple[Pixels, Pixels]
-    topic: Topic | None = None
-    serial: Serial | None = None
-    joint: Name | None = None
-
-
-class DraftRequest(Received):
-    """A rig to draft from a tree of frames. ``vehicle_link`` is by default the root above the LiDAR."""
-
-    name: Name
-    lidar_link: Name
-    lidar_topic: Topic | None = None
-    vehicle_link: Name | None = None
-    cameras: Annotated[list[DraftCamera], Field(min_length=1, max_length=16)]
-
-
-class UrdfDraftRequest(DraftRequest):
-    """A rig to draft from a URDF file."""
-
-    urdf: Annotated[str, Field(max_length=250_000)]
-
-
-class RigDraft(Sent):
-    """A rig as ``POST /v1/vehicles/{id}/rigs`` takes it. Nothing is stored."""
-
-    rig: NewRig
-    notes: list[str]

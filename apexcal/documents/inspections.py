@@ -6,6 +6,8 @@ from typing import Literal
 
 from apexcal.documents.base import Document
 from apexcal.documents.readings import ImageKind
+from apexcal.documents.recordings import StatedLens
+from apexcal.documents.rig_proposals import RigProposal
 
 
 class RecordingFault(Document):
@@ -25,7 +27,7 @@ class InspectedSensor(Document):
     """A LiDAR or camera as its file names it: how often it was recorded, and when. A camera's images and lens.
 
     ``first_ns``, ``last_ns``: times of recording, UTC nanoseconds. ``delay_s``: how long after their stamps messages
-    were recorded (median); null where the file has no two clocks. ``states_lens``: a plausible CameraInfo is there.
+    were recorded (median); null where the file has no two clocks. ``lens``: as a CameraInfo states it.
     """
 
     kind: Literal["lidar", "camera"]
@@ -40,13 +42,14 @@ class InspectedSensor(Document):
     delay_s: float | None
     image_size: tuple[int, int] | None = None
     image_kind: ImageKind | None = None
-    states_lens: bool = False
+    lens: StatedLens | None = None
 
 
 class Inspection(Document):
     """A recording's format, length, sensors (the LiDAR first) and faults, and the cameras that it can calibrate.
 
     ``is_connected``: whether its ``/tf_static`` leads from the LiDAR to every camera; null if it states no frames.
+    ``proposal``: a rig for it; null without cameras.
     """
 
     format: str
@@ -56,3 +59,4 @@ class Inspection(Document):
     is_connected: bool | None
     faults: list[RecordingFault]
     calibratable: list[str]
+    proposal: RigProposal | None = None

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from apexcal.documents.base import Name, Received, Topic
 
+FrameOrigin = Literal["tf_static", "robot_description"]
 ImageKind = Literal["raw", "rectified"]
 LidarModel = Literal["vlp16", "vlp32c", "hdl32e", "hdl64e", "alpha_prime"]
 PointTimes = Literal["auto", "stamp_only"]

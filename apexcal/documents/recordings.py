@@ -10,7 +10,7 @@ from pydantic import Field
 
 from apexcal.documents.base import Document, Name, Received, Sent, Stored
 from apexcal.documents.jobs import JobView, ProblemView
-from apexcal.documents.readings import ImageKind, Reading, StampConvention
+from apexcal.documents.readings import FrameOrigin, ImageKind, Reading, StampConvention
 from apexcal.documents.states import RecordingState
 
 MAX_PARTS = 100_000
@@ -196,12 +196,13 @@ class SensorFacts(Document):
 
 
 class FixedFrame(Document):
-    """``T_parent_child``: the pose of a frame in its parent, as the recording's ``/tf_static`` says it."""
+    """``T_parent_child``: the pose of a frame in its parent, as the recording's topic ``origin`` says it."""
 
     parent: str
     child: str
     translation_m: list[float]
     quaternion_xyzw: list[float]
+    origin: FrameOrigin = "tf_static"
 
 
 class RecordingFacts(Document):

@@ -1,4 +1,4 @@
-"""Calibrations and trees of frames that other programs wrote."""
+"""Calibrations that other programs wrote."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 from uuid import UUID
 
-from apexcal.documents.imports import ImportFormat, ReadFiles, RigDraft, StatedComparison
+from apexcal.documents.imports import ImportFormat, ReadFiles, StatedComparison
 from apexcal.transport import Resource, at
 
 
@@ -35,14 +35,6 @@ class Imports(Resource):
             "camera": camera,
         }
         return self._http.post(at("results", result_id, "comparison"), StatedComparison, body)
-
-    def draft_rig(self, urdf: str, **options: Any) -> RigDraft:
-        """A rig from a URDF file. ``options``: ``name``, ``lidar_link``, ``cameras``, what else the route takes."""
-        return self._http.post("/rig-drafts", RigDraft, {"urdf": urdf, **options})
-
-    def draft_rig_of_recording(self, recording_id: UUID | str, **options: Any) -> RigDraft:
-        """A rig from what a recording's ``/tf_static`` says."""
-        return self._http.post(at("recordings", recording_id, "rig-drafts"), RigDraft, options)
 
 
 def _files(files: Mapping[str, str], format: ImportFormat | None, image_size: Sequence[int] | None) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from apexcal.documents.recordings import (
     RecordingSummary,
     RecordingView,
 )
+from apexcal.documents.rig_proposals import RigProposal
 from apexcal.documents.sweeps import MEDIA_TYPE, SweepView
 from apexcal.errors import ClientError
 from apexcal.presigned import EndedAddressError, PresignedStore
@@ -118,6 +119,10 @@ class Recordings(Resource):
     def retry(self, recording_id: UUID | str) -> RecordingView:
         """Ingest a failed recording again."""
         return self._http.post(at("recordings", recording_id, "retry"), AcceptedRecording).recording
+
+    def propose_rig(self, recording_id: UUID | str, **request: Any) -> RigProposal:
+        """Propose a recording's rig. ``request``: ``urdf`` (text), ``frames``, ``looks``, ``joints``, ``name``."""
+        return self._http.post(at("recordings", recording_id, "rig-proposals"), RigProposal, request)
 
     def delete(self, recording_id: UUID | str, *, with_published: bool = False) -> None:
         """Delete a recording with everything that came from it."""

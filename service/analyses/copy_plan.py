@@ -9,11 +9,10 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.copies import CopyRequest
+from apexcal.geometry.frame_tree import FrameTree, Joint, recorded_tree, unusable
 from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import CalibratedCamera
 from service.exports.format import numbers
-from service.imports.drafting import recorded_tree
-from service.imports.frame_tree import FrameTree, Joint, unusable
 from service.platform.db.base import Json
 from service.platform.db.fleets import Vehicle
 from service.platform.db.recordings import Recording, Sensor
@@ -32,7 +31,8 @@ def plan_copy(session: Session, recording: Recording, wanted: CopyRequest) -> Js
     sensors, cameras = recorded_cameras(session, recording, wanted)
     lidar_frame = frame_of(sensors["lidar"], cameras[0].lidar_frame)
     frames = {one.name: frame_of(sensors[one.name], one.T_own_lidar.to_frame) for one in cameras}
-    tree = recorded_tree((recording.facts or {}).get("static_transforms") or ())
+    fixed = (recording.facts or {}).get("static_transforms") or ()
+    tree = recorded_tree(pose for pose in fixed if pose.get("origin") != "robot_description")
     return {
         "lidar_frame": lidar_frame,
         "cameras": [_camera(one, sensors[one.name], frames[one.name]) for one in cameras],

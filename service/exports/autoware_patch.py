@@ -47,7 +47,10 @@ def _entry(node: yaml.Node | None, key: str) -> yaml.Node:
     values = [value for name, value in entries if name == key]
     if len(values) != 1:
         there = ", ".join(str(name) for name, _ in entries)[:500] or "nothing"
-        hint = f"There is {there}. State the camera's joint in the rig as your tree has it: `apexcal draft-rig`."
+        hint = (
+            f"There is {there}. State the camera's joint in the rig as your tree has it: `apexcal inspect walk.bag "
+            "--urdf truck.urdf --rig-out rig.json` writes it."
+        )
         raise _refused(f"The file has {'no' if not values else 'more than one'} entry {key!r}.", hint)
     return values[0]
 

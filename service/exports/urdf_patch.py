@@ -9,18 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from apexcal.geometry.se3 import SE3
+from apexcal.geometry.urdf_tree import UrdfJoint, read_joints, refused
 from service.exports.urdf import origin
-from service.exports.urdf_tree import UrdfJoint, read_joints, refused
 
 
 def patched(document: bytes, joint_name: str, T_camera_lidar: SE3) -> bytes:
-    """The file with the joint's new origin. The transform's frames are the names of links.
+    """The file with the new origin of a joint, by its name or its child. The transform's frames are links.
 
     Raises:
-        Problem: 422 ``urdf_not_read``, where the file cannot be used or the joint is not between the two links.
+        InputError: ``urdf_not_read``, where the file cannot be used or the joint is not between the two links.
     """
     joints = read_joints(document)
-    joint = joints.get(joint_name)
+    joint = joints.get(joint_name) or next((each for each in joints.values() if each.child == joint_name), None)
     if joint is None:
         raise refused(f"There is no joint {joint_name!r}.", f"The joints are {', '.join(joints)[:500] or 'none'}.")
     if joint.kind != "fixed":
@@ -28,13 +28,13 @@ def patched(document: bytes, joint_name: str, T_camera_lidar: SE3) -> bytes:
     twins = [
         name
         for name, other in joints.items()
-        if name != joint_name and {other.parent, other.child} == {joint.parent, joint.child}
+        if name != joint.name and {other.parent, other.child} == {joint.parent, joint.child}
     ]
     if twins:
         raise refused(
             f"The joint {twins[0]!r} joins the same links as {joint_name!r}.", "Remove the one that is not meant."
         )
-    others = {name: other for name, other in joints.items() if name != joint_name}
+    others = {name: other for name, other in joints.items() if name != joint.name}
     T_parent_child = _solved(joint, others, T_camera_lidar)
     element = origin(T_parent_child).encode()
     if joint.origin is not None:

@@ -4,20 +4,12 @@ from __future__ import annotations
 
 from uuid import UUID
 
-from apexcal.documents.imports import (
-    CalibrationFiles,
-    ComparisonRequest,
-    DraftRequest,
-    ReadFiles,
-    RigDraft,
-    StatedComparison,
-    UrdfDraftRequest,
-)
+from apexcal.documents.imports import CalibrationFiles, ComparisonRequest, ReadFiles, StatedComparison
+from apexcal.documents.rig_proposals import ProposalRequest, RigProposal
 from service.platform.auth.access import CurrentIdentity, ReadAccess
 from service.platform.db.calibrations import Result
 from service.platform.db.recordings import Recording
 from service.platform.http.bodies import DOCUMENT
-from service.platform.http.problems import Problem
 from service.platform.http.router import Router
 
 router = Router(tags=["imports"])
@@ -41,26 +33,9 @@ def compare_with_stated(result_id: UUID, body: ComparisonRequest, access: ReadAc
     return stated_comparison(body, result.fit, result.spread)
 
 
-@router.post("/rig-drafts", max_body_size=DOCUMENT)
-def draft_rig(body: UrdfDraftRequest, identity: CurrentIdentity) -> RigDraft:
-    """A rig from a URDF file: nominal mounts, frames, and the joint that each camera's results are given for."""
-    from service.imports.drafting import draft, urdf_tree
+@router.post("/recordings/{recording_id}/rig-proposals", max_body_size=DOCUMENT)
+def propose_rig_of_recording(recording_id: UUID, body: ProposalRequest, access: ReadAccess) -> RigProposal:
+    """A rig from a recording's sensors and fixed frames, from a URDF, and from what a person answers."""
+    from service.imports.proposing import recorded_proposal
 
-    return draft(body, urdf_tree(body.urdf.encode()))
-
-
-@router.post("/recordings/{recording_id}/rig-drafts", operation_id="recordings.create_rig_draft")
-def draft_rig_of_recording(recording_id: UUID, body: DraftRequest, access: ReadAccess) -> RigDraft:
-    """A rig from the transforms that a recording states once and for all (`/tf_static`)."""
-    from service.imports.drafting import draft, recorded_tree
-
-    recording = access.find(Recording, recording_id)
-    transforms = (recording.facts or {}).get("static_transforms")
-    if not transforms:
-        raise Problem(
-            409,
-            "no_static_transforms",
-            f"The recording {recording.name!r} holds no /tf_static.",
-            "Send the vehicle's URDF, or upload the recording again.",
-        )
-    return draft(body, recorded_tree(transforms))
+    return recorded_proposal(access.session, access.find(Recording, recording_id), body)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rosbags.rosbag1 import Reader, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from apexcal.documents.fleets import NewRig
 from apexcal.documents.inspections import Inspection
+from apexcal.geometry.se3 import from_document
+from apexcal.rigs import read_rig
 from tests.apexcal.test_cli import apexcal
 
 TYPES = get_typestore(Stores.ROS1_NOETIC)
@@ -24,12 +29,17 @@ Edit = Callable[[Message], Iterable[Message]]
 
 
 @pytest.fixture(scope="module")
-def walk(tmp_path_factory) -> list[Message]:
-    """Ten seconds of a walk with CameraInfo and ``/tf_static``."""
+def folder(tmp_path_factory) -> Path:
+    """Ten seconds of a walk with CameraInfo, ``/tf_static`` and a URDF."""
     folder = tmp_path_factory.mktemp("inspected") / "walk"
     words = ("--seconds", "10", "--camera-hz", "5", "--camera-info", "raw", "--json")
     command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), *words]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def walk(folder) -> list[Message]:
     with Reader(folder / "recording.bag") as bag:
         for each in bag.connections:
             if each.msgtype not in TYPES.types:
@@ -135,9 +145,117 @@ def test_a_good_walk_lacks_nothing_and_is_told_as_it_is(walk, tmp_path):
     assert inspection.calibratable == [camera.name]
     assert (lidar.count, camera.count) == (100, 50)
     assert lidar.rate_hz == pytest.approx(10.0, abs=0.1) and camera.rate_hz == pytest.approx(5.0, abs=0.1)
-    assert camera.image_kind == "raw" and camera.states_lens and camera.image_size
+    assert camera.image_kind == "raw" and camera.lens and camera.image_size
     shown = apexcal("inspect", tmp_path / "walk.bag")
     assert shown.returncode == 0 and f"It can calibrate {camera.name}." in shown.stdout
+
+
+def rig_of(path: Path, *words: str):
+    """The proposed rig and what it leaves open."""
+    proposal = inspected(path, *words)[1].proposal
+    assert proposal is not None
+    return proposal.rig, [(each.asks, each.sensor, each.assumed) for each in proposal.questions]
+
+
+def robot(urdf: str, time: int) -> Message:
+    message = TYPES.types["std_msgs/msg/String"](urdf)
+    return (
+        "/robot_description",
+        "std_msgs/msg/String",
+        time,
+        bytes(TYPES.serialize_ros1(message, "std_msgs/msg/String")),
+    )
+
+
+def renamed(frame: str) -> Edit:
+    """The camera's frame is called otherwise in its messages, which begin with seq, stamp and frame."""
+
+    def edit(message: Message) -> Iterable[Message]:
+        topic, kind, time, raw = message
+        if is_camera(message):
+            (length,) = struct.unpack_from("<I", raw, 12)
+            raw = raw[:12] + struct.pack("<I", len(frame)) + frame.encode() + raw[16 + length :]
+        yield topic, kind, time, raw
+
+    return edit
+
+
+def test_a_recording_proposes_the_rig_that_its_owner_would_describe(walk, tmp_path, folder):
+    described = json.loads((folder / "rig.json").read_text())
+    rig, questions = rig_of(write(tmp_path / "walk.bag", walk))
+    (camera,), (own,) = rig.cameras, described["cameras"]
+    assert not questions and camera.name == own["name"]
+    assert (rig.lidar.frame, rig.lidar.topic) == (described["lidar"]["frame"], described["lidar"]["topic"])
+    assert (camera.frame, camera.topic, list(camera.image_size)) == (own["frame"], own["topic"], own["image_size"])
+    assert camera.images is not None and camera.images.kind == "raw"
+    assert apart(camera.nominal, own["nominal"]) < 1e-6
+    assert rig.T_vehicle_lidar is not None and rig.T_vehicle_lidar.to_frame == "base_link"
+    assert camera.joint is not None and camera.joint.T_child_camera.to_frame == "camera_front_link"
+
+
+@pytest.mark.parametrize("source", ["--urdf", "/robot_description"])
+def test_without_tf_static_the_urdf_places_the_camera(walk, tmp_path, folder, source):
+    urdf, first = (folder / "vehicle.urdf"), walk[0][2]
+    bare = [each for each in walk if each[1] != TREE]
+    _, questions = rig_of(write(tmp_path / "bare.bag", bare))
+    assert questions == [("looks", "front", "forward")]
+    if source == "--urdf":
+        rig, questions = rig_of(tmp_path / "bare.bag", "--urdf", str(urdf))
+    else:
+        rig, questions = rig_of(write(tmp_path / "walk.bag", [robot(urdf.read_text(), first), *bare]))
+    own = json.loads((folder / "rig.json").read_text())["cameras"][0]
+    assert not questions and apart(rig.cameras[0].nominal, own["nominal"]) < 1e-6
+
+
+def test_a_frame_that_no_tree_has_is_asked_for(walk, tmp_path):
+    messages = [each for message in walk for each in renamed("cam0")(message)]
+    path = write(tmp_path / "walk.bag", messages)
+    rig, questions = rig_of(path)
+    assert questions == [("frames", "front", "camera_front_optical")]
+    answered, questions = rig_of(path, "--frame", "front=camera_front_optical")
+    assert not questions and answered.cameras[0].nominal == rig.cameras[0].nominal
+    shown = apexcal("inspect", path)
+    assert "'cam0'" in shown.stdout and "--frame front=" in shown.stdout
+
+
+def test_two_lidars_are_told_apart_by_a_person_and_two_cameras_are_both_proposed(walk, tmp_path):
+    twice = [each for topic, *rest in walk for each in ((topic, *rest), (f"/other{topic}", *rest))]
+    path = write(tmp_path / "two.bag", twice)
+    rig, questions = rig_of(path, "--topic", "lidar=/velodyne_points")
+    assert rig.lidar.topic == "/velodyne_points" and [camera.name for camera in rig.cameras] == [
+        "front",
+        "other_front",
+    ]
+    # The second has the first one's frame, so it gets one of its own, which the tree does not have.
+    assert [each[:2] for each in questions] == [("frames", "other_front")]
+
+
+def test_what_inspect_writes_and_prints_is_taken_for_a_rig(walk, tmp_path):
+    path, out = write(tmp_path / "walk.bag", walk), tmp_path / "rig.json"
+    written = apexcal("inspect", path, "--rig-out", out)
+    assert (
+        written.returncode == 0 and "Proposed rig: lidar [velodyne], front [camera_front_optical]." in written.stdout
+    )
+    (tmp_path / "inspection.json").write_text(apexcal("inspect", path, "--json").stdout)
+    of_file, of_answer = read_rig(out), read_rig(tmp_path / "inspection.json")
+    assert NewRig.model_validate(of_file) == NewRig.model_validate(of_answer)
+    assert apexcal("inspect", path, "--rig-out", out).returncode == 2, "it is there already"
+    assert apexcal("inspect", path, "--looks", "front=up").returncode == 2
+    wrong = apexcal("inspect", path, "--looks", "rear=left")
+    assert wrong.returncode == 2 and "(frames_not_usable)" in wrong.stderr
+    (tmp_path / "no.urdf").write_text("<robot")
+    broken = apexcal("inspect", path, "--urdf", tmp_path / "no.urdf")
+    assert broken.returncode == 2 and "(urdf_not_read)" in broken.stderr
+
+
+def test_a_broken_robot_description_is_no_reason_to_refuse(walk, tmp_path):
+    rig, questions = rig_of(write(tmp_path / "walk.bag", [robot("<robot", walk[0][2]), *walk]))
+    assert not questions and rig.T_vehicle_lidar is not None
+
+
+def apart(a, b) -> float:
+    """The largest difference of two transforms' matrices."""
+    return float(np.abs(from_document(a).matrix - from_document(b).matrix).max())
 
 
 @pytest.mark.parametrize("name", FAULTS)

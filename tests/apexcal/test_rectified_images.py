@@ -20,6 +20,7 @@ from apexcal.client import Client
 from apexcal.demo.truth import Truth
 from apexcal.documents.fleets import RigOut
 from apexcal.documents.results import ResultView
+from tests.apexcal.test_cli import apexcal
 
 FRAME, LINK = "camera_front_optical", "camera_front_link"
 MODELS = {"raw": "brown_conrady", "rectified": "pinhole"}
@@ -40,10 +41,10 @@ def calibrated(owner: Client, folder: Path, images: str) -> tuple[ResultView, Ri
     """The result with the recording's lens locked, the rig as the recording left it, and the recording's warnings."""
     fleet = owner.fleets.create(f"{images} {folder}")
     vehicle = owner.vehicles.create(fleet.id, "van")
-    camera = {"name": "front", "link": FRAME, "image_size": [960, 600]}
-    urdf = (folder / "vehicle.urdf").read_text()
-    draft = owner.imports.draft_rig(urdf, name="roof", lidar_link="velodyne", cameras=[camera])
-    rig = owner.vehicles.create_rig(vehicle.id, draft.rig.model_dump(mode="json"))
+    apexcal("inspect", folder / "recording.bag", "--urdf", folder / "vehicle.urdf", "--rig-out", folder / "own.json")
+    proposed = json.loads((folder / "own.json").read_text())
+    (proposed["cameras"][0])["images"] = None  # so that the recording has to tell
+    rig = owner.vehicles.create_rig(vehicle.id, proposed)
     recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=240)
     region = json.loads((folder / "region.json").read_text())
     asked = owner.detections.create(recording.id, region, detector="refined", options=BOARD, mode="interpolate")

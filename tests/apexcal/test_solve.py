@@ -1,51 +1,136 @@
-"""``apexcal solve``: a recording, a rig and a board's size become a file."""
+"""``apexcal solve``: a recording and a board's size become a file. What the recording does not say is asked."""
 
 import json
+import os
+import pty
+import re
+import select
+import signal
 import subprocess
 import sys
-import xml.etree.ElementTree as ElementTree
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from apexcal.demo.truth import Truth
+from apexcal.geometry.frame_tree import urdf_tree
+from tests.apexcal.conftest import Embedded
 from tests.apexcal.test_cli import apexcal
+from tests.apexcal.test_rectified_images import mark
+from tests.support.processes import die_with_parent
+
+COMMAND = (sys.executable, "-m", "apexcal.cli", "solve")
 
 
-def test_nobody_is_passed_over_without_being_told(simulated, tmp_path):
-    words = ("solve", simulated / "recording.bag", "--rig", simulated / "rig.json", "-o", tmp_path / "out.urdf")
-    refused = apexcal(*words, "--data", tmp_path / "data")
-    assert refused.returncode == 2 and "--machine-marks" in refused.stderr
+def test_what_neither_recording_nor_options_say_is_asked_by_the_option_that_answers(simulated, tmp_path):
+    """Nobody is at the terminal, and the simulated recording has no tree of frames."""
+    words = ("solve", simulated / "recording.bag", "-o", tmp_path / "out.urdf", "--data", tmp_path / "data")
+    asked = apexcal(*words)
+    assert asked.returncode == 2 and "--looks front=" in asked.stderr and "--rig" in asked.stderr
+    assert "forward, left, backward, right" in asked.stderr and "Traceback" not in asked.stderr
+    wrong = apexcal(*words, "--looks", "front=forward", "--camera", "rear")
+    assert wrong.returncode == 2 and "no camera 'rear'" in wrong.stderr and "front" in wrong.stderr
     (tmp_path / "out.urdf").write_text("mine")
-    kept = apexcal(*words, "--machine-marks", "--data", tmp_path / "data")
+    kept = apexcal(*words, "--looks", "front=forward")
     assert kept.returncode == 2 and (tmp_path / "out.urdf").read_text() == "mine"
     assert not (tmp_path / "data").exists(), "no service was started for nothing"
 
 
+def test_a_person_at_the_terminal_is_asked_only_what_the_file_does_not_say(simulated, tmp_path):
+    """The wrong camera ends the command after its question, and before it starts a service."""
+    words = (str(simulated / "recording.bag"), "-o", str(tmp_path / "out.urdf"), "--camera", "rear")
+    terminal, inside = pty.openpty()
+    with subprocess.Popen(
+        [*COMMAND, *words], stdin=inside, stdout=inside, stderr=inside, preexec_fn=die_with_parent
+    ) as process:
+        os.close(inside)
+        shown = until(terminal, "Where does front look")
+        os.write(terminal, b"up\n")
+        shown += until(terminal, "none of these")
+        os.write(terminal, b"left\n")
+        shown += until(terminal, "no camera 'rear'")
+        assert process.wait(60) == 2
+    os.close(terminal)
+    assert "forward" in shown and "LiDAR is" not in shown and "Which" not in shown
+
+
+def until(terminal: int, text: str, within_s: float = 60.0) -> str:
+    """What a program prints on a terminal up to this text."""
+    shown, end = "", time.monotonic() + within_s
+    while text not in shown:
+        assert select.select([terminal], [], [], max(0.0, end - time.monotonic()))[0], f"{text!r} is not in {shown!r}"
+        shown += os.read(terminal, 4096).decode()
+    return shown
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_walk_becomes_a_urdf_that_nobody_marked(embedded, tmp_path):
+def test_a_walk_becomes_the_vehicles_urdf_that_nobody_marked(embedded, tmp_path):
     walk, out = tmp_path / "walk", tmp_path / "out.urdf"
     command = [sys.executable, "-m", "workers.simulation", "--out", str(walk), "--seconds", "90"]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([*command, "--camera-info", "raw"], check=True, stdout=subprocess.DEVNULL)
     board = json.loads((walk / "truth.json").read_text())["settings"]["board"]
-    words = (
-        "solve",
-        walk / "recording.bag",
-        "--rig",
-        walk / "rig.json",
-        "--board",
-        board,
-        "--machine-marks",
-        "--fleet",
-        "S",
-    )
-    done = apexcal(*words, "-o", out, "--data", embedded.data, "--json")
+    words = ("solve", walk / "recording.bag", "--urdf", walk / "vehicle.urdf", "--board", board, "--machine-marks")
+    done = apexcal(*words, "--fleet", "S", "-o", out, "--data", embedded.data, "--json")
     assert done.returncode == 0, done.stderr
     (camera,) = json.loads(done.stdout)["summary"]["cameras"].values()
     doubts = {check["name"]: check["verdict"] for check in camera["checks"] if check["verdict"] != "pass"}
     assert doubts == {"marks_confirmed": "look"}
-    origin = next(ElementTree.parse(out).getroot().iter("origin"))
+    assert distance_m(out, walk) < 0.015
+    nominal = distance_m(walk / "vehicle.urdf", walk)
+    assert nominal > 0.02, "it was not there before"
+
+
+def distance_m(urdf: Path, walk: Path) -> float:
+    """How far from its true place a URDF has the camera, as seen from the LiDAR, metres."""
     truth = Truth(walk / "truth.json")
-    place_m = np.array([float(value) for value in origin.attrib["xyz"].split()])
-    assert np.linalg.norm(place_m + truth.R.T @ truth.t) < 0.015
+    T = urdf_tree(urdf.read_bytes()).transform("velodyne", "camera_front_optical")
+    return float(np.linalg.norm(T.t + truth.R.T @ truth.t))
+
+
+@pytest.mark.timeout(400)
+def test_without_the_machine_it_waits_for_a_person_and_says_how_to_go_on(embedded: Embedded, owner, tmp_path):
+    walk, out = tmp_path / "walk", tmp_path / "out.urdf"
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(walk), "--seconds", "30", "--camera-hz", "5"]
+    subprocess.run([*command, "--camera-info", "raw"], check=True, stdout=subprocess.DEVNULL)
+    words = (
+        str(walk / "recording.bag"),
+        "--board",
+        "0.6096x0.9144",
+        "--fleet",
+        "Waiting",
+        "--data",
+        str(embedded.data),
+    )
+    with started(*words, "-o", str(out)) as first:
+        page = waits_at(first)
+        first.send_signal(signal.SIGINT)
+        _, said = first.communicate(timeout=60)
+        assert first.returncode == 130 and not out.exists()
+    detection, camera = page
+    assert f"apexcal calibrate --detection {detection} --camera {camera}" in said and "Traceback" not in said
+    with started(*words, "-o", str(out)) as again:
+        detection, camera = waits_at(again)
+        mark(owner, detection, Truth(walk / "truth.json"))
+        shown, said = again.communicate(timeout=240)
+        # 4: a check said stop, for 30 s are little.
+        assert (again.returncode, out.exists()) in ((0, True), (4, False)), said
+    assert "Held-out" in shown or "verdict" in shown.lower()
+    fleet = next(each for each in owner.fleets.list() if each.name == "Waiting")
+    (vehicle,) = owner.vehicles.list(fleet.id)
+    assert len(list(owner.vehicles.rigs(vehicle.id))) == 1, "the rig that says the same is taken again"
+
+
+def started(*words: str) -> subprocess.Popen[str]:
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen([*COMMAND, *words], **pipes, text=True, preexec_fn=die_with_parent)
+
+
+def waits_at(process: subprocess.Popen[str]) -> tuple[str, str]:
+    """The detection and the camera of the page at which a person is to mark."""
+    for line in process.stderr:
+        if match := re.search(r"/detections/([0-9a-f-]{36})/mark\?camera=(\w+)", line):
+            return match[1], match[2]
+    raise AssertionError(f"it ended with {process.wait()} before anybody was asked")

@@ -1,4 +1,4 @@
-"""`--intrinsics`, `apexcal compare` and `apexcal draft-rig`: files of other programs at the command line."""
+"""`--intrinsics` and `apexcal compare`: files of other programs at the command line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from apexcal.commands.stated_files import read_lens
 from apexcal.errors import InputError
 from tests.apexcal.cars import Car
 from tests.service.imports.test_read_files import CAMCHAIN, CAMERA_CALIBRATION, K
-from tests.service.imports.test_routes import URDF
 from tests.support.databases import one_database
 
 pytestmark = one_database
@@ -78,22 +77,3 @@ def test_compare_with_another_result(car, tmp_path):
     file.write_text("nothing")
     for wrong in ([], [str(file), "--with", one["result_id"]]):
         assert run(car, *asked, *wrong).exit_code == 2
-
-
-def test_a_rig_from_a_urdf(car, tmp_path):
-    urdf, rig = tmp_path / "car.urdf", tmp_path / "rig.json"
-    urdf.write_text(URDF)
-    asked = ["draft-rig", "--urdf", str(urdf), "--lidar", "velodyne", "-o", str(rig)]
-    camera = ["--camera", "front=camera_front_optical=640x480"]
-    made = run(car, *asked, *camera)
-    assert made.exit_code == 0, made.stderr
-    assert "camera_joint" in made.stderr and "apexcal rig" in made.stderr
-    drafted = json.loads(rig.read_text())
-    assert drafted["cameras"][0]["joint"]["T_parent_lidar"]["to_frame"] == "base_link"
-    assert run(car, *asked, *camera).exit_code == 2, "it is there already"
-    chosen = run(car, *asked, *camera, "--joint", "front=optical_joint", "--force")
-    assert chosen.exit_code == 0, chosen.stderr
-    drafted = json.loads(rig.read_text())
-    assert drafted["cameras"][0]["joint"]["T_parent_lidar"]["to_frame"] == "camera_link"
-    for wrong in (["--camera", "front"], [*camera, "--joint", "rear=x"], [*camera, "--recording", "x"]):
-        assert run(car, *asked, *wrong, "--force").exit_code == 2

@@ -22,6 +22,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
 
+from apexcal.documents.errors import InputError
 from workers.readers.confine import add_child_options, confine
 from workers.readers.isolation.isolate import isolate
 from workers.readers.normalised.normalise import normalise
@@ -83,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     request: dict[str, Any] = arguments.request
     try:
         answer = _room(request)(arguments, request)
-    except ReadError as error:
+    except (ReadError, InputError) as error:
         return _error(error.code, error.message, error.hint, error.fields)
     except (MemoryError, OutputLimitError, ReserveError, OSError) as error:
         code = _LIMITS.get(type(error)) or _SYSTEM.get(getattr(error, "errno", None) or 0)
@@ -109,9 +110,18 @@ def _options(request: dict[str, Any]) -> ReadOptions:
 
 
 def _inspected(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:
+    from apexcal.documents.rig_proposals import RigAnswers
     from workers.readers.inspection import inspect_recording
 
-    inspection = inspect_recording(arguments.source, request.get("lidar"), request.get("cameras"), _options(request))
+    urdf = request.get("urdf")
+    inspection = inspect_recording(
+        arguments.source,
+        request.get("lidar"),
+        request.get("cameras"),
+        _options(request),
+        RigAnswers.model_validate(request.get("rig", {})),
+        Path(urdf).read_bytes() if urdf else None,
+    )
     return {"inspection": inspection.model_dump(mode="json")}
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from apexcal.documents.name_words import telling, words
 from workers.readers.recording import Sensor
-from workers.readers.topic_words import telling, words
 
 Sizes = Mapping[str, tuple[int, int]]
 

@@ -12,7 +12,7 @@ from workers.readers.captures.other_makers import instead, maker_of_topic
 from workers.readers.clouds.model import RING_FIELDS
 from workers.readers.clouds.point_times import TIME_FIELDS
 from workers.readers.recording import ReadError, Recording, Sensor
-from workers.readers.topic_words import primary, slug
+from workers.readers.topic_words import primary, short_name
 
 CameraChoice = Mapping[str, str | None] | Sequence[str] | None
 _CAMERA_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -90,9 +90,9 @@ def _named_after(topics: Sequence[Sensor]) -> dict[str, str | None]:
     """A name for each camera topic; equal ones are counted."""
     named: dict[str, str | None] = {}
     for topic in primary(topics):
-        name, number = slug(topic.name), 2
+        name, number = short_name(topic.name), 2
         while name in named or name == "lidar":
-            name, number = f"{slug(topic.name)[:60]}_{number}", number + 1
+            name, number = f"{short_name(topic.name)[:60]}_{number}", number + 1
         named[name] = topic.name
     return named
 

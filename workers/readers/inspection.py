@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -13,6 +14,10 @@ from numpy.typing import NDArray
 from apexcal.documents.bounds import preset_bounds
 from apexcal.documents.inspections import InspectedSensor, Inspection, RecordingFault
 from apexcal.documents.pairs import REACH_NS
+from apexcal.documents.recordings import StatedLens
+from apexcal.documents.rig_proposals import RigAnswers, RigProposal
+from apexcal.geometry.frame_tree import FrameTree, recorded_tree, urdf_tree
+from apexcal.geometry.rig_proposal import RecordedSensor, propose_rig
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
 from workers.readers.normalised.stamps import overlap_warning, report_stamps, shared_time
@@ -34,12 +39,20 @@ _PAUSE_STEPS: Final = 3.0
 
 
 def inspect_recording(
-    path: Path, lidar: str | None = None, cameras: CameraChoice = None, options: ReadOptions | None = None
+    path: Path,
+    lidar: str | None = None,
+    cameras: CameraChoice = None,
+    options: ReadOptions | None = None,
+    answers: RigAnswers | None = None,
+    urdf: bytes | None = None,
 ) -> Inspection:
     """Inspect a file or folder. ``lidar``, ``cameras``: their topics, as :func:`choose_sensors` takes them.
 
+    ``answers``, ``urdf``: what a person and the vehicle's URDF say of its rig.
+
     Raises:
         ReadError: it is no recording, is damaged, or its LiDAR or cameras are not clear.
+        InputError: the URDF cannot be used, or an answer is about no sensor.
     """
     recording = open_recording(path, options or ReadOptions())
     try:
@@ -47,11 +60,12 @@ def inspect_recording(
         times, delays = _times(recording, chosen)
         sensors = [_inspected(name, sensor, times[name], delays.get(name)) for name, sensor in chosen.items()]
         transforms = recording.static_transforms
+        proposal = _proposal(recording, chosen, transforms, answers or RigAnswers.model_validate({}), urdf)
         faults = [
             *(fault for name, sensor in chosen.items() if sensor.kind == "camera" for fault in _lens(name, sensor)),
             *_time_faults(sensors, times),
             *_length_faults(sensors, is_still=(options or ReadOptions()).point_times == "stamp_only"),
-            *_frame_faults(sensors, transforms),
+            *_frame_faults(sensors, transforms, proposal),
         ]
     finally:
         recording.close()
@@ -66,7 +80,39 @@ def inspect_recording(
         is_connected=not any(fault.code == "frames_not_connected" for fault in faults) if transforms else None,
         faults=faults,
         calibratable=[] if lidar_stops else [name for name in names if name not in stopped],
+        proposal=proposal,
     )
+
+
+def _proposal(
+    recording: Recording,
+    chosen: Mapping[str, Sensor],
+    transforms: Sequence[StaticTransform],
+    answers: RigAnswers,
+    urdf: bytes | None,
+) -> RigProposal | None:
+    """Propose the rig of these sensors; None without cameras."""
+    trees: dict[str, FrameTree] = {} if urdf is None else {"the URDF": urdf_tree(urdf)}
+    if transforms:
+        trees["the recording"] = recorded_tree(asdict(each) for each in transforms)
+    sensors = [
+        RecordedSensor(
+            name,
+            sensor.name,
+            sensor.frame_id,
+            _size(sensor) or _first_size(recording, sensor) if sensor.kind == "camera" else None,
+            sensor.image_kind,
+            (sensor.camera_info or {}).get("R"),
+        )
+        for name, sensor in chosen.items()
+    ]
+    return propose_rig(sensors, trees, answers) if len(sensors) > 1 else None
+
+
+def _first_size(recording: Recording, sensor: Sensor) -> tuple[int, int] | None:
+    """Decode a camera's first frame for its size: video says it nowhere else."""
+    frame = next(recording.frames(sensor), None)
+    return frame and (frame.width, frame.height)
 
 
 def _look(code: str, sensor: str, sentence: str, remedy: str) -> RecordingFault:
@@ -117,7 +163,7 @@ def _inspected(name: str, sensor: Sensor, times: NDArray[np.int64], delay_s: flo
         delay_s=delay_s,
         image_size=size,
         image_kind=sensor.image_kind,
-        states_lens=sensor.camera_info is not None,
+        lens=StatedLens.model_validate(sensor.camera_info) if sensor.camera_info else None,
     )
 
 
@@ -219,13 +265,16 @@ def _pauses(
 
 
 def _frame_faults(
-    sensors: Sequence[InspectedSensor], transforms: Sequence[StaticTransform]
+    sensors: Sequence[InspectedSensor], transforms: Sequence[StaticTransform], proposal: RigProposal | None
 ) -> Iterator[RecordingFault]:
-    """Cameras whose frames ``/tf_static`` does not connect with the LiDAR's, if it states any."""
+    """Cameras that ``/tf_static`` does not connect with the LiDAR, if it states frames and nothing else does."""
     lidar, *cameras = sensors
     parents = {each.child: each.parent for each in transforms}
+    open_sensors = {question.sensor for question in proposal.questions} if proposal else set[str]()
     for camera in cameras if parents else ():
-        if _root(parents, lidar.frame_id) != _root(parents, camera.frame_id):
+        if open_sensors & {"lidar", camera.name} and _root(parents, lidar.frame_id) != _root(
+            parents, camera.frame_id
+        ):
             ends = f"{lidar.frame_id or 'the LiDAR'} to {camera.frame_id or camera.name}"
             remedy = "Give the rig's mount by hand, or record the tree that joins both frames."
             yield _look("frames_not_connected", camera.name, f"/tf_static does not lead from {ends}.", remedy)

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.readings import ImageKind, LidarModel, PointTimes, StampConvention
+from apexcal.documents.readings import FrameOrigin, ImageKind, LidarModel, PointTimes, StampConvention
 
 TimeSource = Literal["per_point", "derived_from_azimuth", "stamp_only"]
 
@@ -114,12 +114,16 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class StaticTransform:
-    """``T_parent_child``: the pose of a frame in its parent, which never changes. Metres; a unit quaternion."""
+    """``T_parent_child``: the pose of a frame in its parent, which never changes. Metres; a unit quaternion.
+
+    ``origin`` names the topic that states it.
+    """
 
     parent: str
     child: str
     translation_m: tuple[float, ...]
     quaternion_xyzw: tuple[float, ...]
+    origin: FrameOrigin = "tf_static"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
+from apexcal.documents.name_words import FILLERS, words
 from workers.readers.recording import Sensor
 
 # Words of topics that hold something computed from a sensor's data instead of the data.
@@ -16,26 +17,22 @@ _DERIVED: Final = frozenset(
         *("preview", "registered", "segmentation", "segmented", "theora", "thumbnail", "visualization"),
     )
 )
+# Words of topics that say how their images were made.
+_FORMS: Final = frozenset(("mono", "rect", "rectified", "undistorted"))
 # Of one camera's topics the one without corrections comes first: the lens is to be fitted, not its correction.
 _IMAGE_ORDER: Final = ("image_raw", "image", "image_color", "image_mono", "image_rect_color", "image_rect")
-_FILLERS: Final = frozenset({"cam", "camera", "image", "images", "raw", "color", "compressed", "data", "sensor"})
+
+
+def short_name(topic: str) -> str:
+    """A camera's name after its topic: ``front`` for ``/camera/front/image_raw``, its slug where nothing is left."""
+    parts = [part for part in slug(topic).split("_") if part not in FILLERS | _FORMS]
+    return "_".join(parts) if any(map(str.isalpha, "".join(parts))) else slug(topic)
 
 
 def slug(topic: str) -> str:
     """A topic or path as a name of lower-case words joined by ``_``, at most 64 characters."""
-    words = [w for w in re.split(r"[^A-Za-z0-9]+", topic.removesuffix("/compressed")) if w]
-    return "_".join(words).lower()[:64] or "camera"
-
-
-def words(text: str) -> frozenset[str]:
-    """The lower-case words of a name; ``FrontLeft`` and ``front_left`` are two words each."""
-    parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", text)
-    return frozenset(part.lower().lstrip("0") or "0" for part in parts)
-
-
-def telling(text: str) -> frozenset[str]:
-    """The words of a name that tell one camera from another; all of them where none does."""
-    return (words(text) - _FILLERS) or words(text)
+    parts = [part for part in re.split(r"[^A-Za-z0-9]+", topic.removesuffix("/compressed")) if part]
+    return "_".join(parts).lower()[:64] or "camera"
 
 
 def primary(topics: Sequence[Sensor]) -> list[Sensor]:

@@ -136,4 +136,4 @@ def test_a_file_that_does_not_fit_is_refused(text, child, what):
 def test_without_a_joint_in_the_rig_the_hint_says_how_to_state_it():
     with pytest.raises(Problem) as refused:
         patched(SAID, "camera0/camera_link", truck(joint=False).cameras[0])
-    assert "draft-rig" in refused.value.hint
+    assert "--rig-out" in refused.value.hint

@@ -117,7 +117,7 @@ def test_autowares_own_file_comes_back_with_one_pose_changed(api, fleet, rig, re
     asked = {"urdf": "# ours\nsensor_kit_base_link:\n  front/camera_link: {x: 1}\n", "joint": "front/camera_link"}
     refused = viewer.post(f"{current_address(rig)}/urdf", asked)
     assert (refused.status_code, refused.json()["code"]) == (422, "autoware_not_read")
-    assert "draft-rig" in refused.json()["hint"]
+    assert "--rig-out" in refused.json()["hint"]
     level = {"to_frame": "sensor_kit_base_link", "rotation": {"quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}}
     body = {"from_frame": "camera_front_optical", "rotation": {"quaternion_xyzw": [-0.5, 0.5, -0.5, 0.5]}}
     joint = {

@@ -1,42 +1,44 @@
-"""Files, comparisons and rig drafts over HTTP."""
+"""Files, comparisons and proposed rigs over HTTP."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from uuid import UUID
 
 import numpy as np
 import pytest
 
-from apexcal.documents.fleets import NewRig
 from apexcal.geometry.se3 import from_document
+from apexcal.geometry.urdf_tree import read_joints
 from service.exports.urdf_patch import patched
-from service.exports.urdf_tree import read_joints
-from service.imports.drafting import urdf_tree
-from service.platform.db.recordings import Recording
+from service.platform.db.recordings import Recording, Sensor
+from tests.apexcal.geometry.test_rig_proposal import URDF
 from tests.service.calibrations.test_results import DOCUMENT, current_address, seed_results
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.publications.given import publish
 from tests.support.databases import one_database
-from tests.support.rows import LEVEL
+from tests.support.rows import LEVEL, add
 
 pytestmark = one_database
-
-URDF = """<robot name="car">
-  <link name="base_link"/><link name="velodyne"/><link name="camera_link"/><link name="camera_front_optical"/>
-  <joint name="lidar_joint" type="fixed"><parent link="base_link"/><child link="velodyne"/>
-    <origin xyz="1.2 0 1.9" rpy="0 0 0.05"/></joint>
-  <joint name="camera_joint" type="fixed"><parent link="base_link"/><child link="camera_link"/>
-    <origin xyz="1.5 0.1 1.4" rpy="0.01 0.02 0.03"/></joint>
-  <joint name="optical_joint" type="fixed"><parent link="camera_link"/><child link="camera_front_optical"/>
-    <origin xyz="0 0 0" rpy="-1.5707963267948966 0 -1.5707963267948966"/></joint>
-</robot>"""
-CAMERA = {"name": "front", "link": "camera_front_optical", "image_size": [640, 480]}
-ASKED = {"name": "roof", "lidar_link": "velodyne", "cameras": [CAMERA]}
 
 
 def refusal(answer, status, code) -> str:
     assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
     return answer.json()["detail"]
+
+
+def recorded(api, rig) -> str:
+    """A recording whose sensors have the frames of URDF, and whose images have a size."""
+    recording, camera = seed_recording(api.database, rig, 3)
+    with api.database.writing() as session:
+        row = session.get_one(Sensor, camera)
+        row.frame_id, row.facts = "camera_front_optical", {"width": 640, "height": 480}
+        session.query(Sensor).filter_by(recording_id=recording, name="lidar").one().frame_id = "velodyne"
+    return str(recording)
+
+
+def proposed(api, rig, viewer) -> dict:
+    return viewer.post(f"/recordings/{recorded(api, rig)}/rig-proposals", {"urdf": URDF}).json()["rig"]
 
 
 def test_files_are_read(viewer):
@@ -102,35 +104,22 @@ class TestComparison:
         refusal(compare(T_camera_lidar=LEVEL, files={"files": {"a": "b"}}), 422, "nothing_to_compare")
 
 
-class TestDraft:
-    def test_a_urdf_becomes_a_rig_that_the_service_takes(self, api, fleet, viewer):
-        answer = viewer.post("/rig-drafts", ASKED | {"urdf": URDF})
-        assert answer.status_code == 200, answer.text
+class TestProposal:
+    def test_rows_a_urdf_and_answers_become_a_rig_that_the_service_takes(self, api, fleet, viewer):
+        recording = recorded(api, seed_rig(api.database, fleet))
+        address = f"/recordings/{recording}/rig-proposals"
+        (question,) = viewer.post(address, {}).json()["questions"]
+        assert (question["sensor"], question["asks"]) == ("front", "looks")
+        answer = viewer.post(address, {"urdf": URDF})
+        assert answer.status_code == 200 and not answer.json()["questions"], answer.text
         rig = answer.json()["rig"]
-        assert "camera_joint" in answer.json()["notes"][0]
-        tree, (camera,) = urdf_tree(URDF.encode()), rig["cameras"]
-        T = tree.transform("camera_front_optical", "velodyne")
-        assert camera["nominal"]["translation_m"] == pytest.approx(T.t.tolist())
-        assert rig["T_vehicle_lidar"]["to_frame"] == "base_link"
-        assert rig["T_vehicle_lidar"]["translation_m"] == pytest.approx([1.2, 0.0, 1.9])
-        joint = camera["joint"]
-        assert (
-            joint["T_parent_lidar"]["to_frame"] == "base_link"
-            and joint["T_child_camera"]["to_frame"] == "camera_link"
-        )
-        NewRig.model_validate(rig)
+        assert (rig["lidar"]["topic"], rig["cameras"][0]["image_size"]) == ("/lidar", [640, 480])
         engineer = api.member(fleet, "engineer")
         vehicle = engineer.post(f"/fleets/{fleet}/vehicles", {"name": "van"}).json()["id"]
         made = engineer.post(f"/vehicles/{vehicle}/rigs", rig)
-        assert made.status_code == 201 and made.json()["cameras"][0]["joint"] == joint
-
-    def test_a_recordings_static_transforms_do_too(self, api, fleet, viewer):
-        rig = seed_rig(api.database, fleet)
-        recording, _ = seed_recording(api.database, rig, 3)
-        address = f"/recordings/{recording}/rig-drafts"
-        refusal(viewer.post(address, ASKED), 409, "no_static_transforms")
+        assert made.status_code == 201 and made.json()["cameras"][0]["joint"] == rig["cameras"][0]["joint"]
         with api.database.writing() as session:
-            session.get_one(Recording, recording).facts = {
+            session.get_one(Recording, UUID(recording)).facts = {
                 "static_transforms": [
                     {
                         "parent": one.parent, "child": one.child,
@@ -140,49 +129,34 @@ class TestDraft:
                     for one in read_joints(URDF.encode()).values()
                 ]
             }  # fmt: skip
-        drafted = viewer.post(address, ASKED).json()["rig"]
-        from_urdf = viewer.post("/rig-drafts", ASKED | {"urdf": URDF}).json()["rig"]
-        for name in ("nominal",):
-            for key in ("translation_m",):
-                assert drafted["cameras"][0][name][key] == pytest.approx(from_urdf["cameras"][0][name][key])
-        assert drafted["cameras"][0]["joint"]["T_parent_lidar"]["to_frame"] == "base_link"
+        (of_recording,) = viewer.post(address, {}).json()["rig"]["cameras"]
+        for axis, value in enumerate(rig["cameras"][0]["nominal"]["translation_m"]):
+            assert of_recording["nominal"]["translation_m"][axis] == pytest.approx(value)
 
     @pytest.mark.parametrize(
-        ("change", "asked", "says"),
+        ("body", "code"),
         [
-            ({}, {"lidar_link": "laser"}, "no frame 'laser'"),
-            ({}, {"cameras": [CAMERA | {"joint": "lidar_joint"}]}, "not on the camera's side"),
-            ({'name="camera_joint" type="fixed"': 'name="camera_joint" type="revolute"'}, {}, "'camera_joint'"),
-            ({'name="lidar_joint" type="fixed"': 'name="lidar_joint" type="revolute"'}, {}, "'lidar_joint'"),
-            (
-                {'<parent link="base_link"/><child link="camera_link"/>': '<child link="camera_link"/>'},
-                {},
-                "No joints",
-            ),
-            ({'child link="camera_link"': 'child link="velodyne"'}, {}, "No joints lead"),
+            ({"urdf": "<robot"}, "urdf_not_read"),
+            ({"urdf": URDF, "looks": {"rear": "left"}}, "frames_not_usable"),
+            ({"looks": {"front": "up"}}, "invalid_request"),
         ],
     )
-    def test_a_tree_that_does_not_say_it_is_refused(self, viewer, change, asked, says):
-        text = URDF
-        for old, new in change.items():
-            text = text.replace(old, new)
-        assert says in refusal(viewer.post("/rig-drafts", ASKED | {"urdf": text} | asked), 422, "frames_not_usable")
+    def test_what_cannot_be_used_is_refused(self, api, fleet, viewer, body, code):
+        recording = recorded(api, seed_rig(api.database, fleet))
+        refusal(viewer.post(f"/recordings/{recording}/rig-proposals", body), 422, code)
 
-    def test_a_frame_with_two_parents_and_a_circle_are_refused(self, viewer):
-        def with_joint(parent, child):
-            one = f'<joint name="x" type="fixed"><parent link="{parent}"/><child link="{child}"/></joint></robot>'
-            return viewer.post("/rig-drafts", ASKED | {"urdf": URDF.replace("</robot>", one)})
-
-        assert "two parents" in refusal(with_joint("velodyne", "camera_link"), 422, "frames_not_usable")
-        assert "own ancestor" in refusal(with_joint("camera_front_optical", "base_link"), 422, "frames_not_usable")
+    def test_a_recording_that_was_not_read_has_none(self, api, fleet, viewer):
+        with api.database.writing() as session:
+            recording = add(session, Recording, seed_rig(api.database, fleet), state="uploading")
+        refusal(viewer.post(f"/recordings/{recording.id}/rig-proposals", {}), 409, "not_read")
 
 
 class TestJoint:
     @pytest.fixture
     def rig(self, api, fleet, viewer):
-        """A rig drafted from the URDF, whose published result is DOCUMENT's mount."""
+        """A rig proposed with the URDF, whose published result is DOCUMENT's mount."""
         rig = seed_rig(api.database, fleet)
-        drafted = viewer.post("/rig-drafts", ASKED | {"urdf": URDF}).json()["rig"]
+        drafted = proposed(api, rig, viewer)
         with api.database.writing() as session:
             row = session.get_one(type(rig), rig.id)
             row.cameras[0].joint = drafted["cameras"][0]["joint"]
@@ -201,7 +175,7 @@ class TestJoint:
     def test_a_joint_that_is_not_between_lidar_and_camera_is_refused(self, api, fleet, viewer):
         engineer = api.member(fleet, "engineer")
         vehicle = engineer.post(f"/fleets/{fleet}/vehicles", {"name": "van"}).json()["id"]
-        rig = viewer.post("/rig-drafts", ASKED | {"urdf": URDF}).json()["rig"]
+        rig = proposed(api, seed_rig(api.database, fleet), viewer)
         joint = rig["cameras"][0]["joint"]
         joint["T_parent_lidar"], joint["T_child_camera"] = joint["T_child_camera"], joint["T_parent_lidar"]
         refused = engineer.post(f"/vehicles/{vehicle}/rigs", rig)

@@ -69,7 +69,10 @@ ONE_IMAGE = [*(camera(f"/c/image_{kind}", 100) for kind in ("rect_color", "raw",
          {"rear": "/camera_rear/image", "x": "/camera_left/image"}),
         # Equal names are counted.
         ([lidar(), *cameras("/cam/a", "/cam_a", "/lidar")], (None, None),
-         {"cam_a": "/cam/a", "cam_a_2": "/cam_a", "lidar_2": "/lidar"}),
+         {"a": "/cam/a", "a_2": "/cam_a", "lidar_2": "/lidar"}),
+        # A camera is named after what tells it from others.
+        ([lidar(), *cameras("/camera/front/image_raw/compressed", "/image_02")], (None, None),
+         {"front": "/camera/front/image_raw/compressed", "image_02": "/image_02"}),
     ],
 )  # fmt: skip
 def test_what_is_clear_is_chosen(sensors, asked, found):

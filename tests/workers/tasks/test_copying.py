@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
+from apexcal.geometry.frame_tree import urdf_tree
 from apexcal.geometry.se3 import from_document
-from service.exports.urdf_tree import read_joints
-from service.imports.drafting import urdf_tree
+from apexcal.geometry.urdf_tree import read_joints
 from service.platform.db.models import Analysis, AnalysisFile, Blob, Fleet, Recording
 from service.platform.db.recordings import CameraFrame
 from service.platform.db.recordings import Recording as Row
@@ -145,9 +145,9 @@ def test_tf_static_in_and_a_verified_urdf_out(api, fleet, engineer, recorded, co
     """A rig from the bag's /tf_static, pairs, a calibration, and the vehicle's URDF with its own joint solved."""
     with api.database.reading() as session:
         vehicle = session.get_one(Recording, recorded).vehicle_id
-    camera = {"name": "front", "link": "camera", "image_size": [960, 600]}
-    asked = {"name": "of its tree", "lidar_link": "velodyne", "cameras": [camera]}
-    drafted = engineer.post(f"/recordings/{recorded}/rig-drafts", asked).json()["rig"]
+    proposed = engineer.post(f"/recordings/{recorded}/rig-proposals", {"name": "of its tree"}).json()
+    drafted, notes = proposed["rig"], proposed["notes"]
+    assert not proposed["questions"] and "as the recording says" in notes[0]
     rig = engineer.post(f"/vehicles/{vehicle}/rigs", drafted)
     assert rig.status_code == 201, rig.text
     seen = pairs(120)

@@ -9,7 +9,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
-from apexcal.documents.readings import ImageKind
+from apexcal.documents.readings import FrameOrigin, ImageKind
 from workers.readers.output import create
 from workers.readers.recording import StampConvention, StaticTransform, TimeSource
 
@@ -164,7 +164,8 @@ def _fixed(data: dict[str, Any]) -> StaticTransform:
     offset, turn = (tuple(float(value) for value in data[name]) for name in ("translation_m", "quaternion_xyzw"))
     if len(offset) != 3 or len(turn) != 4:
         raise ValueError(f"{data} is no transform")
-    return StaticTransform(str(data["parent"]), str(data["child"]), offset, turn)
+    origin: FrameOrigin = "robot_description" if data["origin"] == "robot_description" else "tf_static"
+    return StaticTransform(str(data["parent"]), str(data["child"]), offset, turn, origin)
 
 
 def _sensor(data: dict[str, Any]) -> SensorManifest:

@@ -10,9 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from apexcal.documents.lenses import coefficients_of, lens_of_images, model_stated
+from apexcal.documents.name_words import words
 from apexcal.documents.readings import ImageKind
 from workers.readers.ros.topic_messages import CameraInfo
-from workers.readers.topic_words import words
 
 _RECTIFIED: Final = frozenset(("rect", "rectified", "undistorted"))
 # image_proc's names of images that it did not rectify.

@@ -35,6 +35,7 @@ COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"
 INFO: Final = "sensor_msgs/msg/CameraInfo"
 PACKETS: Final = "velodyne_msgs/msg/VelodyneScan"
 TRANSFORM: Final = "tf2_msgs/msg/TFMessage"
+TEXT: Final = "std_msgs/msg/String"
 # By its name in ROS 2 and in ROS 1, and by that of tf before it.
 TRANSFORMS: Final = (TRANSFORM, "tf/msg/tfMessage")
 
@@ -51,6 +52,7 @@ _FIXED: Final[Mapping[str, str]] = {
     "float64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n",
     "sensor_msgs/msg/RegionOfInterest": "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\n"
     "bool do_rectify\n",
+    TEXT: "string data\n",
     TRANSFORM: "geometry_msgs/TransformStamped[] transforms\n",
     "geometry_msgs/msg/TransformStamped": "std_msgs/Header header\nstring child_frame_id\n"
     "geometry_msgs/Transform transform\n",

@@ -1,4 +1,4 @@
-"""The transforms that a recording states once and for all: its ``/tf_static``."""
+"""The transforms that a recording states once and for all: its ``/tf_static`` and its ``/robot_description``."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from typing import Any, Final
 
 from rosbags.serde import SerdeError
 
+from apexcal.documents.errors import InputError
+from apexcal.geometry.urdf_tree import read_joints
 from workers.readers.damage import damage
 from workers.readers.recording import ReadError, StaticTransform, legible
 from workers.readers.ros.containers import Container
-from workers.readers.ros.ros_types import TRANSFORMS, full_name, message_reader
+from workers.readers.ros.ros_types import TEXT, TRANSFORMS, full_name, message_reader
 from workers.readers.ros.topic_messages import BagTopic
 
 _NAME: Final = "tf_static"
+_DESCRIPTION: Final = "robot_description"
 # Every node publishes its own once; a recorder that splits its files repeats them.
 _MESSAGES: Final = 500
 _MOST: Final = 2000
@@ -32,9 +35,14 @@ def is_static_transforms(topic: BagTopic) -> bool:
 
 
 def static_transforms(container: Container, warnings: list[str]) -> list[StaticTransform]:
-    """Those of all ``tf_static`` topics; of a child that is said again the later one counts, as for tf2."""
+    """Those of all ``tf_static`` topics; of a child that is said again the later one counts, as for tf2.
+
+    The fixed joints of a ``robot_description`` place the children that no ``tf_static`` does.
+    """
     by_child: dict[str, StaticTransform] = {}
     for topic in container.topics:
+        if _is_description(topic):
+            by_child = {each.child: each for each in _described(container, topic, warnings)} | by_child
         if is_static_transforms(topic):
             try:
                 for stated in _stated(container, topic):
@@ -47,6 +55,32 @@ def static_transforms(container: Container, warnings: list[str]) -> list[StaticT
         )
         return []
     return list(by_child.values())
+
+
+def _is_description(topic: BagTopic) -> bool:
+    is_named = topic.name.rpartition("/")[2] == _DESCRIPTION
+    return is_named and full_name(topic.type) == TEXT and topic.encoding in ("ros1", "cdr")
+
+
+def _described(container: Container, topic: BagTopic, warnings: list[str]) -> list[StaticTransform]:
+    """The fixed joints of the newest robot description; none where it is no URDF."""
+    text = ""
+    try:
+        with damage(topic.name, "a robot description", "Look at who publishes it.", SerdeError):
+            for _, raw in container.samples(topic.name, 1):
+                text = str(message_reader(topic)(raw).data)
+        joints = [joint for joint in read_joints(text.encode()).values() if joint.kind == "fixed"]
+        poses = [joint.T_parent_child for joint in joints]
+    except (ReadError, InputError, UnicodeEncodeError) as error:
+        warnings.append(legible(f"{topic.name} was left out: {getattr(error, 'message', error)}"))
+        return []
+    return [
+        StaticTransform(
+            pose.to_frame, pose.from_frame, tuple(pose.t.tolist()), tuple(pose.quaternion_xyzw), "robot_description"
+        )
+        for pose in poses
+        if _frame(pose.to_frame) and _frame(pose.from_frame) and pose.to_frame != pose.from_frame
+    ]
 
 
 def _stated(container: Container, topic: BagTopic) -> list[StaticTransform]:

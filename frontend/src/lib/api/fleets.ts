@@ -3,11 +3,9 @@
 import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
 import type {
-  DraftedRig,
   Fleet,
   PublicationPolicy,
   Rig,
-  RigDraftRequest,
   RigRequest,
   SensorSerials,
   Vehicle,
@@ -35,23 +33,6 @@ export const rig = (id: string): Read<Rig> => read("/v1/rigs/{id}", { id });
 
 export const createRig = (vehicleId: string, body: RigRequest): Promise<unknown> =>
   client.POST("/v1/vehicles/{id}/rigs", { params: { path: { id: vehicleId } }, body, ...once() });
-
-/** A rig from a URDF file, or from the `/tf_static` of a recording. Nothing is stored. */
-export async function draftRig(
-  source: { urdf: string } | { recording: string },
-  body: RigDraftRequest,
-): Promise<DraftedRig> {
-  const drafted = await bodyOf(
-    "urdf" in source
-      ? client.POST("/v1/rig-drafts", { body: { ...body, urdf: source.urdf } })
-      : client.POST("/v1/recordings/{recording_id}/rig-drafts", {
-          params: { path: { recording_id: source.recording } },
-          body,
-        }),
-  );
-  // The generated type of the answer loses the lengths of vectors.
-  return drafted as DraftedRig;
-}
 
 const asRead = (version: number) => ({ "If-Match": `"v${version}"` });
 

@@ -53,7 +53,6 @@ OF_ANYBODY = {
     ("get", "/v1/export-formats"),
     ("get", "/v1/calibration"),
     ("post", "/v1/calibration-files/reading"),
-    ("post", "/v1/rig-drafts"),
 }
 WORTHLESS = "00000000-0000-7000-8000-000000000000"
 # Bodies that cannot be made from their schema alone, by the end of the path.
@@ -66,17 +65,6 @@ BODIES = {
     "/fleet-requests": {"vehicles": {}},
     "/address": {"size": 1, "sha256": "0" * 64},
     "/calibration-files/reading": {"files": {"calib.txt": "P0: 1 0 0 0 0 1 0 0 0 0 1 0"}, "image_size": [64, 64]},
-    "/recordings/{recording_id}/rig-drafts": {
-        "name": "roof",
-        "lidar_link": "velodyne",
-        "cameras": [{"name": "front", "link": "camera", "image_size": [640, 480]}],
-    },
-    "/rig-drafts": {
-        "name": "roof",
-        "lidar_link": "velodyne",
-        "urdf": "<robot/>",
-        "cameras": [{"name": "front", "link": "camera", "image_size": [640, 480]}],
-    },
     "/arrival": {"reservation": "0" * 32},
 }
 NOWHERE = {"jobs": "999999"}

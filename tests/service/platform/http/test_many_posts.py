@@ -52,7 +52,7 @@ NATURAL = {
     "/undo": "as /answer",
     "/reading": "nothing is kept: what the sent files hold is answered",
     "/comparison": "nothing is kept: what was sent is compared",
-    "/rig-drafts": "nothing is kept: a rig to send is answered",
+    "/rig-proposals": "nothing is kept: a rig to send is answered",
     "/urdf": "nothing is kept: what was sent is answered with one joint changed",
 }
 

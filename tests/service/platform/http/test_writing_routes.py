@@ -14,12 +14,12 @@ from tests.support.people import Api
 # Who asks is looked up in these.
 IDENTITY = {"person", "membership", "api_token"}
 # These ask the database for nothing.
-COMPUTED = {"/v1/calibration-files/reading", "/v1/rig-drafts"}
+COMPUTED = {"/v1/calibration-files/reading"}
 # These only read, which SQLite allows beside a writer; or there is nothing to write in this service.
 ONLY_READING = {
     "/v1/recordings/{id}/parts/{number}/address",
     "/v1/recordings/{id}/parts/{number}/arrival",
-    "/v1/recordings/{recording_id}/rig-drafts",
+    "/v1/recordings/{recording_id}/rig-proposals",
     "/v1/results/{result_id}/comparison",
     "/v1/results/{result_id}/urdf",
     "/v1/vehicles/{vehicle_id}/cameras/{camera}/calibration/urdf",

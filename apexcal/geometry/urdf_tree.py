@@ -10,9 +10,9 @@ from xml.parsers import expat
 
 import numpy as np
 
+from apexcal.documents.errors import InputError
 from apexcal.geometry.rotations import rotation_from_euler
 from apexcal.geometry.se3 import SE3, Floats
-from service.platform.http.problems import Problem
 
 _MOST_JOINTS = 2000
 # Metres or radians, as of the transforms that requests bring: products of larger ones are no numbers.
@@ -45,21 +45,21 @@ class UrdfJoint:
 
     @property
     def T_parent_child(self) -> SE3:  # noqa: N802 - a transform
-        """Raises :class:`Problem` 422 ``urdf_not_read`` where the origin is no three and three numbers."""
+        """Raises :class:`InputError` ``urdf_not_read`` where the origin is no three and three numbers."""
         R = rotation_from_euler(_three(self, self.rpy)[::-1], "zyx")
         return SE3(self.parent, self.child, R, _three(self, self.xyz))
 
 
-def refused(what: str, hint: str) -> Problem:
+def refused(what: str, hint: str) -> InputError:
     """A URDF file that cannot be used."""
-    return Problem(422, "urdf_not_read", what, hint)
+    return InputError("urdf_not_read", what, hint)
 
 
 def read_joints(document: bytes) -> Mapping[str, UrdfJoint]:
     """The joints by name. Nothing outside the document is read, and no entity is expanded.
 
     Raises:
-        Problem: 422 ``urdf_not_read`` for what is no URDF, is xacro, or has a document type.
+        InputError: ``urdf_not_read`` for what is no URDF, is xacro, or has a document type.
     """
     reader = _Reader(document)
     try:

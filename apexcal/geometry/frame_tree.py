@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
-from apexcal.geometry.se3 import SE3
-from service.platform.http.problems import Problem
+from apexcal.documents.errors import InputError
+from apexcal.geometry.se3 import SE3, from_document
+from apexcal.geometry.urdf_tree import read_joints
 
 
 class Joint(NamedTuple):
@@ -42,13 +43,13 @@ class JointPath(NamedTuple):
         return [*self.up, *self.down]
 
 
-def unusable(what: str, hint: str) -> Problem:
+def unusable(what: str, hint: str) -> InputError:
     """A tree that says not what is asked of it."""
-    return Problem(422, "frames_not_usable", what, hint)
+    return InputError("frames_not_usable", what, hint)
 
 
 class FrameTree:
-    """Raises :class:`Problem` 422 ``frames_not_usable`` where a frame has two parents."""
+    """Raises :class:`InputError` ``frames_not_usable`` where a frame has two parents."""
 
     def __init__(self, joints: Iterable[Joint]) -> None:
         self._above: dict[str, Joint] = {}
@@ -69,7 +70,7 @@ class FrameTree:
         self.frames |= {joint.parent: None, joint.child: None}
 
     def above(self, frame: str) -> list[Joint]:
-        """The joints from a frame up to its root. Raises :class:`Problem` for an unknown frame, and for a circle."""
+        """The joints from a frame up to its root. Raises :class:`InputError` for an unknown frame or a circle."""
         if frame not in self.frames:
             listed = ", ".join(list(self.frames)[:50])
             raise unusable(f"There is no frame {frame!r}.", f"The frames are {listed or 'none'}.")
@@ -87,7 +88,7 @@ class FrameTree:
         return above[-1].parent if above else frame
 
     def way(self, start: str, end: str) -> JointPath:
-        """Raises :class:`Problem` where no joints lead from one to the other."""
+        """Raises :class:`InputError` where no joints lead from one to the other."""
         up, down = self.above(start), self.above(end)
         if self.root(start) != self.root(end):
             raise unusable(
@@ -109,3 +110,28 @@ class FrameTree:
         for joint in way.down:
             total = joint.T_parent_child.inverse() @ total
         return total
+
+
+def urdf_tree(document: bytes) -> FrameTree:
+    """Return the tree of a URDF file. Raises :class:`InputError` ``urdf_not_read``, ``frames_not_usable``."""
+    joints = read_joints(document)
+    return FrameTree(Joint(name, joint.kind == "fixed", joint.T_parent_child) for name, joint in joints.items())
+
+
+def recorded_tree(transforms: Iterable[Mapping[str, Any]]) -> FrameTree:
+    """Return the tree of a recording's fixed frames, as its facts keep them. A joint is named after its child."""
+    return FrameTree(
+        Joint(
+            transform["child"],
+            True,
+            from_document(
+                {
+                    "to_frame": transform["parent"],
+                    "from_frame": transform["child"],
+                    "rotation": {"quaternion_xyzw": transform["quaternion_xyzw"]},
+                    "translation_m": transform["translation_m"],
+                }
+            ),
+        )
+        for transform in transforms
+    )

@@ -1,0 +1,279 @@
+"""A rig proposed from what a recording and a URDF say, with the questions that they leave open.
+
+Command, client and pages have their rigs from here: :func:`propose_rig` is the only derivation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from math import asin, atan2, cos, degrees, pi, radians
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from pydantic import ValidationError
+
+from apexcal.documents.base import legible_text
+from apexcal.documents.errors import InputError
+from apexcal.documents.fleets import NewRig
+from apexcal.documents.name_words import telling, words
+from apexcal.documents.readings import ImageKind
+from apexcal.documents.rig_proposals import LIDAR, Direction, RigAnswers, RigProposal, RigQuestion
+from apexcal.geometry.frame_tree import FrameTree, Joint, JointPath, unusable
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_euler
+from apexcal.geometry.se3 import SE3, Floats
+
+_YAW_DEG: Final[dict[Direction, float]] = {"forward": 0.0, "left": 90.0, "backward": 180.0, "right": -90.0}
+# The default frames of LiDARs' drivers: velodyne, os_lidar, hesai_lidar, pandar, rslidar, livox_frame, laser.
+_LIDAR_WORDS: Final = frozenset(("velodyne", "lidar", "hesai", "pandar", "rslidar", "livox", "laser", "ouster"))
+_OPTICAL: Final = frozenset(("optical",))
+# Half way between level and straight up. The z of a body's frame points up, that of an optical frame (REP 103) ahead.
+_BODY_FROM: Final = cos(pi / 4.0)
+_MOST_CHOICES: Final = 100
+_LONGEST_NAME: Final = 200
+
+
+class RecordedSensor(NamedTuple):
+    """A sensor as a recording holds it: ``lidar``, or a camera by its name in the rig.
+
+    ``image_size`` is width and height, pixels. ``R`` has the 9 numbers of its CameraInfo by rows.
+    """
+
+    name: str
+    topic: str
+    frame_id: str
+    image_size: tuple[int, int] | None = None
+    image_kind: ImageKind | None = None
+    R: Sequence[float] | None = None
+
+
+class _Mount(NamedTuple):
+    """Where a tree has a camera: ``T_camera_lidar``, and the joint's transforms if there is one to solve for."""
+
+    T_camera_lidar: SE3
+    joint: dict[str, Any] | None
+
+
+def propose_rig(
+    sensors: Sequence[RecordedSensor], trees: Mapping[str, FrameTree], answers: RigAnswers, name: str = "rig"
+) -> RigProposal:
+    """Return a rig that the service takes, where its mounts come from, and what is only assumed.
+
+    Args:
+        sensors: the LiDAR first, then the cameras.
+        trees: by what they are called in sentences; the first that leads from the LiDAR to a camera counts.
+        answers: what a person says.
+
+    Raises:
+        InputError: ``frames_not_usable``, also for answers about sensors that there are not.
+    """
+    _check_answers(answers, sensors)
+    frames = _recorded_frames(sensors) | answers.frames
+    every = list(dict.fromkeys(frame for tree in trees.values() for frame in tree.frames))
+    notes: list[str] = []
+    questions: list[RigQuestion] = []
+    for sensor in sensors:
+        is_open = every and frames[sensor.name] not in every and sensor.name not in (*answers.frames, *answers.looks)
+        if is_open and not (sensor.name == LIDAR and len(answers.looks) == len(sensors) - 1):
+            question = _frame_question(sensor, frames, every)
+            frames[sensor.name] = question.assumed
+            questions.append(question)
+    lidar, *cameras = sensors
+    rig: dict[str, Any] = {
+        "name": name,
+        "lidar": {"frame": frames[LIDAR], "topic": lidar.topic},
+        "cameras": [_camera(camera, frames, trees, answers, notes, questions) for camera in cameras],
+        "T_vehicle_lidar": _vehicle(frames[LIDAR], trees.values()),
+    }
+    try:
+        return RigProposal(rig=NewRig.model_validate(rig), notes=notes, questions=questions)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise unusable(f"The rig would be refused: {where}: {first['msg']}.", "Name other frames.") from None
+
+
+def _check_answers(answers: RigAnswers, sensors: Sequence[RecordedSensor]) -> None:
+    names = [sensor.name for sensor in sensors]
+    cameras = [name for name in names if name != LIDAR]
+    strange = [name for name in answers.frames if name not in names]
+    strange += [name for name in (*answers.looks, *answers.joints) if name not in cameras]
+    if strange:
+        raise unusable(
+            f"There is no {strange[0]!r} in the recording.", f"Its sensors are {', '.join(names)}; name one of these."
+        )
+
+
+def _recorded_frames(sensors: Sequence[RecordedSensor]) -> dict[str, str]:
+    """Return a frame for each sensor: as recorded, where this is a name and no other sensor's."""
+    frames: dict[str, str] = {}
+    for sensor in sensors:
+        frame = sensor.frame_id.removeprefix("/")
+        if not _is_name(frame) or frame in frames.values():
+            frame = LIDAR if sensor.name == LIDAR else f"camera_{sensor.name}_optical"
+        frames[sensor.name] = frame
+    return frames
+
+
+def _is_name(text: str) -> bool:
+    try:
+        return 0 < len(text) <= _LONGEST_NAME and text == text.strip() and bool(legible_text(text))
+    except ValueError:
+        return False
+
+
+def _frame_question(sensor: RecordedSensor, frames: Mapping[str, str], every: Sequence[str]) -> RigQuestion:
+    """Return the question for a sensor's frame in the tree, with the likeliest one assumed if there is one."""
+    own = frames[sensor.name]
+    free = [frame for frame in every if frame not in frames.values()]
+    likely = [frame for frame in free if words(frame) & (_LIDAR_WORDS if sensor.name == LIDAR else _OPTICAL)]
+    wanting = telling(f"{sensor.name} {sensor.frame_id}")
+    likely.sort(key=lambda frame: -len(wanting & words(frame)))
+    shared = [len(wanting & words(frame)) for frame in likely[:2]]
+    is_clear = len(likely) == 1 or (len(likely) > 1 and shared[0] > shared[1])
+    recorded = f"the frame {sensor.frame_id!r}" if sensor.frame_id else "no frame"
+    return RigQuestion(
+        sensor=sensor.name,
+        asks="frames",
+        sentence=f"The recording states {recorded} for {sensor.name}, and the vehicle's tree has none of this name.",
+        choices=list(dict.fromkeys([*likely, *free]))[:_MOST_CHOICES],
+        assumed=likely[0] if is_clear else own,
+    )
+
+
+def _camera(
+    camera: RecordedSensor,
+    frames: Mapping[str, str],
+    trees: Mapping[str, FrameTree],
+    answers: RigAnswers,
+    notes: list[str],
+    questions: list[RigQuestion],
+) -> dict[str, Any]:
+    if camera.image_size is None:
+        raise unusable(f"The recording does not say how large the images of {camera.name} are.", "Record them again.")
+    mount, why = None, ""
+    for label, tree in trees.items() if camera.name not in answers.looks else ():
+        try:
+            mount = mount or _placed(tree, frames[LIDAR], frames[camera.name], answers.joints.get(camera.name))
+        except InputError as error:
+            if camera.name in answers.joints:
+                raise
+            why = f" {error.message}"
+        else:
+            if mount is not None:
+                notes.append(_view(camera.name, mount, label))
+                break
+    if mount is None:
+        looks = answers.looks.get(camera.name, "forward")
+        turn = rotation_from_euler((-radians(_YAW_DEG[looks]), 0.0, 0.0))
+        R = FORWARD_LIDAR_TO_OPTICAL @ turn
+        mount = _Mount(SE3(frames[camera.name], frames[LIDAR], R.round(15)), None)
+        if camera.name not in answers.looks and not any(each.sensor in (LIDAR, camera.name) for each in questions):
+            sentence = f"Nothing says how {camera.name} is mounted: no tree leads from {frames[LIDAR]} to it.{why}"
+            questions.append(
+                RigQuestion(sensor=camera.name, asks="looks", sentence=sentence, choices=[*_YAW_DEG], assumed=looks)
+            )
+    R, kind = camera.R, camera.image_kind
+    rotation = {"matrix": [R[:3], R[3:6], R[6:]]} if R and kind == "rectified" else None
+    return {
+        "name": camera.name,
+        "frame": mount.T_camera_lidar.to_frame,
+        "topic": camera.topic,
+        "image_size": camera.image_size,
+        "nominal": _document(mount.T_camera_lidar),
+        "joint": mount.joint,
+        "images": kind and {"kind": kind, "rotation": rotation},
+    }
+
+
+def _placed(tree: FrameTree, lidar: str, frame: str, joint_name: str | None) -> _Mount | None:
+    """Return where the tree has the camera of this frame; None where it does not lead there. Raises as the tree."""
+    if not {lidar, frame} <= tree.frames.keys() or tree.root(lidar) != tree.root(frame):
+        return None
+    frame, T_optical_frame = _optical(tree, lidar, frame)
+    way = tree.way(lidar, frame)
+    joint = _joint(way, frame, joint_name)
+    _check_fixed(way.joints)
+    T_camera_lidar = T_optical_frame @ tree.transform(frame, lidar)
+    if joint is None:
+        return _Mount(T_camera_lidar, None)
+    T_child_camera = tree.transform(joint.child, frame) @ T_optical_frame.inverse()
+    T_parent_lidar = tree.transform(joint.parent, lidar)
+    around = {"T_parent_lidar": _document(T_parent_lidar), "T_child_camera": _document(T_child_camera)}
+    return _Mount(T_camera_lidar, around)
+
+
+def _optical(tree: FrameTree, lidar: str, frame: str) -> tuple[str, SE3]:
+    """Return the frame of the tree that is nearest to the camera's optical one, and ``T_optical_frame`` from it.
+
+    Drivers stamp images with the camera's body, too (x forward, z up). Its optical frame stands below it in the tree,
+    or is made here, turned as REP 103 has it.
+    """
+    if words(frame) & _OPTICAL:
+        return frame, SE3(frame, frame)
+    below = [
+        each
+        for each in tree.frames
+        if words(each) & _OPTICAL and any(joint.parent == frame for joint in tree.above(each)[:1])
+    ]
+    if len(below) == 1:
+        return below[0], SE3(below[0], below[0])
+    is_body = tree.transform(frame, lidar).R[2, 2] > _BODY_FROM
+    return frame, SE3(f"{frame}_optical", frame, FORWARD_LIDAR_TO_OPTICAL) if is_body else SE3(frame, frame)
+
+
+def _joint(way: JointPath, frame: str, name: str | None) -> Joint | None:
+    """Return the joint to solve for: the named one, else the first on the camera's side."""
+    if name is None:
+        return way.down[0] if way.down else None
+    joint = next((each for each in way.down if name in (each.name, each.child)), None)
+    if joint is None:
+        raise unusable(
+            f"The joint {name!r} is not on the camera's side of the way from LiDAR to {frame!r}.",
+            f"The joints there are {', '.join(each.name for each in way.down) or 'none'}.",
+        )
+    return joint
+
+
+def _check_fixed(joints: Iterable[Joint]) -> None:
+    moving = next((joint for joint in joints if not joint.fixed), None)
+    if moving is not None:
+        raise unusable(
+            f"The joint {moving.name!r} between {moving.parent!r} and {moving.child!r} moves.",
+            "A calibration holds along fixed joints.",
+        )
+
+
+def _vehicle(lidar: str, trees: Collection[FrameTree]) -> dict[str, Any] | None:
+    """Return ``T_vehicle_lidar`` to the root above the LiDAR, where fixed joints lead there."""
+    for tree in trees:
+        above = tree.above(lidar) if lidar in tree.frames else []
+        if above and all(joint.fixed for joint in above):
+            return _document(tree.transform(above[-1].parent, lidar))
+    return None
+
+
+def _view(name: str, mount: _Mount, label: str) -> str:
+    """Return where a camera looks as its mount has it, in the LiDAR's frame, and which joint is solved for."""
+    T = mount.T_camera_lidar
+    x, y, z = T.R[2].tolist()
+    left, up = degrees(atan2(y, x)), degrees(asin(max(-1.0, min(1.0, z))))
+    sides = f"{abs(left):.0f} degrees {'left' if left > 0 else 'right'}, {abs(up):.0f} {'up' if up > 0 else 'down'}"
+    joint = mount.joint
+    solved = f" Results are also given for {joint['T_child_camera']['to_frame']}." if joint else ""
+    distance_m = float(np.linalg.norm(T.t))
+    return f"{name}: {T.to_frame} looks {sides}, {distance_m:.2f} m from {T.from_frame}, as {label} says.{solved}"
+
+
+def _document(T: SE3) -> dict[str, Any]:
+    """Return a transform as requests send it."""
+    return {
+        "to_frame": T.to_frame,
+        "from_frame": T.from_frame,
+        "rotation": {"matrix": [_numbers(row) for row in T.R]},
+        "translation_m": _numbers(T.t),
+    }
+
+
+def _numbers(values: Floats) -> list[float]:
+    """Return Python's own numbers, without negative zeros."""
+    return [float(value) + 0.0 for value in values]
