@@ -90,37 +90,44 @@ def distance_m(urdf: Path, walk: Path) -> float:
     return float(np.linalg.norm(T.t + truth.R.T @ truth.t))
 
 
-@pytest.mark.timeout(400)
-def test_without_the_machine_it_waits_for_a_person_and_says_how_to_go_on(embedded: Embedded, owner, tmp_path):
-    walk, out = tmp_path / "walk", tmp_path / "out.urdf"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(walk), "--seconds", "30", "--camera-hz", "5"]
+@pytest.fixture(scope="module")
+def short(tmp_path_factory) -> Path:
+    """A walk of 20 s with a tree of frames."""
+    walk = tmp_path_factory.mktemp("short") / "walk"
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(walk), "--seconds", "20", "--camera-hz", "5"]
     subprocess.run([*command, "--camera-info", "raw"], check=True, stdout=subprocess.DEVNULL)
-    words = (
-        str(walk / "recording.bag"),
-        "--board",
-        "0.6096x0.9144",
-        "--fleet",
-        "Waiting",
-        "--data",
-        str(embedded.data),
-    )
-    with started(*words, "-o", str(out)) as first:
-        page = waits_at(first)
-        first.send_signal(signal.SIGINT)
-        _, said = first.communicate(timeout=60)
-        assert first.returncode == 130 and not out.exists()
-    detection, camera = page
-    assert f"apexcal calibrate --detection {detection} --camera {camera}" in said and "Traceback" not in said
-    with started(*words, "-o", str(out)) as again:
-        detection, camera = waits_at(again)
-        mark(owner, detection, Truth(walk / "truth.json"))
-        shown, said = again.communicate(timeout=240)
-        # 4: a check said stop, for 30 s are little.
-        assert (again.returncode, out.exists()) in ((0, True), (4, False)), said
-    assert "Held-out" in shown or "verdict" in shown.lower()
-    fleet = next(each for each in owner.fleets.list() if each.name == "Waiting")
+    return walk
+
+
+def words_of(walk: Path, served: Embedded, fleet: str, out: Path) -> tuple[str, ...]:
+    named = ("--board", "0.6096x0.9144", "--fleet", fleet, "--data", str(served.data))
+    return str(walk / "recording.bag"), *named, "-o", str(out)
+
+
+def test_who_stops_before_there_are_marks_is_told_how_to_go_on(embedded: Embedded, short, tmp_path):
+    out = tmp_path / "out.urdf"
+    with started(*words_of(short, embedded, "Stopped", out)) as solving:
+        detection, camera = waits_at(solving)
+        solving.send_signal(signal.SIGINT)
+        _, printed = solving.communicate(timeout=60)
+        assert solving.returncode == 130 and not out.exists()
+    assert f"apexcal calibrate --detection {detection} --camera {camera}" in printed and "Traceback" not in printed
+
+
+@pytest.mark.slow
+def test_it_goes_on_once_a_person_has_marked_and_takes_the_same_rig_again(embedded, owner, short, tmp_path):
+    for attempt in ("first", "second"):
+        out = tmp_path / f"{attempt}.urdf"
+        with started(*words_of(short, embedded, "Marked", out)) as solving:
+            detection, _ = waits_at(solving)
+            mark(owner, detection, Truth(short / "truth.json"))
+            shown, printed = solving.communicate(timeout=300)
+            # 4: a check said stop, for 20 s are little.
+            assert (solving.returncode, out.exists()) in ((0, True), (4, False)), printed
+        assert "Verdict on" in shown
+    fleet = next(each for each in owner.fleets.list() if each.name == "Marked")
     (vehicle,) = owner.vehicles.list(fleet.id)
-    assert len(list(owner.vehicles.rigs(vehicle.id))) == 1, "the rig that says the same is taken again"
+    assert len(list(owner.vehicles.rigs(vehicle.id))) == 1
 
 
 def started(*words: str) -> subprocess.Popen[str]:

@@ -2,14 +2,7 @@
 
 import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import type {
-  Fleet,
-  PublicationPolicy,
-  Rig,
-  RigRequest,
-  SensorSerials,
-  Vehicle,
-} from "./types.ts";
+import type { Fleet, PublicationPolicy, Rig, RigRequest, SensorSerials, Vehicle } from "./types.ts";
 
 export const fleet = (id: string | undefined): Read<Fleet> => read("/v1/fleets/{id}", { id });
 
