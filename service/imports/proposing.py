@@ -20,7 +20,7 @@ def recorded_proposal(session: Session, recording: Recording, request: ProposalR
         InputError: ``urdf_not_read``, ``frames_not_usable``.
     """
     rows = session.scalars(select(Sensor).where(Sensor.recording_id == recording.id).order_by(Sensor.id)).all()
-    if not rows:
+    if LIDAR not in {row.name for row in rows}:
         raise Problem(
             409,
             "not_read",
