@@ -18,6 +18,7 @@ from service.annotations import mark_routes
 from service.annotations import routes as annotations
 from service.calibrations import result_routes
 from service.calibrations import routes as calibrations
+from service.crops import routes as crops
 from service.detections import routes as detections
 from service.exports import routes as exports
 from service.fleet_requests import routes as fleet_requests
@@ -77,6 +78,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     detections.router,
     analyses.router,
     mark_routes.router,
+    crops.router,
     pairs.router,
     result_routes.router,
     publications.router,

@@ -15,7 +15,8 @@ from apexcal.documents.corners import CornerName
 class BuildRequest(Received):
     """Make pairs of what people marked; ``exclude_flagged`` leaves out vertices whose verdicts are tied.
 
-    With ``machine_marks`` the machine's marks count as those of one more person.
+    The machine's marks that somebody confirmed count as those of one more person; with ``machine_marks`` those that
+    nobody looked at count too.
     """
 
     camera: Annotated[str, Field(max_length=200)]
@@ -50,7 +51,8 @@ class SetView(Sent):
 class PairView(Document):
     """A pair: a vertex (metres, LiDAR frame), its mark (pixels), and what else is known of them.
 
-    Without ``corner`` it is of the board's tip. ``machine``: no person marked it.
+    Without ``corner`` it is of the board's tip. ``machine``: no person marked it; ``confirmed`` people accepted the
+    machine's mark after they saw it. ``machine_off_px``: the machine's mark minus people's blind ones.
     """
 
     x: float
@@ -73,6 +75,8 @@ class PairView(Document):
     sigma_px: float | None = None
     marked_by: list[int] | None = None
     machine: bool | None = None
+    confirmed: int | None = None
+    machine_off_px: list[float] | None = None
     sigma_clock_ms: float | None = None
     corner: CornerName | None = None
 

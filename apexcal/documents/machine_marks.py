@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 from uuid import UUID
 
 from pydantic import Field
@@ -13,6 +13,8 @@ from apexcal.documents.corners import CornerName
 
 MOST_VERTICES = 300
 """Of a detection, spread evenly: with more, marks are no longer what limits a calibration."""
+TILE_COLUMNS: Final = ("tile_u", "tile_v", "tile_width", "tile_height", "tile_offset", "tile_length")
+"""Where the piece of the frame around a mark lies in the frame (px), and its PNG in the analysis's file (bytes)."""
 MarkReason = Literal[
     "no_mount", "outside", "few_pixels", "no_edge", "moved_far", "off_mount", "no_corner", "no_frame"
 ]
@@ -48,7 +50,10 @@ class MarksView(AnalysisView):
 
 
 class MachineMark(Sent):
-    """A vertex and its mark with standard deviations, pixels, or the ``reason`` why it has none."""
+    """A vertex and its mark with standard deviations, pixels, or the ``reason`` why it has none.
+
+    ``edge_px``: length of the shorter of the corner's two edges in the frame.
+    """
 
     vertex_id: UUID
     corner: CornerName
@@ -56,6 +61,7 @@ class MachineMark(Sent):
     v: float | None = None
     sigma_u: float | None = None
     sigma_v: float | None = None
+    edge_px: float | None = None
     reason: MarkReason | None = None
 
 

@@ -28,10 +28,12 @@ class NextTask(Received):
     """Ask for a vertex to judge; ``skip`` gives a held task back and moves on.
 
     ``ahead``: so many more are leased, so that the next one can be shown before this one's answer has arrived.
+    ``vertex_id``: this vertex comes first, also if it has all the answers asked for.
     """
 
     camera: CameraName
     skip: UUID | None = None
+    vertex_id: UUID | None = None
     ahead: int = Field(default=0, ge=0, le=5)
 
 

@@ -13,8 +13,11 @@ MARK_SIGMA: Final = "sigma_px"
 # Whose marks a pair stands on: numbers of people, from 0, without names. The clock's: of the offset that was assumed.
 MARKED_BY: Final = "marked_by"
 CLOCK_SIGMA: Final = "sigma_clock_ms"
-# Whether a pair stands on the machine's mark alone.
+# Whether a pair stands on the machine's mark alone, how many people confirmed it after they saw it, and the machine's
+# mark minus people's blind ones (u, v) where there are both.
 MACHINE: Final = "machine"
+CONFIRMED: Final = "confirmed"
+MACHINE_OFF: Final = "machine_off_px"
 # Which corner of the board a pair is of; all are of the tip where the column is missing.
 CORNER: Final = "corner"
 # How far to look from a pair for others that tell its velocity: in nanoseconds, and in pairs on either side. A sensor

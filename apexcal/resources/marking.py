@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from uuid import UUID, uuid4
 
+from apexcal.documents.crops import CropProgress, CropSheet, CropVerdict
 from apexcal.documents.marking import AnswerView, GivenMark, MarkView, Progress, Tally, TaskView, VerdictName
 from apexcal.transport import Resource, at, read
 
@@ -47,6 +48,28 @@ class Marking(Resource):
     def undo(self, task_id: UUID | str, version: int, *, id: UUID | str | None = None) -> TaskView:
         """Take back the answer of this version; returns the task, which is this person's again."""
         return self._http.post(at("tasks", task_id, "undo"), TaskView, {"id": str(id or uuid4()), "version": version})
+
+    def crop_progress(self, detection_id: UUID | str, camera: str) -> CropProgress:
+        """How many marks the machine has, how many people have looked at, and how many blind marks are needed."""
+        return self._http.get(at("detections", detection_id, "crops"), CropProgress, camera=camera)
+
+    def next_crops(self, detection_id: UUID | str, camera: str) -> CropSheet | None:
+        """A page of the machine's marks to look at, or None when none needs a look. Some are shifted on purpose.
+
+        ApiError ``blind_marks_first``, ``no_marks``, ``too_few_marks``.
+        """
+        answer = self._http.create(at("detections", detection_id, "crops", "next"), json={"camera": camera})
+        return read(answer, CropSheet) if answer.content else None
+
+    def answer_crops(
+        self, page_id: UUID | str, wrong: Sequence[UUID | str] = (), *, id: UUID | str | None = None
+    ) -> CropVerdict:
+        """Accept the marks of a page but those of the vertices ``wrong``.
+
+        ``id``: one's own random id, by which the same answer may be sent again.
+        """
+        body = {"id": str(id or uuid4()), "wrong": [str(vertex_id) for vertex_id in wrong]}
+        return self._http.post(at("crop-pages", page_id, "answer"), CropVerdict, body)
 
     def own_mark(self, recording_id: UUID | str, camera: str, index: int) -> MarkView:
         """This person's mark in a frame: ``u``, ``v``, ``version``; ApiError ``not_marked`` where there is none."""

@@ -9,8 +9,8 @@ from sqlalchemy import select
 from apexcal.documents.camera_models import parse_model
 from apexcal.documents.machine_marks import MachineMark, MarksList, MarksRequest
 from service.annotations.disclosure_actions import DisclosureKey, tell
+from service.crops.queries import marks_of
 from service.detections.queries import done_detection, find_camera
-from service.pairs.machine_opinions import marks_of
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
@@ -51,7 +51,9 @@ def list_marks(access: Access, database: Database, analysis_id: UUID) -> MarksLi
         raise Problem(
             409, "no_marks", f"This analysis ({row.kind}) is {row.state}; it has no marks.", "Ask for machine_marks."
         )
-    answer = MarksList(marks=[MachineMark(**mark) for mark in marks_of(row)])
+    fields = MachineMark.model_fields
+    marks = [{name: value for name, value in mark.items() if name in fields} for mark in marks_of(row)]
+    answer = MarksList(marks=[MachineMark(**mark) for mark in marks])
     detection = access.session.get_one(Detection, row.detection_id)
     camera = find_camera(access.session, detection.recording_id, row.asked["camera"])
     paired = select(VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner).join(Vertex)

@@ -30,7 +30,7 @@ from service.platform.http.problems import not_found
 # Made once, as in answer_queries.py.
 _PAIRED = _vertex, _frame, _detection = aliased(Vertex), aliased(VertexFrame), aliased(Detection)
 
-Place = Literal["marks", "tally", "pairs", "result", "calibration"]
+Place = Literal["marks", "tally", "pairs", "result", "calibration", "crops"]
 
 
 class DisclosureKey(NamedTuple):

@@ -49,12 +49,13 @@ CameraQuery = Annotated[Sought, Query(description="a camera's name in the rig")]
 def ask_task(detection_id: UUID, body: NextTask, access: WriteAccess, request: Request) -> TaskView | Response:
     """The next vertex for this person to judge, leased to them; the one that they hold, renewed. [annotator]
 
-    With ``ahead`` so many more are leased and told, in the order in which they will come.
+    With ``ahead`` so many more are leased and told, in the order in which they will come. ``vertex_id`` comes first.
     """
     detection = done_detection(access, detection_id, "annotator")
     camera = find_camera(access.session, detection.recording_id, body.camera)
     lease_s = request.app.state.settings.mark_lease_s
-    tasks = next_tasks(access.session, detection, camera, access.person.id, lease_s, body.skip, body.ahead)
+    wishes = (body.skip, body.ahead, body.vertex_id)
+    tasks = next_tasks(access.session, detection, camera, access.person.id, lease_s, *wishes)
     if not tasks:
         return Response(status_code=204)
     first, *ahead = map(task_view, tasks)

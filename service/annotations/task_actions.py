@@ -23,6 +23,7 @@ from service.platform.db.base import new_id
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
 from service.platform.db.recordings import Sensor
 from service.platform.db.session import upserting
+from service.platform.http.problems import not_found
 
 # Those ahead run out a little earlier, one after the other: whoever holds several gets them in the same order again.
 _APART = timedelta(seconds=0.5)
@@ -36,11 +37,13 @@ def next_tasks(
     lease_s: float,
     skip: UUID | None = None,
     ahead: int = 0,
+    vertex_id: UUID | None = None,
 ) -> list[Subject]:
     """The tasks that the person holds with fresh leases, and newly leased ones, until there are ``1 + ahead``.
 
     Fewer where so many are not left for them. What they skipped, or let the lease of run out, comes again after
     everything that they have not seen. The task named by ``skip`` is given back and not returned by this call.
+    ``vertex_id`` comes first. Raises :class:`Problem` 404 where the detection has no such vertex in the camera.
     """
     clock = lock_person(session, person_id)
     corners = marked_corners(detection)
@@ -49,6 +52,10 @@ def next_tasks(
     if skip is not None:
         passed += session.connection().scalars(_giving_back(), names | {"skipped": skip, "clock": clock})
     leased = [*session.connection().scalars(_held(), names | {"most": 1 + ahead})]
+    if vertex_id is not None:
+        if session.scalar(_in_camera(), names | {"vertex": vertex_id}) is None:
+            raise not_found()
+        leased = [vertex_id, *(other for other in leased if other != vertex_id)][: 1 + ahead]
     if len(leased) < 1 + ahead:
         per_vertex = lock_recording(session, detection.recording_id, shared=True)
         seeker = Seeker(session, detection.recording_id, names | {"wanted": per_vertex}, [*passed, *leased])
@@ -72,6 +79,14 @@ def _giving_back() -> Any:
     own = (task.c.detection_id == bindparam("detection"), task.c.person_id == bindparam("person"))
     skipped = update(task).where(task.c.id == bindparam("skipped"), *own)
     return skipped.values(leased_until=bindparam("clock")).returning(task.c.vertex_id)
+
+
+@cache
+def _in_camera() -> Select[UUID]:
+    """A vertex of the detection that has a frame of the camera."""
+    of_camera = (VertexFrame.vertex_id == Vertex.id) & (VertexFrame.sensor_id == bindparam("camera"))
+    own = select(Vertex.id).join(VertexFrame, of_camera).where(Vertex.detection_id == bindparam("detection"))
+    return own.where(Vertex.id == bindparam("vertex", type_=Uuid()))
 
 
 @cache

@@ -2,47 +2,58 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 from uuid import UUID
 
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.crops import side_of
 from service.annotations.consensus import Opinion
-from service.platform.db.analyses import Analysis
-from service.platform.db.base import Json
+from service.crops.queries import judgements, marks_of, newest_marks
+from service.crops.trust import rates_of, widened_px
 
 
 class MachineOpinion(NamedTuple):
-    """The machine's opinion of a vertex; ``sigma_px`` is the deviation of a coordinate."""
+    """The machine's opinion of a vertex; ``sigma_px`` is the deviation of a coordinate.
+
+    ``confirmations`` are the opinions of people who confirmed its mark after they saw it. They add no mark.
+    ``is_counted``: the pairs rest on it. Else it only shows how far the machine is from people's blind marks.
+    """
 
     opinion: Opinion
     sigma_px: float
+    confirmations: Sequence[Opinion]
+    is_counted: bool
 
 
-def machine_opinions(session: Session, detection_id: UUID, camera: str) -> dict[UUID, MachineOpinion]:
-    """The newest marks of the machine by vertex; empty where it was not asked, or marked nothing.
+def machine_opinions(
+    session: Session, detection_id: UUID, camera: str, *, unconfirmed: bool
+) -> dict[UUID, MachineOpinion]:
+    """The newest marks of the machine by vertex, without those that people rejected.
 
+    ``unconfirmed``: those that nobody confirmed count too. Empty where the machine was not asked, or marked nothing.
     To the pairs the machine is a person of its own, whose marks are all off by one shift.
     """
-    answered = select(Analysis).where(
-        Analysis.detection_id == detection_id, Analysis.kind == "machine_marks", Analysis.result.is_not(None)
-    )
-    rows = session.scalars(answered.order_by(Analysis.created_at.desc(), Analysis.id.desc()))
-    newest = next((row for row in rows if row.asked["camera"] == camera), None)
+    newest = newest_marks(session, detection_id, camera)
     if newest is None:
         return {}
-    return {
-        UUID(mark["vertex_id"]): MachineOpinion(
+    judged = judgements(session, newest.id)
+    opinions: dict[UUID, MachineOpinion] = {}
+    for mark in marks_of(newest):
+        vertex_id = UUID(mark["vertex_id"])
+        is_confirmed = judged.is_confirmed(vertex_id)
+        if mark["reason"] is not None or judged.is_rejected(vertex_id):
+            continue
+        sigma_px = (0.5 * (mark["sigma_u"] ** 2 + mark["sigma_v"] ** 2)) ** 0.5
+        people = sorted(judged.confirmed_by[vertex_id]) if is_confirmed else []
+        if people:
+            rates = rates_of(judged.counts, people)
+            sigma_px = widened_px(sigma_px, side_of(mark["edge_px"]), judged.wrong_rate, rates)
+        opinions[vertex_id] = MachineOpinion(
             Opinion("confirmed", (mark["u"], mark["v"]), person=newest.id),
-            (0.5 * (mark["sigma_u"] ** 2 + mark["sigma_v"] ** 2)) ** 0.5,
+            sigma_px,
+            [Opinion("confirmed", reviewed=True, person=person) for person in people],
+            unconfirmed or is_confirmed,
         )
-        for mark in marks_of(newest)
-        if mark["reason"] is None
-    }
-
-
-def marks_of(analysis: Analysis) -> list[Json]:
-    """All that an analysis says of vertices, marks and reasons; empty until it is done."""
-    columns: Json = (analysis.result or {}).get("marks", {})
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return opinions

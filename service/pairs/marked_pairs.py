@@ -12,10 +12,20 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
-from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MACHINE, MARK_SIGMA, MARKED_BY, SIGMAS
-from service.annotations.consensus import Consensus, ConsensusOutcome, Opinion, agree, far_apart_px
+from apexcal.documents.pairs import (
+    CLOCK_SIGMA,
+    CONFIRMED,
+    CORNER,
+    MACHINE,
+    MACHINE_OFF,
+    MARK_SIGMA,
+    MARKED_BY,
+    SIGMAS,
+)
+from service.annotations.consensus import Consensus, ConsensusOutcome, Opinion, agree, combine, far_apart_px
 from service.annotations.progress_queries import opinions_of
-from service.pairs.machine_opinions import machine_opinions
+from service.crops.queries import blind_opinions
+from service.pairs.machine_opinions import MachineOpinion, machine_opinions
 from service.pairs.pair_files import Columns
 from service.platform.db.analyses import Analysis
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
@@ -44,24 +54,24 @@ def build(
     stamp_ns (of the vertex as it was measured), gap_ns (frame minus vertex), sweep_index, frame_index, marks (how
     many independent ones), spread_px (of these), flagged (as many rejections as confirmations), reviewed (how many
     answers were given after something of others' was told; where there are such), marked_by (the people's numbers,
-    from 0), machine (nobody but the machine marked it; where there are such), sigma_px (where all are such),
-    sigma_clock_ms (of the clocks' offset, if it was estimated), and sigma_azimuth_rad, sigma_elevation_rad,
-    sigma_range_m where all vertices state a covariance. Where pairs are of other corners than the tip: corner, and
-    group, because the corners of one sweep err together.
+    from 0), machine (nobody but the machine marked it; where there are such), confirmed (how many people accepted
+    that mark after they saw it), sigma_px (of such a mark, else None), machine_off_px (the machine's mark minus
+    people's blind ones, where there are both), sigma_clock_ms (of the clocks' offset, if it was estimated), and
+    sigma_azimuth_rad, sigma_elevation_rad, sigma_range_m where all vertices state a covariance. Where pairs are of
+    other corners than the tip: corner, and group, because the corners of one sweep err together.
 
     Raises:
         Problem: 409 ``nothing_marked``.
     """
     per_vertex = session.get_one(Recording, detection.recording_id).marks_per_vertex
     opinions = opinions_of(session, detection.id, camera.id)
-    machine = machine_opinions(session, detection.id, camera.name) if machine_marks else {}
-    alone = {
-        vertex_id: mark.sigma_px
-        for vertex_id, mark in machine.items()
-        if not any(opinion.mark for opinion in opinions.get(vertex_id, []))
-    }
+    machine = machine_opinions(session, detection.id, camera.name, unconfirmed=machine_marks)
+    of_machine = {vertex_id: _of_machine(mark, opinions.get(vertex_id, [])) for vertex_id, mark in machine.items()}
     for vertex_id, mark in machine.items():
-        opinions.setdefault(vertex_id, []).append(mark.opinion)
+        if mark.is_counted:
+            of_people = opinions.setdefault(vertex_id, [])
+            who = {opinion.person for opinion in of_people}
+            of_people += [mark.opinion, *(extra for extra in mark.confirmations if extra.person not in who)]
     everything = session.execute(
         select(Vertex, VertexFrame)
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
@@ -75,8 +85,8 @@ def build(
     consensus = {vertex.id: agree(opinions.get(vertex.id, []), apart_px) for vertex, _ in vertices}
     rows: list[dict[str, Any]] = [
         _row(vertex, frame, consensus[vertex.id])
-        | {MARKED_BY: _markers(opinions[vertex.id]), MACHINE: vertex.id in alone}
-        | ({MARK_SIGMA: alone[vertex.id]} if vertex.id in alone else {})
+        | {MARKED_BY: _markers(opinions[vertex.id])}
+        | of_machine.get(vertex.id, _NOT_OF_MACHINE)
         for vertex, frame in vertices
         if consensus[vertex.id].pixel
         and not (exclude_flagged and consensus[vertex.id].outcome is ConsensusOutcome.TIED)
@@ -86,15 +96,17 @@ def build(
             409,
             "nothing_marked",
             f"None of the {len(vertices)} vertices that have a frame of {camera.name} is confirmed and marked.",
-            "Mark vertices first: POST /v1/detections/{id}/tasks/next, or the recording's page; or take the "
-            "machine's marks (machine_marks; --machine-marks).",
+            "Mark vertices, or confirm the machine's marks, on the recording's page; or take these unseen "
+            "(machine_marks; --machine-marks).",
         )
     # A column is for all pairs or for none.
     common = [name for name in rows[0] if all(name in row for row in rows)]
     if not any(row["reviewed"] for row in rows):
         common.remove("reviewed")
-    if not any(row[MACHINE] for row in rows):
-        common.remove(MACHINE)
+    of_any = any(row[MACHINE] for row in rows)
+    for name, nothing in _NOT_OF_MACHINE.items():
+        if not of_any or all(row[name] == nothing for row in rows):
+            common.remove(name)
     columns = {name: [row[name] for row in rows] for name in common}
     columns[MARKED_BY] = _numbered(columns[MARKED_BY])
     if set(columns[CORNER]) == {TOP}:
@@ -106,8 +118,24 @@ def build(
         columns[CLOCK_SIGMA] = [clock_ms] * len(rows)
     notes = _notes(consensus, per_vertex, apart_px, exclude_flagged=exclude_flagged)
     if MACHINE in columns:
-        notes.append(f"{sum(columns[MACHINE])} of {len(rows)} pairs stand on the machine's mark alone.")
+        confirmed = sum(count > 0 for count in columns.get(CONFIRMED, ()))
+        of_these = f"; people confirmed {confirmed} of these marks" if confirmed else ""
+        notes.append(f"{sum(columns[MACHINE])} of {len(rows)} pairs stand on the machine's mark alone{of_these}.")
     return Built(columns, [*notes, *_pairing_note(detection, columns), *_clock_notes(session, detection)])
+
+
+_NOT_OF_MACHINE: dict[str, Any] = {MACHINE: False, CONFIRMED: 0, MARK_SIGMA: None, MACHINE_OFF: None}
+
+
+def _of_machine(mark: MachineOpinion, of_people: list[Opinion]) -> dict[str, Any]:
+    """The columns of a pair that has a mark of the machine; ``of_people``: people's opinions of its vertex."""
+    columns = dict(_NOT_OF_MACHINE)
+    if not any(opinion.mark for opinion in of_people):
+        columns |= {MACHINE: True, CONFIRMED: len(mark.confirmations), MARK_SIGMA: mark.sigma_px}
+    blind = [opinion.mark for opinion in blind_opinions(of_people) if opinion.mark]
+    if blind and mark.opinion.mark:
+        columns[MACHINE_OFF] = [a - b for a, b in zip(mark.opinion.mark, combine(blind), strict=True)]
+    return columns
 
 
 def _markers(opinions: Sequence[Opinion]) -> list[UUID]:

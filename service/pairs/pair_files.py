@@ -23,8 +23,8 @@ Columns = dict[str, list[Any]]
 MAX_PAIRS = 100_000
 # As many pairs in JSON, with 320 letters each: every member that a pair may have, in all its digits.
 MAX_BYTES = 32 * 1024 * 1024
-# A set made of marks, which may be imported again, has up to 20 members a pair; a document holds its notes besides.
-_MAX_MEMBERS, _MAX_NOTES = 20, 1000
+# A set made of marks, which may be imported again, has up to 24 members a pair; a document holds its notes besides.
+_MAX_MEMBERS, _MAX_NOTES = 24, 1000
 _INT64 = 2**63
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _HINT = (

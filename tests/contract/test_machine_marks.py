@@ -118,3 +118,31 @@ def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, 
     pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
     assert all(pair[MACHINE] and 0.0 < pair[MARK_SIGMA] < 3.0 for pair in pairs)
     assert {(pair["u"], pair["v"]) for pair in pairs} == {(mark["u"], mark["v"]) for mark in marked}
+    crops_show_the_frames_around_the_marks(annotator, f"/detections/{detection_id}", scene, index_of)
+
+
+def crops_show_the_frames_around_the_marks(annotator, detection, scene, index_of):
+    """Some are marked blind; then each crop's picture is the piece of its frame that it says it is."""
+    where = f"{detection}/crops?camera=front"
+    while annotator.get(where).json()["blind_needed"]:
+        task = annotator.post(f"{detection}/tasks/next", {"camera": "front"}).json()
+        u, v = scene.truth["top"][index_of[task["vertex"]["id"]]].tolist()
+        answer = {"id": str(new_id()), "version": 0, "verdict": "confirmed", "mark": {"u": u, "v": v}}
+        assert annotator.post(f"/tasks/{task['task_id']}/answer", answer).status_code == 200
+    page = annotator.post(f"{detection}/crops/next", {"camera": "front"}).json()
+    assert len(page["crops"]) >= 6
+    for index, crop in enumerate(page["crops"]):
+        image, reach = crop["image"], 0.5 * crop["side_px"]
+        assert image["url"] == f"/v1/crop-pages/{page['id']}/crops/{index}"
+        assert max(image["width"], image["height"]) <= 2.0 * crop["side_px"] + 3
+        for axis, length, size in (("u", image["width"], WIDTH), ("v", image["height"], HEIGHT)):
+            assert image[axis] <= max(0.0, crop[axis] - reach)
+            assert image[axis] + length >= min(size, crop[axis] + reach), "the crop lies inside its picture"
+        answer = annotator.get(image["url"].removeprefix("/v1"))
+        assert (answer.status_code, answer.headers["content-type"]) == (200, "image/png")
+        piece = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+        rows = slice(image["v"], image["v"] + image["height"])
+        columns = slice(image["u"], image["u"] + image["width"])
+        np.testing.assert_array_equal(piece, scene[crop["frame_index"]][rows, columns])
+    answer = annotator.get(f"/crop-pages/{page['id']}/crops/99")
+    assert (answer.status_code, answer.json()["code"]) == (404, "no_such_crop")

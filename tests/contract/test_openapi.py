@@ -34,6 +34,7 @@ UNTYPED = {
     "get /v1/recordings/{id}/sweeps/{index}",
     "get /v1/recordings/{id}/original",
     "get /v1/analyses/{analysis_id}/file",
+    "get /v1/crop-pages/{page_id}/crops/{index}",
     "Provenance.request",
 }
 

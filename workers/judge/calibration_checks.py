@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
 
 from apexcal.documents.checks import MARKS_CONFIRMED, Check, CheckTopic, CheckVerdict
 from apexcal.documents.comparisons import ResultDifference
+from apexcal.documents.pairs import CONFIRMED, MACHINE, MACHINE_OFF
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import CameraSummary, RigSummary
 from workers.judge.held_out_check import HeldOutPairs, held_out
@@ -21,6 +25,8 @@ _WORSE: Final = 1.5
 _FINE_PX: Final = 0.5
 # Ratio of stated deviations that are clearly different: each is known to about a tenth (50 degrees of freedom).
 _LESS_PRECISE: Final = 1.25
+_LEAST_BLIND: Final = 2  # marks, for a standard error of their mean
+_NO_COLUMNS: Final[Mapping[str, Sequence[Any]]] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -46,18 +52,18 @@ def checks_of_calibration(
     pairs: HeldOutPairs | None = None,
     rig: RigSummary | None = None,
     current: CurrentResult | None = None,
-    machine: Sequence[bool] = (),
+    columns: Mapping[str, Sequence[Any]] = _NO_COLUMNS,
     confirming: CurrentResult | None = None,
 ) -> list[Check]:
     """Return what a calibration's end adds to the checks of a result, a fit to all pairs of a camera.
 
     ended_well: whether all runs are done; pairs: the held-out ones; rig: the comparison of the cameras; current: None
-    where the vehicle has none, or it was withdrawn. machine: of each pair, whether it stands on the machine's mark
-    alone; confirming: the newest result that was given to the camera, passes, and stands on people's marks.
+    where the vehicle has none, or it was withdrawn. columns: of its pairs, as `confirmed` reads them;
+    confirming: the newest result that was given to the camera, passes, and stands on people's marks.
     """
     own = summary.models[result.model]
     return [
-        confirmed(result, machine, confirming),
+        confirmed(result, columns, confirming),
         held_out(result, own, pairs),
         models(result.model, summary),
         runs(ended_well),
@@ -66,11 +72,22 @@ def checks_of_calibration(
     ]
 
 
-def confirmed(result: FitResult, machine: Sequence[bool], earlier: CurrentResult | None) -> Check:
-    """Whether people looked at the marks, or an earlier result from people's marks agrees with this one."""
-    count = sum(machine)
+def confirmed(result: FitResult, columns: Mapping[str, Sequence[Any]], earlier: CurrentResult | None) -> Check:
+    """Whether people looked at the marks, or an earlier result from people's marks agrees with this one.
+
+    columns: `machine`, whether each pair stands on the machine's mark alone, `confirmed`, how many people accepted it
+    after they saw it, and `machine_off_px`, the machine's mark minus blind ones (u, v), px; each may be missing.
+    """
+    machine = columns.get(MACHINE, ())
+    by_people = sum(count > 0 for count in columns.get(CONFIRMED, ()))
+    count = sum(machine) - by_people
+    bias = _bias([off for off in columns.get(MACHINE_OFF, ()) if off is not None])
+    figures: dict[str, float | None] = {"machine": float(count), "confirmed": float(by_people)}
     if not count:
-        return MARKS_CONFIRMED.passes("No pair stands on the machine alone.", machine=0.0)
+        people = f"People confirmed {by_people} of {len(machine)} marks, which are the machine's."
+        return MARKS_CONFIRMED.passes(
+            (people if by_people else "No pair stands on the machine alone.") + bias, **figures
+        )
     nobody = f"Nobody looked at {count} of {len(machine)} marks, which are the machine's"
     apart = earlier.compared if earlier and _is_alike(result, earlier.result) else None
     if apart is None:
@@ -85,11 +102,22 @@ def confirmed(result: FitResult, machine: Sequence[bool], earlier: CurrentResult
         )
     return MARKS_CONFIRMED.fails(
         verdict,
-        sentence,
-        "Mark some of these vertices by hand and make the pairs again: people's marks tell how far the machine's are "
-        "off on this recording.",
-        machine=float(count),
+        sentence + bias,
+        "Confirm these marks on the recording's page (Confirm marks) and make the pairs again.",
+        **figures,
         sigmas=apart and apart.sigmas,
+    )
+
+
+def _bias(offsets: Sequence[Sequence[float]]) -> str:
+    """Say how far the machine's marks are off: the mean of their differences (u, v) from blind marks, px."""
+    if len(offsets) < _LEAST_BLIND:
+        return ""
+    values = np.asarray(offsets, np.float64)
+    (u, v), (du, dv) = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(len(values))
+    return (
+        f" Against {len(values)} vertices that people marked blind the machine's marks are off by {u:+.2f} ± "
+        f"{du:.2f} px in u and {v:+.2f} ± {dv:.2f} px in v on average."
     )
 
 

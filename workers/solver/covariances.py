@@ -14,7 +14,7 @@ from workers.geometry.spherical import to_xyz
 from workers.solver.outcomes import SolveError
 
 Floats = NDArray[np.float64]
-Column = Sequence[float] | NDArray[Any]
+Column = Sequence[float | None] | NDArray[Any]
 # scipy publishes no types.
 _chi_square_beyond: Callable[[Floats, float], Floats] = special.chdtri
 COLUMNS: Final = (*SIGMAS, MARK_SIGMA, "marks", "spread_px")
@@ -58,9 +58,9 @@ def covariances_of(columns: Mapping[str, Column], points: ArrayLike, mark_sigma_
     """The covariances of pairs as a correspondence set states them.
 
     columns: `sigma_azimuth_rad`, `sigma_elevation_rad` (radians) and `sigma_range_m` (metres) of the vertices, and
-    `sigma_px` of the marks per coordinate (pixels), each of N numbers. points (N, 3): metres, LiDAR frame. Where the
-    marks state nothing one person's mark has mark_sigma_px, or what the spread of several people's marks shows
-    (columns `marks`, `spread_px`); of n marks a consensus has 1 / n of the variance.
+    `sigma_px` of the marks per coordinate (pixels), each of N numbers; of a mark that states nothing it is None.
+    points (N, 3): metres, LiDAR frame. Such a mark has mark_sigma_px if it is one person's, or what the spread of
+    several people's marks shows (columns `marks`, `spread_px`); of n marks a consensus has 1 / n of the variance.
     Raises SolveError `no_covariances` where the columns state none, `bad_covariances` where they cannot be any.
     """
     xyz = np.asarray(points, dtype=np.float64)
@@ -72,14 +72,18 @@ def covariances_of(columns: Mapping[str, Column], points: ArrayLike, mark_sigma_
         )
     spherical = np.zeros((len(xyz), 3, 3))
     if all(name in columns for name in SIGMAS):
-        spherical[:, range(3), range(3)] = np.column_stack([columns[name] for name in SIGMAS]) ** 2
+        spherical[:, range(3), range(3)] = (
+            np.column_stack([np.asarray(columns[name], dtype=np.float64) for name in SIGMAS]) ** 2
+        )
     variance = _mark_variance(columns, len(xyz), mark_sigma_px)
     return Covariances(to_xyz(spherical, xyz), variance[:, None, None] * np.eye(2))
 
 
 def _mark_variance(columns: Mapping[str, Column], n: int, mark_sigma_px: float) -> Floats:
     if MARK_SIGMA in columns:
-        return np.asarray(columns[MARK_SIGMA], dtype=np.float64) ** 2
+        stated = np.asarray(columns[MARK_SIGMA], dtype=np.float64)
+        others = {name: column for name, column in columns.items() if name != MARK_SIGMA}
+        return np.where(np.isnan(stated), _mark_variance(others, n, mark_sigma_px), stated**2)
     if "marks" not in columns:
         return np.full(n, mark_sigma_px**2)
     count = np.maximum(np.asarray(columns["marks"], dtype=np.float64), 1.0)

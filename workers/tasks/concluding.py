@@ -152,7 +152,6 @@ def _judge(
     points = np.column_stack([pairs[name] for name in "xyz"]).astype(np.float64)
     model = summary.models[result.model]
     other = None if current is None or current.result.id == result.id else current
-    machine = pairs.get(MACHINE, ())
     checks = checks_of_calibration(
         result.fit,
         camera=result.camera,
@@ -161,8 +160,8 @@ def _judge(
         pairs=held_out_pairs(result.fit, folds, points),
         rig=rig,
         current=other and _beside(result.fit, model, other),
-        machine=machine,
-        confirming=_beside(result.fit, model, confirming) if confirming and any(machine) else None,
+        columns=pairs,
+        confirming=_beside(result.fit, model, confirming) if confirming and any(pairs.get(MACHINE, ())) else None,
     )
     return _Judged(result, [*checks, other_data_check(elsewhere)], current and current.result.id)
 

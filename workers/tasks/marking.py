@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
 from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.lenses import lens_of_images
-from apexcal.documents.machine_marks import MOST_VERTICES
+from apexcal.documents.machine_marks import MOST_VERTICES, TILE_COLUMNS
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
@@ -29,12 +29,16 @@ from workers.geometry.spherical import to_xyz
 from workers.marks.propose import propose
 from workers.marks.sights import Lens, MarkProposal, MarkRefusal, RecordingFailure, Sight
 from workers.readers.images.decoded_frames import decoded_frames
+from workers.readers.recording import ReadError
+from workers.tasks.analysis_files import keeping, store_file
 from workers.tasks.context import Context
+from workers.tasks.crop_tiles import write_tiles
 from workers.tasks.originals import require_room
 
 # Of a vertex whose detector states none: the ring rules' errors (docs/decisions/0008).
 _UNSTATED: Final = np.diag([0.02, 0.02, 0.02]) ** 2
 Answers = Mapping[CornerName, MarkProposal | MarkRefusal]
+_COLUMNS: Final = ("u", "v", "sigma_u", "sigma_v", "edge_px")
 _WIDEST: Final = 1 << 14  # frames are marked as they are
 
 
@@ -42,6 +46,7 @@ _WIDEST: Final = 1 << 14  # frames are marked as they are
 class _MarkingWork:
     """Sights with the vertex of each corner, and the camera's frames: offset, length of each by its index."""
 
+    recording_id: UUID
     camera_key: str
     sights: list[Sight]
     vertices: list[dict[str, UUID]]
@@ -70,8 +75,41 @@ def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Ses
             corners=work.corners,
             on_sight=lease.check,
         )
-    result = _result(work, dict(zip(usable, proposals.answers, strict=True)), proposals.failure)
-    return lambda session: result
+        rows = _rows(work, dict(zip(usable, proposals.answers, strict=True)))
+        write = _storing_tiles(context, claim, work, rows, frames, folder / "crops.png")
+    result = _result(rows, proposals.failure)
+
+    def finish(session: Session) -> Json:
+        write(session)
+        return result
+
+    return finish
+
+
+def _storing_tiles(
+    context: Context,
+    claim: Claim,
+    work: _MarkingWork,
+    rows: list[dict[str, Any]],
+    frames: Mapping[int, NDArray[np.uint8]],
+    file: Path,
+) -> Callable[[Session], object]:
+    """Store a tile of each mark. Without room for them people look at whole frames."""
+    frame_of = {
+        str(vertex): sight.frame
+        for sight, vertices in zip(work.sights, work.vertices, strict=True)
+        for vertex in vertices.values()
+    }
+    if any(row["reason"] is None for row in rows):
+        write_tiles(rows, frame_of, frames, file)
+        try:
+            key = store_file(context, claim, file, f"recordings/{work.recording_id}/crops")
+        except ReadError:
+            for row in rows:
+                row.update(dict.fromkeys(TILE_COLUMNS))
+        else:
+            return keeping(claim, key, file, file.name, {})
+    return lambda session: None
 
 
 def _read(session: Session, analysis: Analysis) -> _MarkingWork:
@@ -94,6 +132,7 @@ def _read(session: Session, analysis: Analysis) -> _MarkingWork:
     columns = (CameraFrame.index, CameraFrame.offset, CameraFrame.length)
     places = select(*columns).where(CameraFrame.sensor_id == camera.id)
     return _MarkingWork(
+        camera.recording_id,
         camera.blob_key,
         [_sight(vertex, frame, roll) for vertex, frame in tips],
         [{TOP: vertex.id, **others.get(vertex.sweep_index, {})} for vertex, _ in tips],
@@ -153,22 +192,28 @@ def _decoded(context: Context, work: _MarkingWork, folder: Path, lease: Lease) -
     return frames
 
 
-def _result(work: _MarkingWork, answers_of: Mapping[int, Answers], failure: RecordingFailure | None) -> Json:
-    """Columns of all marks and reasons, and the marks in numbers."""
+def _rows(work: _MarkingWork, answers_of: Mapping[int, Answers]) -> list[dict[str, Any]]:
+    """All marks and reasons, each with its vertex."""
     rows: list[dict[str, Any]] = []
     for number, vertices in enumerate(work.vertices):
         answers = answers_of.get(number, {})
         for corner in CORNERS:
             if corner not in work.corners or corner not in vertices:
                 continue
-            row: dict[str, Any] = dict.fromkeys(("u", "v", "sigma_u", "sigma_v", "reason"))
+            row: dict[str, Any] = dict.fromkeys((*_COLUMNS, *TILE_COLUMNS, "reason"))
             answer = answers.get(corner)
             if isinstance(answer, MarkProposal):
                 deviations = np.sqrt(np.diag(answer.covariance)).tolist()
-                row |= dict(zip(("u", "v", "sigma_u", "sigma_v"), (*answer.pixel, *deviations), strict=True))
+                values = (*answer.pixel, *deviations, answer.short_side_px)
+                row |= dict(zip(_COLUMNS, values, strict=True))
             else:
                 row["reason"] = answer.reason if answer else "no_corner" if number in answers_of else "no_frame"
             rows.append({"vertex_id": str(vertices[corner]), "corner": corner, **row})
+    return rows
+
+
+def _result(rows: Sequence[dict[str, Any]], failure: RecordingFailure | None) -> Json:
+    """Columns of all marks and reasons, and the marks in numbers."""
     sigmas = [row["sigma_u"] for row in rows if row["reason"] is None]
     return {
         "corners": len(rows),

@@ -1,8 +1,9 @@
-"""Tables of what people say of vertices, what was told to whom, and marking tasks."""
+"""Tables of what people say of vertices, what was told to whom, marking tasks, and pages of crops."""
 
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Any
 from uuid import UUID
 
 from sqlalchemy import Index, String, UniqueConstraint
@@ -128,3 +129,28 @@ class MarkingProgress(Base):
     answered: Mapped[int]
     complete: Mapped[int]
     mine: Mapped[int]
+
+
+class CropPage(Base):
+    """A page of crops with marks of the machine, which a person was given, and what they said of it.
+
+    ``crops`` are in the page's order: ``vertex_id``, the drawn pixel ``u`` and ``v``, the crop's ``side_px``, and
+    ``shifted`` where the drawn pixel is not the machine's. ``wrong`` are the vertices whose marks the person rejects.
+    The client makes ``answer_id``: an answer that is sent twice is one.
+    """
+
+    __tablename__ = "crop_page"
+    __table_args__ = (
+        partial_index("uq_crop_page_open", "analysis_id", "person_id", where="answered_at IS NULL", unique=True),
+    )
+
+    id: Mapped[RowId]
+    detection_id: Mapped[UUID] = belongs_to("detection.id")
+    analysis_id: Mapped[UUID] = belongs_to("analysis.id")
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id")
+    person_id: Mapped[UUID] = belongs_to("person.id")
+    crops: Mapped[list[Any]]
+    answer_id: Mapped[UUID | None]
+    wrong: Mapped[list[Any] | None]
+    created_at: Mapped[Created]
+    answered_at: Mapped[datetime | None]

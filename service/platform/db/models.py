@@ -5,6 +5,7 @@
 from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.annotations import (
     Answer,
+    CropPage,
     Disclosure,
     MarkingFrontier,
     MarkingProgress,

@@ -105,7 +105,7 @@ def test_the_machine_counts_as_one_more_person_and_what_it_marked_alone_is_said(
     marks = {
         "vertex_id": [str(vertex) for vertex in seed.vertices[1:]], "corner": ["top"] * 3,
         "u": [102.0, 60.0, None], "v": [50.0, 61.0, None], "sigma_u": [0.3, 0.3, None], "sigma_v": [0.4, 0.5, None],
-        "reason": [None, None, "no_edge"],
+        "edge_px": [60.0, 60.0, None], "reason": [None, None, "no_edge"],
     }  # fmt: skip
     with api.database.writing() as session:
         of = {"fleet_id": fleet, "vehicle_id": seed.vehicle_id, "recording_id": seed.recording_id}
@@ -120,7 +120,9 @@ def test_the_machine_counts_as_one_more_person_and_what_it_marked_alone_is_said(
     assert told == [(100.0, 50.0, 1, False), (101.0, 50.0, 2, False), (60.0, 61.0, 1, True)]
     person, both, machine = (set(pair["marked_by"]) for pair in pairs)
     assert person | machine == both and not person & machine
-    assert "sigma_px" not in pairs[0], "a column is for all pairs or for none"
+    assert [pair["sigma_px"] for pair in pairs] == [None, None, pytest.approx((0.5 * (0.3**2 + 0.5**2)) ** 0.5)]
+    assert [pair["machine_off_px"] for pair in pairs] == [None, [2.0, 0.0], None]
+    assert "confirmed" not in pairs[0], "nobody saw a mark of the machine"
 
 
 def test_a_moved_vertex_is_paired_where_it_was_at_the_frames_time_with_its_deviations(api, fleet, engineer):

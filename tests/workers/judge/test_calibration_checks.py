@@ -140,17 +140,32 @@ def test_mounts_are_compared_if_lens_and_model_are_alike_and_the_current_passes(
     assert failed(judged(current=current(differs=True, **change))) == {}
 
 
+def test_marks_of_the_machine_that_people_confirmed_pass_and_their_bias_is_said():
+    columns = {
+        "machine": [False] * 3 + [True] * 4,
+        "machine_off_px": [[0.5, -0.1], [0.7, 0.1], [0.6, 0.0], *[None] * 4],
+    }
+    check = judged(columns=columns | {"confirmed": [0, 0, 0, 1, 1, 1, 2]})["marks_confirmed"]
+    assert (check.verdict, check.figures) == ("pass", {"machine": 0.0, "confirmed": 4.0})
+    assert check.sentence == (
+        "People confirmed 4 of 7 marks, which are the machine's. Against 3 vertices that people marked blind the "
+        "machine's marks are off by +0.60 ± 0.06 px in u and +0.00 ± 0.06 px in v on average."
+    )
+    some = judged(columns=columns | {"confirmed": [0, 0, 0, 0, 1, 1, 1]})["marks_confirmed"]
+    assert (some.verdict, some.figures["machine"]) == ("look", 1.0) and "marked blind" in some.sentence
+
+
 def test_marks_of_the_machine_are_looked_at_unless_people_marked_an_earlier_result_that_agrees():
     for machine in ((), [False] * 5):
-        check = judged(machine=machine)["marks_confirmed"]
+        check = judged(columns={"machine": machine})["marks_confirmed"]
         assert (check.verdict, check.figures["machine"]) == ("pass", 0.0)
-    machine = [True, True, False]
-    alone = judged(machine=machine)
+    columns = {"machine": [True, True, False]}
+    alone = judged(columns=columns)
     assert failed(alone) == {"marks_confirmed": "look"}
     assert alone["marks_confirmed"].sentence.startswith("Nobody looked at 2 of 3 marks, which are the machine's")
-    agrees = judged(machine=machine, confirming=current())["marks_confirmed"]
+    agrees = judged(columns=columns, confirming=current())["marks_confirmed"]
     assert agrees.verdict == "pass" and "Nobody looked" in agrees.sentence and "agrees" in agrees.sentence
-    differs = judged(machine=machine, confirming=current(differs=True, sigmas=7.0))["marks_confirmed"]
+    differs = judged(columns=columns, confirming=current(differs=True, sigmas=7.0))["marks_confirmed"]
     assert differs.verdict == "look" and "7.0 times what both state" in differs.sentence
     for members in ({"model": "brown_conrady"}, {"lens": "stated"}):
-        assert judged(machine=machine, confirming=current(members=members))["marks_confirmed"].verdict == "look"
+        assert judged(columns=columns, confirming=current(members=members))["marks_confirmed"].verdict == "look"

@@ -158,6 +158,8 @@ def test_columns_become_covariances():
     np.testing.assert_allclose(made.marks, [4 * np.eye(2)] * 2)
     np.testing.assert_allclose(covariances_of({"sigma_px": [0.5, 2]}, points, 1.0).marks[:, 0, 0], [0.25, 4.0])
     assert covariances_of({"sigma_px": [0.5, 2]}, points, 1.0).points.max() == 0.0
+    some = covariances_of({"sigma_px": [0.5, None], "marks": [1, 4]}, points, 3.0)
+    np.testing.assert_allclose(some.marks[:, 1, 1], [0.25, 9.0 / 4.0])
 
 
 def test_the_spread_of_several_marks_tells_how_well_people_mark():

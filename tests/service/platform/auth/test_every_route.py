@@ -17,6 +17,7 @@ from service.platform.db.models import (
     CalibrationRun,
     CameraFrame,
     CorrespondenceSet,
+    CropPage,
     Detection,
     Fleet,
     FleetRequest,
@@ -104,6 +105,7 @@ def fill(session, fleet_id) -> dict[str, str]:
     calibration = add(session, Calibration, rig, state="queued", remaining=1)
     run = add(session, CalibrationRun, calibration, pairs, problem={"seed": 1})
     result = add(session, Result, run, document=DOCUMENT)
+    analysis = add(session, Analysis, recording, kind="suggestion", asked={})
     made = {
         "fleets": fleet,
         "vehicles": vehicle,
@@ -111,7 +113,7 @@ def fill(session, fleet_id) -> dict[str, str]:
         "recordings": recording,
         "jobs": add(session, Job, fleet, subject_id=recording.id),
         "detections": detection,
-        "analyses": add(session, Analysis, recording, kind="suggestion", asked={}),
+        "analyses": analysis,
         "vertices": vertex,
         "correspondence-sets": pairs,
         "calibrations": calibration,
@@ -119,6 +121,7 @@ def fill(session, fleet_id) -> dict[str, str]:
         "publications": add(session, Publication, vehicle, result, led_to=result.id),
         "tokens": add(session, ApiToken, person, fleet, secret_hash="0", name="t"),
         "tasks": add(session, MarkingTask, vertex, sensor, person, leased_until=utc_now()),
+        "crop-pages": add(session, CropPage, detection, analysis, sensor, person, crops=[]),
         "fleet-requests": add(session, FleetRequest, fleet),
     }
     return {room: str(row.id) for room, row in made.items()}

@@ -1,0 +1,110 @@
+"""What requests and answers about pages of crops look like, on which people confirm the machine's marks."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+from uuid import UUID
+
+from pydantic import Field
+
+from apexcal.documents.base import Received, Sent
+from apexcal.documents.corners import CornerName
+from apexcal.documents.marking import CameraName
+
+CROPS_PER_PAGE: Final = 24
+"""Whole rows of 2, 3, 4, 6, 8 or 12 crops."""
+LEAST_SIDE_PX: Final = 48.0
+"""Side of the smallest crop: an eighth of it is 6 px, and `make bench-marks` counts marks beyond 5 px as wrong."""
+MOST_SIDE_PX: Final = 96.0
+"""Side of the largest crop: drawn 115 CSS px wide (three beside each other on a screen of 390) 5 px are still 6."""
+SHIFT_SHARES: Final = (1 / 8, 1 / 4)
+"""Least and largest shift over the crop's side. An eighth of 115 CSS px is 14, twice the drawn ring's radius: the
+corner lies outside of the ring. A quarter leaves the corner in the middle half of the crop.
+"""
+
+
+def side_of(edge_px: float | None) -> float:
+    """Return the side of a crop (px) that shows half of the board's shorter edge on each side of the corner."""
+    return min(max(edge_px or LEAST_SIDE_PX, LEAST_SIDE_PX), MOST_SIDE_PX)
+
+
+class NextCrops(Received):
+    """Ask for a page of crops of a camera; the person's page that is not answered yet comes again."""
+
+    camera: CameraName
+
+
+class CropImage(Sent):
+    """The picture that a crop is cut from. Its top-left pixel is the frame's pixel (``u``, ``v``)."""
+
+    url: str
+    u: int
+    v: int
+    width: int
+    height: int
+
+
+class CropView(Sent):
+    """A mark (``u``, ``v``) to look at, in the middle of a square of ``side_px`` pixels of its frame.
+
+    Some marks of a page are shifted by the service. Nothing in a page says which.
+    """
+
+    vertex_id: UUID
+    corner: CornerName
+    frame_index: int
+    u: float
+    v: float
+    side_px: float
+    image: CropImage
+
+
+class CropSheet(Sent):
+    """A page of crops, given to the person ``person_id``."""
+
+    id: UUID
+    person_id: UUID
+    camera: str
+    crops: list[CropView]
+
+
+class CropAnswer(Received):
+    """Say which marks of a page do not lie on their corner; the person accepts all others.
+
+    ``id`` is a random one of the client's: the same answer sent again is the same.
+    """
+
+    id: UUID
+    wrong: Annotated[list[UUID], Field(max_length=2 * CROPS_PER_PAGE, description="vertices of the page")]
+
+
+class CropProgress(Sent):
+    """How far people have looked at the machine's marks in one camera.
+
+    ``marks`` are the machine's, ``judged`` of them need nobody's look any more. ``blind_needed`` more of these
+    vertices have to be marked blind before there are crops. ``unmarked`` corners have no answer, and no mark of the
+    machine or one that people rejected; the first of them is ``next_unmarked``.
+    """
+
+    marks: int
+    judged: int
+    blind_needed: int
+    unmarked: int
+    next_unmarked: UUID | None
+
+
+class CropVerdict(Sent):
+    """What became of an answered page.
+
+    ``shifted`` marks were shifted by the service, and the person accepted ``missed`` of them. Unless the page is
+    ``accepted``, nothing on it is confirmed or rejected, and its marks come again.
+    """
+
+    id: UUID
+    accepted: bool
+    shifted: int
+    missed: int
+    confirmed: int
+    rejected: int
+    sentence: str
+    progress: CropProgress

@@ -1,0 +1,1 @@
+"""Pages of crops, on which people confirm the machine's marks."""

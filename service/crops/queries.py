@@ -1,0 +1,143 @@
+"""The machine's marks of a camera, and what people said of them on pages of crops."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from apexcal.documents.crops import CropProgress
+from service.annotations.consensus import Opinion
+from service.annotations.progress_queries import opinions_of
+from service.crops.shifts import LEAST_MARKS, MOST_MISSED
+from service.crops.trust import ShiftCount, wrong_rate
+from service.platform.db.analyses import Analysis
+from service.platform.db.annotations import CropPage
+from service.platform.db.base import Json
+from service.platform.db.recordings import Sensor
+
+# The mean of so many differences is known to 0.45 of one difference's deviation, 1 / sqrt(5).
+LEAST_BLIND = 5
+
+
+def newest_marks(session: Session, detection_id: UUID, camera: str) -> Analysis | None:
+    """The last analysis that marked a detection's corners in a camera."""
+    answered = select(Analysis).where(
+        Analysis.detection_id == detection_id, Analysis.kind == "machine_marks", Analysis.result.is_not(None)
+    )
+    rows = session.scalars(answered.order_by(Analysis.created_at.desc(), Analysis.id.desc()))
+    return next((row for row in rows if row.asked["camera"] == camera), None)
+
+
+def marks_of(analysis: Analysis) -> list[Json]:
+    """All that an analysis says of vertices, marks and reasons; empty until it is done."""
+    columns: Json = (analysis.result or {}).get("marks", {})
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+@dataclass(frozen=True)
+class PageOutcome:
+    """What an answered page says. Without ``accepted`` it says only how many shifted marks were missed."""
+
+    confirmed: list[UUID]
+    rejected: list[UUID]
+    shifts: ShiftCount
+
+    @property
+    def accepted(self) -> bool:
+        """Whether few enough shifted marks were missed."""
+        return self.shifts.missed < MOST_MISSED
+
+
+def outcome_of(page: CropPage) -> PageOutcome:
+    """The outcome of an answered page."""
+    wrong = set(page.wrong or ())
+    own = [crop["vertex_id"] for crop in page.crops if not crop["shifted"]]
+    shifted = [crop["vertex_id"] for crop in page.crops if crop["shifted"]]
+    return PageOutcome(
+        [UUID(vertex_id) for vertex_id in own if vertex_id not in wrong],
+        [UUID(vertex_id) for vertex_id in own if vertex_id in wrong],
+        ShiftCount(len(shifted), sum(vertex_id not in wrong for vertex_id in shifted)),
+    )
+
+
+@dataclass(frozen=True)
+class Judgements:
+    """Who confirmed and who rejected which vertex's mark, and the shifted marks that each person was shown."""
+
+    confirmed_by: dict[UUID, set[UUID]]
+    rejected_by: dict[UUID, set[UUID]]
+    counts: dict[UUID, ShiftCount]
+
+    def is_confirmed(self, vertex_id: UUID) -> bool:
+        """Whether more people confirmed the mark than rejected it."""
+        return len(self.confirmed_by.get(vertex_id, ())) > len(self.rejected_by.get(vertex_id, ()))
+
+    def is_rejected(self, vertex_id: UUID) -> bool:
+        """Whether people rejected the mark, and no more of them confirmed it."""
+        return bool(self.rejected_by.get(vertex_id)) and not self.is_confirmed(vertex_id)
+
+    @property
+    def wrong_rate(self) -> float:
+        """Probability that the machine's mark is wrong in this camera."""
+        judged = {*self.confirmed_by, *self.rejected_by}
+        return wrong_rate(sum(map(self.is_rejected, judged)), len(judged), self.counts.values())
+
+
+def judgements(session: Session, analysis_id: UUID) -> Judgements:
+    """What people said of an analysis's marks; of two answers of a person the later one counts."""
+    says: dict[UUID, dict[UUID, bool]] = defaultdict(dict)
+    counts: defaultdict[UUID, ShiftCount] = defaultdict(ShiftCount)
+    answered = select(CropPage).where(CropPage.analysis_id == analysis_id, CropPage.answered_at.is_not(None))
+    for page in session.scalars(answered.order_by(CropPage.answered_at, CropPage.id)):
+        outcome, before = outcome_of(page), counts[page.person_id]
+        counts[page.person_id] = ShiftCount(
+            before.shifted + outcome.shifts.shifted, before.missed + outcome.shifts.missed
+        )
+        if outcome.accepted:
+            for vertex_id in outcome.confirmed:
+                says[vertex_id][page.person_id] = True
+            for vertex_id in outcome.rejected:
+                says[vertex_id][page.person_id] = False
+    confirmed_by, rejected_by = ({key: _saying(by, side) for key, by in says.items()} for side in (True, False))
+    return Judgements(confirmed_by, rejected_by, dict(counts))
+
+
+def _saying(by: dict[UUID, bool], side: bool) -> set[UUID]:
+    return {person for person, answer in by.items() if answer is side}
+
+
+def blind_opinions(opinions: list[Opinion]) -> list[Opinion]:
+    """Those with a mark whose person knew nothing of others'."""
+    return [
+        opinion for opinion in opinions if opinion.verdict == "confirmed" and opinion.mark and not opinion.reviewed
+    ]
+
+
+def progress_of(session: Session, analysis: Analysis | None, camera: Sensor) -> CropProgress:
+    """How far people have looked at the marks of an analysis."""
+    if analysis is None or analysis.detection_id is None:
+        return CropProgress(marks=0, judged=0, blind_needed=0, unmarked=0, next_unmarked=None)
+    opinions = opinions_of(session, analysis.detection_id, camera.id)
+    by_people = judgements(session, analysis.id)
+    marked: list[UUID] = []
+    others: list[UUID] = []
+    for mark in marks_of(analysis):
+        (marked if mark["reason"] is None else others).append(UUID(mark["vertex_id"]))
+    rejected = [vertex_id for vertex_id in marked if by_people.is_rejected(vertex_id)]
+    unmarked = [vertex_id for vertex_id in [*rejected, *others] if vertex_id not in opinions]
+    blind = sum(bool(blind_opinions(opinions.get(vertex_id, []))) for vertex_id in marked)
+    enough = min(LEAST_BLIND, len(marked)) if len(marked) >= LEAST_MARKS else 0
+    return CropProgress(
+        marks=len(marked),
+        judged=sum(
+            vertex_id in opinions or by_people.is_confirmed(vertex_id) or by_people.is_rejected(vertex_id)
+            for vertex_id in marked
+        ),
+        blind_needed=max(0, enough - blind),
+        unmarked=len(unmarked),
+        next_unmarked=unmarked[0] if unmarked else None,
+    )

@@ -1,0 +1,93 @@
+"""Routes of pages of crops: how far it is, the next page, the answer to a page."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from uuid import UUID
+
+from fastapi import Depends, Path, Query, Request, Response
+
+from apexcal.documents.base import Sought
+from apexcal.documents.crops import CropAnswer, CropProgress, CropSheet, CropVerdict, NextCrops
+from service.crops.actions import find_page, judge, next_page, sheet_of
+from service.crops.pictures import tile_of
+from service.crops.queries import newest_marks, progress_of
+from service.detections.queries import done_detection, find_camera
+from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.platform.broker.hints import hint
+from service.platform.db.analyses import AnalysisFile
+from service.platform.db.detections import Detection
+from service.platform.db.session import Database
+from service.platform.http.etags import Conditional
+from service.platform.http.problems import Problem
+from service.platform.http.router import MarkingRoute, Router
+from service.recordings.addresses import ByteRange
+
+router = Router(tags=["annotations"], route_class=MarkingRoute)
+
+CameraQuery = Annotated[Sought, Query(description="a camera's name in the rig")]
+
+
+@router.get("/detections/{detection_id}/crops")
+def get_crop_progress(detection_id: UUID, access: ReadAccess, camera: CameraQuery) -> CropProgress:
+    """How far people have looked at the machine's marks in one camera, in numbers."""
+    detection = access.find(Detection, detection_id)
+    sensor = find_camera(access.session, detection.recording_id, camera)
+    return progress_of(access.session, newest_marks(access.session, detection.id, sensor.name), sensor)
+
+
+@router.post(
+    "/detections/{detection_id}/crops/next",
+    response_model=CropSheet,
+    responses={204: {"description": "no mark needs a look"}},
+)
+def ask_crops(detection_id: UUID, body: NextCrops, access: WriteAccess) -> CropSheet | Response:
+    """The next page of crops for this person, or the one that they have not answered. [annotator]
+
+    Some of its marks are shifted on purpose. What one answers afterwards on its vertices counts as reviewed.
+    """
+    detection = done_detection(access, detection_id, "annotator")
+    camera = find_camera(access.session, detection.recording_id, body.camera)
+    page = next_page(access.session, detection, camera, access.person.id)
+    return Response(status_code=204) if page is None else sheet_of(access.session, page, camera)
+
+
+@router.post("/crop-pages/{page_id}/answer")
+def answer_crops(page_id: UUID, answer: CropAnswer, access: WriteAccess) -> CropVerdict:
+    """Accept a page's marks but those that are wrong. The same id again is the same answer. [annotator]"""
+    page = find_page(access, page_id, lock=True)
+    verdict = judge(access.session, page, answer)
+    fleet_id = access.session.get_one(Detection, page.detection_id).fleet_id
+    hint(access.session, fleet_id, "marking", page.detection_id)
+    return verdict
+
+
+def _picture(
+    page_id: UUID, index: Annotated[int, Path(ge=0, lt=2**31)], request: Request, identity: CurrentIdentity
+) -> ByteRange:
+    """The session ends here, before any byte is read."""
+    database: Database = request.app.state.database
+    with database.reading() as session:
+        page = find_page(Access(session, identity), page_id)
+        tile = tile_of(page.crops[index]) if index < len(page.crops) else None
+        file = session.get(AnalysisFile, page.analysis_id)
+        if tile is None or file is None:
+            raise Problem(
+                404,
+                "no_such_crop",
+                f"The page has no picture {index} of its own.",
+                "Read the picture at the address that the page gives for its crop.",
+            )
+        return ByteRange(file.blob_key, tile.tile_offset, tile.tile_offset, tile.tile_length, "image/png")
+
+
+@router.get(
+    "/crop-pages/{page_id}/crops/{index}",
+    response_class=Response,
+    responses={200: {"content": {"image/png": {}}}},
+)
+async def get_crop(
+    picture: Annotated[ByteRange, Depends(_picture)], request: Request, conditions: Conditional
+) -> Response:
+    """The piece of the frame around a mark of one's own page, grey. [annotator]"""
+    return await picture.answer(request, conditions)

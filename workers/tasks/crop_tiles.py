@@ -1,0 +1,51 @@
+"""Pieces of frames around the machine's marks. People look at 24 of them at once; whole frames would take long."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from apexcal.documents.crops import SHIFT_SHARES, side_of
+from apexcal.documents.machine_marks import TILE_COLUMNS
+
+_REACH: Final = SHIFT_SHARES[1]
+"""The tile's middle is off the mark by up to so many sides, like a shifted mark is: the middle tells nothing."""
+_HALF: Final = 0.5 + 2.0 * _REACH
+"""Half of a tile over the crop's side: half a crop about a mark that is shifted in a tile that is off."""
+
+
+def write_tiles(
+    rows: Sequence[dict[str, Any]], frame_of: Mapping[str, int], frames: Mapping[int, NDArray[np.uint8]], file: Path
+) -> None:
+    """Write a PNG of each mark into one file, and where it is into the mark's row (`TILE_COLUMNS`).
+
+    ``rows``: marks with ``vertex_id``, ``u``, ``v``, ``edge_px`` (px) and ``reason``. ``frame_of``: the index of each
+    vertex's frame. ``frames``: (H, W) grey, by index.
+    """
+    offset = 0
+    with file.open("wb") as out:
+        for row in rows:
+            if row["reason"] is not None:
+                continue
+            image = frames[frame_of[row["vertex_id"]]]
+            side = side_of(row["edge_px"])
+            (left, right), (top, bottom) = (
+                _span(row[axis], side, size) for axis, size in (("u", image.shape[1]), ("v", image.shape[0]))
+            )
+            data = cv2.imencode(".png", np.ascontiguousarray(image[top:bottom, left:right]))[1].tobytes()
+            out.write(data)
+            span = (left, top, right - left, bottom - top, offset, len(data))
+            row.update(zip(TILE_COLUMNS, span, strict=True))
+            offset += len(data)
+
+
+def _span(mark: float, side: float, size: int) -> tuple[int, int]:
+    """The first pixel of a tile along one axis, and the one behind its last. Nobody can guess where its middle is."""
+    middle = mark + side * _REACH * secrets.SystemRandom().uniform(-1.0, 1.0)
+    return max(0, int(middle - _HALF * side)), min(size, int(np.ceil(middle + _HALF * side)) + 1)
