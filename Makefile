@@ -111,9 +111,9 @@ frontend: $(STAMPS)/frontend  ## build the pages into service/web
 
 lock: $(STAMPS)/uv  ## resolve the requirements again; the files hold hashes and no addresses
 	$(BIN)/uv pip compile $(LOCK_FLAGS) requirements/bootstrap.in -o requirements/bootstrap.lock
-	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml -o requirements/app.lock
-	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --group dev -o requirements/dev.lock
-	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --group bench -c requirements/dev.lock -o requirements/bench.lock
+	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra all -o requirements/app.lock
+	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra all --group dev -o requirements/dev.lock
+	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra all --group bench -c requirements/dev.lock -o requirements/bench.lock
 LOCK_FLAGS := --universal --generate-hashes --python-version 3.11 --no-header --no-emit-index-url --quiet
 
 clean:  ## remove what was built; data in var/ stays

