@@ -8,10 +8,11 @@ from making_recordings import DATA
 from pypcd4 import PointCloud
 
 from workers.readers.clouds.rings import learn_missing_rings
+from workers.readers.inspection import inspect_recording
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import FrameTable, read_table
-from workers.readers.recording import ReadError
+from workers.readers.recording import ReadError, ReadOptions
 
 BOARD = DATA / "vlp16-diamond-board"
 
@@ -106,3 +107,34 @@ def test_images_alone_are_no_recording(tmp_path):
     with pytest.raises(ReadError) as caught:
         ingested(DATA / "chessboard", tmp_path / "out", cameras=["left"])
     assert caught.value.code in ("no_lidar_topic", "files_without_times") and "left" in caught.value.message
+
+
+@pytest.mark.parametrize(
+    ("name", "lidar", "camera", "size"),
+    [
+        ("vlp16-diamond-board/recording.bag", ("velodyne", 20), ("camera_image_color", "camera", 20), (1920, 1208)),
+        ("os1-64-board", ("lidar", 12), ("images", "camera_images_optical", 12), (1920, 1200)),
+        # Beside its clouds lies a table of corners.
+        ("pandar40-tripod", ("lidar", 8), ("images", "camera_images_optical", 8), (1920, 1080)),
+    ],
+)
+def test_each_recording_with_images_proposes_a_rig(name, lidar, camera, size):
+    path = DATA / name
+    if not path.exists():
+        pytest.skip(f"real data is not here: ../shared/data/{name}")
+    inspection = inspect_recording(path, options=ReadOptions("stamp_only"))
+    rig, (question,) = inspection.proposal.rig, inspection.proposal.questions
+    assert (rig.lidar.frame, inspection.sensors[0].count) == lidar
+    assert (rig.cameras[0].name, rig.cameras[0].frame, inspection.sensors[1].count) == camera
+    assert rig.cameras[0].image_size == size and (question.sensor, question.asks) == (camera[0], "looks")
+
+
+def test_a_table_of_corners_is_no_second_lidar_of_dense_clouds():
+    path = DATA / "infrared-level-board"
+    if not path.exists():
+        pytest.skip("real data is not here: ../shared/data/infrared-level-board")
+    with pytest.raises(ReadError) as refused:
+        inspect_recording(path, options=ReadOptions("stamp_only"))
+    assert refused.value.code == "cloud_without_rings" and refused.value.message.startswith(
+        "clouds has no ring field"
+    )

@@ -19,6 +19,8 @@ from workers.readers.trees.ply import read_ply, truncated_cloud
 
 CLOUD_SUFFIXES: Final = frozenset({".pcd", ".ply", ".bin", ".npy"})
 _PLAIN: Final = ("x", "y", "z", "intensity", "ring", "time")
+# Columns of a table of corners or pairs (docs/imports.md), whose points are no sweep.
+_OF_PAIRS: Final = frozenset(("u", "v", "pose", "group", "corner", "vertex"))
 _FARTHEST_M: Final = 2000.0
 _MAX_FIELDS: Final = 256
 _MAX_HEADER: Final = 65_536
@@ -69,8 +71,9 @@ def _named(columns: Arrays) -> Arrays:
 
 
 def is_cloud_table(head: bytes) -> bool:
-    """Whether a CSV file that begins with these bytes has columns x, y and z."""
-    return {"x", "y", "z"} <= set(_names(_first_line(head)))
+    """Whether a CSV file that begins with these bytes has columns x, y and z, and none of a table of corners."""
+    names = set(_names(_first_line(head)))
+    return {"x", "y", "z"} <= names and not names & _OF_PAIRS
 
 
 def _malformed(path: str, why: str, hint: str) -> ReadError:

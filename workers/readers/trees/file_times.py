@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import PurePosixPath
@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from workers.readers.recording import ReadError
-from workers.readers.trees.series import Series, TimesFrom, stem_and_number
+from workers.readers.trees.series import KINDS, Series, TimesFrom, stem_and_number
 
 CSV_NAME: Final = "timestamps.csv"
 KITTI_NAME: Final = "timestamps.txt"
@@ -47,6 +47,28 @@ def stamp_series(series: Sequence[Series], tables: Mapping[str, bytes], lines: M
     made_up = [files for files in series if files.times_from == "index"]
     if made_up and len(made_up) < len(series):
         raise without_times(f"Some files have a time, but {made_up[0].paths[0]} has only a number.")
+
+
+def strays(series: Sequence[Series], listed: Collection[str]) -> list[str]:
+    """Return the files that lie beside a sensor's sweeps or frames and are none of them: maps, corners, overviews.
+
+    A file by itself is one if another sensor of its kind has several files, and if neither a table nor its name says
+    its time. So is a file whose name ends in no number, in a folder where most names do.
+
+    Args:
+        series: the files of each sensor.
+        listed: paths to which a table gives a time.
+    """
+    most = {kind: max((len(one.paths) for one in series if one.kind == kind), default=0) for kind in KINDS}
+    paths: list[str] = []
+    for files in series:
+        texts = {path: stem_and_number(path)[1] for path in files.paths if path not in listed}
+        bare = [path for path, text in texts.items() if not text]
+        if len(files.paths) == 1 < most[files.kind]:
+            paths += [path for path, text in texts.items() if "." not in text and not _is_time(text)]
+        elif 2 * len(bare) < len(files.paths):
+            paths += bare
+    return paths
 
 
 def _stamps(

@@ -20,6 +20,7 @@ from workers.readers.trees.file_times import (
     is_times_table,
     listed_times,
     stamp_series,
+    strays,
     without_times,
 )
 from workers.readers.trees.file_tree import FileTree, read_file, read_head
@@ -166,6 +167,13 @@ def _open_parts(
 ) -> None:
     """Open all sources; ``parts`` holds what is open although one of them cannot be read."""
     tables = {path: read_file(tree, path) for path in contents.tables}
+    if beside := strays(contents.series, listed_times(tables)):
+        contents.others += beside
+        contents.series = find_series(
+            [path for files in contents.series for path in files.paths if path not in beside]
+        )
+        listed = ", ".join(beside[:_MAX_LISTED])
+        warnings.append(f"{listed}: no sweep or frame by its name, beside the files of a sensor; left out.")
     top = _common_top([*contents.sources, *(f"{series.folder}/file" for series in contents.series)])
     for path, format_ in contents.sources.items():
         if format_.module == _VIDEO:

@@ -12,6 +12,7 @@ from workers.readers.images.still_images import IMAGE_SUFFIXES
 from workers.readers.trees.cloud_files import CLOUD_SUFFIXES
 
 Kind = Literal["lidar", "camera"]
+KINDS: Final[tuple[Kind, ...]] = ("lidar", "camera")
 # Where stamps come from: timestamps.csv, KITTI's timestamps.txt, times in names, or numbers, whose times are made up.
 TimesFrom = Literal["csv", "kitti", "names", "index"]
 _NUMBER_AT_END: Final = re.compile(r"(\d+(?:\.\d+)?)$")

@@ -55,6 +55,43 @@ def test_folders_that_all_have_in_common_are_left_out_of_names(tmp_path):
     recording.close()
 
 
+POINTS = b"x,y,z\n1,2,3\n4,5,6\n"
+CORNERS = b"pose,corner,x,y,z\n1,0,1.5,2.5,3.5\n"
+PAIRS = b"x,y,z,u,v,group\n1,2,3,4,5,1\n"
+
+
+@pytest.mark.parametrize(
+    ("beside", "is_told"),
+    [
+        ({"hand_fits.csv": CORNERS}, False),
+        ({"pairs.csv": PAIRS, "corners.csv": CORNERS}, False),
+        ({"clouds/corners.csv": CORNERS}, False),
+        ({f"corners/{i}.csv": CORNERS for i in range(1, 5)}, False),
+        ({"tips.csv": POINTS}, True),
+        ({"clouds/tips.csv": POINTS}, True),
+        ({"map.pcd": PCD}, True),
+        ({"map_2.pcd": PCD, "setup.png": png(8, 6, 9)}, True),
+        ({"clouds/merged.pcd": PCD, "images/overview.png": png(8, 6, 9)}, True),
+    ],
+    ids=lambda each: "-".join(each) if isinstance(each, dict) else "",
+)
+def test_files_beside_that_are_no_sweeps_are_no_second_sensor(tmp_path, beside, is_told):
+    files = {f"clouds/{i}.pcd": PCD for i in range(1, 5)} | {f"images/{i}.png": png(8, 6, i) for i in range(1, 5)}
+    recording = open_recording(folder_of(tmp_path / "poses", files | beside))
+    assert names(recording) == [("camera", "images", 4), ("lidar", "clouds", 4)]
+    assert all(any(path in line for line in recording.other_topics) for path in beside)
+    assert any("left out" in warning for warning in recording.warnings) == is_told
+    recording.close()
+
+
+def test_two_sensors_with_as_many_files_stay_two(tmp_path):
+    """What is clear of one sensor is not guessed of two: their owner says which is the LiDAR."""
+    files = {f"{name}/{i}.pcd": PCD for name in ("left", "right") for i in range(3)}
+    recording = open_recording(folder_of(tmp_path / "poses", files | {"images/0.png": png(8, 6)}))
+    assert names(recording) == [("camera", "images", 1), ("lidar", "left", 3), ("lidar", "right", 3)]
+    recording.close()
+
+
 def test_numbered_files_are_simultaneous_and_each_sweep_one_moment(tmp_path):
     files = {f"pose{i}.{suffix}": data for i in (2, 10, 9) for suffix, data in (("pcd", PCD), ("png", png(8, 6, i)))}
     _, items, warnings = read(folder_of(tmp_path, files))
