@@ -135,6 +135,6 @@ def test_a_table_of_corners_is_no_second_lidar_of_dense_clouds():
         pytest.skip("real data is not here: ../shared/data/infrared-level-board")
     with pytest.raises(ReadError) as refused:
         inspect_recording(path, options=ReadOptions("stamp_only"))
-    assert refused.value.code == "cloud_without_rings" and refused.value.message.startswith(
+    assert refused.value.code == "rings_not_separable" and refused.value.message.startswith(
         "clouds has no ring field"
     )
