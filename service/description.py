@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import Any, Final
@@ -28,6 +29,7 @@ _SCHEMES: Final[Json] = {
         "description": "A browser's session, which a sign-in link starts.",
     },
 }
+_SENTENCE_ENDS: Final = re.compile(r"(?<=[.;])\s+(?=[`A-Z])")
 
 
 class ProblemDocument(Document):
@@ -61,6 +63,8 @@ def _complete(document: Json, app: FastAPI) -> None:
     for unused in ("HTTPValidationError", "ValidationError"):
         parts["schemas"].pop(unused, None)
     parts["schemas"]["ProblemDocument"] = ProblemDocument.model_json_schema()
+    for schema in parts["schemas"].values():
+        _describe_members(schema)
     refusal: Json = {
         "description": "a refusal, with what to do",
         "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDocument"}}},
@@ -78,6 +82,15 @@ def _complete(document: Json, app: FastAPI) -> None:
                 if headers := list(_headers(method, route, calls)):
                     operation = document["paths"][route.path_format][method.lower()]
                     operation.setdefault("parameters", []).extend(headers)
+
+
+def _describe_members(schema: Json) -> None:
+    """Give each member the sentences of its document that name it."""
+    sentences = _SENTENCE_ENDS.split(" ".join(schema.get("description", "").split()))
+    for name, member in schema.get("properties", {}).items():
+        said = " ".join(sentence for sentence in sentences if f"``{name}``" in sentence)
+        if said:
+            member.setdefault("description", said)
 
 
 def _calls(dependant: Dependant) -> Iterator[Callable[..., Any] | None]:

@@ -112,6 +112,13 @@ def test_a_program_learns_credentials_names_headers_and_refusals(api: Api) -> No
 
 
 @one_database
+def test_members_are_described_by_the_sentences_of_their_document_that_name_them(api: Api) -> None:
+    schemas = api.app.openapi()["components"]["schemas"]
+    assert schemas["HeldOut"]["properties"]["stretch"]["description"] == "``stretch`` is how that scales lengths."
+    assert "description" not in schemas["HeldOut"]["properties"]["max_px"]
+
+
+@one_database
 @pytest.mark.parametrize(
     ("method", "path", "header"),
     [
