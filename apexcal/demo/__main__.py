@@ -67,7 +67,7 @@ def _drive(out: Console) -> Document:
                     real.run, DemoSession(steps, "real", service.url, service.token), fleet, data, scratch
                 )
                 simulating.result()
-                first = simulated.run(session, fleet, scratch / "walk")
+                first = simulated.run(session, fleet, scratch / "walk", REPORT.parent / "truck.calibrated.urdf")
                 skipped = {"skipped": "a clone holds no real recording (../shared/data/vlp16-diamond-board)"}
                 return {"simulated": first, "real": beside.result() if beside else skipped}
     finally:

@@ -73,9 +73,9 @@ def show(report: Document, out: Console) -> None:
             table.add_row(f"[bold]{half}[/]")
             for model in MODELS:
                 table.add_row(*_row(half, model, document))
-                if "refined" in document and model == document["model"]:
-                    table.add_row(*_row(half, "  refined", {"  refined": document["refined"]}))
-                    table.add_row(*_truth("  (its truth)", document["refined"]))
+                if "solve" in document and model == document["model"]:
+                    table.add_row(*_row(half, "  solve", {"  solve": document["solve"]}))
+                    table.add_row(*_truth("  (its truth)", document["solve"]))
             if half == "simulated":
                 table.add_row(*_truth("(the truth)", document["pinhole"]))
             table.add_section()
@@ -98,6 +98,8 @@ def shortfalls(report: Document) -> list[str]:
     for model, limit in _REAL_POLISHED_PX.items() if "pinhole" in report["real"] else ():
         if report["real"][model]["polished_px"] > limit:
             missed.append(f"real data, {model}: {report['real'][model]['polished_px']:.2f} px instead of {limit}")
+    if simulated["solve"]["file"] is None:
+        missed.append("`apexcal solve` wrote no URDF")
     counts = simulated["detections"]
     if counts["refined"]["accepted"] <= counts["tolerant"]["accepted"]:
         missed.append("`refined` accepted no more sweeps than `tolerant`")
@@ -136,9 +138,11 @@ def _sentences(half: str, document: Document) -> list[str]:
             f"three people, from `tolerant` vertices; slots ran on {document['workers_used']} worker processes. "
             "`turn` and `arm` are the errors of rotation and translation."
         )
+        solved = document["solve"]
         sentences.append(
-            f"{half}: the row `refined` is {document['model']} on {document['refined']['pairs']} pairs of the same "
-            "marks with `refined` vertices, each moved along its track to the time of its frame."
+            f"{half}: `apexcal solve walk.bag --urdf vehicle.urdf --machine-marks -o {solved['file']}` took the rig "
+            f"from bag and URDF. The row `solve` is its {document['model']} on {solved['pairs']} pairs that the "
+            f"machine marked on `refined` vertices; verdict: {solved['verdict']}."
         )
     else:
         sentences.append(f"{half}: {document['correspondences']} published correspondences, held out by whole poses.")

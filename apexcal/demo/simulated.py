@@ -1,4 +1,4 @@
-"""First half: a simulated recording whose truth is known, marked by three people, calibrated on farmed slots."""
+"""First half: a simulated recording whose truth is known, solved in one command, then marked by three people."""
 
 from __future__ import annotations
 
@@ -12,28 +12,30 @@ import numpy as np
 from apexcal.client import Client
 from apexcal.commands.calibrate import calibrate
 from apexcal.commands.detect import detect
-from apexcal.commands.recordings import upload
+from apexcal.commands.solve import solve
 from apexcal.demo import report
 from apexcal.demo.annotators import NAMES, mark_everything
 from apexcal.demo.steps import DemoSession, DemoSteps
 from apexcal.demo.truth import Truth
 from apexcal.documents.calibrations import CalibrationView
-from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleets import FleetOut
 from apexcal.errors import ClientError
-from apexcal.rigs import read_rig
 from apexcal.transport import Document
 
 CAMERA = "front"
-SECONDS = 120
+SECONDS = 90
+# As the simulated walker carries it (`apexcal simulate --help`).
+BOARD = "0.6096x0.9144"
 FOLDS = 5
 
 
 def simulate(steps: DemoSteps, folder: Path) -> None:
-    """Write the recording, its truth and its rig into a new folder, by the simulator's own command."""
+    """Write the recording, its truth and its vehicle's URDF into a new folder, by the simulator's own command."""
     with steps.step("simulated", "simulate") as on_progress:
         command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", str(SECONDS)]
-        with subprocess.Popen([*command, "--progress-json"], stdout=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(
+            [*command, "--camera-info", "raw", "--progress-json"], stdout=subprocess.PIPE, text=True
+        ) as process:
             assert process.stdout is not None
             for line in process.stdout:
                 progress = json.loads(line)
@@ -45,18 +47,18 @@ def simulate(steps: DemoSteps, folder: Path) -> None:
         on_progress(1.0, f"a ROS 1 bag of {size / 1e6:.0f} MB")
 
 
-def run(session: DemoSession, fleet: FleetOut, folder: Path) -> Document:
-    """From the bag to results: the ``simulated`` part of the report."""
+def run(session: DemoSession, fleet: FleetOut, folder: Path, output: Path) -> Document:
+    """From the bag to a URDF by one command, then to results by people: the ``simulated`` part of the report."""
     truth, client = Truth(folder / "truth.json"), session.client
-    vehicle = client.vehicles.create(fleet.id, "Simulated vehicle")
-    client.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "Front camera"))
-    bag, on, name = folder / "recording.bag", str(vehicle.id), "Walk with a board"
-    recording = session.run("upload and ingest", upload, bag, vehicle=on, name=name, marks=len(NAMES))
+    bag = (folder / "recording.bag").rename(folder / "walk.bag")
+    as_typed = {"urdf": folder / "vehicle.urdf", "board": BOARD, "machine_marks": True}
+    solved = session.run("solve", solve, bag, output=output, fleet=fleet.name, force=True, **as_typed)
+    machine = client.correspondence_sets.get(solved.request.correspondence_set_ids[0])
+    assert machine.recording_id and machine.detection_id
+    recording = client.recordings.get(machine.recording_id)
+    client.recordings.edit(recording, marks_per_vertex=len(NAMES))
     of, region = str(recording.id), folder / "region.json"
-    preview = session.run("region of interest", detect, of, region=region, preview=True)
-    strict = session.run("detect (strict)", detect, of, region=region, detector="strict")
     tolerant = session.run("detect (tolerant)", detect, of, region=region, detector="tolerant")
-    refined = session.run("detect (refined)", detect, of, region=region, interpolate=True)
     with session.step("three people mark") as on_progress:
         progress, tally = mark_everything(client, fleet.id, tolerant, CAMERA, truth, on_progress)
         on_progress(1.0, f"{tally.marks} marks on {progress.complete} vertices, {tally.rejected} rejections")
@@ -64,13 +66,13 @@ def run(session: DemoSession, fleet: FleetOut, folder: Path) -> Document:
     calibration = session.run("calibrate", calibrate, **from_marks)
     summary = report.summary_of(calibration, CAMERA)
     # A result that does not pass its checks does not publish itself.
-    current = str(client.calibrations.current(vehicle.id, CAMERA).result_id) if summary.published else None
+    vehicle = recording.vehicle_id
+    current = str(client.calibrations.current(vehicle, CAMERA).result_id) if summary.published else None
     return {
         **judge(client, truth, calibration),
-        "refined": _with_refined(session, truth, refined),
+        "solve": _solved(client, truth, solved, output),
         "model": truth.model,
-        "detections": report.acceptance([strict, tolerant, refined]),
-        "region": preview.result.model_dump(include={"frames", "frames_kept", "points", "points_kept"}),
+        "detections": report.acceptance([tolerant, client.detections.get(machine.detection_id)]),
         "marks": tally.marks,
         "notes": calibration.notes,
         "recording_id": of,
@@ -81,13 +83,12 @@ def run(session: DemoSession, fleet: FleetOut, folder: Path) -> Document:
     }
 
 
-def _with_refined(session: DemoSession, truth: Truth, refined: DetectionView) -> Document:
-    """The true model once more, from refined vertices that were moved to their frames' times, with the same marks."""
-    calibration = session.run(
-        "calibrate (refined)", calibrate, detection=str(refined.id), model=[truth.model], folds=FOLDS
-    )
-    figures = judge(session.client, truth, calibration)
-    return figures[truth.model] | {"pairs": figures["pairs"]}
+def _solved(client: Client, truth: Truth, calibration: CalibrationView, output: Path) -> Document:
+    """The true model as `solve` has it from the machine's marks, and the file if it wrote one."""
+    figures = judge(client, truth, calibration)
+    verdict = report.summary_of(calibration, CAMERA).models[truth.model].verdict
+    written = str(output) if output.is_file() else None
+    return figures[truth.model] | {"pairs": figures["pairs"], "verdict": verdict, "file": written}
 
 
 def judge(client: Client, truth: Truth, calibration: CalibrationView) -> Document:

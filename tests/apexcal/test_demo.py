@@ -92,7 +92,7 @@ FIGURES = {
     "seconds": 0.5,
 }
 SIMULATED = {**FIGURES, "heldout_truth_px": 1.1, "rotation_error_deg": 0.4, "translation_error_m": 0.01}
-ACCEPTED = {"strict": 0, "tolerant": 3, "refined": 15}
+ACCEPTED = {"tolerant": 3, "refined": 15}
 DETECTIONS = {
     "detections": {name: {"accepted": count, "sweeps": 20} for name, count in ACCEPTED.items()},
     "notes": ["a note"],
@@ -101,7 +101,7 @@ GOOD = {
     "simulated": {
         **{model: dict(SIMULATED) for model in MODELS},
         "model": "brown_conrady",
-        "refined": {**SIMULATED, "pairs": 95},
+        "solve": {**SIMULATED, "pairs": 95, "verdict": "look", "file": "truck.calibrated.urdf"},
         "pairs": 100,
         "marks": 300,
         "workers_used": 2,
@@ -111,7 +111,7 @@ GOOD = {
 }
 
 
-def changed(*path: str, to: float) -> dict:
+def changed(*path: str, to: float | None) -> dict:
     document = deepcopy(GOOD)
     place = document
     for name in path[:-1]:
@@ -131,6 +131,7 @@ def test_a_good_report_has_no_shortfall_with_or_without_real_data():
         (changed("simulated", "brown_conrady", "rotation_error_deg", to=1.1), "degrees off"),
         (changed("simulated", "brown_conrady", "heldout_px", to=1.7), "held-out"),
         (changed("simulated", "detections", "refined", "accepted", to=3), "no more sweeps"),
+        (changed("simulated", "solve", "file", to=None), "wrote no URDF"),
         (changed("real", "pinhole", "polished_px", to=19.6), "pinhole"),
         (changed("real", "brown_conrady", "polished_px", to=4.4), "brown_conrady"),
     ],
@@ -143,12 +144,12 @@ def test_each_shortfall_is_a_sentence(document, says):
 def test_the_table_fits_80_characters_and_loses_nothing():
     out = Console(width=80, file=io.StringIO())
     report.show(GOOD, out)
-    table = out.file.getvalue().split("simulated: `strict`")[0]
+    table = out.file.getvalue().split("simulated: `tolerant`")[0]
     assert "…" not in table
     assert all(model in table for model in MODELS)
     rows = [line.split()[0] for line in table.splitlines() if line.strip()]
     below = rows.index(GOOD["simulated"]["model"])
-    assert rows[below + 1 : below + 3] == ["refined", "(its"] and "(the truth)" in table
+    assert rows[below + 1 : below + 3] == ["solve", "(its"] and "(the truth)" in table
 
 
 def test_help_runs_nothing(tmp_path, monkeypatch, capsys):
