@@ -54,7 +54,14 @@ from service.platform.storage.store import Store, open_store
 from service.publications import routes as publications
 from service.publications import vehicle_routes
 from service.publications.retrieval import Retrieval
-from service.recordings import frame_routes, original_routes, presigned_routes, sweep_routes, upload_routes
+from service.recordings import (
+    deletion_routes,
+    frame_routes,
+    original_routes,
+    presigned_routes,
+    sweep_routes,
+    upload_routes,
+)
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
 
@@ -68,6 +75,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     token_routes.router,
     fleets.router,
     recordings.router,
+    deletion_routes.router,
     upload_routes.router,
     presigned_routes.router,
     original_routes.router,

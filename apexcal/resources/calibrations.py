@@ -94,6 +94,10 @@ class Calibrations(Resource):
         """One calibration: its state, its runs and, when it is done, its ``summary``."""
         return self._http.get(at("calibrations", calibration_id), CalibrationView)
 
+    def delete(self, calibration_id: UUID | str) -> None:
+        """Delete a calibration with its results, unless one is published. Its pairs stay."""
+        self._http.delete(at("calibrations", calibration_id))
+
     def cancel(self, calibration_id: UUID | str) -> CalibrationView:
         """End a calibration that is not done."""
         return self._http.post(at("calibrations", calibration_id, "cancel"), CalibrationView)

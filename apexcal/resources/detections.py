@@ -52,6 +52,10 @@ class DetectionRuns(Resource):
         """One detection run with its ``state`` and ``counts``."""
         return self._http.get(at("detections", detection_id), DetectionView)
 
+    def delete(self, detection_id: UUID | str) -> None:
+        """Delete a detection with its pairs and calibrations, unless one is published. Marks stay."""
+        self._http.delete(at("detections", detection_id))
+
     def cancel(self, detection_id: UUID | str) -> DetectionView:
         """End a run that is not done."""
         return self._http.post(at("detections", detection_id, "cancel"), DetectionView)

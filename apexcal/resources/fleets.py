@@ -32,6 +32,10 @@ class Fleets(Resource):
         """Give a fleet another name."""
         return self._http.patch(at("fleets", fleet_id), FleetOut, {"name": name}, version=version)
 
+    def delete(self, fleet_id: UUID | str) -> None:
+        """Delete a fleet of which nothing is published, with its vehicles (the owner only)."""
+        self._http.delete(at("fleets", fleet_id))
+
     def set_policy(self, fleet_id: UUID | str, policy: Mapping[str, float | bool], *, version: int) -> FleetOut:
         """State what results must show to be published: ``{"heldout_mean_px": 0.8}``; ``{}`` states nothing."""
         return self._http.put(at("fleets", fleet_id, "policy"), FleetOut, dict(policy), if_match(version))
@@ -88,6 +92,14 @@ class Vehicles(Resource):
     def rename(self, vehicle_id: UUID | str, name: str, *, version: int) -> VehicleOut:
         """Give a vehicle another name."""
         return self._http.patch(at("vehicles", vehicle_id), VehicleOut, {"name": name}, version=version)
+
+    def delete(self, vehicle_id: UUID | str) -> None:
+        """Delete a vehicle of which nothing is published, with its rigs, recordings and calibrations."""
+        self._http.delete(at("vehicles", vehicle_id))
+
+    def delete_rig(self, rig_id: UUID | str) -> None:
+        """Delete a rig that no recording has, with its imported pairs and their calibrations."""
+        self._http.delete(at("rigs", rig_id))
 
     def create_rig(self, vehicle_id: UUID | str, rig: Mapping[str, Any]) -> RigOut:
         """Add a rig: one LiDAR and its cameras, each with its nominal ``T_camera_lidar`` (a transform document)."""

@@ -26,6 +26,7 @@ from service.platform.db.fleets import Rig, Vehicle
 from service.platform.http.pages import LongPaging, Page, Paging, fetch
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router
+from service.recordings.actions import delete_calibration
 
 router = Router(tags=["calibrations"])
 
@@ -116,6 +117,15 @@ def cancel_calibration(calibration_id: UUID, access: WriteAccess) -> Calibration
     ask_to_end(access.session, select(Calibration.id).where(Calibration.id == calibration.id))
     hint(access.session, calibration.fleet_id, "calibration", calibration.id)
     return calibration_views(access.session, [calibration])[0]
+
+
+@router.delete("/calibrations/{calibration_id}", status_code=204)
+def remove_calibration(calibration_id: UUID, access: WriteAccess) -> None:
+    """Delete a calibration with its results, unless one is published. Its pairs stay. [engineer]"""
+    calibration = access.find(Calibration, calibration_id, "engineer")
+    fleet_id = calibration.fleet_id
+    delete_calibration(access.session, calibration)
+    hint(access.session, fleet_id, "calibration", calibration_id)
 
 
 @router.get("/calibrations/{calibration_id}/slots")

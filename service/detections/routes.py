@@ -35,6 +35,7 @@ from service.platform.http.problems import not_found
 from service.platform.http.router import Router
 from service.platform.job_status.views import jobs_of
 from service.platform.jobs.queue import cancel
+from service.recordings.actions import delete_detection
 
 router = Router(tags=["detections"])
 
@@ -92,6 +93,15 @@ def cancel_detection(detection_id: UUID, access: WriteAccess) -> DetectionView:
     cancel(access.session, [detection.id])
     hint(access.session, detection.fleet_id, "detection", detection.id)
     return detection_view(detection, jobs_of(access.session, [detection.id]).get(detection.id))
+
+
+@router.delete("/detections/{detection_id}", status_code=204)
+def remove_detection(detection_id: UUID, access: WriteAccess) -> None:
+    """Delete a detection with its pairs and calibrations, unless one is published. Marks stay. [engineer]"""
+    detection = access.find(Detection, detection_id, "engineer")
+    fleet_id, recording = detection.fleet_id, access.session.get_one(Recording, detection.recording_id)
+    delete_detection(access.session, detection, recording.vehicle_id)
+    hint(access.session, fleet_id, "detection", detection_id)
 
 
 @router.get("/detections/{detection_id}/vertices", response_model=Page[VertexSummary])

@@ -1,11 +1,15 @@
-"""Deleting a recording with all that came from it, in one transaction. The sweep removes the bytes afterwards."""
+"""Deleting with all that came from it, in one transaction: a recording, a detection, calibrations, a rig, a vehicle.
+
+The sweep removes the bytes afterwards. What was published stays, unless its loss is asked for with the recording.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, delete, or_, select
+from sqlalchemy import ColumnElement, delete, false, or_, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
@@ -15,6 +19,7 @@ from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.detections import Detection
 from service.platform.db.fleet_requests import FleetRequestVehicle
+from service.platform.db.fleets import Rig, Vehicle
 from service.platform.db.recordings import Recording, UploadPart
 from service.platform.http.problems import Problem
 from service.platform.jobs.queue import abandon
@@ -23,87 +28,176 @@ from service.publications.actions import hold_publications
 from service.publications.queries import aliases_to
 
 
+@dataclass(frozen=True)
+class _Origin:
+    """What is deleted, by what comes from it. ``kind`` names it in sentences.
+
+    ``sets``: its correspondence sets; the calibrations that used one of them go, and ``calibrations`` too.
+    ``analyses``: those that are its own. ``subjects``: jobs of its own work for these.
+    """
+
+    kind: str
+    vehicle_id: UUID | None
+    sets: ColumnElement[bool]
+    analyses: ColumnElement[bool]
+    subjects: Callable[[Session], Sequence[UUID]]
+    calibrations: ColumnElement[bool]
+
+
 def delete_recording(session: Session, recording_id: UUID, *, with_published: bool) -> None:
     """Delete a recording, its marks, detections, correspondence sets and every calibration that used them.
 
     Raises :class:`Problem` 409 ``calibration_in_use`` where one of these calibrations is a vehicle's current one
     or an alias leads to it, unless ``with_published``.
     """
+
+    def subjects(session: Session) -> Sequence[UUID]:
+        detections = select(Detection.id).where(Detection.recording_id == recording_id)
+        return [recording_id, *session.scalars(detections)]
+
+    origin = _Origin(
+        "recording",
+        session.scalar(select(Recording.vehicle_id).where(Recording.id == recording_id)),
+        CorrespondenceSet.recording_id == recording_id,
+        Analysis.recording_id == recording_id,
+        subjects,
+        false(),
+    )
     # Jobs first, as workers lock them before the rows that they work for; then again, for one made meanwhile.
-    abandon(session, _subjects(session, recording_id))
-    vehicle_id = session.scalar(select(Recording.vehicle_id).where(Recording.id == recording_id).with_for_update())
+    abandon(session, _subjects(session, origin))
+    session.execute(select(Recording.id).where(Recording.id == recording_id).with_for_update())
+    _delete_descent(session, origin, with_published=with_published)
+    parts = session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id))
+    condemn(session, [*parts, *sensor_keys(session, recording_id)])
+    session.execute(delete(Recording).where(Recording.id == recording_id))
+
+
+def delete_detection(session: Session, detection: Detection, vehicle_id: UUID) -> None:
+    """Delete a detection with its vertices, sets and calibrations. Marks stay with the recording's corners.
+
+    Raises :class:`Problem` 409 ``calibration_in_use``.
+    """
+    id_ = detection.id
+    of_sets, own = CorrespondenceSet.detection_id == id_, Analysis.detection_id == id_
+    origin = _Origin("detection", vehicle_id, of_sets, own, lambda session: [id_], false())
+    abandon(session, _subjects(session, origin))
+    _delete_descent(session, origin)
+    session.execute(delete(Detection).where(Detection.id == id_))
+
+
+def delete_calibration(session: Session, calibration: Calibration) -> None:
+    """Delete a calibration with its results. Raises :class:`Problem` 409 ``calibration_in_use``."""
+    own = Calibration.id == calibration.id
+    origin = _Origin("calibration", calibration.vehicle_id, false(), false(), lambda session: [], own)
+    abandon(session, _subjects(session, origin))
+    _delete_descent(session, origin)
+
+
+def delete_rig(session: Session, rig: Rig) -> None:
+    """Delete a rig with its imported pairs and their calibrations.
+
+    Raises :class:`Problem` 409 ``rig_in_use`` where a recording was read with it, ``calibration_in_use``.
+    """
+    name = session.scalar(select(Recording.name).where(Recording.rig_id == rig.id).limit(1))
+    if name is not None:
+        raise Problem(
+            409,
+            "rig_in_use",
+            f"The recording {name!r} belongs to the rig {rig.name!r}.",
+            "Give the recording another rig, or delete it first.",
+        )
+    own, of_sets = Calibration.rig_id == rig.id, CorrespondenceSet.rig_id == rig.id
+    origin = _Origin("rig", rig.vehicle_id, of_sets, false(), lambda session: [], own)
+    abandon(session, _subjects(session, origin))
+    _delete_descent(session, origin)
+    session.execute(delete(Rig).where(Rig.id == rig.id))
+
+
+def delete_vehicle(session: Session, vehicle: Vehicle) -> None:
+    """Delete a vehicle with its rigs, recordings and calibrations.
+
+    Raises :class:`Problem` 409 ``calibration_in_use`` where anything of it is published, ``fleet_request_running``.
+    """
+    id_ = vehicle.id
+    waiting = (FleetRequestVehicle.vehicle_id == id_, FleetRequestVehicle.state == VehicleState.QUEUED)
+    if session.scalar(select(FleetRequestVehicle.id).where(*waiting).limit(1)) is not None:
+        raise Problem(
+            409,
+            "fleet_request_running",
+            f"A fleet request calibrates the vehicle {vehicle.name!r}.",
+            "Wait until it ends, or cancel it.",
+        )
+    for recording_id in session.scalars(select(Recording.id).where(Recording.vehicle_id == id_)).all():
+        delete_recording(session, recording_id, with_published=False)
+    own, of_sets = Calibration.vehicle_id == id_, CorrespondenceSet.vehicle_id == id_
+    origin = _Origin("vehicle", id_, of_sets, Analysis.vehicle_id == id_, lambda session: [], own)
+    abandon(session, _subjects(session, origin))
+    _delete_descent(session, origin)
+    session.execute(delete(Vehicle).where(Vehicle.id == id_))
+
+
+def _delete_descent(session: Session, origin: _Origin, *, with_published: bool = False) -> None:
+    """Delete the calibrations that come from the origin, and condemn the files of all its analyses."""
     # A retry of a fleet request holds its failed vehicles, then the sets; a cancel holds only the keys of these.
     failed = select(FleetRequestVehicle.id).where(
-        FleetRequestVehicle.calibration_id.in_(_calibrations(session, recording_id)),
+        FleetRequestVehicle.calibration_id.in_(_calibrations(session, origin)),
         FleetRequestVehicle.state == VehicleState.FAILED,
     )
     session.execute(failed.order_by(FleetRequestVehicle.id).with_for_update(key_share=True)).all()
-    # A calibration being asked for holds its sets, not the recording: wait for it, so that its runs are seen below.
-    session.execute(
-        select(CorrespondenceSet.id).where(CorrespondenceSet.recording_id == recording_id).with_for_update()
-    ).all()
-    abandon(session, _subjects(session, recording_id))
-    calibrations = _calibrations(session, recording_id)
+    # A calibration being asked for holds its sets, not what they come from: wait for it, so that its runs are seen.
+    session.execute(select(CorrespondenceSet.id).where(origin.sets).with_for_update()).all()
+    abandon(session, _subjects(session, origin))
+    calibrations = _calibrations(session, origin)
     # In one order: two recordings of one vehicle share calibrations, and may be deleted at the same moment.
     shared = select(Calibration.id).where(Calibration.id.in_(calibrations)).order_by(Calibration.id)
     session.execute(shared.with_for_update()).all()
     # After the calibrations, in the same order as publishing.
-    if vehicle_id is not None:
-        hold_publications(session, vehicle_id)
+    if origin.vehicle_id is not None:
+        hold_publications(session, origin.vehicle_id)
         if not with_published:
-            _refuse_in_use(session, vehicle_id, calibrations)
-    keys = [
-        *session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)),
-        *sensor_keys(session, recording_id),
-        *session.scalars(
-            select(AnalysisFile.blob_key)
-            .join(Analysis, Analysis.id == AnalysisFile.analysis_id)
-            .where(_goes_with(recording_id, calibrations))
-        ),
-    ]
-    condemn(session, keys)
+            _refuse_in_use(session, origin.kind, origin.vehicle_id, calibrations)
+    files = select(AnalysisFile.blob_key).join(Analysis, Analysis.id == AnalysisFile.analysis_id)
+    condemn(session, session.scalars(files.where(_goes_with(origin, calibrations))).all())
     drop_calibrations(session, calibrations)
     session.execute(delete(Calibration).where(Calibration.id.in_(calibrations)))
-    session.execute(delete(Recording).where(Recording.id == recording_id))
 
 
-def _calibrations(session: Session, recording_id: UUID) -> Sequence[UUID]:
-    return session.scalars(
-        select(CalibrationRun.calibration_id)
-        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
-        .where(CorrespondenceSet.recording_id == recording_id)
-        .distinct()
-    ).all()
+def _calibrations(session: Session, origin: _Origin) -> Sequence[UUID]:
+    used = select(CalibrationRun.calibration_id).join(
+        CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id
+    )
+    of_sets = session.scalars(used.where(origin.sets).distinct()).all()
+    return list({*of_sets, *session.scalars(select(Calibration.id).where(origin.calibrations))})
 
 
-def _goes_with(recording_id: UUID, calibrations: Sequence[UUID]) -> ColumnElement[bool]:
-    """Whether an analysis is of the recording, of its pairs, or of a result of these calibrations."""
-    sets = select(CorrespondenceSet.id).where(CorrespondenceSet.recording_id == recording_id)
+def _goes_with(origin: _Origin, calibrations: Sequence[UUID]) -> ColumnElement[bool]:
+    """Whether an analysis is the origin's own, of its pairs, or of a result of these calibrations."""
+    sets = select(CorrespondenceSet.id).where(origin.sets)
     results = select(Result.id).where(Result.calibration_id.in_(calibrations))
-    return or_(Analysis.recording_id == recording_id, Analysis.set_id.in_(sets), Analysis.result_id.in_(results))
+    return or_(origin.analyses, Analysis.set_id.in_(sets), Analysis.result_id.in_(results))
 
 
-def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
-    calibrations = _calibrations(session, recording_id)
+def _subjects(session: Session, origin: _Origin) -> list[UUID]:
+    calibrations = _calibrations(session, origin)
     runs = select(CalibrationRun.id).where(CalibrationRun.calibration_id.in_(calibrations))
     return [
-        recording_id,
-        *session.scalars(select(Analysis.id).where(_goes_with(recording_id, calibrations))),
-        *session.scalars(select(Detection.id).where(Detection.recording_id == recording_id)),
+        *origin.subjects(session),
+        *session.scalars(select(Analysis.id).where(_goes_with(origin, calibrations))),
         *calibrations,
         *session.scalars(runs),
     ]
 
 
-def _refuse_in_use(session: Session, vehicle_id: UUID, calibrations: Sequence[UUID]) -> None:
+def _refuse_in_use(session: Session, kind: str, vehicle_id: UUID, calibrations: Sequence[UUID]) -> None:
     used = [
         f"{'current calibration' if alias == CURRENT else f'alias {alias}'} of {camera}"
         for alias, camera in aliases_to(session, vehicle_id, calibrations)
     ]
     if used:
+        with_it = ", or delete with ?with_published=true and lose that one too" if kind == "recording" else ""
         raise Problem(
             409,
             "calibration_in_use",
-            f"The vehicle's {' and '.join(used)} came from this recording.",
-            "Publish another calibration first, or delete with ?with_published=true and lose that one too.",
+            f"The vehicle's {' and '.join(used)} came from this {kind}.",
+            f"Publish another calibration first, or withdraw this one{with_it}.",
         )

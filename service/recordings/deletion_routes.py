@@ -1,0 +1,46 @@
+"""Routes that delete rigs, vehicles and fleets of which nothing is published."""
+
+from __future__ import annotations
+
+from uuid import UUID
+
+from sqlalchemy import delete, select
+
+from service.platform.auth.access import WriteAccess
+from service.platform.broker.hints import hint
+from service.platform.db.fleets import Fleet, Rig, Vehicle
+from service.platform.http.problems import Problem
+from service.platform.http.router import Router
+from service.recordings.actions import delete_rig, delete_vehicle
+
+router = Router(tags=["fleets"])
+
+
+@router.delete("/rigs/{id}", status_code=204)
+def remove_rig(id: UUID, access: WriteAccess) -> None:
+    """Delete a rig that no recording has, with its imported pairs and their calibrations. [engineer]"""
+    rig = access.find(Rig, id, "engineer")
+    fleet_id = rig.fleet_id
+    delete_rig(access.session, rig)
+    hint(access.session, fleet_id, "rig", id)
+
+
+@router.delete("/vehicles/{id}", status_code=204)
+def remove_vehicle(id: UUID, access: WriteAccess) -> None:
+    """Delete a vehicle of which nothing is published, with its rigs, recordings and calibrations. [engineer]"""
+    vehicle = access.find(Vehicle, id, "engineer")
+    fleet_id = vehicle.fleet_id
+    delete_vehicle(access.session, vehicle)
+    hint(access.session, fleet_id, "vehicle", id)
+
+
+@router.delete("/fleets/{id}", status_code=204)
+def remove_fleet(id: UUID, access: WriteAccess) -> None:
+    """Delete a fleet of which nothing is published, with its vehicles and memberships. Only an owner may."""
+    fleet = access.find(Fleet, id, "admin", lock=True)
+    if not access.identity.sees_all:
+        raise Problem(403, "owner_only", "Only an owner deletes fleets.", "Ask whoever runs the service.")
+    for vehicle in access.session.scalars(select(Vehicle).where(Vehicle.fleet_id == fleet.id)).all():
+        delete_vehicle(access.session, vehicle)
+    access.session.expunge(fleet)
+    access.session.execute(delete(Fleet).where(Fleet.id == id))
