@@ -255,32 +255,15 @@ def kalibr(calibrated: Calibrated) -> list[Projection]:
         assert ("T_cn_cnm1" in said) == (place > 0) and said.get("rostopic") == camera.topic
         if place:
             T = np.array(said["T_cn_cnm1"], np.float64) @ T
-        distort = {"radtan": _radtan, "equidistant": _equidistant}[said["distortion_model"]]
         assert len(said["distortion_coeffs"]) == 4
-        found.append(lambda points, T=T, said=said, distort=distort: _kalibr(move(T, points), said, distort))
+        found.append(lambda points, T=T, said=said: _kalibr(move(T, points), said))
     return found
 
 
-def _kalibr(points: np.ndarray, said: dict, distort) -> np.ndarray:
+def _kalibr(points: np.ndarray, said: dict) -> np.ndarray:
     fu, fv, pu, pv = said["intrinsics"]
-    x, y = distort(points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], said["distortion_coeffs"])
-    return np.stack([fu * x + pu, fv * y + pv], axis=1)
-
-
-def _radtan(x, y, coefficients):
-    k1, k2, r1, r2 = coefficients
-    square = x * x + y * y
-    radial = 1 + k1 * square + k2 * square**2
-    return x * radial + 2 * r1 * x * y + r2 * (square + 2 * x * x), y * radial + 2 * r2 * x * y + r1 * (
-        square + 2 * y * y
-    )
-
-
-def _equidistant(x, y, coefficients):
-    r = np.hypot(x, y)
-    theta = np.arctan(r)
-    scale = theta * (1 + sum(k * theta ** (2 * n) for n, k in enumerate(coefficients, 1))) / r
-    return x * scale, y * scale
+    project = {"radtan": plumb_bob, "equidistant": fisheye}[said["distortion_model"]]
+    return project(points, np.array([[fu, 0.0, pu], [0.0, fv, pv], [0.0, 0.0, 1.0]]), said["distortion_coeffs"])
 
 
 def opencv(calibrated: Calibrated) -> list[Projection]:

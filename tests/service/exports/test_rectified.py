@@ -15,13 +15,14 @@ from apexcal.geometry.se3 import SE3, from_document
 from service.platform.db.fleets import RigCamera
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
 from tests.service.detections.seeding import seed_rig
-from tests.service.exports.readers import joints
+from tests.service.exports.readers import fixed_axes, joints, rigid
 from tests.service.exports.test_routes import URDF
 from tests.support.databases import one_database
 from tests.support.rows import LEVEL
 
 pytestmark = one_database
 R = Rotation.from_rotvec(np.radians([0.7, -0.9, 0.4])).as_matrix()
+TURNED = rigid(R, np.zeros(3))
 OWN, IMAGES = "camera_front_optical", "camera_front_optical_rectified"
 RECTIFIED = {"kind": "rectified", "rotation": {"matrix": R.tolist()}}
 BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -64,16 +65,6 @@ def exported(actor, rig, name):
     return actor.get(current_address(rig), params={"format": name}).content
 
 
-def inverse(matrix):
-    return np.linalg.inv(matrix)
-
-
-def turned() -> np.ndarray:
-    made = np.eye(4)
-    made[:3, :3] = R
-    return made
-
-
 def test_what_the_images_are_is_corrected_in_the_rig(api, fleet, rig, engineer):
     assert state(engineer, rig, RECTIFIED)["rotation"]["matrix"] == pytest.approx(R, abs=1e-15)
     assert state(engineer, rig, {"kind": "raw"}) == {"kind": "raw", "rotation": None}
@@ -101,14 +92,14 @@ def test_the_tree_keeps_its_frame_and_gets_that_of_the_images(api, rig, engineer
     T = solved(engineer, result).matrix
     edges = joints(exported(engineer, rig, "urdf"))
     base = np.array(from_document(T_VEHICLE_LIDAR).matrix)
-    own = base @ inverse(T) @ turned()  # the camera's own frame in base_link: T_own_images = R'
+    own = base @ np.linalg.inv(T) @ TURNED  # the camera's own frame in base_link: T_own_images = R'
     if joint:
         body = from_document(joint["T_child_camera"]).matrix
-        assert np.abs(edges["base_link", "camera_front_link"] - own @ inverse(body)).max() < 1e-9
-        assert np.abs(edges["camera_front_link", IMAGES] - body @ inverse(turned())).max() < 1e-9
+        assert np.abs(edges["base_link", "camera_front_link"] - own @ np.linalg.inv(body)).max() < 1e-9
+        assert np.abs(edges["camera_front_link", IMAGES] - body @ np.linalg.inv(TURNED)).max() < 1e-9
     else:
-        assert np.abs(edges["velodyne", OWN] - inverse(T) @ turned()).max() < 1e-9
-        assert np.abs(edges[OWN, IMAGES] - inverse(turned())).max() < 1e-9
+        assert np.abs(edges["velodyne", OWN] - np.linalg.inv(T) @ TURNED).max() < 1e-9
+        assert np.abs(edges[OWN, IMAGES] - np.linalg.inv(TURNED)).max() < 1e-9
     # The document says the same, and a car that asks again gets it.
     again = engineer.get(current_address(rig), headers={"If-None-Match": before.headers["etag"]})
     document = again.json()
@@ -126,17 +117,12 @@ def test_autoware_mounts_the_cameras_own_body(api, rig, engineer, result):
         (name,) = [one for one in archive.namelist() if one.endswith("sensor_kit_calibration.yaml")]
         kit = yaml.safe_load(archive.read(name))["sensor_kit_base_link"]
     T_kit_lidar, T_kit_body = (placed(kit[child]) for child in ("velodyne", "front/camera_link"))
-    own = T_kit_lidar @ inverse(solved(engineer, result).matrix) @ turned()
-    upright = np.eye(4)
-    upright[:3, :3] = BODY
-    assert np.abs(T_kit_body @ upright - own).max() < 1e-9
+    own = T_kit_lidar @ np.linalg.inv(solved(engineer, result).matrix) @ TURNED
+    assert np.abs(T_kit_body @ rigid(BODY, np.zeros(3)) - own).max() < 1e-9
 
 
 def placed(pose) -> np.ndarray:
-    made = np.eye(4)
-    made[:3, :3] = Rotation.from_euler("xyz", [pose["roll"], pose["pitch"], pose["yaw"]]).as_matrix()
-    made[:3, 3] = pose["x"], pose["y"], pose["z"]
-    return made
+    return rigid(fixed_axes([pose["roll"], pose["pitch"], pose["yaw"]]), [pose["x"], pose["y"], pose["z"]])
 
 
 def test_without_r_the_frame_of_the_rig_is_that_of_the_images(api, rig, engineer, result):
@@ -166,11 +152,11 @@ def test_a_vehicles_own_urdf_has_the_cameras_own_frame(api, rig, engineer, resul
     T = solved(engineer, result).matrix
     asked = {"urdf": URDF, "joint": "mount"}
     edges = joints(engineer.post(f"/results/{result}/urdf", asked).content)
-    assert np.abs(edges["velodyne", OWN] - inverse(T) @ turned()).max() < 1e-9
+    assert np.abs(edges["velodyne", OWN] - np.linalg.inv(T) @ TURNED).max() < 1e-9
     named = URDF.replace(OWN, IMAGES)
     asked = {"urdf": named, "joint": "mount", "camera_link": IMAGES}
     edges = joints(engineer.post(f"/results/{result}/urdf", asked).content)
-    assert np.abs(edges["velodyne", IMAGES] - inverse(T)).max() < 1e-9
+    assert np.abs(edges["velodyne", IMAGES] - np.linalg.inv(T)).max() < 1e-9
 
 
 def test_the_rig_takes_images_when_it_is_made(api, rig, engineer):
