@@ -1,11 +1,16 @@
 """A worker that is told to stop gives its job back, wherever the signal meets it."""
 
+import signal
+from unittest import mock
+
 import pytest
 from sqlalchemy import select, text
 from sqlalchemy.exc import ProgrammingError
 
 from service.platform.db.models import Job, JobEvent
+from service.platform.jobs.claims import Lease
 from tests.service.platform.jobs.support import make_calibration, make_fleet, make_jobs
+from tests.support.processes import wait_until
 from workers.tasks import drain, running
 
 
@@ -39,3 +44,13 @@ def test_a_job_is_given_back_also_where_a_driver_turns_the_interruption_into_an_
     assert outcome(context.database, job_id) == ("queued", 0, None, ["given_back"])
     running.run_job(context, job_id)
     assert outcome(context.database, job_id)[0] == "queued", "who is told to stop begins nothing more"
+
+
+def test_a_kernel_is_stopped_though_the_main_thread_gets_no_turn(told_to_stop):
+    signal.signal(drain.DRAIN_SIGNAL, lambda *_: None)  # Python's handler says nothing while a kernel runs
+    lease = Lease(mock.Mock(), mock.Mock())
+    with drain.interruptible(lease):
+        told_to_stop()
+        wait_until(lambda: bool(lease.flag[0]), "the flag that kernels look at", 5.0)
+    with pytest.raises(drain.DrainedError):
+        lease.check()
