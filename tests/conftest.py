@@ -14,12 +14,14 @@ import pytest
 import uvicorn
 
 from service.app import create_app
+from service.platform.db.fleets import Rig
 from service.platform.db.migrate import upgrade
 from service.platform.db.models import Base
 from service.platform.db.session import Database
 from service.platform.http.connections import PatientProtocol
 from service.platform.settings import Settings, get_settings
 from service.platform.storage.store import open_store
+from tests.service.detections.seeding import seed_rig
 from tests.support.broker import Broker
 from tests.support.people import Actor, Api, TestClient
 from tests.support.postgres import Postgres
@@ -168,6 +170,12 @@ def fleet(api: Api) -> UUID:
 def engineer(api: Api, fleet: UUID) -> Actor:
     """An engineer of that fleet."""
     return api.member(fleet, "engineer")
+
+
+@pytest.fixture
+def rig(api: Api, fleet: UUID) -> Rig:
+    """A rig of that fleet with one camera."""
+    return seed_rig(api.database, fleet)
 
 
 @pytest.fixture

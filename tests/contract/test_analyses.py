@@ -49,9 +49,7 @@ def seed_walk(database, fleet_id, person_id, *, moving=True):
 
 
 @pytest.mark.usefixtures("broker")
-def test_the_offset_between_the_clocks_is_found_from_a_walk_and_its_marks(api, context):
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
+def test_the_offset_between_the_clocks_is_found_from_a_walk_and_its_marks(api, context, fleet, engineer):
     _, detection_id = seed_walk(api.database, fleet, engineer.person_id)
     with api.database.reading() as session:
         assert session.query(Vertex).count() == FRAMES
@@ -70,9 +68,7 @@ def test_the_offset_between_the_clocks_is_found_from_a_walk_and_its_marks(api, c
 
 
 @pytest.mark.usefixtures("broker")
-def test_who_stands_still_is_told_that_nothing_can_be_told(api, context):
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
+def test_who_stands_still_is_told_that_nothing_can_be_told(api, context, fleet, engineer):
     _, detection_id = seed_walk(api.database, fleet, engineer.person_id, moving=False)
     asked = engineer.post(
         "/analyses",

@@ -75,8 +75,7 @@ def seed_sights(database, recording, scene):
 
 @one_database
 @pytest.mark.usefixtures("broker")
-def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, tmp_path):
-    fleet = api.fleet()
+def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, tmp_path, fleet):
     engineer, annotator = api.member(fleet, "engineer"), api.member(fleet, "annotator")
     scene = Scene(DRAW)
     recording = uploaded(context, seed_rig(api.database, fleet), bag_of(scene, tmp_path / "walk.bag"))

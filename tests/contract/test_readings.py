@@ -29,8 +29,7 @@ def test_every_option_of_the_readers_can_be_said_and_nothing_else():
 
 
 @pytest.mark.usefixtures("broker")
-def test_a_recording_that_asks_which_is_which_is_read_when_it_is_told(api, context, tmp_path):
-    engineer = api.member(api.fleet(), "engineer")
+def test_a_recording_that_asks_which_is_which_is_read_when_it_is_told(context, tmp_path, engineer):
     fleet = engineer.get("/me").json()["fleets"][0]["id"]
     bag = write_bag(
         tmp_path / "two.bag",

@@ -12,7 +12,7 @@ from service.platform.db.calibrations import CorrespondenceSet, Result
 from service.platform.db.fleets import Fleet
 from service.platform.db.models import Blob
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
-from tests.service.detections.seeding import seed_rig
+from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.databases import one_database
 from tests.support.work import work
 
@@ -20,20 +20,14 @@ pytestmark = pytest.mark.usefixtures("broker")
 
 
 @pytest.fixture
-def made(api, context):
-    """(engineer, result, fleet): a finished calibration without a report."""
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
-    rig = seed_rig(api.database, fleet)
-    brought = engineer.post(
-        f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs_of_a_pinhole()}, params={"camera": "front"}
-    ).json()
-    body = {"correspondence_set_ids": [brought["id"]], "models": ["pinhole"], "folds": 2, "schedule": SCHEDULE}
-    asked = engineer.post(f"/vehicles/{rig.vehicle_id}/calibrations", body)
-    assert asked.status_code == 202, asked.text
+def result(context, engineer, rig):
+    """The result of a finished calibration without a report."""
+    body = {"models": ["pinhole"], "folds": 2, "schedule": SCHEDULE}
+    brought = bring_pairs(engineer, rig.id, pairs_of_a_pinhole())
+    asked = ask_calibration(engineer, rig.vehicle_id, brought, **body)
     work(context)
-    done = engineer.get(f"/calibrations/{asked.json()['id']}").json()
-    return engineer, done["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"], fleet
+    done = engineer.get(f"/calibrations/{asked}").json()
+    return done["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"]
 
 
 def ask(engineer, result):
@@ -48,8 +42,7 @@ def data_of(text):
     return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
 
 
-def test_a_report_shows_the_result_and_counts_to_the_quota(api, context, made):
-    engineer, result, fleet = made
+def test_a_report_shows_the_result_and_counts_to_the_quota(api, context, fleet, engineer, result):
     before = engineer.get(f"/fleets/{fleet}").json()["taken_bytes"]
     report = ask(engineer, result)
     assert engineer.get(f"{report}/file").json()["code"] == "no_file"
@@ -87,8 +80,7 @@ def test_a_report_shows_the_result_and_counts_to_the_quota(api, context, made):
 
 
 @one_database
-def test_a_fleet_without_room_for_a_report_hears_why(api, context, made):
-    engineer, result, _ = made
+def test_a_fleet_without_room_for_a_report_hears_why(api, context, engineer, result):
     with api.database.writing() as session:
         session.execute(update(Fleet).values(quota_bytes=1000))
     report = ask(engineer, result)
@@ -98,16 +90,11 @@ def test_a_fleet_without_room_for_a_report_hears_why(api, context, made):
 
 
 @one_database
-def test_a_report_shows_what_other_data_say(api, context, made):
-    engineer, result, _ = made
+def test_a_report_shows_what_other_data_say(context, engineer, rig, result):
     found = engineer.get(f"/results/{result}").json()
-    rig = engineer.get(f"/correspondence-sets/{found['set_id']}").json()["rig_id"]
     turned = [pair | {"u": pair["u"] + 30.0} for pair in pairs_of_a_pinhole()]
-    sets = [found["set_id"]]
-    for pairs in (pairs_of_a_pinhole()[:60], turned):
-        brought = engineer.post(f"/rigs/{rig}/correspondence-sets", {"pairs": pairs}, params={"camera": "front"})
-        sets.append(brought.json()["id"])
-    for one in sets:
+    others = [bring_pairs(engineer, rig.id, pairs) for pairs in (pairs_of_a_pinhole()[:60], turned)]
+    for one in (found["set_id"], *others):
         body = {"kind": "pair_validation", "set_id": one, "result_id": result}
         assert engineer.post("/analyses", body).status_code == 202
     # Reports are no validations.
@@ -125,8 +112,7 @@ def test_a_report_shows_what_other_data_say(api, context, made):
 
 
 @one_database
-def test_of_marks_only_reviewers_see_it_and_only_of_a_whole_fit(api, context, made):
-    engineer, result, fleet = made
+def test_of_marks_only_reviewers_see_it_and_only_of_a_whole_fit(api, context, fleet, engineer, result):
     report = ask(engineer, result)
     work(context)
     with api.database.writing() as session:
@@ -142,8 +128,7 @@ def test_of_marks_only_reviewers_see_it_and_only_of_a_whole_fit(api, context, ma
 
 
 @one_database
-def test_pairs_are_left_out_and_the_calibration_asked_for_again(api, context, made):
-    engineer, result, _ = made
+def test_pairs_are_left_out_and_the_calibration_asked_for_again(context, engineer, result):
     found = engineer.get(f"/results/{result}").json()
     path = f"/correspondence-sets/{found['set_id']}/selections"
     assert engineer.post(path, {"leave_out": [80]}).json()["code"] == "no_such_pair"
@@ -157,9 +142,9 @@ def test_pairs_are_left_out_and_the_calibration_asked_for_again(api, context, ma
     )
     assert rest == [pair for i, pair in enumerate(whole) if i not in (3, 17)]
     request = engineer.get(f"/calibrations/{found['calibration_id']}").json()["request"]
-    body = request | {"correspondence_set_ids": [fewer.json()["id"]]}
-    again = engineer.post(f"/vehicles/{found['vehicle_id']}/calibrations", body)
-    assert again.status_code == 202, again.text
+    again = ask_calibration(
+        engineer, found["vehicle_id"], **request | {"correspondence_set_ids": [fewer.json()["id"]]}
+    )
     work(context)
-    done = engineer.get(f"/calibrations/{again.json()['id']}").json()
+    done = engineer.get(f"/calibrations/{again}").json()
     assert done["summary"]["cameras"]["front"]["models"]["pinhole"]["pairs"] == 78

@@ -11,6 +11,7 @@ from apexcal.geometry.se3 import SE3, to_document
 from service.platform.db.models import Job
 from service.platform.jobs.claims import claim
 from service.platform.jobs.sweep import sweep
+from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.work import work
 from tests.workers.solver.two_cameras import FRONT, LEFT, SIZE, walked
 from workers.tasks.running import run_job
@@ -40,7 +41,7 @@ def _sent(transform):
 
 
 def asked(api, known=TRUE, images=None, **request):
-    """An engineer, and their calibration of both cameras from one walk, every vertex marked in both."""
+    """An engineer, and the id of their calibration of both cameras from one walk, every vertex marked in both."""
     fleet = api.fleet()
     engineer = api.member(fleet, "engineer")
     vehicle = engineer.post(f"/fleets/{fleet}/vehicles", {"name": "car"}).json()["id"]
@@ -52,20 +53,15 @@ def asked(api, known=TRUE, images=None, **request):
     for mount, seen in zip((FRONT, LEFT), pixels, strict=True):
         rows = np.column_stack([points, seen + rng.normal(size=seen.shape)]).tolist()
         pairs = [dict(zip("xyzuv", row, strict=True)) | {"stamp_ns": 10**8 * n} for n, row in enumerate(rows)]
-        made = engineer.post(
-            f"/rigs/{rig.json()['id']}/correspondence-sets", {"pairs": pairs}, params={"camera": mount.name}
-        )
-        sets.append(made.json()["id"])
-    body = {"correspondence_set_ids": sets, "models": ["pinhole"], "folds": 2, "schedule": SCHEDULE}
-    answer = engineer.post(f"/vehicles/{vehicle}/calibrations", body | {"publish": "recommended"} | request)
-    assert answer.status_code == 202, answer.text
-    return engineer, answer.json()
+        sets.append(bring_pairs(engineer, rig.json()["id"], pairs, mount.name))
+    body = {"models": ["pinhole"], "folds": 2, "schedule": SCHEDULE, "publish": "recommended"} | request
+    return engineer, ask_calibration(engineer, vehicle, *sets, **body)
 
 
 def test_two_cameras_are_compared_when_both_are_done(api, context):
     engineer, calibration = asked(api)
     work(context)
-    done = engineer.get(f"/calibrations/{calibration['id']}").json()
+    done = engineer.get(f"/calibrations/{calibration}").json()
     assert (done["state"], done["problem"]) == ("done", None)
     (pair,) = done["summary"]["rig"]["pairs"]
     assert (pair["name"], pair["models"], pair["alarms"]) == ("T_front_left", ["pinhole", "pinhole"], [])
@@ -88,7 +84,7 @@ def test_what_the_rig_states_is_of_the_cameras_before_their_images_are_rectified
     known = to_document(FRONT.transform @ own.inverse())
     engineer, calibration = asked(api, known, {"kind": "rectified", "rotation": {"matrix": R.tolist()}})
     work(context)
-    (pair,) = engineer.get(f"/calibrations/{calibration['id']}").json()["summary"]["rig"]["pairs"]
+    (pair,) = engineer.get(f"/calibrations/{calibration}").json()["summary"]["rig"]["pairs"]
     assert pair["transform"]["from_frame"] == "left_rectified"
     assert [one["source"] for one in pair["stated"]] == ["nominal", "rig"] and pair["alarms"] == []
     assert pair["stated"][1]["sigmas"] < 4.0
@@ -99,7 +95,7 @@ def test_a_rig_that_states_something_else_is_an_alarm_that_publishes_nothing(api
     wrong["translation_m"][0] += 1.0
     engineer, calibration = asked(api, wrong)
     work(context)
-    summary = engineer.get(f"/calibrations/{calibration['id']}").json()["summary"]
+    summary = engineer.get(f"/calibrations/{calibration}").json()["summary"]
     (alarm,) = summary["rig"]["alarms"]
     assert "from what the rig states" in alarm and "noise does not explain" in alarm
     for camera in ("front", "left"):
@@ -115,7 +111,7 @@ def at_the_conclusion(api, context):
         ids = session.scalars(select(Job.id).order_by(Job.id)).all()
     for job_id in ids:
         run_job(context, job_id)
-    waiting = engineer.get(f"/calibrations/{calibration['id']}").json()
+    waiting = engineer.get(f"/calibrations/{calibration}").json()
     assert (waiting["state"], waiting["progress"]["message"]) == ("running", "the models are compared")
     with api.database.reading() as session:
         (job_id,) = session.scalars(select(Job.id).where(Job.kind == "conclude"))
@@ -124,16 +120,14 @@ def at_the_conclusion(api, context):
 
 def test_a_cancel_before_the_conclusion_ends_the_calibration(api, context):
     engineer, calibration, job_id = at_the_conclusion(api, context)
-    assert engineer.post(f"/calibrations/{calibration['id']}/cancel").status_code == 202
+    assert engineer.post(f"/calibrations/{calibration}/cancel").status_code == 202
     sweep(context.database, context.store)
-    ended = engineer.get(f"/calibrations/{calibration['id']}").json()
+    ended = engineer.get(f"/calibrations/{calibration}").json()
     assert (ended["state"], ended["summary"]) == ("cancelled", None)
     assert claim(context.database, job_id, "late") is None
 
 
-def test_known_transforms_name_two_cameras_of_the_rig(api):
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
+def test_known_transforms_name_two_cameras_of_the_rig(fleet, engineer):
     vehicle = engineer.post(f"/fleets/{fleet}/vehicles", {"name": "car"}).json()["id"]
     refused = engineer.post(f"/vehicles/{vehicle}/rigs", rig_document(TRUE | {"from_frame": "velodyne"}))
     assert (refused.status_code, refused.json()["code"]) == (422, "invalid_request")

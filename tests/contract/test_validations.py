@@ -6,7 +6,7 @@ import pytest
 
 from apexcal.documents.validations import PairScore, RoadScore
 from apexcal.geometry.se3 import to_document
-from tests.service.detections.seeding import seed_rig
+from tests.support.asking import bring_pairs
 from tests.support.databases import one_database
 from tests.support.rows import LEVEL
 from tests.support.scenes.drive import Drive, record
@@ -29,16 +29,12 @@ def errors_of(points, marks):
 
 
 @pytest.mark.usefixtures("broker")
-def test_a_calibration_is_scored_on_pairs_that_it_never_saw(api, context):
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
-    rig = seed_rig(api.database, fleet)
+def test_a_calibration_is_scored_on_pairs_that_it_never_saw(context, engineer, rig):
     rng = np.random.default_rng(3)
     points = np.column_stack([rng.uniform(5, 20, 40), rng.uniform(-2, 2, 40), rng.uniform(-1, 1, 40)])
     marks = rng.uniform(100, 400, (40, 2))
     pairs = [dict(zip("xyzuv", row, strict=True)) for row in np.hstack([points, marks]).tolist()]
-    made = engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs}, params={"camera": "front"}).json()
-    body = {"kind": "pair_validation", "set_id": made["id"]}
+    body = {"kind": "pair_validation", "set_id": bring_pairs(engineer, rig.id, pairs)}
     body["calibration"] = {"lens": LENS, "transform": LEVEL}
     asked = engineer.post("/analyses", body)
     assert asked.status_code == 202, asked.text
@@ -74,10 +70,7 @@ def bag_of_a_drive(path, frames=3, drive=Drive(speed_m_s=0.0)):
 
 @one_database
 @pytest.mark.usefixtures("broker")
-def test_a_drive_is_held_against_its_frames(api, context, tmp_path):
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
-    rig = seed_rig(api.database, fleet)
+def test_a_drive_is_held_against_its_frames(context, tmp_path, engineer, rig):
     recording = uploaded(context, rig, bag_of_a_drive(tmp_path / "drive.bag"))
     work(context)
     truth = camera(*SIZE)

@@ -9,11 +9,13 @@ from apexcal.documents.results import ResultView
 from apexcal.documents.summaries import CurrentCalibration
 from service.platform.db.jobs import Job
 from service.platform.jobs.sweep import sweep
-from tests.service.detections.seeding import seed_rig
+from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.work import work
 from tests.workers.solver.few_pairs import drawn
 from workers.geometry.models import EXTRINSICS
 from workers.tasks.running import run_job
+
+pytestmark = pytest.mark.usefixtures("broker")
 
 SCHEDULE = {"population": 200, "generations": 12, "max_iterations": 6, "slots": 2}
 F, CX, CY = 420.0, 325.0, 236.0
@@ -34,23 +36,14 @@ def pairs_of_a_pinhole():
     return pairs
 
 
-@pytest.mark.usefixtures("broker")
-def test_workers_finish_what_was_asked_the_same_way_however_it_is_farmed(api, context):
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
-    rig = seed_rig(api.database, fleet)
-    made = engineer.post(
-        f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs_of_a_pinhole()}, params={"camera": "front"}
-    ).json()
+def test_workers_finish_what_was_asked_the_same_way_however_it_is_farmed(context, engineer, rig):
+    brought = bring_pairs(engineer, rig.id, pairs_of_a_pinhole())
     found = {}
     for farm in ("slots", "runs"):
-        body = {"correspondence_set_ids": [made["id"]], "models": ["pinhole"], "folds": 2, "schedule": SCHEDULE}
-        asked = engineer.post(
-            f"/vehicles/{rig.vehicle_id}/calibrations", body | {"farm": farm, "publish": "recommended"}
-        )
-        assert asked.status_code == 202, asked.text
+        body = {"models": ["pinhole"], "folds": 2, "schedule": SCHEDULE, "farm": farm, "publish": "recommended"}
+        asked = ask_calibration(engineer, rig.vehicle_id, brought, **body)
         work(context)
-        answer = engineer.get(f"/calibrations/{asked.json()['id']}")
+        answer = engineer.get(f"/calibrations/{asked}")
         CalibrationView.model_validate_json(answer.content, extra="forbid")
         done = answer.json()
         assert (done["state"], done["problem"]) == ("done", None)
@@ -73,47 +66,32 @@ def test_workers_finish_what_was_asked_the_same_way_however_it_is_farmed(api, co
     assert found["runs"]["intrinsics"]["f_x"] == pytest.approx(F, rel=0.05)
 
 
-@pytest.mark.usefixtures("broker")
-def test_a_cancelled_calibration_ends_as_cancelled(api, context):
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
-    rig = seed_rig(api.database, fleet)
-    made = engineer.post(
-        f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs_of_a_pinhole()}, params={"camera": "front"}
-    ).json()
-    body = {"correspondence_set_ids": [made["id"]], "models": ["pinhole"], "folds": 0, "schedule": SCHEDULE}
-    asked = engineer.post(f"/vehicles/{rig.vehicle_id}/calibrations", body | {"farm": "slots"}).json()
+def test_a_cancelled_calibration_ends_as_cancelled(api, context, engineer, rig):
+    brought = bring_pairs(engineer, rig.id, pairs_of_a_pinhole())
+    body = {"models": ["pinhole"], "folds": 0, "schedule": SCHEDULE, "farm": "slots"}
+    asked = ask_calibration(engineer, rig.vehicle_id, brought, **body)
     with api.database.reading() as session:
         first = session.scalars(select(Job.id).order_by(Job.id)).first()
     run_job(context, first)
-    engineer.post(f"/calibrations/{asked['id']}/cancel")
+    engineer.post(f"/calibrations/{asked}/cancel")
     sweep(context.database, context.store)
     work(context)
-    ended = engineer.get(f"/calibrations/{asked['id']}").json()
+    ended = engineer.get(f"/calibrations/{asked}").json()
     assert ended["state"] == "cancelled", (ended["problem"], ended["runs"])
     assert [run["state"] for run in ended["runs"]] == ["cancelled"]
 
 
-@pytest.mark.usefixtures("broker")
 @pytest.mark.parametrize("seed", [13, 16], ids=["behind the camera", "few poses"])
-def test_pairs_that_tell_little_are_solved_stored_read_and_reported(api, context, seed):
+def test_pairs_that_tell_little_are_solved_stored_read_and_reported(context, seed, engineer, rig):
     document, columns = drawn(seed)
-    fleet = api.fleet()
-    engineer, rig = api.member(fleet, "engineer"), seed_rig(api.database, fleet)
     pairs = [dict(zip("xyzuv", row, strict=True)) for row in zip(*(columns[name] for name in "xyzuv"), strict=True)]
     pairs = [pair | {"group": index // 6} for index, pair in enumerate(pairs)]
-    made = engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs}, params={"camera": "front"}).json()
+    brought = bring_pairs(engineer, rig.id, pairs)
     lens = {"f_x": 400.0, "f_y": 400.0, "c_x": 320.0, "c_y": 240.0}
-    body = {
-        "correspondence_set_ids": [made["id"]],
-        "models": ["pinhole"],
-        "folds": 2,
-        "schedule": document["schedule"],
-    }
-    asked = engineer.post(f"/vehicles/{rig.vehicle_id}/calibrations", body | {"locked": lens})
-    assert asked.status_code == 202, asked.text
+    body = {"models": ["pinhole"], "folds": 2, "schedule": document["schedule"], "locked": lens}
+    asked = ask_calibration(engineer, rig.vehicle_id, brought, **body)
     work(context)
-    done = engineer.get(f"/calibrations/{asked.json()['id']}").json()
+    done = engineer.get(f"/calibrations/{asked}").json()
     assert (done["state"], done["problem"]) == ("done", None)
     result_id = done["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"]
     found = ResultView.model_validate_json(engineer.get(f"/results/{result_id}").content, extra="forbid")

@@ -4,15 +4,7 @@ from uuid import UUID
 
 import pytest
 
-from service.platform.db.fleets import Rig
-from tests.service.detections.seeding import seed_rig
 from tests.support.people import Actor, Api
-
-
-@pytest.fixture
-def rig(api: Api, fleet: UUID) -> Rig:
-    """A rig with one camera."""
-    return seed_rig(api.database, fleet)
 
 
 @pytest.fixture

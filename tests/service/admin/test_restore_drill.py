@@ -33,6 +33,7 @@ from service.platform.settings import Settings, get_settings
 from service.platform.storage.errors import StoreUnavailableError
 from service.platform.storage.store import Store, open_store
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
+from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.people import Actor, Api, TestClient
 from tests.support.postgres import Postgres
 from tests.support.s3 import S3Server
@@ -80,12 +81,9 @@ class Site:
 
     def calibrate(self) -> str:
         """Ask for a calibration of imported pairs."""
-        sets = f"/rigs/{self.rig}/correspondence-sets?camera={self.camera}"
-        made = self.engineer.post(sets, {"pairs": pairs_of_a_pinhole()}).json()["id"]
-        body = {"correspondence_set_ids": [made], "models": ["pinhole"], "folds": 2, "schedule": SCHEDULE}
-        asked = self.engineer.post(f"/vehicles/{self.vehicle}/calibrations", body)
-        assert asked.status_code == 202, asked.text
-        return asked.json()["id"]
+        made = bring_pairs(self.engineer, self.rig, pairs_of_a_pinhole(), self.camera)
+        quick = {"models": ["pinhole"], "folds": 2, "schedule": SCHEDULE}
+        return ask_calibration(self.engineer, self.vehicle, made, **quick)
 
     def publish(self, calibration: str) -> None:
         """Give the vehicle what the finished calibration found."""

@@ -9,6 +9,7 @@ from service.platform.db.fleets import Vehicle
 from tests.service.analyses.test_kinds import LENS, STATED
 from tests.service.calibrations.test_results import seed_results
 from tests.service.detections.seeding import seed_recording
+from tests.support.asking import bring_pairs
 
 pytestmark = pytest.mark.usefixtures("broker")
 
@@ -20,9 +21,7 @@ COLUMNS = {"u": [1.0], "v": [2.0], "residual_u": [0.5], "residual_v": [None], "i
 @pytest.fixture
 def body(engineer, rig):
     """A request to score the current calibration on pairs that were brought."""
-    path = f"/rigs/{rig.id}/correspondence-sets"
-    made = engineer.post(path, {"pairs": PAIRS}, params={"camera": "front"}).json()
-    return {"kind": "pair_validation", "set_id": made["id"]}
+    return {"kind": "pair_validation", "set_id": bring_pairs(engineer, rig.id, PAIRS)}
 
 
 @pytest.mark.parametrize("source", ["import", "annotations"])

@@ -170,14 +170,13 @@ def test_an_answer_is_checked_before_anything_is_kept(api, fleet):
     assert reply(ann, task, mark=(639.5, -0.5)).status_code == 200
 
 
-def test_tasks_of_others_do_not_exist(api, fleet):
+def test_tasks_of_others_do_not_exist(api, fleet, viewer):
     seed = seed_marking(api.database, fleet)
     one, two = api.member(fleet, "annotator", "one"), api.member(fleet, "annotator", "two")
     task = ask(one, seed)
     assert reply(two, task).status_code == 404
     outsider = api.member(api.fleet(), "admin")
     assert outsider.post(f"/detections/{seed.detection_id}/tasks/next", {"camera": "front"}).status_code == 404
-    viewer = api.member(fleet, "viewer")
     assert viewer.post(f"/detections/{seed.detection_id}/tasks/next", {"camera": "front"}).status_code == 403
 
 

@@ -158,9 +158,8 @@ def test_drift_has_pages_and_compares_over_their_borders(api, engineer, rig):
     assert drift_of(engineer, rig, after="nothing")["code"] == "invalid_cursor"
 
 
-def test_drift_marks_what_was_withdrawn_and_compares_nothing_with_it(api, fleet, engineer, rig):
+def test_drift_marks_what_was_withdrawn_and_compares_nothing_with_it(api, fleet, engineer, rig, reviewer):
     seed_results(api, rig, [0.0, 0.060, 0.001])
-    reviewer = api.member(fleet, "reviewer")
     moved = drift_of(engineer, rig)["steps"][1]["result_id"]
     said = reviewer.post(f"/results/{moved}/publication", {"reason": "to be looked at"})
     assert said.status_code == 201, said.text

@@ -25,7 +25,7 @@ def state(admin, kind, id, policy):
     return made.json()
 
 
-def test_a_policy_is_stated_by_an_admin(api, fleet, rig, admin):
+def test_a_policy_is_stated_by_an_admin(fleet, rig, admin, engineer):
     assert state(admin, "fleets", fleet, {"heldout_mean_px": 0.8})["policy"] == {"heldout_mean_px": 0.8}
     assert admin.get(f"/fleets/{fleet}").json()["policy"] == {"heldout_mean_px": 0.8}
     assert state(admin, "rigs", rig.id, {"std_mm": 5})["policy"] == {"std_mm": 5.0}
@@ -34,7 +34,6 @@ def test_a_policy_is_stated_by_an_admin(api, fleet, rig, admin):
     for wrong in ({"std_mm": 0}, {"coverage": 1.5}, {"heldout": 1}, {"std_deg": "x"}):
         answer = admin.put(f"/rigs/{rig.id}/policy", json=wrong, headers={"If-Match": '"v3"'})
         assert answer.status_code == 422, wrong
-    engineer = api.member(fleet, "engineer")
     assert engineer.put(f"/fleets/{fleet}/policy", json={}, headers={"If-Match": "*"}).status_code == 403
     assert engineer.put(f"/rigs/{rig.id}/policy", json={}, headers={"If-Match": "*"}).status_code == 403
 

@@ -118,9 +118,8 @@ def test_single_pairs_of_marks_are_for_reviewers(api, fleet, rig, source, seen):
     assert of_fold["recording_id"] is None
 
 
-def test_slots_come_in_pages_and_by_fit(api, fleet, rig):
+def test_slots_come_in_pages_and_by_fit(api, fleet, rig, viewer):
     calibration, _ = seed_results(api, rig)
-    viewer = api.member(fleet, "viewer")
     found, after = [], ""
     while True:
         page = viewer.get(f"/calibrations/{calibration}/slots?limit=3{after}").json()
@@ -148,11 +147,10 @@ def test_before_a_publication_the_answer_says_what_to_do(api, fleet, rig):
     assert "publication" in answer.json()["hint"]
 
 
-def test_a_published_result_is_current_with_both_transforms(api, fleet, rig):
+def test_a_published_result_is_current_with_both_transforms(api, fleet, rig, viewer):
     calibration, (full, _) = seed_results(api, rig)
     published = api.member(fleet, "reviewer").post(f"/results/{full}/publication", {})
     assert published.status_code == 201
-    viewer = api.member(fleet, "viewer")
     answer = viewer.get(current_address(rig))
     current = answer.json()
     assert (current["result_id"], current["calibration_id"]) == (str(full), str(calibration))
@@ -172,8 +170,7 @@ def test_a_published_result_is_current_with_both_transforms(api, fleet, rig):
     assert viewer.get(current_address(rig), headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
 
 
-def test_a_newer_publication_takes_over_and_changes_the_etag(api, fleet, rig):
-    reviewer = api.member(fleet, "reviewer")
+def test_a_newer_publication_takes_over_and_changes_the_etag(api, fleet, rig, reviewer):
     _, (first, _) = seed_results(api, rig)
     _, (second, _) = seed_results(api, rig)
     reviewer.post(f"/results/{first}/publication")
@@ -186,11 +183,10 @@ def test_a_newer_publication_takes_over_and_changes_the_etag(api, fleet, rig):
     assert reviewer.get(current_address(rig)).json()["result_id"] == str(first)
 
 
-def test_a_rig_without_a_vehicle_frame_gives_none(api, fleet, rig):
+def test_a_rig_without_a_vehicle_frame_gives_none(api, fleet, rig, reviewer):
     with api.database.writing() as session:
         session.get_one(Rig, rig.id).T_vehicle_lidar = None
     _, (full, _) = seed_results(api, rig)
-    reviewer = api.member(fleet, "reviewer")
     reviewer.post(f"/results/{full}/publication")
     assert "T_vehicle_camera" not in reviewer.get(current_address(rig)).json()
 
@@ -203,7 +199,7 @@ def test_only_fits_to_all_pairs_and_only_by_reviewers(api, fleet, rig):
     assert api.member(api.fleet(), "admin").post(f"/results/{full}/publication").status_code == 404
 
 
-def test_a_loss_that_is_no_number_does_not_hide_the_calibration(api, fleet, rig):
+def test_a_loss_that_is_no_number_does_not_hide_the_calibration(api, fleet, rig, viewer):
     calibration, _ = seed_results(api, rig)
     if api.database.engine.dialect.name == "sqlite":  # as an older version wrote it; PostgreSQL never took it
         with api.database.writing() as session:
@@ -211,7 +207,6 @@ def test_a_loss_that_is_no_number_does_not_hide_the_calibration(api, fleet, rig)
     else:
         with api.database.writing() as session:
             session.execute(update(CalibrationRun).values(schedule={"best_loss": None}))
-    viewer = api.member(fleet, "viewer")
     read = viewer.get(f"/calibrations/{calibration}")
     assert (read.status_code, [run["best_loss"] for run in read.json()["runs"]]) == (200, [None, None])
     assert viewer.get(f"/vehicles/{rig.vehicle_id}/calibrations").json()["items"] == [read.json()]

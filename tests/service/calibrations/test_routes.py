@@ -8,6 +8,7 @@ from service.platform.db.calibrations import Calibration, CalibrationRun, Corres
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Sensor
 from tests.service.detections.seeding import seed_answer, seed_marking, seed_rig
+from tests.support.asking import bring_pairs
 
 pytestmark = pytest.mark.usefixtures("broker")
 
@@ -22,9 +23,7 @@ def add_set(engineer, rig, count=60, camera="front", **extra):
         {"x": 4 + 0.1 * n, "y": n % 7 - 3.0, "z": 0.3, "u": 10.0 + n, "v": 20.0, "stamp_ns": n * 10**8} | extra
         for n in range(count)
     ]
-    answer = engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs}, params={"camera": camera})
-    assert answer.status_code in (200, 201), answer.text
-    return answer.json()["id"]
+    return bring_pairs(engineer, rig.id, pairs, camera)
 
 
 def ask(engineer, rig, *sets, **body):
@@ -395,8 +394,7 @@ def test_too_few_pairs_names_both_numbers_and_a_lock_helps(api, engineer, rig):
 
 def test_held_out_blocks_are_whole_poses(api, engineer, rig):
     poses = [{"x": 4.0 + n, "y": 0.1 * n, "z": 0.3, "u": 10.0, "v": 20.0 + n, "group": n // 20} for n in range(60)]
-    made = engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": poses}, params={"camera": "front"}).json()
-    answer = ask(engineer, rig, made["id"], models=["pinhole"], folds=5).json()
+    answer = ask(engineer, rig, bring_pairs(engineer, rig.id, poses), models=["pinhole"], folds=5).json()
     assert [run["fold"] for run in answer["runs"]] == [-1, 0, 1, 2]
     assert any("3 folds instead of 5" in note for note in answer["notes"])
 

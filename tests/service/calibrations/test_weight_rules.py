@@ -7,16 +7,14 @@ import pytest
 
 from service.platform.db.calibrations import CalibrationRun
 from tests.service.calibrations.test_routes import add_set, ask, documents
-from tests.service.detections.seeding import seed_rig
+from tests.support.asking import bring_pairs
 from workers.tasks.solving import read_run
 
 pytestmark = pytest.mark.usefixtures("broker")
 SIGMAS = {"sigma_azimuth_rad": 1e-3, "sigma_elevation_rad": 2e-3, "sigma_range_m": 0.01}
 
 
-def test_all_pairs_that_state_errors_weigh_by_them_unless_equal_is_asked_for(api):
-    fleet = api.fleet()
-    engineer, rig = api.member(fleet, "engineer"), seed_rig(api.database, fleet)
+def test_all_pairs_that_state_errors_weigh_by_them_unless_equal_is_asked_for(api, engineer, rig):
     plain, stated, marked = (add_set(engineer, rig, **extra) for extra in ({}, SIGMAS, {"sigma_px": 0.7}))
     known = {"models": ["pinhole"], "folds": 0}
 
@@ -40,9 +38,7 @@ def test_all_pairs_that_state_errors_weigh_by_them_unless_equal_is_asked_for(api
     assert ask(engineer, rig, plain, **known, weights="marks").status_code == 422
 
 
-def test_the_run_solves_by_the_covariances_of_the_pairs_that_it_fits(api):
-    fleet = api.fleet()
-    engineer, rig = api.member(fleet, "engineer"), seed_rig(api.database, fleet)
+def test_the_run_solves_by_the_covariances_of_the_pairs_that_it_fits(api, engineer, rig):
     made = add_set(engineer, rig, **SIGMAS)
     with api.database.reading() as session:
         answer = ask(engineer, rig, made, models=["pinhole"], folds=3, locked={"t_x": 0.0})
@@ -63,16 +59,13 @@ def test_the_run_solves_by_the_covariances_of_the_pairs_that_it_fits(api):
     assert spread == pytest.approx(math.sqrt((1e-3 * flat) ** 2 + (2e-3 * distance) ** 2 + 0.01**2))
 
 
-def test_a_deviation_of_the_clocks_needs_pairs_that_move(api):
+def test_a_deviation_of_the_clocks_needs_pairs_that_move(engineer, rig):
     """It was refused after the search only."""
-    fleet = api.fleet()
-    engineer, rig = api.member(fleet, "engineer"), seed_rig(api.database, fleet)
 
     def brought(stamp_ns):
         pairs = [{"x": 4 + 0.1 * n, "y": n % 7 - 3.0, "z": 0.3, "u": 10.0 + n, "v": 20.0} for n in range(60)]
         pairs = [one | stamp_ns(n) for n, one in enumerate(pairs)]
-        address = f"/rigs/{rig.id}/correspondence-sets"
-        return engineer.post(address, {"pairs": pairs}, params={"camera": "front"}).json()["id"]
+        return bring_pairs(engineer, rig.id, pairs)
 
     walk = brought(lambda n: {"stamp_ns": n * 10**8})
     apart = brought(lambda n: {"stamp_ns": n * 10**9})

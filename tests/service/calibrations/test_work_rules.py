@@ -7,6 +7,7 @@ from service.calibrations.work_rules import LONGEST_SLOT_S, MOST_FITTED_PAIRS, M
 from service.platform.db.models import Calibration, CalibrationRun, CorrespondenceSet, Job
 from service.platform.settings import get_settings
 from tests.faults.jobs import pairs
+from tests.support.asking import bring_pairs
 from tests.support.uploads import new_vehicle
 
 pytestmark = pytest.mark.usefixtures("broker")
@@ -15,12 +16,10 @@ pytestmark = pytest.mark.usefixtures("broker")
 @pytest.fixture
 def ask(engineer, fleet):
     made = new_vehicle(engineer, fleet, "car")
-    answer = engineer.post(
-        f"/rigs/{made['rig']}/correspondence-sets", {"pairs": pairs(60, 1)}, params={"camera": "front"}
-    )
+    brought = bring_pairs(engineer, made["rig"], pairs(60, 1))
 
     def post(**body):
-        wanted = {"correspondence_set_ids": [answer.json()["id"]], **body}
+        wanted = {"correspondence_set_ids": [brought], **body}
         return engineer.post(f"/vehicles/{made['vehicle']}/calibrations", wanted)
 
     return post

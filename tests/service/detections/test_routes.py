@@ -119,9 +119,8 @@ def test_cancelling_asks_every_job_of_the_detection_to_end(api, fleet, engineer)
         assert all(job.cancel_requested for job in session.query(Job))
 
 
-def test_vertices_come_in_pages_with_their_frames(api, fleet):
+def test_vertices_come_in_pages_with_their_frames(api, fleet, viewer):
     seed = seed_marking(api.database, fleet, vertices=5)
-    viewer = api.member(fleet, "viewer")
     pages, after = [], ""
     while True:
         page = viewer.get(f"/detections/{seed.detection_id}/vertices/details?camera=front&limit=2{after}").json()
@@ -142,7 +141,7 @@ def test_vertices_come_in_pages_with_their_frames(api, fleet):
     )
 
 
-def test_vertices_say_how_sure_they_are_and_what_to_look_at(api, fleet):
+def test_vertices_say_how_sure_they_are_and_what_to_look_at(api, fleet, viewer):
     seed = seed_marking(api.database, fleet, vertices=3)
     covariance = [[1e-7, 0.0, 0.0], [0.0, 2e-7, 0.0], [0.0, 0.0, 1e-4]]
     with api.database.writing() as session:
@@ -150,7 +149,6 @@ def test_vertices_say_how_sure_they_are_and_what_to_look_at(api, fleet):
         vertex.quality, vertex.flags, vertex.covariance = "fine", ["head_above"], covariance
         frame = session.get_one(VertexFrame, (vertex.id, seed.camera_id))
         frame.x, frame.y, frame.z, frame.covariance, frame.gap_ns = 6.5, 0.2, 0.5, covariance, 0
-    viewer = api.member(fleet, "viewer")
     path = f"/detections/{seed.detection_id}/vertices/details"
     (fine,) = viewer.get(path, params={"quality": "fine"}).json()["items"]
     assert (fine["id"], fine["quality"], fine["covariance"]) == (str(seed.vertices[1]), "fine", covariance)

@@ -71,11 +71,10 @@ def test_what_carries_no_lens_takes_the_mount_for_the_lens_that_the_vehicle_uses
     assert (SENTENCE in note) == (explains != "none")
 
 
-def test_the_answer_says_with_which_lens_a_mount_holds(api, fleet):
+def test_the_answer_says_with_which_lens_a_mount_holds(api, fleet, viewer):
     rig = seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
     _, (full, _) = seed_results(api, rig)
     assert api.member(fleet, "reviewer").post(f"/results/{full}/publication").status_code == 201
-    viewer = api.member(fleet, "viewer")
 
     def answers():
         asked = {"urdf": URDF, "joint": "mount"}

@@ -36,8 +36,7 @@ def result(api, fleet, rig):
     return full
 
 
-def test_what_is_published_comes_in_every_format(api, fleet, rig, result):
-    viewer = api.member(fleet, "viewer")
+def test_what_is_published_comes_in_every_format(fleet, rig, result, viewer):
     table = viewer.get("/export-formats").json()
     assert {"kalibr", "urdf", "ros2", "nuscenes"} <= {one["name"] for one in table}
     for one in table:
@@ -56,8 +55,7 @@ def test_what_is_published_comes_in_every_format(api, fleet, rig, result):
     assert len(set(tags)) == len(tags)
 
 
-def test_one_file_comes_as_it_is_and_several_as_a_zip(api, fleet, rig, result):
-    viewer = api.member(fleet, "viewer")
+def test_one_file_comes_as_it_is_and_several_as_a_zip(fleet, rig, result, viewer):
     lens = yaml.safe_load(viewer.get(current_address(rig), params={"format": "camera_info"}).content)
     assert lens["camera_matrix"]["data"] == [500.0, 0.0, 320.0, 0.0, 501.0, 240.0, 0.0, 0.0, 1.0]
     assert (lens["image_width"], lens["image_height"], lens["camera_name"]) == (640, 480, "front")
@@ -69,15 +67,13 @@ def test_one_file_comes_as_it_is_and_several_as_a_zip(api, fleet, rig, result):
     assert camera["translation"] == pytest.approx([1.2, 0.0, 1.9])
 
 
-def test_json_is_what_is_answered_otherwise(api, fleet, rig, result):
-    viewer = api.member(fleet, "viewer")
+def test_json_is_what_is_answered_otherwise(fleet, rig, result, viewer):
     plain = viewer.get(current_address(rig)).json()
     for options in ({"params": {"format": "json"}}, {"headers": {"Accept": "text/html, application/yaml"}}):
         assert viewer.get(current_address(rig), **options).json() == plain
 
 
-def test_an_unknown_format_and_one_that_cannot_carry_it(api, fleet, rig, result):
-    viewer = api.member(fleet, "viewer")
+def test_an_unknown_format_and_one_that_cannot_carry_it(api, fleet, rig, result, viewer):
     unknown = viewer.get(current_address(rig), params={"format": "xyz"})
     assert (unknown.status_code, unknown.json()["code"]) == (422, "unknown_format")
     assert "kalibr" in unknown.json()["hint"] and "json" in unknown.json()["formats"]
@@ -96,8 +92,7 @@ def test_nothing_published_is_the_same_refusal_in_every_format(api, fleet, rig):
     assert (refused.status_code, refused.json()["code"]) == (404, "no_calibration_yet")
 
 
-def test_a_vehicles_own_urdf_comes_back_with_one_joint_changed(api, fleet, rig, result):
-    viewer = api.member(fleet, "viewer")
+def test_a_vehicles_own_urdf_comes_back_with_one_joint_changed(fleet, rig, result, viewer):
     asked = {"urdf": URDF, "joint": "mount"}
     for address in (f"{current_address(rig)}/urdf", f"/results/{result}/urdf"):
         answer = viewer.post(address, asked)
@@ -111,9 +106,8 @@ def test_a_vehicles_own_urdf_comes_back_with_one_joint_changed(api, fleet, rig, 
     assert large.status_code == 413
 
 
-def test_autowares_own_file_comes_back_with_one_pose_changed(api, fleet, rig, result):
+def test_autowares_own_file_comes_back_with_one_pose_changed(api, fleet, rig, result, viewer):
     """Without a joint in the rig the problem says how to state it."""
-    viewer = api.member(fleet, "viewer")
     asked = {"urdf": "# ours\nsensor_kit_base_link:\n  front/camera_link: {x: 1}\n", "joint": "front/camera_link"}
     refused = viewer.post(f"{current_address(rig)}/urdf", asked)
     assert (refused.status_code, refused.json()["code"]) == (422, "autoware_not_read")

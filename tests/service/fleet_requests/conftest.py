@@ -9,6 +9,7 @@ from uuid import UUID
 import pytest
 
 from tests.faults.jobs import pairs
+from tests.support.asking import bring_pairs
 from tests.support.people import Actor, Api
 from tests.support.uploads import RIG, new_vehicle
 
@@ -39,10 +40,7 @@ class Vans:
 
     def mark(self, rig_id: str, count: int, seed: int = 1) -> str:
         """A correspondence set, newer than all before it."""
-        body = {"pairs": pairs(count, seed)}
-        answer = self.engineer.post(f"/rigs/{rig_id}/correspondence-sets", body, params={"camera": "front"})
-        assert answer.status_code in (200, 201), answer.text
-        return answer.json()["id"]
+        return bring_pairs(self.engineer, rig_id, pairs(count, seed))
 
     def ask(self, vehicles: dict[str, Any] | None = None, **more: Any) -> Any:
         """Ask for a quick calibration of the vans that a filter names; the response."""

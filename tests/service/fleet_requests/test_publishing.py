@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.faults.jobs import pairs
+from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.databases import one_database
 from tests.support.work import work
 
@@ -19,8 +20,7 @@ def marked(vans: Vans, name: str, wrong: int) -> dict[str, str]:
     marks = pairs(106)
     for one in marks[:: 106 // wrong if wrong else 107][:wrong]:
         one["v"] += 40.0
-    made = vans.engineer.post(f"/rigs/{van['rig']}/correspondence-sets", {"pairs": marks}, params={"camera": "front"})
-    return van | {"set": made.json()["id"]}
+    return van | {"set": bring_pairs(vans.engineer, van["rig"], marks)}
 
 
 @one_database
@@ -30,8 +30,7 @@ def test_seventeen_of_106_wrong_marks_publish_nothing_by_themselves(vans: Vans, 
     if by_fleet:
         vans.ask(calibration=ASKED)
     else:
-        body = ASKED | {"correspondence_set_ids": [van["set"]]}
-        assert vans.engineer.post(f"/vehicles/{van['vehicle']}/calibrations", body).status_code == 202
+        ask_calibration(vans.engineer, van["vehicle"], van["set"], **ASKED)
     work(context)
     (calibration,) = vans.engineer.get(f"/vehicles/{van['vehicle']}/calibrations").json()["items"]
     front = calibration["summary"]["cameras"]["front"]

@@ -247,7 +247,7 @@ def test_what_is_said_of_a_set_is_never_of_another_time(api, fleet, engineer):
     assert second.json()["notes"] == ["1 of 1 vertices has fewer than the 3 marks asked for."]
 
 
-def test_who_marks_does_not_read_the_pairs_made_of_marks(api, fleet, engineer):
+def test_who_marks_does_not_read_the_pairs_made_of_marks(api, fleet, engineer, reviewer):
     seed = seed_marking(api.database, fleet, vertices=1)
     say(api, seed, engineer, ("confirmed", (1.0, 2.0)))
     built = build(engineer, seed).json()
@@ -259,7 +259,6 @@ def test_who_marks_does_not_read_the_pairs_made_of_marks(api, fleet, engineer):
         assert (refused.status_code, refused.json()["code"]) == (403, "role_too_low")
         assert member.get(f"/correspondence-sets/{brought['id']}").status_code == 200
         assert member.get(address).json()["items"] == [brought], "its notes and counts say what people answered"
-    reviewer = api.member(fleet, "reviewer")
     assert reviewer.get(address).json()["items"] == [brought, built]
     assert reviewer.get(f"/correspondence-sets/{built['id']}").json()["pairs"]
 

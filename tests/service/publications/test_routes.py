@@ -144,11 +144,10 @@ def test_the_one_before_is_given_again_with_a_reason_and_nothing_is_rewritten(ap
     assert after[0]["reason"] == "The second one drives into kerbs."
 
 
-def test_the_history_comes_in_pages(api, fleet, rig, reviewer):
+def test_the_history_comes_in_pages(api, fleet, rig, reviewer, viewer):
     results = [seed_results(api, rig, folds=(-1,))[1][0] for _ in range(5)]
     for result in results:
         reviewer.post(f"/results/{result}/publication")
-    viewer = api.member(fleet, "viewer")
     found, query = [], {"limit": 2}
     while query:
         page = history(viewer, rig, **query)

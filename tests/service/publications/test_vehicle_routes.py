@@ -49,8 +49,7 @@ def test_an_id_in_a_strange_form_is_refused_with_and_without_a_query(api, fleet,
         assert viewer.get(f"/vehicles/{known}/calibration").json()["code"] == "no_calibration_yet"
 
 
-def test_all_cameras_come_at_once_and_each_as_at_its_own_address(api, fleet, rig, reviewer):
-    viewer = api.member(fleet, "viewer")
+def test_all_cameras_come_at_once_and_each_as_at_its_own_address(api, fleet, rig, reviewer, viewer):
     none = viewer.get(address(rig))
     assert (none.status_code, none.json()["code"]) == (404, "no_calibration_yet")
     published(api, rig, reviewer)
@@ -71,8 +70,7 @@ def test_all_cameras_come_at_once_and_each_as_at_its_own_address(api, fleet, rig
     assert api.member(api.fleet(), "admin").get(address(rig)).status_code == 404
 
 
-def test_what_it_was_given_at_a_moment(api, fleet, rig, reviewer):
-    viewer = api.member(fleet, "viewer")
+def test_what_it_was_given_at_a_moment(api, fleet, rig, reviewer, viewer):
     first = published(api, rig, reviewer)
     other = published(api, rig, reviewer, "rear")
     last = published(api, rig, reviewer)
@@ -88,8 +86,7 @@ def test_what_it_was_given_at_a_moment(api, fleet, rig, reviewer):
     assert viewer.get(address(rig), params={"as_of": "2020-01-01"}).status_code == 422
 
 
-def test_both_cameras_in_one_file_of_another_program(api, fleet, rig, reviewer):
-    viewer = api.member(fleet, "viewer")
+def test_both_cameras_in_one_file_of_another_program(api, fleet, rig, reviewer, viewer):
     published(api, rig, reviewer)
     published(api, rig, reviewer, "rear")
     chain = viewer.get(address(rig), params={"format": "kalibr"})

@@ -19,6 +19,7 @@ from service.platform.jobs.sweep import sweep
 from tests.faults.jobs import pairs
 from tests.service.detections.seeding import seed_rig
 from tests.service.publications.given import publish
+from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.databases import one_database
 from tests.support.work import work
 from tests.workers.readers.making_packets import captured, packets, write_pcap
@@ -151,12 +152,10 @@ def test_tf_static_in_and_a_verified_urdf_out(api, fleet, engineer, recorded, co
     rig = engineer.post(f"/vehicles/{vehicle}/rigs", drafted)
     assert rig.status_code == 201, rig.text
     seen = pairs(120)
-    brought = engineer.post(
-        f"/rigs/{rig.json()['id']}/correspondence-sets", {"pairs": seen}, params={"camera": "front"}
-    ).json()["id"]
+    brought = bring_pairs(engineer, rig.json()["id"], seen)
     schedule = {"slots": 2, "population": 400, "generations": 20, "max_iterations": 4}
-    request = {"correspondence_set_ids": [brought], "models": ["pinhole"], "folds": 0, "schedule": schedule}
-    calibration = engineer.post(f"/vehicles/{vehicle}/calibrations", request).json()["id"]
+    request = {"models": ["pinhole"], "folds": 0, "schedule": schedule}
+    calibration = ask_calibration(engineer, vehicle, brought, **request)
     work(context)
     found = engineer.get(f"/calibrations/{calibration}").json()["summary"]["cameras"]["front"]["models"]["pinhole"]
     override = {"override": {"reason": "The walk is short."}}

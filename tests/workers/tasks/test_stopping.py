@@ -15,6 +15,7 @@ from service.platform.jobs.claims import claim
 from service.platform.jobs.sweep import sweep
 from tests.faults.jobs import pairs
 from tests.service.platform.jobs.support import make_due
+from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.leases import let_lease_expire
 from tests.support.uploads import new_vehicle
 from workers.solver import genetic
@@ -29,17 +30,12 @@ SOON_S = 4.0
 
 
 @pytest.fixture
-def long_job(api, context) -> int:
+def long_job(context, fleet, engineer) -> int:
     """A job whose only slot runs for minutes."""
     warm_up()
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
     made = new_vehicle(engineer, fleet, "car")
-    body = {"pairs": pairs(60, 1)}
-    found = engineer.post(f"/rigs/{made['rig']}/correspondence-sets", body, params={"camera": "front"}).json()
-    asked = {"correspondence_set_ids": [found["id"]], "models": ["pinhole"], "folds": 0, "schedule": LONG}
-    answer = engineer.post(f"/vehicles/{made['vehicle']}/calibrations", asked)
-    assert answer.status_code == 202, answer.text
+    brought = bring_pairs(engineer, made["rig"], pairs(60, 1))
+    ask_calibration(engineer, made["vehicle"], brought, models=["pinhole"], folds=0, schedule=LONG)
     with context.database.reading() as session:
         return session.scalars(select(Job.id)).one()
 

@@ -110,10 +110,8 @@ def test_a_stream_ends_with_the_right_to_follow(served, follow, what: Callable[[
     assert not has_ended(stays)
 
 
-def test_a_stream_ends_with_the_session(served, follow) -> None:
+def test_a_stream_ends_with_the_session(served, follow, fleet, viewer) -> None:
     api, _ = served
-    fleet = api.fleet()
-    viewer = api.member(fleet, "viewer")
     cookie = {"Cookie": f"apexcal_session={session_of(api, viewer)}"}
     stream = follow(fleet, cookie)
     assert "200 OK" in begins(stream)
@@ -136,9 +134,8 @@ def test_many_streams_cost_one_subscription_and_no_connection_of_the_database(se
     assert not any(has_ended(stream) for stream in streams)
 
 
-def test_a_persons_oldest_stream_gives_way(served, follow) -> None:
+def test_a_persons_oldest_stream_gives_way(served, follow, fleet) -> None:
     api, _ = served
-    fleet = api.fleet()
     busy, other = api.member(fleet, "viewer"), api.member(fleet, "viewer")
     undisturbed = follow(fleet, other.headers)
     assert "200 OK" in begins(undisturbed)
