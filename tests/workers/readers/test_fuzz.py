@@ -22,8 +22,8 @@ from workers.readers.normalised.manifest import RecordingManifest
 
 ROOT = Path(__file__).parents[3]
 RUNNER = Path(__file__).with_name("fuzz_runner.py")
-SHORT = 150
-LONG = 10_000
+LONG = [pytest.mark.slow, pytest.mark.timeout(7200)]
+SHORT_AND_LONG = [range(150), pytest.param(range(150, 10_150), marks=LONG)]
 
 
 class Runner:
@@ -152,15 +152,9 @@ def test_whole_files_are_read(runner, seeds):
         assert result["code"] == 0, (name, result)
 
 
-def test_damaged_files_are_read_or_refused(runner, seeds):
-    check(runner, seeds, range(SHORT))
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(7200)
-def test_ten_thousand_damaged_files_are_read_or_refused(runner, seeds):
-    first = int(os.environ.get("FIRST", str(SHORT)))
-    check(runner, seeds, range(first, first + int(os.environ.get("CASES", str(LONG)))))
+@pytest.mark.parametrize("numbers", SHORT_AND_LONG)
+def test_damaged_files_are_read_or_refused(runner, seeds, numbers):
+    check(runner, seeds, numbers)
 
 
 ONCE = {

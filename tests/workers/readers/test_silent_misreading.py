@@ -5,7 +5,6 @@ byte was moved, a point may differ only where its own bytes, its packet's or its
 moved, only those of the message or packets in which that happened may; of a file that is cut off, one at most.
 """
 
-import os
 import random
 from typing import NamedTuple
 
@@ -32,8 +31,8 @@ from workers.readers.recording import ReadError
 
 # Damaged numbers are infinite and the like; what comes of them is looked at here.
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
-SHORT = 200
-LONG = 10_000
+LONG = [pytest.mark.slow, pytest.mark.timeout(7200)]
+SHORT_AND_LONG = [range(200), pytest.param(range(200, 10_200), marks=LONG)]
 IN_PLACE = (flip_bits, fill, overwrite, point_elsewhere, set_length)
 MOVING = (truncate, cut_out, repeat, repeat_at_end, splice)
 
@@ -132,12 +131,6 @@ def check(whole, folder, numbers):
     assert read > 0.3 * len(numbers)  # or nothing was looked at
 
 
-def test_no_point_is_misread_in_silence(whole, tmp_path):
-    check(whole, tmp_path, range(SHORT))
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(7200)
-def test_ten_thousand_damaged_files_have_no_point_misread(whole, tmp_path):
-    first = int(os.environ.get("FIRST", str(SHORT)))
-    check(whole, tmp_path, range(first, first + int(os.environ.get("CASES", str(LONG)))))
+@pytest.mark.parametrize("numbers", SHORT_AND_LONG)
+def test_no_point_is_misread_in_silence(whole, tmp_path, numbers):
+    check(whole, tmp_path, numbers)
