@@ -1,6 +1,3 @@
-import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +6,8 @@ import pytest
 from tests.workers.solver.rigs import simulated
 from workers.geometry.models import MODELS, SEARCH_FORMS
 from workers.solver.fitness import evaluate_population, fitness_of, loss_px
-from workers.solver.genetic import select_best
 from workers.solver.outcomes import NEVER, flag_of
-from workers.solver.slot import SlotOutcome, run_slot, warm_up
+from workers.solver.slot import run_slot, warm_up
 
 GO_ON = flag_of(NEVER)
 SHORT = {"population": 160, "generations": 12}
@@ -29,17 +25,6 @@ def test_same_slot_same_bits_other_slot_other_bits(model):
     others = [outcome(problem, slot=1), outcome(problem, iteration=1)]
     others += [outcome(replace(problem, **part)) for part in ({"seed": 4}, {"camera": "rear"}, {"fold": 0})]
     assert len({other.parameters for other in [outcome(problem), *others]}) == 6
-
-
-def test_a_fresh_process_gives_the_same_bits():
-    code = (
-        "import json; from tests.workers.solver.rigs import simulated; from workers.solver.slot import run_slot;"
-        f"p, _ = simulated('kannala_brandt', 3, schedule={SHORT!r});"
-        "print(json.dumps(run_slot(p, p.lower.tolist(), p.upper.tolist(), 2, 3).to_document()))"
-    )
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    problem, _ = simulated("kannala_brandt", 3, schedule=SHORT)
-    assert SlotOutcome.from_document(json.loads(printed)) == outcome(problem, slot=3, iteration=2)
 
 
 @pytest.mark.parametrize("search", SEARCH_FORMS)
@@ -81,31 +66,6 @@ def test_everything_locked_is_just_evaluated():
     assert found.parameters == tuple(truth.tolist())
     assert found.evaluations == 0
     assert found.loss == pytest.approx(1.25, rel=0.15)
-
-
-def test_padding_counts_for_nothing():
-    for pairs in (31, 32, 33):
-        problem, truth = simulated("pinhole", 1, pairs=pairs)
-        fitness = fitness_of(problem, problem.lower, problem.upper)
-        pack = fitness.data.targets.pack
-        assert pack.shape[1] % 32 == 0
-        assert pack[5].sum() == pairs
-        losses = np.empty(1, dtype=np.float32)
-        width = problem.upper - problem.lower
-        individual = ((truth - problem.lower) / width).astype(np.float32)[:, None]
-        evaluate_population(fitness.total_distances, fitness.data, individual, losses, 0, GO_ON)
-        assert losses[0] == pytest.approx(loss_px(problem, truth), rel=1e-3)
-
-
-def test_selection_takes_the_best_and_breaks_ties_by_index():
-    rng = np.random.default_rng(0)
-    for wanted in (1, 7, 150):
-        losses = rng.random(800).astype(np.float32)
-        losses[::5] = 0.25
-        losses[3] = np.inf
-        chosen = np.empty(wanted, dtype=np.int64)
-        select_best(losses, wanted, chosen)
-        assert sorted(chosen) == sorted(np.argsort(losses, kind="stable")[:wanted])
 
 
 def test_evaluations_are_counted():

@@ -75,16 +75,6 @@ def test_a_running_slot_ends_at_once(model, pairs, population):
     assert time.process_time() - stop.at < SOON_S
 
 
-def test_a_slot_that_was_told_before_it_began_does_nothing():
-    problem, _ = simulated("brown_conrady", 3, schedule={"population": 100_000, "generations": 10_000})
-    stop = Told()
-    stop.flag[0] = 1
-    began = time.process_time()
-    with pytest.raises(ToldToEndError):
-        outcome(replace(problem, stop=stop))
-    assert time.process_time() - began < SOON_S
-
-
 @pytest.mark.parametrize("work", [polish, judge, linear_baseline, solve_finish])
 def test_what_comes_after_the_search_looks_again_and_again(work):
     problem, truth = simulated("brown_conrady", 5, loss="saturating", schedule={"population": 100, "generations": 8})

@@ -11,14 +11,12 @@ from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simula
 from workers.geometry.models import MODELS
 from workers.geometry.spherical import axes
 from workers.solver.covariances import SIGMAS, Covariances, covariances_of
-from workers.solver.fitness import fitness_of, loss_px, pack_pairs
 from workers.solver.outcomes import SolveError
 from workers.solver.outliers import judge
 from workers.solver.polish import polish, weighted_residuals
 from workers.solver.problem import fit_problem
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
-from workers.solver.slot import run_slot
 from workers.solver.uncertainty import uncertainty
 from workers.solver.weighting import search_weights, whitened
 
@@ -84,28 +82,6 @@ def test_one_size_for_all_is_the_same_as_no_covariances():
     np.testing.assert_allclose(stated.std, plain.std, rtol=1e-9)
     assert stated.noise_scale == pytest.approx(0.5 * plain.sigma_px)
     assert plain.noise_scale is None
-
-
-def test_without_covariances_the_search_is_what_it_was():
-    problem, truth = simulated("pinhole", 6)
-    assert search_weights(problem)[0] is problem.weights
-    assert whitened(problem, truth) is problem
-    assert pack_pairs(problem, search_weights(problem)[0])[5, :222].tolist() == [1.0] * 222
-
-
-def test_the_search_weighs_by_the_vertices_angles_whatever_the_mount():
-    problem, truth, _ = unequal("pinhole", 7, rotation_range_deg=180.0)
-    weights, typical = search_weights(problem)
-    here = whitened(problem, truth)
-    true_sigma = here.mark_sigma_px / np.sqrt(np.linalg.det(here.whitening))
-    assert np.corrcoef(np.log(weights), np.log(true_sigma))[0, 1] < -0.97
-    assert typical == pytest.approx(here.mark_sigma_px, rel=0.6)
-    np.testing.assert_allclose(pack_pairs(problem, weights)[5, :222], weights, rtol=1e-6)
-    assert fitness_of(problem, problem.lower, problem.upper).data.per_weight == pytest.approx(1.0 / weights.sum())
-    low, high = problem.lower.tolist(), problem.upper.tolist()
-    found = run_slot(problem, low, high, 0, 0)
-    assert found == run_slot(problem, low, high, 0, 0)
-    assert found.loss == loss_px(problem, found.parameters)
 
 
 def test_the_search_counts_a_vertexs_error_as_the_angle_under_which_it_is_seen():
