@@ -111,17 +111,6 @@ def test_a_corner_moves_along_the_track_with_its_apex(seen):
     assert np.median(stayed) > 1.3, "a corner that stayed would lie farther off"
 
 
-def test_a_vertex_that_was_not_moved_has_its_corners_as_they_are(seen):
-    _, vertices = seen
-    vertex = vertices[5]
-    for place, corner in enumerate(moved(vertex, np.array(vertex.xyz), np.array(vertex.covariance)), start=1):
-        rows = slice(3 * place, 3 * place + 3)
-        np.testing.assert_allclose(corner.xyz, vertex.corners.xyz[place - 1], rtol=1e-12)
-        np.testing.assert_allclose(
-            corner.covariance, np.array(vertex.corners.covariance)[rows, rows], rtol=1e-5, atol=1e-12
-        )
-
-
 def test_the_mean_of_a_poses_sweeps_has_the_mean_corners(seen):
     _, vertices = seen
     vertex = next(one for one in vertices if len(one.corners.names) == 3)

@@ -10,7 +10,7 @@ from tests.workers.vertices.refined_walks import SIZE, errors, walk
 from workers.simulation.flaws import Mount
 from workers.simulation.scene import WALKER_REGION
 from workers.vertices.detectors import detect_range
-from workers.vertices.gravity import find_up, level_rotation
+from workers.vertices.gravity import find_up
 from workers.vertices.refined.window import open_window
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import learn_grid
@@ -57,13 +57,6 @@ def test_the_ground_corrects_what_is_stated_but_not_by_more_than_a_mount_leans()
     assert degrees_off(find_up(xyz, ring, Mount(roll_deg=12.0).rotation()[2]), mount) < 0.5
     stated = Mount(roll_deg=-20.0).rotation()[2]
     np.testing.assert_allclose(find_up(xyz, ring, stated), stated)
-
-
-def test_level_axes_are_a_rotation():
-    for up in ([0.0, 0.0, -1.0], [0.3, -0.4, 0.5], [1.0, 0.0, 0.0]):
-        turn = level_rotation(np.array(up) / np.linalg.norm(up))
-        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
-        assert np.linalg.det(turn) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("mount", [Mount(roll_deg=180.0), Mount(roll_deg=20.0)], ids=["upside down", "rolled"])

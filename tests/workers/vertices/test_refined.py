@@ -1,8 +1,6 @@
 """The refined detector on simulated walks, and on the 20 real poses."""
 
-import csv
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,15 +9,11 @@ from apexcal.documents.detectors import DETECTORS, FLAGS
 from apexcal.documents.simulation import Disturbances
 from tests.workers.vertices.refined_walks import REGION, SIZE, errors, walk
 from tests.workers.vertices.sweeps import EVERYTHING, row, sweep
-from workers.readers.detect import open_recording
-from workers.readers.recording import ReadOptions
 from workers.vertices.detectors import detect_range
 from workers.vertices.refined.board_model import hang
 from workers.vertices.refined.learning import learn
-from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
-REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board"
 KNOWN = DETECTORS["refined"].options
 DEFAULTS = {key: option.default for key, option in KNOWN.items()}
 
@@ -107,14 +101,6 @@ def test_poles_and_a_second_person_are_no_boards():
     assert np.mean(np.hypot(*wrong[:, :2].T) > 0.3) <= 0.03
 
 
-def test_sixty_four_rings_see_it_too():
-    recorded = walk(15, 4.0, sensor="os1-64", rings=64)
-    found = detected(recorded)
-    wrong, _ = errors(recorded, found.vertices)
-    assert len(found.vertices) > 20
-    assert np.sqrt(np.mean(wrong[:, 1] ** 2)) < 0.05
-
-
 def test_the_track_steadies_the_roll():
     recorded = walk(27, 30.0)
     off = []
@@ -141,25 +127,3 @@ def test_a_wall_is_no_board():
     wall = [(ring, 8.0, 0.028 * column, 0.28 * ring) for ring in range(8) for column in range(-120, 120)]
     found = detect_range(Listed([sweep(wall)] * 6), EVERYTHING, "refined", indices=range(6))
     assert found.vertices == []
-
-
-def test_on_the_real_poses_the_published_vertices_are_met():
-    """A tripod instead of a person, boards tilted to all sides; stamps are made up."""
-    if not REAL.exists():
-        pytest.skip("the real recording is absent: it is looked for in ../shared/data")
-    recording = open_recording(REAL / "recording.bag", ReadOptions(point_times="stamp_only"))
-    try:
-        (lidar,) = (sensor for sensor in recording.sensors if sensor.kind == "lidar")
-        source = Listed(list(recording.sweeps(lidar)))
-    finally:
-        recording.close()
-    with (REAL / "correspondences.csv").open() as file:
-        rows = [line for line in csv.DictReader(file) if line["is_top"] == "1"]
-    top = {number: np.array([float(line[axis]) for axis in "xyz"]) for number, line in enumerate(rows)}
-    limits = (("x", ">", 1.0), ("range", "<", 3.6), ("y", ">", -1.9), ("y", "<", 1.5), ("z", ">", -1.0))
-    region = Region.from_document({"and": [{"quantity": q, "op": op, "value": v} for q, op, v in limits]})
-    options = {"board_width_m": 0.61, "board_height_m": 0.85, "track": 0}
-    found = detect_range(source, region, "refined", options, indices=range(20))
-    off = {v.sweep_index: float(np.linalg.norm(np.array(v.xyz) - top[v.sweep_index])) for v in found.vertices}
-    assert len(off) == 20
-    assert np.median([distance for number, distance in off.items() if number != 0]) < 0.015

@@ -36,25 +36,12 @@ def test_intervals_tell_the_mean_roll_without_a_pull_towards_the_usual(mean_deg)
     assert np.sqrt(np.mean(np.square(off))) < 1.6
 
 
-def test_boards_that_tell_nothing_leave_what_holds_in_general():
-    holding = learn_roll(np.zeros((10, 2, ROLLS.size)), GENERAL)
-    assert holding.roll[0] == pytest.approx(GENERAL[0], abs=1e-6)
-    assert holding.roll[1] == pytest.approx(GENERAL[1], rel=0.1)
-    assert holding.swapped == pytest.approx(0.5, abs=0.02)
-
-
 def test_some_false_boards_do_not_move_the_mean():
     rolls = np.radians(np.random.default_rng(1).normal(12.0, 2.5, 20))
     alone = learn_roll(boxes(rolls, math.radians(4.0)), GENERAL)
     false = boxes(np.full(4, math.radians(-20.0)), math.radians(1.0), seed=9)
     mixed = learn_roll(np.concatenate([boxes(rolls, math.radians(4.0)), false]), GENERAL)
     assert math.degrees(abs(mixed.roll[0] - alone.roll[0])) < 1.5
-
-
-def test_a_model_under_which_rolls_agree_is_likelier_than_one_under_which_they_scatter():
-    agreed = boxes(np.radians(np.full(12, 10.0)), math.radians(2.0))
-    scattered = boxes(np.radians(np.tile([-8.0, 10.0], 6)), math.radians(2.0))
-    assert learn_roll(agreed, GENERAL).evidence > learn_roll(scattered, GENERAL).evidence + 5.0
 
 
 def test_sweeps_that_were_recorded_twice_tell_a_roll_nothing_new():

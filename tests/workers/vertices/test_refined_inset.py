@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from apexcal.documents.detectors import resolve_options
-from benchmarks.detection.figures import mean_sigma
 from benchmarks.detection.walks import looked_at
 from tests.support.scenes.drawn import draw
 from workers.vertices.detectors import without_fixed
@@ -47,10 +45,3 @@ def test_a_growth_within_the_beam_is_no_doubt_of_the_size(learned):
     assert not doubtful(boards, sharp, far_m)
     assert doubtful(boards, replace(sharp, growth=2.0 * learned.inset), far_m)
     assert doubtful(boards, replace(sharp, inset=None), far_m)
-
-
-def test_neighbours_that_share_their_errors_count_less():
-    random = np.random.default_rng(0)
-    alone = random.normal(size=4000)
-    assert mean_sigma(alone) == pytest.approx(4000**-0.5, rel=0.15)
-    assert mean_sigma(np.repeat(alone[:400], 10)) == pytest.approx(400**-0.5, rel=0.25)

@@ -56,14 +56,11 @@ def off_m(walked, vertices):
     return [float(np.linalg.norm(np.array(found.xyz) - walked.apexes[found.sweep_index])) for found in vertices]
 
 
-# Before, 31 and 32 of 77 and 60 sweeps of the raised board gave a vertex: the others said `never_shown`. The last is
-# for comparison: its size is open, and it was found before, too.
-@pytest.mark.parametrize(
-    ("seed", "plan", "share", "known"), [(27, "field", 0.6, True), (1, "yard", 0.75, True), (6, "yard", 0.75, False)]
-)
-def test_a_board_that_is_lowered_most_of_the_time_is_found_where_it_is_raised(seed, plan, share, known):
+# Before, 31 and 32 of 77 and 60 sweeps of the raised board gave a vertex: the others said `never_shown`.
+@pytest.mark.parametrize(("seed", "plan", "share"), [(27, "field", 0.6), (1, "yard", 0.75)])
+def test_a_board_that_is_lowered_most_of_the_time_is_found_where_it_is_raised(seed, plan, share):
     walked, raised = simulated(seed, 24.0, share=share, plan=plan)
-    size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]} if known else {}
+    size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
     found = detect_range(Listed(walked.sweeps), REGION, "refined", size, indices=range(len(walked.sweeps)))
     of_raised = [vertex for vertex in found.vertices if raised[vertex.sweep_index]]
     assert len(found.vertices) - len(of_raised) <= 1

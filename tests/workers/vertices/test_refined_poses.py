@@ -71,8 +71,7 @@ def test_real_poses_by_one_who_knows_nothing(name, fewest, most_m):
     check_real(name, fewest, {("suggested", False): most_m})
 
 
-# Of the VLP-16 `make test` has test_on_the_real_poses_the_published_vertices_are_met.
-@pytest.mark.parametrize(("name", "fewest"), [OS1[:2], pytest.param(*VLP16[:2], marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("name", "fewest"), [OS1[:2], VLP16[:2]])
 def test_real_poses_by_one_who_knows_everything(name, fewest):
     check_real(name, fewest, {("by hand", True): 0.015})
 

@@ -134,17 +134,11 @@ def test_the_compiled_mask_equals_a_plain_evaluation(tree, cloud):
     np.testing.assert_array_equal(found[~doubtful], expected[~doubtful])
 
 
-def test_a_box_turns_about_its_own_axis():
-    """A plank 10 m long and 1 m wide at (20, 0), turned to lie across the view."""
-    plank = {"min": [15, -0.5, -1], "max": [25, 0.5, 1], "yaw_deg": 90}
-    xyz = np.array([[20, 4.9, 0], [20, -4.9, 0.9], [20, 5.1, 0], [24, 0, 0], [20.4, 0, 0], [20, 0, 1.1]])
-    assert Region.from_document({"box": plank}).mask(xyz).tolist() == [True, True, False, False, True, False]
-
-
-def test_a_polygon_that_crosses_itself_follows_the_even_odd_rule():
-    star = [[math.cos(4 * math.pi * i / 5), math.sin(4 * math.pi * i / 5)] for i in range(5)]
-    xyz = np.array([[0.9, 0.0, 50.0], [0.0, 0.0, 0.0], [0.7, 0.7, 0.0]])
-    assert Region.from_document({"polygon": star}).mask(xyz).tolist() == [True, False, False]
+def test_a_box_turns_to_the_left_about_its_own_axis():
+    """A plank 10 m long and 1 m wide at (20, 0): random points hardly ever tell to which side it turned."""
+    plank = {"min": [15, -0.5, -1], "max": [25, 0.5, 1], "yaw_deg": 30}
+    xyz = np.array([[23.9, 2.25, 0], [16.1, -2.25, 0.9], [23.9, -2.25, 0], [24.5, 0, 0], [23.9, 2.25, 1.1]])
+    assert Region.from_document({"box": plank}).mask(xyz).tolist() == [True, True, False, False, False]
 
 
 def test_null_members_count_as_absent():
@@ -246,9 +240,3 @@ def test_a_region_in_level_axes_holds_what_the_points_turned_into_these_axes_say
     found = Region.from_document({"level": tree, "up": up}).mask(points)
     np.testing.assert_array_equal(found, Region.from_document(tree).mask(turned))
     assert 0 < found.sum() < len(points)
-
-
-def test_level_axes_of_a_lidar_that_stands_upright_are_its_own():
-    points = np.random.default_rng(5).uniform(-10, 10, (5_000, 3)).astype(np.float32)
-    same = Region.from_document({"level": _BOX, "up": [0, 0, 3]}).mask(points)
-    np.testing.assert_array_equal(same, Region.from_document(_BOX).mask(points))

@@ -1,6 +1,4 @@
-import csv
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,18 +7,14 @@ from apexcal.documents.analyses import SuggestionFacts
 from apexcal.documents.errors import InputError
 from apexcal.documents.simulation import Disturbances
 from tests.support.scenes.drawn import draw_street
-from workers.readers.detect import open_recording
-from workers.readers.recording import ReadOptions
 from workers.simulation.flaws import Mount
 from workers.simulation.lidar import BOARD, PERSON, SENSORS, SimulatedLidar
 from workers.simulation.scene import scene_with
 from workers.simulation.walker import Walk
 from workers.vertices.region import Region
-from workers.vertices.suggested_region import SIDES, area_around, area_m2, clusters
 from workers.vertices.suggestion import suggest
 from workers.vertices.sweep_source import Listed
 
-REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board"
 START_NS = 1_780_000_000_000_000_000
 
 
@@ -117,59 +111,6 @@ def test_empty_sweeps_and_a_wild_ring_number_do_no_harm_and_progress_is_told():
     assert suggestion.facts["sweeps_read"] == 80
     read = [number for number in told if number]  # before that it is looked whether these are poses, or a drive
     assert read == [*range(1, 81), *[80] * 80]
-
-
-def test_the_recorded_board_on_its_tripod():
-    """Twenty places of a board in a room: the sweeps share their background, so the board is what moves."""
-    if not REAL.exists():
-        pytest.skip("the real recording is absent: it is looked for in ../shared/data")
-    recording = open_recording(REAL / "recording.bag", ReadOptions(point_times="stamp_only"))
-    try:
-        (lidar,) = (sensor for sensor in recording.sensors if sensor.kind == "lidar")
-        suggestion = suggest(Listed(list(recording.sweeps(lidar))))
-    finally:
-        recording.close()
-    with (REAL / "correspondences.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if row["is_top"] in ("1", "True", "true")]
-    top = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])
-    assert len(top) == 20
-    assert Region.from_document(suggestion.document).mask(top).all()
-    assert suggestion.facts["area_m2"] < 25
-    assert suggestion.facts["points_per_sweep"] < 3000
-
-
-def test_clusters_are_what_touches():
-    line = np.column_stack([np.arange(0, 3, 0.1), np.zeros(30)])
-    apart = np.concatenate([line, line + np.array([0.0, 1.0]), [[9.0, 9.0]]])
-    found = clusters(apart, 0.4)
-    assert [len(set(found[:30])), len(set(found[30:60])), len(set(found))] == [1, 1, 3]
-
-
-def test_the_area_holds_its_points_and_the_margin_around_them():
-    random = np.random.default_rng(4)
-    xy = random.normal(size=(200, 2)) @ np.array([[4.0, 1.0], [0.0, 1.0]])
-    corners = area_around(xy, 0.5)
-    assert corners.shape == (SIDES, 2)
-    around = (xy[:, None] + 0.499 * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])).reshape(-1, 2)
-    region = Region.from_document({"polygon": corners.tolist()})
-    assert region.mask(np.column_stack([around, np.zeros(len(around))])).all()
-    assert area_m2(corners) < area_m2(area_around(xy, 1.0))
-    assert area_m2(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 3.0], [0.0, 3.0]])) == 6.0
-
-
-def test_a_sensor_upside_down_is_suggested_the_same_region():
-    upright = [sweep for sweep, _ in recorded(5, 80)]
-    hanging = [
-        replace(one, xyz=one.xyz * np.array([1, -1, -1], one.xyz.dtype), ring=(15 - one.ring).astype(one.ring.dtype))
-        for one in upright
-    ]
-    plain, found = suggest(Listed(upright)), suggest(Listed(hanging))
-    assert (found.facts["ground_z"], found.facts["z_high"]) == (-plain.facts["ground_z"], -plain.facts["z_low"])
-    assert found.facts["area_m2"] == plain.facts["area_m2"] and found.facts["posts"] == plain.facts["posts"]
-    for one, other in zip(upright, hanging, strict=True):
-        mask = Region.from_document(plain.document).mask(one.xyz)
-        np.testing.assert_array_equal(Region.from_document(found.document).mask(other.xyz), mask)
-    assert mask.any()
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@ import pytest
 
 from apexcal.documents.errors import InputError
 from tests.workers.vertices.walks import SIGMA, START_NS, seconds, spherical, vertices, walk
-from workers.geometry.spherical import axes, to_spherical, to_xyz
 from workers.vertices.tracks import MARGIN_SWEEPS, Track
 from workers.vertices.vertex import Vertex
 
@@ -107,17 +106,3 @@ def test_no_moments_and_no_vertices():
     with pytest.raises(InputError) as caught:
         Track.of([]).at([START_NS])
     assert caught.value.code == "track_empty"
-
-
-def test_covariances_turn_with_their_point():
-    random = np.random.default_rng(5)
-    xyz = random.uniform((2, -9, -2), (30, 9, 2), (50, 3))
-    A = random.normal(size=(50, 3, 3)) * (1e-3, 1e-3, 1e-2)
-    spread = A @ A.swapaxes(1, 2)
-    np.testing.assert_allclose(to_spherical(to_xyz(spread, xyz), xyz), spread, rtol=1e-6, atol=1e-12)
-    tiny = 1e-6
-    for axis, name in enumerate(("azimuth", "elevation", "range")):
-        moved = spherical(xyz + tiny * axes(xyz)[:, :, axis]) - spherical(xyz)
-        expected = np.zeros(3)
-        expected[axis] = tiny
-        np.testing.assert_allclose(moved, np.broadcast_to(expected, moved.shape), atol=1e-10, err_msg=name)
