@@ -93,7 +93,7 @@ bench-readers: $(STAMPS)/bench  ## our readers of MCAP, SQLite, protobuf and pca
 bench-annotators: setup  ## 1 to 100 people who mark one recording at once, with open pages, on both databases; SHORT=1 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.annotators
 
-bench-marks: setup  ## the machine's marks on rendered scenes drawn wide, on scenes without a board and on real recordings, and walks calibrated from them and from people's; SHORT=1 for a short form
+bench-marks: setup  ## the machine's marks on rendered scenes drawn wide, on simulated thermal cameras, on scenes without a board and on real recordings, and walks calibrated from them and from people's; SHORT=1 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.marks
 
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3

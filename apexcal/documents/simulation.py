@@ -91,6 +91,12 @@ class SimulationOptions(Disturbances):
     )
     camera_model: ModelName = _option("Cameras", "brown_conrady", None, "Model of their lens.")
     camera_hz: float = _option("Cameras", 15.0, "HZ", "Frames per second of each.", 1.0, 120.0)
+    images: Literal["colour", "thermal"] = _option(
+        "Cameras",
+        "colour",
+        None,
+        "colour: JPEG; thermal: 16 bits (mono16) of a thermal camera; the board is warmer or colder than the air.",
+    )
     pitch_down_deg: float = _option("Cameras", NOMINAL_PITCH_DOWN_DEG, "DEG", "How far they look down.", -30.0, 40.0)
     camera_info: Literal["none", "raw", "rectified"] = _option(
         "Cameras", "none", None, "Write image_raw or image_rect_color, CameraInfo and a URDF."
@@ -131,6 +137,8 @@ class SimulationOptions(Disturbances):
     def _options_go_together(self) -> Self:
         if self.camera_info != "none" and self.format not in BAG_FORMATS:
             raise ValueError(f"only bag, db3 and mcap hold a CameraInfo; {self.format} does not")
+        if self.images == "thermal" and self.format not in BAG_FORMATS:
+            raise ValueError(f"only bag, db3 and mcap hold images of 16 bits; {self.format} does not")
         if self.format in PACKET_FORMATS and (self.sensor != "vlp16" or self.rings is not None):
             raise ValueError(
                 f"only the packets of a vlp16 with its 16 rings are written as {self.format}; choose another format"

@@ -1,5 +1,7 @@
 """The machine's marks of a rendered recording, from frames in the store to pairs."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from tests.support.rows import HEIGHT, WIDTH
 from tests.support.work import work
 from tests.workers.readers.making_recordings import PERIOD_NS, START_NS, clouds, compressed, interleaved, write_bag
 from tests.workers.tasks.test_ingesting import uploaded
+from workers.readers.images.deep_images import shown_levels
 
 DRAW = Draw(
     seed=4242, size=(WIDTH, HEIGHT), model="pinhole", lens_stated=True, still=True, count=14, board_m=(0.6, 0.9),
@@ -74,10 +77,11 @@ def seed_sights(database, recording, scene):
 
 
 @one_database
+@pytest.mark.parametrize("draw", [DRAW, replace(DRAW, thermal=True, contrast=40.0)], ids=["grey", "16 bits"])
 @pytest.mark.usefixtures("broker")
-def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, tmp_path, fleet):
+def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, tmp_path, fleet, draw):
     engineer, annotator = api.member(fleet, "engineer"), api.member(fleet, "annotator")
-    scene = Scene(DRAW)
+    scene = Scene(draw)
     recording = uploaded(context, seed_rig(api.database, fleet), bag_of(scene, tmp_path / "walk.bag"))
     work(context)
     detection_id = seed_sights(api.database, recording, scene)
@@ -142,6 +146,8 @@ def crops_show_the_frames_around_the_marks(annotator, detection, scene, index_of
         piece = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
         rows = slice(image["v"], image["v"] + image["height"])
         columns = slice(image["u"], image["u"] + image["width"])
-        np.testing.assert_array_equal(piece, scene[crop["frame_index"]][rows, columns])
+        frame = scene[crop["frame_index"]]
+        shown = shown_levels(frame) if frame.dtype == np.uint16 else frame
+        np.testing.assert_array_equal(piece, shown[rows, columns])
     answer = annotator.get(f"/crop-pages/{page['id']}/crops/99")
     assert (answer.status_code, answer.json()["code"]) == (404, "no_such_crop")

@@ -6,14 +6,14 @@ resolution without anti-aliasing, and the canvas is averaged down over areas.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from workers.simulation.camera import SimulatedCamera
-from workers.simulation.figure import Shape, figure, pole
+from workers.simulation.figure import Colour, Shape, figure, pole
 from workers.simulation.scene import Scene
 from workers.simulation.walker import Poses
 
@@ -31,13 +31,20 @@ def encode_jpeg(image: NDArray[np.uint8]) -> bytes:
 
 
 class Renderer:
-    """Frames of one camera over a background that was painted once."""
+    """Frames of one camera over a background that was painted once; ``colour`` changes that of each shape."""
 
-    def __init__(self, camera: SimulatedCamera, scene: Scene, background: NDArray[np.uint8]) -> None:
+    def __init__(
+        self,
+        camera: SimulatedCamera,
+        scene: Scene,
+        background: NDArray[np.uint8],
+        colour: Callable[[Colour], Colour] = lambda colour: colour,
+    ) -> None:
         self._camera = camera
         self._centre = camera.centre()
         self._scene = scene
         self._background = background
+        self._colour = colour
 
     def frame(self, poses: Poses, index: int) -> NDArray[np.uint8]:
         """The frame (height, width, 3) uint8 BGR of the pose with that index."""
@@ -55,7 +62,8 @@ class Renderer:
 
     def _seen(self, shapes: Sequence[Shape]) -> list[Shape]:
         """The shapes in pixels; those that the lens cannot see are left out."""
-        projected = ((self._camera.project(points), colour) for points, colour in shapes)
+        coloured = ((points, self._colour(colour)) for points, colour in shapes)
+        projected = ((self._camera.project(points), colour) for points, colour in coloured if colour[3])
         # Not a number fails the comparison too; what projects far outside of the image is beside or behind the lens.
         return [(pixels, colour) for pixels, colour in projected if bool((np.abs(pixels) < _FAR_PX).all())]
 

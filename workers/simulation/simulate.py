@@ -17,6 +17,7 @@ from workers.simulation.driver import urdf
 from workers.simulation.render import Renderer
 from workers.simulation.rig import START_NS, MountedCamera, SimulatedRig
 from workers.simulation.scene import WALKER_REGION
+from workers.simulation.thermal import ThermalCamera
 from workers.simulation.truth import rig_document, truth_document
 from workers.simulation.writers.choose import open_writer
 from workers.simulation.writers.recording import Picture, RecordingWriter
@@ -78,7 +79,7 @@ def _record(rig: SimulatedRig, writer: RecordingWriter, report: OnProgress) -> N
     films: dict[str, Callable[[int], Picture]] = {}
     for done, mounted in enumerate(rig.cameras):
         report("background", done, len(rig.cameras))
-        films[mounted.name] = _film(rig, mounted)
+        films[mounted.name] = film_of(rig, mounted)
     report("background", len(rig.cameras), len(rig.cameras))
     turn_ns = round(rig.lidar.seconds_per_sector() * 1e9) + _SWEEP_DELAY_NS
     events = heapq.merge(
@@ -94,12 +95,17 @@ def _record(rig: SimulatedRig, writer: RecordingWriter, report: OnProgress) -> N
         report("recording", done, total)
 
 
-def _film(rig: SimulatedRig, mounted: MountedCamera) -> Callable[[int], Picture]:
+def film_of(rig: SimulatedRig, mounted: MountedCamera) -> Callable[[int], Picture]:
     """Return what paints a camera's frame of an index."""
     background = paint_background(mounted.camera, rig.scene, rig.options.seed)
-    renderer = Renderer(mounted.camera, rig.scene, background)
     poses = rig.walk.poses((mounted.times_ns - START_NS).astype(np.float64) * 1e-9)
-    return lambda index: Picture(int(mounted.stamps_ns[index]), renderer.frame(poses, index))
+    stamps = mounted.stamps_ns.tolist()
+    if rig.options.images == "colour":
+        renderer = Renderer(mounted.camera, rig.scene, background)
+        return lambda index: Picture(stamps[index], renderer.frame(poses, index))
+    thermal = ThermalCamera(rig.options.seed)
+    warm = Renderer(mounted.camera, rig.scene, thermal.background(background), thermal.colour)
+    return lambda index: Picture(stamps[index], thermal.counts(warm.frame(poses, index), index))
 
 
 def _events(camera: str, times_ns: NDArray[np.int64], delay_ns: int) -> Iterator[tuple[int, str, int]]:

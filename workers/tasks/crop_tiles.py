@@ -9,10 +9,11 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from apexcal.documents.crops import SHIFT_SHARES, side_of
 from apexcal.documents.machine_marks import TILE_COLUMNS
+from workers.marks.sights import Image
+from workers.readers.images.deep_images import shown_levels
 
 _REACH: Final = SHIFT_SHARES[1]
 """The tile's middle is off the mark by up to so many sides, like a shifted mark is: the middle tells nothing."""
@@ -21,12 +22,12 @@ _HALF: Final = 0.5 + 2.0 * _REACH
 
 
 def write_tiles(
-    rows: Sequence[dict[str, Any]], frame_of: Mapping[str, int], frames: Mapping[int, NDArray[np.uint8]], file: Path
+    rows: Sequence[dict[str, Any]], frame_of: Mapping[str, int], frames: Mapping[int, Image], file: Path
 ) -> None:
     """Write a PNG of each mark into one file, and where it is into the mark's row (`TILE_COLUMNS`).
 
     ``rows``: marks with ``vertex_id``, ``u``, ``v``, ``edge_px`` (px) and ``reason``. ``frame_of``: the index of each
-    vertex's frame. ``frames``: (H, W) grey, by index.
+    vertex's frame. ``frames``: (H, W) grey, by index; those of 16 bits are shown as the frames' own PNG shows them.
     """
     offset = 0
     with file.open("wb") as out:
@@ -34,6 +35,8 @@ def write_tiles(
             if row["reason"] is not None:
                 continue
             image = frames[frame_of[row["vertex_id"]]]
+            if image.dtype == np.uint16:
+                image = shown_levels(image.astype(np.uint16, copy=False))
             side = side_of(row["edge_px"])
             (left, right), (top, bottom) = (
                 _span(row[axis], side, size) for axis, size in (("u", image.shape[1]), ("v", image.shape[0]))

@@ -27,7 +27,7 @@ from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.jobs.claims import Claim, Lease
 from workers.geometry.spherical import to_xyz
 from workers.marks.propose import propose
-from workers.marks.sights import Lens, MarkProposal, MarkRefusal, RecordingFailure, Sight
+from workers.marks.sights import Image, Lens, MarkProposal, MarkRefusal, RecordingFailure, Sight
 from workers.readers.images.decoded_frames import decoded_frames
 from workers.readers.recording import ReadError
 from workers.tasks.analysis_files import keeping, store_file
@@ -91,7 +91,7 @@ def _storing_tiles(
     claim: Claim,
     work: _MarkingWork,
     rows: list[dict[str, Any]],
-    frames: Mapping[int, NDArray[np.uint8]],
+    frames: Mapping[int, Image],
     file: Path,
 ) -> Callable[[Session], object]:
     """Store a tile of each mark. Without room for them people look at whole frames."""
@@ -171,13 +171,16 @@ def _sight(vertex: Vertex, frame: VertexFrame, roll: float) -> Sight:
     return Sight(frame.frame_index, corners, covariance, roll)
 
 
-def _decoded(context: Context, work: _MarkingWork, folder: Path, lease: Lease) -> dict[int, NDArray[np.uint8]]:
-    """Grey frames by their index, in a file of the scratch folder; none that is damaged or of another size."""
+def _decoded(context: Context, work: _MarkingWork, folder: Path, lease: Lease) -> dict[int, Image]:
+    """Grey frames by their index, in a file of the scratch folder; none that is damaged, or of another kind or size.
+
+    Frames of 16 bits are marked as they were measured: what people see of them was stretched part by part.
+    """
     camera, indices = context.fetch(work.camera_key, folder), sorted({sight.frame for sight in work.sights})
     places = [work.frames[index] for index in indices]
-    images = decoded_frames(camera, places, folder, colour=False, widest=_WIDEST, must_stop=lease.check)
-    frames: dict[int, NDArray[np.uint8]] = {}
-    whole: NDArray[np.uint8] | None = None
+    images = decoded_frames(camera, places, folder, colour=False, widest=_WIDEST, must_stop=lease.check, deep=True)
+    frames: dict[int, Image] = {}
+    whole: Image | None = None
     for number, (index, image) in enumerate(zip(indices, images, strict=True)):
         lease.report(0.5 * number / len(indices), "decoding frames")
         if image is None:
@@ -185,8 +188,8 @@ def _decoded(context: Context, work: _MarkingWork, folder: Path, lease: Lease) -
         if whole is None:
             require_room(context, shutil.disk_usage(folder).free, len(indices) * image.nbytes)
             shape = (len(indices), *image.shape)
-            whole = np.lib.format.open_memmap(folder / "frames.npy", mode="w+", dtype=np.uint8, shape=shape)
-        if image.shape == whole.shape[1:]:
+            whole = np.lib.format.open_memmap(folder / "frames.npy", mode="w+", dtype=image.dtype, shape=shape)
+        if (image.dtype, image.shape) == (whole.dtype, whole.shape[1:]):
             whole[number] = image
             frames[index] = whole[number]
     return frames

@@ -29,6 +29,7 @@ EVERY_OPTION = """
     --pitch-down-deg 5 --clock-offset-ms -12.5 --clock-jitter-ms 2 --sensor hdl64 --rings 20 --sector-deg 50
     --range-noise-mm 20 --beam-mrad 3 --dropouts 0.1 --walk field --board 0.5x0.9 --walker-height-m 1.9
     --head-above-m 0.1 --second-person behind --poles 3 --speckle 0.02 --format mcap --camera-info raw --tree true
+    --images thermal
 """
 
 

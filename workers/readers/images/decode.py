@@ -1,6 +1,7 @@
 """The child that decodes frames: ``python -m workers.readers.images.decode FILE OUT --frames JSON``.
 
-Writes frame number i as ``OUT/i.npy``, uint8, (height, width, 3) BGR or (height, width) grey.
+Writes frame number i as ``OUT/i.npy``, uint8, (height, width, 3) BGR or (height, width) grey; with ``--deep`` uint16
+of frames that hold 16 bits.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import cv2
 import numpy as np
 
 from workers.readers.confine import add_child_options, confine
+from workers.readers.images.deep_images import depth_of
 from workers.readers.images.headers import read_image_header
 from workers.readers.isolation.isolate import isolate
 
@@ -66,6 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("out", type=Path)
     parser.add_argument("--frames", type=json.loads, required=True, help="JSON: [[offset, length], ...]")
     parser.add_argument("--colour", action="store_true")
+    parser.add_argument("--deep", action="store_true")
     parser.add_argument("--widest", type=int, required=True)
     add_child_options(parser)
     arguments = parser.parse_args(argv)
@@ -76,7 +79,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     with arguments.source.open("rb") as file:
         for number, (offset, length) in enumerate(arguments.frames):
             file.seek(offset)
-            pixels = decoded(file.read(length), colour=arguments.colour, widest=arguments.widest)
+            data = file.read(length)
+            pixels = depth_of(data) if arguments.deep else None
+            if pixels is None:
+                pixels = decoded(data, colour=arguments.colour, widest=arguments.widest)
             if pixels is not None:
                 np.save(arguments.out / f"{number}.npy", pixels)
             print(json.dumps({"frame": number}), flush=True)

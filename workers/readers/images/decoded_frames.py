@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,8 @@ def decoded_frames(
     colour: bool,
     widest: int,
     must_stop: Callable[[], None],
-) -> Iterator[NDArray[np.uint8] | None]:
+    deep: bool = False,
+) -> Iterator[NDArray[Any] | None]:
     """The pixels of each frame, in order; None where it cannot be decoded, or is too large.
 
     Args:
@@ -39,6 +40,7 @@ def decoded_frames(
         scratch: a folder for the pixels of a few frames at a time.
         colour: (height, width, 3) BGR, else (height, width) grey.
         widest: images that are wider, or have more pixels than a square of this width, are made smaller by 2, 4 or 8.
+        deep: (height, width) uint16 of frames that hold 16 bits, as large as they are.
         must_stop: called several times a second; what it raises ends the child and comes out of here.
 
     Raises:
@@ -46,7 +48,8 @@ def decoded_frames(
     """
     for first in range(0, len(places), _AT_ONCE):
         some = places[first : first + _AT_ONCE]
-        _decode(source, some, scratch, colour, widest, must_stop)
+        words = ["--widest", str(widest), *(["--colour"] if colour else []), *(["--deep"] if deep else [])]
+        _decode(source, some, scratch, words, must_stop)
         for number in range(len(some)):
             file = scratch / f"{number}.npy"
             yield np.load(file, allow_pickle=False) if file.exists() else None
@@ -57,13 +60,12 @@ def _decode(
     source: Path,
     places: Sequence[tuple[int, int]],
     scratch: Path,
-    colour: bool,
-    widest: int,
+    words: Sequence[str],
     must_stop: Callable[[], None],
 ) -> None:
     limits = {name: getattr(_LIMITS, name) for name in ("memory_bytes", "cpu_s", "file_bytes")}
-    words = ("--frames", json.dumps(list(places)), "--widest", str(widest), *(["--colour"] if colour else []))
-    command = child_command("workers.readers.images.decode", source, scratch, limits, *words)
+    frames = ("--frames", json.dumps(list(places)))
+    command = child_command("workers.readers.images.decode", source, scratch, limits, *frames, *words)
     began = time.monotonic()
 
     def look() -> None:

@@ -30,6 +30,7 @@ def open_writer(rig: SimulatedRig, out_dir: Path) -> RecordingWriter:
             rig.options.camera_hz,
             _TOPICS[rig.options.camera_info],
             camera.info if has_info else None,
+            rig.options.images == "thermal",
         )
         for camera in rig.cameras
     ]

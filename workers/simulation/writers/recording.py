@@ -6,9 +6,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.copying.edits import CameraEdit
@@ -21,11 +20,11 @@ class Picture:
 
     Attributes:
         stamp_ns: what the camera's clock said, UTC nanoseconds.
-        image: (height, width, 3) uint8 BGR.
+        image: (height, width, 3) uint8 BGR, or (height, width) uint16 of a thermal camera.
     """
 
     stamp_ns: int
-    image: NDArray[np.uint8]
+    image: NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +38,7 @@ class CameraChannel:
         rate_hz: frames per second, about.
         topic: last word of its images' topic in a bag.
         info: what its driver states with each of them; None: nothing.
+        is_deep: whether its images have 16 bits, and are not compressed.
     """
 
     name: str
@@ -47,6 +47,7 @@ class CameraChannel:
     rate_hz: float
     topic: str = "image"
     info: CameraEdit | None = None
+    is_deep: bool = False
 
 
 class RecordingWriter(ABC):

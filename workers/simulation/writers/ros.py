@@ -30,6 +30,7 @@ POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")
 _FIELDS = (("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("intensity", 12, 7), ("ring", 16, 4), ("time", 18, 7))
 _CLOUD = "sensor_msgs/msg/PointCloud2"
 _IMAGE = "sensor_msgs/msg/CompressedImage"
+_DEEP_IMAGE = "sensor_msgs/msg/Image"
 
 
 def points_of(sweep: Sweep) -> np.ndarray[tuple[int], np.dtype[np.void]]:
@@ -44,7 +45,7 @@ def points_of(sweep: Sweep) -> np.ndarray[tuple[int], np.dtype[np.void]]:
 
 
 class RosWriter(RecordingWriter):
-    """A bag with one LiDAR topic (PointCloud2) and a topic per camera (CompressedImage, JPEG).
+    """A bag with one LiDAR topic (PointCloud2) and a topic per camera (CompressedImage, JPEG; Image of 16 bits).
 
     Args:
         path: a file for ``bag``, a folder that does not exist for ``db3`` and ``mcap``.
@@ -57,7 +58,11 @@ class RosWriter(RecordingWriter):
         self, path: Path, kind: Literal["bag", "db3", "mcap"], lidar_frame: str, cameras: Sequence[CameraChannel]
     ) -> None:
         super().__init__(path)
-        self.names = {"lidar": LIDAR_TOPIC, **{c.name: f"/camera/{c.name}/{c.topic}/compressed" for c in cameras}}
+        kinds = {"lidar": _CLOUD, **{c.name: _DEEP_IMAGE if c.is_deep else _IMAGE for c in cameras}}
+        self.names = {
+            "lidar": LIDAR_TOPIC,
+            **{c.name: f"/camera/{c.name}/{c.topic}{'' if c.is_deep else '/compressed'}" for c in cameras},
+        }
         self._frame_ids = {"lidar": lidar_frame, **{camera.name: camera.frame_id for camera in cameras}}
         self._sequence: Counter[str] = Counter()
         self._ros1 = kind == "bag"
@@ -65,7 +70,7 @@ class RosWriter(RecordingWriter):
         self._bag: Any = Bag1(path) if self._ros1 else Bag2(path, version=9, storage_plugin=_PLUGINS[kind])
         self._bag.open()
         self._connections = {
-            name: self._bag.add_connection(topic, _CLOUD if name == "lidar" else _IMAGE, typestore=self._types)
+            name: self._bag.add_connection(topic, kinds[name], typestore=self._types)
             for name, topic in self.names.items()
         }
         serialize: Callable[[Any, str], Any] = self._types.serialize_ros1 if self._ros1 else self._types.serialize_cdr
@@ -104,13 +109,18 @@ class RosWriter(RecordingWriter):
         self._bag.write(connection, stamp_ns, self._messages.new_poses(poses, stamp_ns))
 
     def write_picture(self, camera: str, picture: Picture, received_ns: int) -> None:
-        """One CompressedImage, and its CameraInfo."""
-        message = self._types.types[_IMAGE](
-            header=self._header(camera, picture.stamp_ns),
-            format="jpeg",
-            data=np.frombuffer(encode_jpeg(picture.image), np.uint8),
-        )
-        self._bag.write(self._connections[camera], received_ns, self._serialize(message, _IMAGE))
+        """One CompressedImage, or Image of 16 bits, and its CameraInfo."""
+        header, image = self._header(camera, picture.stamp_ns), picture.image
+        kind = _DEEP_IMAGE if image.dtype == np.uint16 else _IMAGE
+        if kind == _DEEP_IMAGE:
+            height, width = image.shape
+            data = image.astype("<u2").view(np.uint8).ravel()
+            size: dict[str, Any] = {"height": height, "width": width, "step": 2 * width}
+            message = self._types.types[kind](header=header, encoding="mono16", is_bigendian=0, data=data, **size)
+        else:
+            data = np.frombuffer(encode_jpeg(image), np.uint8)
+            message = self._types.types[kind](header=header, format="jpeg", data=data)
+        self._bag.write(self._connections[camera], received_ns, self._serialize(message, kind))
         if camera in self._infos:
             connection, info = self._infos[camera]
             message = self._messages.new_info(info, picture.stamp_ns, self._frame_ids[camera])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from making_recordings import jpeg_claiming, png
 
+from workers.readers.images.deep_images import depth_of, with_depth
 from workers.readers.images.headers import ImageHeader, read_image_header
 from workers.readers.images.still_images import image_frame
 
@@ -52,10 +53,44 @@ def test_other_formats_become_png_without_loss(suffix):
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR), PIXELS)
 
 
+def thermal(hot_k=150.0):
+    """A frame of 0.04 K a count: air, a board 2 K warmer, something hot, and a noise of 50 mK."""
+    kelvin = 290.0 + np.random.default_rng(1).normal(0.0, 0.05, (240, 320))
+    kelvin[60:120, 80:140] += 2.0
+    kelvin[200:220, 280:300] += hot_k
+    return np.rint(kelvin / 0.04).astype(np.uint16)
+
+
 @pytest.mark.parametrize("suffix", [".png", ".tiff", ".pgm"])
-def test_16_bits_are_stretched_to_8(suffix):
-    frame = image_frame(encoded(suffix, DEEP), 17, f"a{suffix}")
+def test_grey_of_16_bits_shows_what_is_faint_and_keeps_the_16_bits(suffix):
+    frame = image_frame(encoded(suffix, thermal()), 17, f"a{suffix}")
+    shown = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert shown.dtype == np.uint8 and shown.shape == (240, 320)
+    board, beside = shown[65:115, 85:135].astype(float), shown[65:115, 20:70].astype(float)
+    # As a whole the frame spans 150 K: the board would be 3 of 255 levels above the air.
+    assert board.mean() - beside.mean() > 20.0
+    assert np.diff(beside, axis=1).std() / np.sqrt(2.0) < 6.0, "noise is not blown up"
+    np.testing.assert_array_equal(depth_of(frame.data), thermal())
+    assert "16 bits" in frame.transcoding
+    assert read_image_header(frame.data, "frame") == ImageHeader("image/png", 320, 240)
+
+
+def test_16_bits_beside_an_image_count_only_if_they_are_of_it():
+    plain = encoded(".png", np.zeros((240, 320), np.uint8))
+    assert depth_of(plain) is None and depth_of(encoded(".jpg", PIXELS)) is None
+    assert depth_of(with_depth(plain, np.zeros((240, 321), np.uint16))) is None
+    assert depth_of(with_depth(plain, np.zeros((240, 320), np.uint8))) is None
+    whole = with_depth(plain, thermal())
+    for cut in (20, 60, 1000, len(whole) - 40):
+        assert depth_of(whole[:cut]) is None
+    start = whole.index(b"apXd") + 4
+    assert depth_of(whole[:start] + bytes(200) + whole[start + 200 :]) is None
+
+
+def test_colours_of_16_bits_are_stretched_to_8():
+    deep = np.repeat(DEEP[..., None], 3, axis=2)
+    frame = image_frame(encoded(".png", deep), 17, "a.png")
     shown = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_UNCHANGED)
     assert shown.dtype == np.uint8 and (shown.min(), shown.max()) == (0, 255)
-    assert (np.diff(shown.reshape(-1).astype(int)) >= 5).all()  # 48 values, evenly over 256
-    assert "16 bits" in frame.transcoding
+    assert (np.diff(shown[..., 0].reshape(-1).astype(int)) >= 5).all()  # 48 values, evenly over 256
+    assert "16 bits" in frame.transcoding and depth_of(frame.data) is None

@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from workers.readers.images.deep_images import depth_of
 from workers.readers.images.transcode import raw_to_png
 from workers.readers.recording import ReadError
 from workers.readers.ros.topic_messages import RawImage
@@ -111,14 +112,22 @@ def test_planes_of_brightness_and_colour(encoding):
     assert np.abs(image - SMOOTH).max() <= 6
 
 
-@pytest.mark.parametrize(("encoding", "channels"), [("mono16", 1), ("16UC1", 1), ("bgr16", 3), ("rgba16", 4)])
+@pytest.mark.parametrize(("encoding", "channels"), [("bgr16", 3), ("rgba16", 4)])
 def test_16_bits_keep_their_order_and_fill_8(encoding, channels):
-    """A thermal camera: all values within a narrow part of what 16 bits hold."""
+    """All values within a narrow part of what 16 bits hold."""
     deep = np.repeat((21_000 + 3 * X + 100 * Y)[..., None].astype(np.uint16), channels, 2)
     image, frame = shown(deep, encoding)
     level = image[..., 0]
     assert level.min() == 0 and level.max() == 255 and "16 bits" in frame.transcoding
     assert (np.diff(level, axis=0) >= 0).all() and (np.diff(level, axis=1) >= 0).all()
+
+
+@pytest.mark.parametrize(("encoding", "big_endian"), [("mono16", False), ("mono16", True), ("16UC1", False)])
+def test_grey_of_16_bits_is_kept_as_it_was_measured(encoding, big_endian):
+    deep = (21_000 + 3 * X + 100 * Y).astype(np.uint16)
+    image, frame = shown(deep.astype(">u2") if big_endian else deep, encoding, big_endian=big_endian)
+    np.testing.assert_array_equal(depth_of(frame.data), deep)
+    assert (np.diff(image[..., 0], axis=1) >= 0).mean() > 0.95 and "16 bits" in frame.transcoding
 
 
 def test_a_constant_image_of_16_bits():
