@@ -82,13 +82,14 @@ class CropProgress(Sent):
     """How far people have looked at the machine's marks in one camera.
 
     ``marks`` are the machine's, ``judged`` of them need nobody's look any more. ``blind_needed`` more of these
-    vertices have to be marked blind before there are crops. ``unmarked`` corners have no answer, and no mark of the
-    machine or one that people rejected; the first of them is ``next_unmarked``.
+    vertices have to be marked blind before there are crops, for example ``next_blind``. ``unmarked`` corners have no
+    answer, and no mark of the machine or one that people rejected; the first of them is ``next_unmarked``.
     """
 
     marks: int
     judged: int
     blind_needed: int
+    next_blind: UUID | None
     unmarked: int
     next_unmarked: UUID | None
 

@@ -33,7 +33,7 @@ class Seeker:
     """A person who marks the vertices of a detection in one camera, under their own lock.
 
     ``names``: ``detection``, ``camera``, ``person``, ``corners``, and ``wanted``: so many marks shall a vertex get.
-    ``passed``: vertices that they hold, or have just given back.
+    ``passed``: vertices that they hold or get anyway, or have just given back.
     """
 
     session: Session
@@ -48,7 +48,7 @@ class Seeker:
         seeks more in place of the rest. Where others hold all, they may be the last ones: then it waits for them.
         """
         taken: list[UUID] = []
-        tried: list[UUID] = []
+        tried: list[UUID] = [*self.passed]
         for wait in (False, True):
             while len(taken) < count and (sought := self._lock(count - len(taken), tried, wait=wait)):
                 tried += sought
@@ -69,7 +69,7 @@ class Seeker:
         if rows and rows[0].rank - rows[0].frontier - rows[0].leased >= _STEP:
             self._advance(rows[0].frontier, rows[0].rank)
         if len(rows) < count:
-            names = self.names | {"tried": [*tried, *self.passed], "count": count - len(rows)}
+            names = self.names | {"tried": [*tried], "count": count - len(rows)}
             rows += self.session.connection().execute(_seen(wait=wait), names)
         return [row.id for row in rows]
 

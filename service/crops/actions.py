@@ -28,7 +28,7 @@ from service.platform.db.analyses import Analysis
 from service.platform.db.annotations import CropPage
 from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex, VertexFrame
-from service.platform.db.recordings import CameraFrame, Sensor
+from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.http.problems import Problem, not_found
 
 # The pages too take a person for away who has touched nothing for ten minutes; then others get the marks.
@@ -47,6 +47,9 @@ def next_page(session: Session, detection: Detection, camera: Sensor, person_id:
     analysis = newest_marks(session, detection.id, camera.name)
     if analysis is None:
         raise _no_marks(camera.name)
+    # The recording first, as whoever deletes it does.
+    if session.get(Recording, camera.recording_id, with_for_update={"read": True, "key_share": True}) is None:
+        raise not_found()
     session.execute(select(Analysis.id).where(Analysis.id == analysis.id).with_for_update(key_share=True))
     unanswered = select(CropPage).where(CropPage.analysis_id == analysis.id, CropPage.answered_at.is_(None))
     own = session.scalar(unanswered.where(CropPage.person_id == person_id))

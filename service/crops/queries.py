@@ -25,11 +25,12 @@ LEAST_BLIND = 5
 
 def newest_marks(session: Session, detection_id: UUID, camera: str) -> Analysis | None:
     """The last analysis that marked a detection's corners in a camera."""
-    answered = select(Analysis).where(
+    answered = select(Analysis.id, Analysis.asked).where(
         Analysis.detection_id == detection_id, Analysis.kind == "machine_marks", Analysis.result.is_not(None)
     )
-    rows = session.scalars(answered.order_by(Analysis.created_at.desc(), Analysis.id.desc()))
-    return next((row for row in rows if row.asked["camera"] == camera), None)
+    rows = session.execute(answered.order_by(Analysis.created_at.desc(), Analysis.id.desc()))
+    newest = next((row.id for row in rows if row.asked["camera"] == camera), None)
+    return session.get(Analysis, newest) if newest else None
 
 
 def marks_of(analysis: Analysis) -> list[Json]:
@@ -120,7 +121,7 @@ def blind_opinions(opinions: list[Opinion]) -> list[Opinion]:
 def progress_of(session: Session, analysis: Analysis | None, camera: Sensor) -> CropProgress:
     """How far people have looked at the marks of an analysis."""
     if analysis is None or analysis.detection_id is None:
-        return CropProgress(marks=0, judged=0, blind_needed=0, unmarked=0, next_unmarked=None)
+        return CropProgress(marks=0, judged=0, blind_needed=0, next_blind=None, unmarked=0, next_unmarked=None)
     opinions = opinions_of(session, analysis.detection_id, camera.id)
     by_people = judgements(session, analysis.id)
     marked: list[UUID] = []
@@ -138,6 +139,7 @@ def progress_of(session: Session, analysis: Analysis | None, camera: Sensor) -> 
             for vertex_id in marked
         ),
         blind_needed=max(0, enough - blind),
+        next_blind=next((vertex_id for vertex_id in marked if vertex_id not in opinions), None),
         unmarked=len(unmarked),
         next_unmarked=unmarked[0] if unmarked else None,
     )

@@ -13,9 +13,11 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Page, expect
 
+from apexcal.documents.machine_marks import MachineMark
 from tests.e2e.conftest import Track
 from tests.e2e.marking import Marker
 from tests.e2e.test_calibrating import pairs_of_truth
+from tests.e2e.test_crops import Confirmer, marked  # noqa: F401
 from tests.e2e.test_marking import ask_marks
 from tests.e2e.test_marking_beside import ASIDE_PX, click_corner
 from tests.e2e.test_workspace import STEPS
@@ -106,3 +108,20 @@ def test_marking(sign_in: SignIn, track: Track, scheme: str) -> None:
     for width, height in SIZES.items():
         marker.page.set_viewport_size({"width": width, "height": height})
         take(marker.page, "mark", scheme, width, full=False)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_crops(sign_in: SignIn, marked: tuple[Track, dict[str, MachineMark]], scheme: str) -> None:  # noqa: F811
+    track, marks = marked
+    page = sign_in(f"Cora {scheme}", "annotator")
+    page.emulate_media(color_scheme=scheme)  # pyright: ignore[reportArgumentType]
+    confirmer = Confirmer(page, track, marks)
+    confirmer.open()
+    confirmer.mark_blind(Marker(page, track))
+    confirmer.ready()
+    # Told that it accepted everything.
+    confirmer.accept()
+    confirmer.ready()
+    for width, height in SIZES.items():
+        page.set_viewport_size({"width": width, "height": height})
+        take(page, "crops", scheme, width, full=True)

@@ -4,7 +4,7 @@ import type { Hint } from "./hints.ts";
 
 /** What changes with a thing, beside the thing itself, what lies below it and the listings of such things. */
 const ALSO: Record<string, readonly string[]> = {
-  analysis: ["analyses"],
+  analysis: ["analyses", "crops"],
   calibration: ["calibration", "publications", "drift"],
   detection: ["correspondence-sets"],
   marking: ["progress"],

@@ -68,8 +68,14 @@ export class Marking {
   /** From when on, in time stamps of events, the shown frame was seen. */
   private seenFrom = Infinity;
 
-  constructor(me: Me, detectionId: string, camera: string) {
+  /** How many answers were given on this page. */
+  answered = $state(0);
+  /** The vertex that is shown first. */
+  private first: string | null;
+
+  constructor(me: Me, detectionId: string, camera: string, first: string | null = null) {
     this.me = me;
+    this.first = first;
     this.detectionId = detectionId;
     this.camera = camera;
     this.history = new History(`${me.id}.${detectionId}.${camera}`);
@@ -136,6 +142,7 @@ export class Marking {
       keepDraft(this.me.id, task, null);
       this.given = [...this.given, { answer, task }];
       this.answeredOn = { ...this.answeredOn, [taskId]: own.version };
+      this.answered += 1;
       if (mark && this.image) this.strip.add(taskId, this.image, mark);
       if (mark) this.doubts.note(task, mark);
       const [next, ...ahead] = this.ahead;
@@ -324,7 +331,8 @@ export class Marking {
     this.asked += 1;
     // The service may still count those as held whose answers are on their way.
     const ahead = Math.min(MOST_AHEAD, AHEAD + this.given.length);
-    const task = await annotations.nextTask(this.detectionId, this.camera, skip, ahead);
+    const task = await annotations.nextTask(this.detectionId, this.camera, skip, ahead, this.first);
+    this.first = null;
     if (task && task.person_id !== this.me.id) {
       // Another tab has signed in as somebody else: from here on this page is theirs too.
       session.enter(await people.me());

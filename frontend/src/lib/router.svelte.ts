@@ -7,7 +7,8 @@ export type Route =
   | { page: "sign-in" }
   | { page: "vehicle"; id: string }
   | { page: "recording"; id: string; step: string | null }
-  | { page: "marking"; detection: string; camera: string }
+  | { page: "marking"; detection: string; camera: string; vertex: string | null; crops: number }
+  | { page: "crops"; detection: string; camera: string }
   | { page: "calibration"; id: string; show: string | null }
   | { page: "fleet-requests"; fleet: string }
   | { page: "fleet-request"; id: string; state: string | null }
@@ -19,9 +20,12 @@ export function routeOf(url: URL): Route {
   if (first === undefined) return { page: "home", fleet: null };
   if (first === "sign-in" && !second) return { page: "sign-in" };
   if (!second) return { page: "unknown" };
+  const camera = url.searchParams.get("camera") ?? "";
   if (first === "detections" && third === "mark") {
-    return { page: "marking", detection: second, camera: url.searchParams.get("camera") ?? "" };
+    const [vertex, crops] = [url.searchParams.get("vertex"), Number(url.searchParams.get("crops")) || 0];
+    return { page: "marking", detection: second, camera, vertex, crops };
   }
+  if (first === "detections" && third === "crops") return { page: "crops", detection: second, camera };
   if (first === "fleets" && third === "requests") return { page: "fleet-requests", fleet: second };
   if (third) return { page: "unknown" };
   if (first === "fleets") return { page: "home", fleet: second };
@@ -99,8 +103,18 @@ function internalTarget(event: MouseEvent): string | null {
 
 export const router = new Router();
 
-export const markingPath = (detection: string, camera: string): string =>
-  `/detections/${detection}/mark?camera=${encodeURIComponent(camera)}`;
+/** `vertex` comes first. After `crops` answers the page leads to the crops. */
+export function markingPath(
+  detection: string,
+  camera: string,
+  { vertex, crops }: { vertex?: string | null; crops?: number } = {},
+): string {
+  const wishes = (vertex ? `&vertex=${vertex}` : "") + (crops ? `&crops=${crops}` : "");
+  return `/detections/${detection}/mark?camera=${encodeURIComponent(camera)}${wishes}`;
+}
+
+export const cropsPath = (detection: string, camera: string): string =>
+  `/detections/${detection}/crops?camera=${encodeURIComponent(camera)}`;
 
 /** The steps of a recording's page, in the order of the work. */
 export const STEPS = ["facts", "region", "detection", "marking", "calibration"] as const;

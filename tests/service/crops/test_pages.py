@@ -55,6 +55,7 @@ def test_an_honest_person_comes_to_the_end_and_what_they_confirm_counts(api, fle
         "marks": 60,
         "judged": 5,
         "blind_needed": 0,
+        "next_blind": str(seed.vertices[5]),
         "unmarked": 0,
         "next_unmarked": None,
     }

@@ -4,17 +4,21 @@ import { bodyOf, client } from "./http.ts";
 import { read, type Read } from "./reads.ts";
 import type { MarkingProgress, MarkingTally, MarkingTask, NewAnswer, OwnPairs, TakenAnswer } from "./types.ts";
 
-/** The next task for this person, or the one that they hold, with `ahead` that follow; null when nothing is left. */
+/**
+ * The next task for this person, or the one that they hold, with `ahead` that follow; null when nothing is left.
+ * `vertex_id` comes first.
+ */
 export const nextTask = async (
   id: string,
   camera: string,
   skip: string | null,
   ahead: number,
+  vertex_id: string | null,
 ): Promise<MarkingTask | null> =>
   (await bodyOf(
     client.POST("/v1/detections/{detection_id}/tasks/next", {
       params: { path: { detection_id: id } },
-      body: { camera, skip, ahead },
+      body: { camera, skip, ahead, vertex_id },
     }),
   )) ?? null;
 

@@ -81,6 +81,12 @@ export type NewAnswer = Schemas["Answer"] & { mark: MarkPoint | null };
 export type OwnAnswer = Schemas["Own"];
 export type VerdictName = NewAnswer["verdict"];
 
+export type CropView = Schemas["CropView"];
+export type CropSheet = Schemas["CropSheet"];
+export type CropProgress = Schemas["CropProgress"];
+export type CropAnswer = Schemas["CropAnswer"];
+export type CropVerdict = Schemas["CropVerdict"];
+
 export type CorrespondenceSet = Schemas["SetView"];
 export type CalibrationRequest = Schemas["CalibrationRequest"];
 export type CalibrationTemplate = Schemas["CalibrationTemplate"];

@@ -1,0 +1,180 @@
+"""Confirming the machine's marks in a browser: who looks comes to the end, who does not is told so."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, Response, expect
+
+from apexcal.documents.machine_marks import MachineMark, MarksView
+from apexcal.rigs import read_rig
+from tests.e2e.conftest import Track
+from tests.e2e.marking import Marker
+from workers.simulation.walker import BOARD_EDGES_M
+
+SignIn = Callable[[str, str], Page]
+
+
+@pytest.fixture(scope="module")
+def marked(track: Track, simulated: Callable[[], Path]) -> tuple[Track, dict[str, MachineMark]]:
+    """A recording of its own whose vertices the machine has marked, and its marks by vertex."""
+    owner = track.owner
+    vehicle = owner.vehicles.create(track.fleet_id, "Cart with marks of the machine")
+    folder = simulated()
+    rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
+    recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=120)
+    size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
+    region = owner.detections.get(track.detection_id).region
+    detection = owner.wait(owner.detections.create(recording.id, region, options=size), timeout_s=120)
+    (analysis,) = owner.analyses.list(MarksView, recording_id=recording.id)
+    analysis = owner.wait(analysis, timeout_s=240)
+    marks = {str(one.vertex_id): one for one in owner.analyses.marks(analysis.id) if one.reason is None}
+    assert len(marks) >= 30, analysis.result
+    own = {"vehicle_id": vehicle.id, "rig_id": rig.id, "recording_id": recording.id, "detection_id": detection.id}
+    return replace(track, **{name: str(id) for name, id in own.items()}), marks
+
+
+class Confirmer:
+    """A person at the page of crops, who knows where the machine's marks are."""
+
+    def __init__(self, page: Page, track: Track, marks: dict[str, MachineMark]) -> None:
+        self.page, self.track, self.marks = page, track, marks
+        self.sheets: list[Response] = []
+        page.on("response", self._note)
+
+    def _note(self, response: Response) -> None:
+        if response.url.endswith("/crops/next") and response.status == 200:
+            self.sheets.append(response)
+
+    def open(self) -> None:
+        """Go to the crops by the link in the detection's panel."""
+        self.page.goto(f"{self.track.url}/recordings/{self.track.recording_id}?step=detection")
+        self.page.get_by_role("link", name=re.compile("^Confirm")).click()
+
+    def mark_blind(self, marker: Marker) -> None:
+        """Mark frames until the page shows crops."""
+        for count in range(12):
+            # Where the machine has no mark, a blind one measures nothing: then the page asks for more.
+            expect(
+                self.page.get_by_role("button", name="Accept").or_(self.page.get_by_text("yourself first"))
+            ).to_be_visible()
+            if not self.page.get_by_text("yourself first").is_visible():
+                break
+            self.page.keyboard.press("Enter")
+            for _ in range(1 if count else 5):
+                marker.frame().wait_for()
+                marker.ready()
+                shown = marker.vertex
+                marker.click(0.4, 0.4)
+                with self.page.expect_response("**/answer") as answered:
+                    self.page.keyboard.press("Enter")
+                assert answered.value.ok and not answered.value.json()["reviewed"]
+                self.page.wait_for_function(
+                    "shown => document.querySelector('.stage')?.dataset.vertex !== shown", arg=shown
+                )
+
+    def ready(self) -> None:
+        """Wait until the page takes an answer."""
+        expect(self.page.get_by_role("button", name="Accept")).to_be_enabled()
+
+    def shifted(self) -> list[str]:
+        """The vertices of the shown page whose marks are not where the machine has them."""
+        crops = self.sheets[-1].json()["crops"]
+        own = {one["vertex_id"]: (self.marks[one["vertex_id"]].u, self.marks[one["vertex_id"]].v) for one in crops}
+        return [one["vertex_id"] for one in crops if (one["u"], one["v"]) != own[one["vertex_id"]]]
+
+    def tile(self, vertex: str) -> Any:
+        """The crop of a vertex."""
+        return self.page.locator(f'[data-vertex="{vertex}"]')
+
+    def accept(self) -> dict[str, Any]:
+        """Press Enter; the service's verdict."""
+        with self.page.expect_response("**/crop-pages/*/answer") as answered:
+            self.page.keyboard.press("Enter")
+        verdict: dict[str, Any] = answered.value.json()
+        assert answered.value.ok, verdict
+        return verdict
+
+
+@pytest.mark.timeout(400)
+def test_who_accepts_everything_is_told_so_and_who_looks_comes_to_the_end(
+    sign_in: SignIn, marked: tuple[Track, dict[str, MachineMark]]
+) -> None:
+    track, marks = marked
+    page = sign_in("Cora", "annotator")
+    cora, marker = Confirmer(page, track, marks), Marker(page, track)
+    cora.open()
+    expect(page.get_by_role("heading", name="Mark 5 frames yourself first")).to_be_visible()
+    cora.mark_blind(marker)
+    cora.ready()
+    first = cora.shifted()
+    verdict = cora.accept()
+    assert (verdict["accepted"], verdict["missed"]) == (False, len(first))
+    expect(page.get_by_test_id("verdict")).to_contain_text("You accepted every mark of the page, but the service had")
+    assert "shifted" not in cora.sheets[0].text()
+
+    cora.ready()
+    by_mouse, *by_keyboard = cora.shifted()
+    cora.tile(by_mouse).click()
+    expect(page.get_by_role("dialog").get_by_role("application")).to_be_visible()
+    page.keyboard.press("w")
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    for vertex in by_keyboard:
+        cora.tile(vertex).focus()
+        page.keyboard.press("w")
+    expect(page.get_by_test_id("wrong")).to_contain_text(f"{1 + len(by_keyboard)} of ")
+    page.reload()
+    cora.ready()
+    expect(page.get_by_test_id("wrong")).to_contain_text(f"{1 + len(by_keyboard)} of ")
+    page.context.set_offline(True)
+    page.keyboard.press("Enter")
+    expect(page.get_by_text("The service does not answer.")).to_be_visible()
+    expect(page.get_by_text("Your answer is kept in this browser.")).to_be_visible()
+    page.context.set_offline(False)
+    assert cora.accept()["accepted"]
+    for _ in range(12):
+        expect(
+            page.get_by_role("button", name="Accept")
+            .and_(page.locator(":enabled"))
+            .or_(page.get_by_text("No mark is left"))
+        ).to_be_visible()
+        if page.get_by_text("No mark is left").is_visible():
+            break
+        for vertex in cora.shifted():
+            cora.tile(vertex).focus()
+            page.keyboard.press(" ")
+        assert cora.accept()["accepted"]
+    blind = sum(item["verdict"] == "confirmed" and vertex in marks for vertex, item in marker.own_marks().items())
+    progress = track.owner.marking.crop_progress(track.detection_id, "front")
+    assert progress.judged == progress.marks == len(marks)
+
+    built = track.owner.correspondence_sets.build(track.detection_id, "front")
+    pairs = track.owner.correspondence_sets.get(built.id).pairs
+    assert sum(bool(pair.confirmed) for pair in pairs) == len(marks) - blind
+
+
+@pytest.mark.timeout(300)
+def test_a_wrong_crop_leads_to_its_frame_and_back(
+    sign_in: SignIn, marked: tuple[Track, dict[str, MachineMark]]
+) -> None:
+    track, marks = marked
+    page = sign_in("Dan", "annotator")
+    dan, marker = Confirmer(page, track, marks), Marker(page, track)
+    # All marks are confirmed by now: a new analysis has none that anybody has seen.
+    track.owner.wait(track.owner.analyses.mark(track.detection_id, "front"), timeout_s=240)
+    dan.open()
+    dan.ready()
+    vertex = dan.sheets[-1].json()["crops"][3]["vertex_id"]
+    dan.tile(vertex).click()
+    page.keyboard.press("m")
+    marker.frame().wait_for()
+    marker.ready()
+    assert marker.vertex == vertex
+    marker.click(0.5, 0.5)
+    page.keyboard.press("Enter")
+    dan.ready()
+    expect(dan.tile(vertex)).to_have_attribute("data-wrong", "true")
+    assert marker.own_marks()[vertex]["reviewed"]
