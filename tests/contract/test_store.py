@@ -18,13 +18,8 @@ pytestmark = [
 
 
 @pytest.fixture
-def engineer(api):
-    return api.member(api.fleet(), "engineer")
-
-
-@pytest.fixture
-def uploaded(engineer):
-    made = new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
+def uploaded(engineer, fleet):
+    made = new_recording(engineer, fleet)
     assert upload(engineer, made["id"], [b"first", b"second"]).status_code == 202
     return made["id"]
 

@@ -1,10 +1,12 @@
-"""A rig of the fleet, and who looks at its results."""
+"""Who looks at a fleet's results, and a recording that is on its way."""
 
+from typing import Any
 from uuid import UUID
 
 import pytest
 
 from tests.support.people import Actor, Api
+from tests.support.uploads import new_recording
 
 
 @pytest.fixture
@@ -17,3 +19,9 @@ def viewer(api: Api, fleet: UUID) -> Actor:
 def reviewer(api: Api, fleet: UUID) -> Actor:
     """A person who may publish."""
     return api.member(fleet, "reviewer", "Rea")
+
+
+@pytest.fixture
+def recording(engineer: Actor, fleet: UUID) -> dict[str, Any]:
+    """A recording that waits for its parts."""
+    return new_recording(engineer, fleet)

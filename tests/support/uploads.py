@@ -4,7 +4,10 @@ import hashlib
 from base64 import b64encode
 from typing import Any
 
-from tests.support.people import Actor
+from sqlalchemy import select
+
+from service.platform.db.recordings import Blob
+from tests.support.people import Actor, Api
 
 RIG = {
     "name": "roof",
@@ -64,3 +67,10 @@ def upload(actor: Actor, recording_id: Any, parts: list[bytes], **declared: Any)
         assert answer.status_code == 200, answer.text
     body = {"parts": len(parts), "size": sum(map(len, parts)), "sha256": None, **declared}
     return actor.post(f"/recordings/{recording_id}/complete", body)
+
+
+def blobs(api: Api) -> dict[str, int]:
+    """How many blobs are in which state."""
+    with api.database.reading() as session:
+        states = session.scalars(select(Blob.state)).all()
+    return {state: states.count(state) for state in set(states)}

@@ -18,7 +18,7 @@ from service.platform.storage.store import Store
 from tests.service.recordings.test_routes import add_camera
 from tests.support.people import Api
 from tests.support.s3 import S3Server
-from tests.support.uploads import new_recording, put_part, upload
+from tests.support.uploads import blobs, new_recording, put_part, upload
 
 # A fleet's service: what differs between the databases is tested with the folder's parts.
 pytestmark = pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
@@ -29,16 +29,6 @@ PARTS = [b"first" * 1000, b"second" * 500, b"tail"]
 @pytest.fixture
 def api(make_api: Callable[..., Api], on_s3: dict[str, Any]) -> Api:
     return make_api(**on_s3, downloads="presigned")
-
-
-@pytest.fixture
-def engineer(api: Api):
-    return api.member(api.fleet(), "engineer")
-
-
-@pytest.fixture
-def recording(engineer):
-    return new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
 
 
 def announce(engineer, recording, number: int, data: bytes, **changed: object) -> Any:
@@ -57,12 +47,6 @@ def put(engineer, recording, number: int, data: bytes) -> dict[str, Any]:
     arrived = arrive(engineer, recording, number, address["reservation"])
     assert arrived.status_code == 200, arrived.text
     return address
-
-
-def blobs(api: Api) -> dict[str, int]:
-    with api.database.reading() as session:
-        states = session.scalars(select(Blob.state)).all()
-    return {state: states.count(state) for state in set(states)}
 
 
 def test_parts_go_to_the_store_and_the_original_comes_from_it(api: Api, engineer, recording) -> None:
@@ -194,8 +178,9 @@ def test_what_is_asked_for_is_looked_at(make_api, on_s3, engineer, recording) ->
     closed = announce(engineer, recording, 2, b"1")
     assert (closed.status_code, closed.json()["code"]) == (409, "upload_closed")
     through = make_api(**on_s3, uploads="api")
-    uploader = through.member(through.fleet("through"), "engineer")
-    waiting = new_recording(uploader, uploader.get("/me").json()["fleets"][0]["id"], "waiting")
+    fleet = through.fleet("through")
+    uploader = through.member(fleet, "engineer")
+    waiting = new_recording(uploader, fleet, "waiting")
     assert waiting["upload"]["parts"] == "api"
     refused = announce(uploader, waiting, 1, b"1")
     assert (refused.status_code, refused.json()["code"]) == (409, "parts_through_api")

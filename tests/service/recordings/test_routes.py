@@ -41,16 +41,6 @@ KEPT = {"alembic_version", "fleet", "vehicle", "rig", "rig_camera", "person", "m
 KEPT |= {"job_event", "blob"}
 
 
-@pytest.fixture
-def engineer(api: Api):
-    return api.member(api.fleet(), "engineer")
-
-
-@pytest.fixture
-def recording(engineer):
-    return new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
-
-
 def add_camera(api: Api, recording: dict, images: list[bytes]) -> Sensor:
     """What ingestion leaves of a camera."""
     key = f"recordings/{recording['id']}/{new_id().hex}"

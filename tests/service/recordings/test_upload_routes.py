@@ -16,25 +16,9 @@ from service.recordings import upload_routes
 from service.recordings.upload_actions import finish_part
 from tests.support.people import Api
 from tests.support.processes import wait_until
-from tests.support.uploads import digest, new_recording, put_part, upload
+from tests.support.uploads import blobs, digest, new_recording, put_part, upload
 
 PARTS = [b"first" * 1000, b"second" * 500, b"tail"]
-
-
-@pytest.fixture
-def engineer(api: Api):
-    return api.member(api.fleet(), "engineer")
-
-
-@pytest.fixture
-def recording(engineer):
-    return new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
-
-
-def blobs(api: Api) -> dict[str, int]:
-    with api.database.reading() as session:
-        states = session.scalars(select(Blob.state)).all()
-    return {state: states.count(state) for state in set(states)}
 
 
 def test_upload_complete_and_read_back(api: Api, engineer, recording) -> None:
@@ -122,8 +106,9 @@ def test_missing_parts_are_listed(engineer, recording) -> None:
 
 def test_too_large_and_empty_parts(api: Api, make_api) -> None:
     small = make_api(max_part_bytes=1000)
-    engineer = small.member(small.fleet("other"), "engineer")
-    recording = new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
+    fleet = small.fleet("other")
+    engineer = small.member(fleet, "engineer")
+    recording = new_recording(engineer, fleet)
     known = put_part(engineer, recording["id"], 1, b"x" * 1001)
     assert (known.status_code, known.json()["code"]) == (413, "part_too_large")
     assert blobs(small) == {}
@@ -142,8 +127,9 @@ def test_too_large_and_empty_parts(api: Api, make_api) -> None:
 
 def test_too_little_disk_is_said_before_it_hurts(api: Api, make_api) -> None:
     full = make_api(min_free_bytes=2**62)
-    engineer = full.member(full.fleet("other"), "engineer")
-    recording = new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
+    fleet = full.fleet("other")
+    engineer = full.member(fleet, "engineer")
+    recording = new_recording(engineer, fleet)
     answer = put_part(engineer, recording["id"], 1, b"x")
     assert (answer.status_code, answer.json()["code"]) == (507, "disk_full")
     assert blobs(full) == {"condemned": 1}

@@ -13,7 +13,7 @@ from service.platform.db.recordings import UploadPart
 from service.platform.storage.store import Store
 from tests.support.databases import one_database
 from tests.support.people import Api
-from tests.support.uploads import digest, new_recording, put_part
+from tests.support.uploads import digest, put_part
 
 pytestmark = one_database
 
@@ -34,25 +34,17 @@ def used(store: Store) -> int:
     return sum(file.stat().st_size for file in store.folder.rglob("*") if file.is_file())
 
 
-@pytest.fixture
-def engineer(api: Api):
-    return api.member(api.fleet(), "engineer")
-
-
-@pytest.fixture
-def recording(engineer) -> str:
-    return new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])["id"]
-
-
 def test_parts_that_come_at_once_do_not_pass_the_reserve_together(api: Api, engineer, recording) -> None:
     with ThreadPoolExecutor(6) as pool:
-        answers = list(pool.map(lambda number: put_part(engineer, recording, number, b"x" * 20 * MB), range(1, 7)))
+        answers = list(
+            pool.map(lambda number: put_part(engineer, recording["id"], number, b"x" * 20 * MB), range(1, 7))
+        )
     assert {answer.status_code for answer in answers} == {200, 507}
     assert api.app.state.store.free_bytes() >= RESERVE
     refused = next(answer for answer in answers if answer.status_code == 507)
     assert refused.json()["code"] == "disk_full"
     # What was promised to those that are done or refused is given back.
-    assert put_part(engineer, recording, 9, b"x" * MB).status_code == 200
+    assert put_part(engineer, recording["id"], 9, b"x" * MB).status_code == 200
 
 
 def test_a_part_ends_where_another_fills_the_disk_meanwhile(served, engineer, recording) -> None:
@@ -67,9 +59,9 @@ def test_a_part_ends_where_another_fills_the_disk_meanwhile(served, engineer, re
 
     headers = {"Content-Digest": digest(b"y" * 28 * MB), "Authorization": f"Bearer {engineer.token}"}
     with httpx.Client(timeout=30) as client:
-        answer = client.put(f"{url}/v1/recordings/{recording}/parts/1", content=chunks(), headers=headers)
+        answer = client.put(f"{url}/v1/recordings/{recording['id']}/parts/1", content=chunks(), headers=headers)
     assert (answer.status_code, answer.json()["code"]) == (507, "disk_full")
     with api.database.reading() as session:
         assert session.scalars(select(UploadPart)).all() == []
     filler.unlink()
-    assert put_part(engineer, recording, 1, b"y" * MB).status_code == 200
+    assert put_part(engineer, recording["id"], 1, b"y" * MB).status_code == 200
