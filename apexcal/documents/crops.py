@@ -18,8 +18,8 @@ LEAST_SIDE_PX: Final = 48.0
 MOST_SIDE_PX: Final = 96.0
 """Side of the largest crop: drawn 115 CSS px wide (three beside each other on a screen of 390) 5 px are still 6."""
 SHIFT_SHARES: Final = (1 / 8, 1 / 4)
-"""Least and largest shift over the crop's side. An eighth of 115 CSS px is 14, twice the drawn ring's radius: the
-corner lies outside of the ring. A quarter leaves the corner in the middle half of the crop.
+"""Least and largest shift over the crop's side. An eighth of 115 CSS px is 14, as long as an arm of the drawn cross:
+the corner lies at its end or beyond. A quarter leaves the corner in the middle half of the crop.
 """
 
 

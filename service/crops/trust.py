@@ -12,9 +12,8 @@ are wrong (Bayes), and a coordinate's variance is that of the mark plus q times 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from uuid import UUID
 
 from service.crops.shifts import MISSED_SHARE
 
@@ -51,8 +50,3 @@ def widened_px(sigma_px: float, side_px: float, wrong: float, miss_rates: Iterab
     """Return the deviation (px per coordinate) of a mark that people of these miss rates confirmed."""
     missed = wrong * math.prod(miss_rates)
     return math.hypot(sigma_px, math.sqrt(missed / (missed + 1.0 - wrong)) * MISSED_SHARE * side_px)
-
-
-def rates_of(counts: Mapping[UUID, ShiftCount], people: Iterable[UUID]) -> list[float]:
-    """Return the miss rate of each person."""
-    return [counts[person].miss_rate for person in people]

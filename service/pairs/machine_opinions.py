@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.crops import side_of
 from service.annotations.consensus import Opinion
 from service.crops.queries import judgements, marks_of, newest_marks
-from service.crops.trust import rates_of, widened_px
+from service.crops.trust import widened_px
 
 
 class MachineOpinion(NamedTuple):
@@ -48,7 +48,7 @@ def machine_opinions(
         sigma_px = (0.5 * (mark["sigma_u"] ** 2 + mark["sigma_v"] ** 2)) ** 0.5
         people = sorted(judged.confirmed_by[vertex_id]) if is_confirmed else []
         if people:
-            rates = rates_of(judged.counts, people)
+            rates = [judged.counts[person].miss_rate for person in people]
             sigma_px = widened_px(sigma_px, side_of(mark["edge_px"]), judged.wrong_rate, rates)
         opinions[vertex_id] = MachineOpinion(
             Opinion("confirmed", (mark["u"], mark["v"]), person=newest.id),

@@ -117,9 +117,3 @@ export class Crops {
 }
 
 const keyOf = (page: CropSheet): string => `apexcal.crops.${page.person_id}.${page.id}`;
-
-/** How many tiles are in a row, by where each begins from above. */
-export const columnsOf = (tops: readonly number[]): number => {
-  const below = tops.findIndex((top) => top > (tops[0] ?? 0) + 1);
-  return below < 0 ? tops.length : below;
-};
