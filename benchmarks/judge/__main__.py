@@ -29,7 +29,7 @@ import numpy as np  # noqa: E402
 from scipy import special  # noqa: E402
 
 from benchmarks.judge.cases import CASES, Case  # noqa: E402
-from benchmarks.judge.judging import Outcome, numbered  # noqa: E402
+from benchmarks.judge.judging import BROKEN, Outcome, numbered  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
 IN_TABLE: Final = 60
@@ -51,6 +51,7 @@ def main() -> None:
     print(cases_table(cases, by_case), checks_table(cases, by_case), sep="\n\n", file=sys.stderr)
     said = {"bench": "judge", "seed": seed, "draws": draws, **summary(cases, by_case)}
     print(json.dumps(said | {"seconds": round(time.perf_counter() - began, 1)}))
+    sys.exit(any(one.verdict == BROKEN for one in outcomes))
 
 
 def interval(count: int, of: int) -> tuple[float, float]:
@@ -66,6 +67,7 @@ def summary(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> dict[st
     sound = [one for case in cases if case.is_sound for one in by_case[case.name]]
     published, stopped = (sum(one.verdict == verdict for one in sound) for verdict in ("pass", "stop"))
     figures: dict[str, Any] = {
+        "broken": sum(one.verdict == BROKEN for of_case in by_case.values() for one in of_case),
         "published_wrong_worst_case": max(wrong.values(), default=None),
         "published_wrong": sum(wrong.values()),
         "published_wrong_upper": round(interval(sum(wrong.values()), len(traced))[1], 5) if traced else None,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import traceback
 from typing import Final, NamedTuple
 from uuid import uuid4
 
@@ -28,13 +30,15 @@ from workers.tasks.solving import read_run, solved
 Floats = NDArray[np.float64]
 DISTANCE_M: Final = 20.0
 SIGMAS: Final = 3.0
+BROKEN: Final = "broken"
+"""The verdict of a draw on which the product itself failed; the bench then ends with 1."""
 # Of the points over the field that marks cover: beyond their middle 95 % lie single marks at the image's edges.
 _POINTS: Final = 0.05
 
 
 class Outcome(NamedTuple):
-    """How a draw ended. verdict: of the checks, or `refused` if there is no result. error_px: RMS at 20 m over the
-    field that marks cover; is_wrong: by more than is stated, and than use allows. failed: verdicts by check.
+    """How a draw ended. verdict: of the checks, `refused` if there is no result, or `broken`. error_px: RMS at 20 m
+    over the field that marks cover; is_wrong: by more than is stated, and than use allows. failed: verdicts by check.
     """
 
     case: str
@@ -62,7 +66,11 @@ def outcome(case: Case, seed: int, with_folds: bool = True) -> Outcome:
 def numbered(asked: tuple[int, int, bool]) -> Outcome:
     """The outcome of a case by its number, for a process of its own: number, seed, and `with_folds`."""
     number, seed, with_folds = asked
-    return outcome(CASES[number], seed, with_folds)
+    try:
+        return outcome(CASES[number], seed, with_folds)
+    except Exception:
+        print(f"{CASES[number].name}, seed {seed}: the fit broke\n{traceback.format_exc()}", file=sys.stderr)
+        return Outcome(CASES[number].name, BROKEN, np.nan, False, {})
 
 
 def calibrated(draw: Draw, with_folds: bool) -> tuple[FitResult, list[Check]]:

@@ -17,3 +17,9 @@ def test_a_sound_walk_is_published_and_a_wrong_lens_model_is_not():
     assert figures["sound_published_interval"] == [0.025, 1.0]
     assert "| wrong model | 1 | 0.000 (0.000-0.975) |" in cases_table(cases, by_case)
     assert "| `lens_model` | 0 | wrong model 1.00 |" in checks_table(cases, by_case)
+
+
+def test_a_board_that_stood_in_two_places_is_judged_though_its_halves_determine_little():
+    (two,) = [case for case in CASES if case.name == "two poses"]
+    for seed in (59574302, 59574321, 59574346):
+        assert outcome(two, seed, with_folds=False).verdict == "stop"

@@ -130,14 +130,15 @@ def _ratios(errors: ErrorModel, rows: Floats, first: Used, second: Used) -> tupl
     step = errors.step(first) - errors.step(second)
     covariance, parts = errors.difference(first, second), errors.parts(first, second)
     over_parameters = _root_mahalanobis(errors, step, covariance, parts)
-    stated: Floats = np.sum((rows @ covariance) * rows, axis=1)
+    moved: Floats = rows @ _directions(covariance)[1]
+    stated: Floats = np.sum(moved**2, axis=1)
     # The mean of difference^2 / stated is a sum of chi-squares. One chi-square with so many degrees of freedom stands
     # for it (Box 1954).
     weighed: Floats = rows / stated[:, None]
-    shares = covariance @ (rows.T @ weighed) / len(rows)
+    shares = moved.T @ (moved / stated[:, None]) / len(rows)
     grows = np.array([np.sum((rows @ part) * weighed) / len(rows) for part in parts])
     over_marks = float(np.sqrt(np.mean((rows @ step) ** 2 / stated)))
-    directions = 1.0 / float(np.sum(shares * shares.T))
+    directions = 1.0 / float(np.sum(shares**2))
     return [over_parameters, _Ratio(over_marks, directions, errors.freedom_of(grows))], stated
 
 
@@ -166,14 +167,23 @@ def _turned(whole: Estimate, errors: ErrorModel, first: Used) -> tuple[float, _R
 
 def _root_mahalanobis(errors: ErrorModel, step: Floats, covariance: Floats, parts: Sequence[Floats]) -> _Ratio:
     """A step in standard deviations, over the directions that have one; `parts` as in `ErrorModel.parts`."""
-    unit = np.sqrt(np.diag(covariance))
-    unit = 1.0 / np.where(unit > 0.0, unit, 1.0)
-    values, vectors = np.linalg.eigh(covariance * unit[:, None] * unit)
-    determined = values > 1e-12 * values[-1]
-    along = unit[:, None] * vectors[:, determined] / np.sqrt(values[determined])
-    count = float(np.count_nonzero(determined))
+    along, _ = _directions(covariance)
+    count = float(along.shape[1])
     grows = np.array([np.sum((part @ along) * along) for part in parts]) / count
     return _Ratio(float(np.sqrt(np.mean((along.T @ step) ** 2))), count, errors.freedom_of(grows))
+
+
+def _directions(covariance: Floats) -> tuple[Floats, Floats]:
+    """The directions (F, D) of a covariance, each over its deviation and times it; without those lost in rounding.
+
+    A board that stood in two places leaves directions whose computed variance is below zero.
+    """
+    unit = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit[unit == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(covariance / (unit[:, None] * unit))
+    determined = values > 1e-12 * values[-1]
+    vectors, deviations = vectors[:, determined], np.sqrt(values[determined])
+    return vectors / (unit[:, None] * deviations), vectors * deviations * unit[:, None]
 
 
 def _limit(ratio: _Ratio, false_alarms: float = _FALSE_ALARMS) -> float:
