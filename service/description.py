@@ -88,9 +88,9 @@ def _describe_members(schema: Json) -> None:
     """Give each member the sentences of its document that name it."""
     sentences = _SENTENCE_ENDS.split(" ".join(schema.get("description", "").split()))
     for name, member in schema.get("properties", {}).items():
-        said = " ".join(sentence for sentence in sentences if f"``{name}``" in sentence)
-        if said:
-            member.setdefault("description", said)
+        named = " ".join(sentence for sentence in sentences if f"``{name}``" in sentence)
+        if named:
+            member.setdefault("description", named)
 
 
 def _calls(dependant: Dependant) -> Iterator[Callable[..., Any] | None]:

@@ -87,8 +87,8 @@ def _solved(client: Client, truth: Truth, calibration: CalibrationView, output: 
     """The true model as `solve` has it from the machine's marks, and the file if it wrote one."""
     figures = judge(client, truth, calibration)
     verdict = report.summary_of(calibration, CAMERA).models[truth.model].verdict
-    written = str(output) if output.is_file() else None
-    return figures[truth.model] | {"pairs": figures["pairs"], "verdict": verdict, "file": written}
+    file = str(output) if output.is_file() else None
+    return figures[truth.model] | {"pairs": figures["pairs"], "verdict": verdict, "file": file}
 
 
 def judge(client: Client, truth: Truth, calibration: CalibrationView) -> Document:

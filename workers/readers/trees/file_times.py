@@ -59,7 +59,7 @@ def strays(series: Sequence[Series], listed: Collection[str]) -> list[str]:
         series: the files of each sensor.
         listed: paths to which a table gives a time.
     """
-    most = {kind: max((len(one.paths) for one in series if one.kind == kind), default=0) for kind in KINDS}
+    most = {kind: max((len(each.paths) for each in series if each.kind == kind), default=0) for kind in KINDS}
     paths: list[str] = []
     for files in series:
         texts = {path: stem_and_number(path)[1] for path in files.paths if path not in listed}
