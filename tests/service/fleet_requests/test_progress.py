@@ -126,7 +126,7 @@ def test_a_run_that_ends_its_vehicle_takes_so_many_statements(vans: Vans, contex
         run_job(context, job_id)
     with statements(context.database) as concluding:
         conclude(context)
-    assert (len(fitting), len(concluding)) == (14, 22), (fitting, concluding)
+    assert (len(fitting), len(concluding)) == (14, 23), (fitting, concluding)
 
 
 def test_vehicles_that_end_at_the_same_moment_are_each_counted_once(vans: Vans, context):

@@ -292,6 +292,20 @@ def test_the_pattern_of_a_lens_is_least_squares_of_the_residuals(report):
     assert size[at] == pytest.approx(largest, rel=0.1)
 
 
+def test_rings_off_the_axis_are_the_pairs_own(report):
+    rings = report["rings"]
+    used = belonging(plain(made().chosen.result))
+    angle, error = (steady(report["pairs"][name])[used] for name in ("angle_deg", "error_px"))
+    assert sum(ring["pairs"] for ring in rings) == used.sum()
+    for k, ring in enumerate(rings):
+        end = np.inf if k == 3 else ring["to_deg"]
+        within = (angle >= ring["from_deg"] - 1e-4) & (angle < end - 1e-4)
+        if abs(int(within.sum()) - ring["pairs"]) == 0:
+            assert ring["rms_px"] == pytest.approx(np.sqrt((error[within] ** 2).mean()), rel=1e-3)
+        else:
+            assert abs(int(within.sum()) - ring["pairs"]) <= 1
+
+
 def test_the_rest_is_as_stored(report):
     document = plain(made().chosen.result)
     for name in ("parameters", "std", "interval95_half_width", "intrinsics"):
