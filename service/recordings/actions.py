@@ -24,6 +24,7 @@ from service.platform.db.recordings import Recording, UploadPart
 from service.platform.http.problems import Problem
 from service.platform.jobs.queue import abandon
 from service.platform.storage.blobs import condemn, sensor_keys
+from service.platform.storage.quota import recounting
 from service.publications.actions import hold_publications
 from service.publications.queries import aliases_to
 
@@ -81,8 +82,10 @@ def delete_detection(session: Session, detection: Detection, vehicle_id: UUID) -
     of_sets, own = CorrespondenceSet.detection_id == id_, Analysis.detection_id == id_
     origin = _Origin("detection", vehicle_id, of_sets, own, lambda session: [id_], false())
     abandon(session, _subjects(session, origin))
-    _delete_descent(session, origin)
-    session.execute(delete(Detection).where(Detection.id == id_))
+    # The tiles around the machine's marks counted to the recording.
+    with recounting(session, detection.recording_id, besides=None):
+        _delete_descent(session, origin)
+        session.execute(delete(Detection).where(Detection.id == id_))
 
 
 def delete_calibration(session: Session, calibration: Calibration) -> None:

@@ -8,9 +8,11 @@ import pytest
 
 from apexcal.documents.pairs import MACHINE, MARK_SIGMA
 from benchmarks.marks.scenes import Draw, Scene
+from service.platform.db.analyses import AnalysisFile
+from service.platform.db.annotations import CropPage
 from service.platform.db.base import new_id
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.platform.db.recordings import CameraFrame, Sensor
+from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
 from tests.support.rows import HEIGHT, WIDTH
@@ -85,6 +87,7 @@ def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, 
     recording = uploaded(context, seed_rig(api.database, fleet), bag_of(scene, tmp_path / "walk.bag"))
     work(context)
     detection_id = seed_sights(api.database, recording, scene)
+    taken_before = taken_bytes(api.database, recording.id)
     sets = f"/detections/{detection_id}/correspondence-sets"
     unmarked = engineer.post(sets, {"camera": "front", "machine_marks": True})
     assert (unmarked.status_code, unmarked.json()["code"]) == (409, "nothing_marked")
@@ -122,6 +125,17 @@ def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, 
     assert all(pair[MACHINE] and 0.0 < pair[MARK_SIGMA] < 3.0 for pair in pairs)
     assert {(pair["u"], pair["v"]) for pair in pairs} == {(mark["u"], mark["v"]) for mark in marked}
     crops_show_the_frames_around_the_marks(annotator, f"/detections/{detection_id}", scene, index_of)
+
+    assert taken_bytes(api.database, recording.id) > taken_before, "the tiles count to the fleet's quota"
+    assert engineer.delete(f"/detections/{detection_id}").status_code == 204
+    assert taken_bytes(api.database, recording.id) == taken_before
+    with api.database.reading() as session:
+        assert not session.query(AnalysisFile).count() and not session.query(CropPage).count()
+
+
+def taken_bytes(database, recording_id):
+    with database.reading() as session:
+        return session.get_one(Recording, recording_id).taken_bytes
 
 
 def crops_show_the_frames_around_the_marks(annotator, detection, scene, index_of):
