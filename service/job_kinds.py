@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+from uuid import UUID
+
+from sqlalchemy.orm import Session
+
 from service.analyses import jobs as analyses
 from service.calibration_runs import jobs as calibration_runs
 from service.detections import jobs as detections
+from service.platform.db.recordings import Recording
 from service.platform.jobs.kinds import register
 from service.publications.conclusion_actions import publish_conclusion
 from service.recordings import jobs as recordings
 
+
+def _follow_reading(session: Session, recording_id: UUID, recording: Recording) -> None:
+    """Describe the rig of a recording that came without one, and have its sweeps packed."""
+    # Imported here: it needs NumPy, and the service that queues jobs does not.
+    from service.imports.proposing import describe_empty_rig
+
+    describe_empty_rig(session, recording)
+    analyses.queue_packing(session, recording_id, recording)
+
+
 KINDS = (
-    *recordings.kinds(take=analyses.queue_packing),
+    *recordings.kinds(take=_follow_reading),
     *analyses.KINDS,
     *detections.kinds(take=analyses.queue_marks),
     *calibration_runs.KINDS,

@@ -21,11 +21,12 @@ MarksPerVertex = Annotated[int, Field(ge=1, le=100)]
 class NewRecording(Received):
     """A recording to upload: one file of a known format, or a folder packed as tar.
 
+    Without ``rig_id`` the vehicle gets a rig that reading the recording describes.
     ``size`` is that of the file in bytes. With it the fleet's quota is checked once for all parts, without it
     for each part.
     """
 
-    rig_id: UUID
+    rig_id: UUID | None = None
     name: Name
     file_name: Name
     size: Annotated[int, Field(ge=1, lt=2**63)] | None = None
@@ -35,9 +36,9 @@ class NewRecording(Received):
 
 
 class RecordingEdit(Received):
-    """Changes of a recording; rig and reading only before it is ready, because the ingestion uses them.
+    """Changes of a recording; the reading only before it is ready, because the ingestion uses it.
 
-    ``reading`` replaces the whole of it.
+    ``reading`` replaces the whole of it. The rig of a ready one is replaced by another that has the same sensors.
     """
 
     rig_id: UUID | None = None

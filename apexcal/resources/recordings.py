@@ -35,7 +35,7 @@ class Recordings(Resource):
     def create(
         self,
         vehicle_id: UUID | str,
-        rig_id: UUID | str,
+        rig_id: UUID | str | None,
         name: str,
         file_name: str,
         *,
@@ -46,12 +46,14 @@ class Recordings(Resource):
     ) -> CreatedRecording:
         """Announce a recording of ``size`` bytes; its parts follow. ``upload.part_bytes`` says how large.
 
+        Without a rig the vehicle gets one that reading the recording describes.
+
         ``reading`` is what the file does not say of itself: ``topics`` (``{"lidar": TOPIC, "cameras": {NAME:
         TOPIC}}``), ``point_times`` (``auto`` or ``stamp_only``), ``stamp_convention`` (``start`` or ``end``),
         ``rate_hz``, ``lidar_model``, ``rings``, ``camera_start_ns``.
         """
         body: dict[str, Any] = {
-            "rig_id": str(rig_id),
+            "rig_id": None if rig_id is None else str(rig_id),
             "name": name,
             "file_name": file_name,
             "size": size,
@@ -65,7 +67,7 @@ class Recordings(Resource):
         self,
         path: Path,
         vehicle_id: UUID | str,
-        rig_id: UUID | str,
+        rig_id: UUID | str | None = None,
         *,
         name: str | None = None,
         resume: bool = False,
@@ -75,7 +77,8 @@ class Recordings(Resource):
         """Upload a file, or a folder as a tar, and return its recording while it is being ingested.
 
         An upload that breaks off leaves the recording ``uploading``. ``resume`` goes on with the newest one of this
-        vehicle, rig and file name, if there is one. ``announced``: what :meth:`create` takes besides.
+        vehicle, rig and file name, if there is one. Without a rig it gets one that reading it describes.
+        ``announced``: what :meth:`create` takes besides.
         """
         source = open_source(path)
         recording = self._unfinished(source.name, vehicle_id, rig_id) if resume else None
@@ -91,12 +94,14 @@ class Recordings(Resource):
         body = {"parts": sent.parts, "size": sent.size, "sha256": sent.sha256}
         return self._http.post(at("recordings", recording.id, "complete"), AcceptedRecording, body).recording
 
-    def _unfinished(self, file_name: str, vehicle_id: UUID | str, rig_id: UUID | str) -> RecordingSummary | None:
+    def _unfinished(
+        self, file_name: str, vehicle_id: UUID | str, rig_id: UUID | str | None
+    ) -> RecordingSummary | None:
         """The newest recording of this vehicle whose upload of a file of this name broke off."""
         broken_off = [
             recording
             for recording in self.list(vehicle_id=vehicle_id, state="uploading")
-            if recording.file_name == file_name and str(recording.rig_id) == str(rig_id)
+            if recording.file_name == file_name and rig_id in (None, recording.rig_id, str(recording.rig_id))
         ]
         return max(broken_off, key=lambda recording: recording.created_at, default=None)
 
@@ -113,7 +118,7 @@ class Recordings(Resource):
         return self._http.get(at("recordings", recording_id), RecordingView)
 
     def edit(self, recording: RecordingSummary, **changes: Any) -> RecordingView:
-        """Change ``name`` or ``marks_per_vertex``; before a recording is ready ``rig_id`` or ``reading`` too."""
+        """Change ``name`` or ``marks_per_vertex``; ``rig_id``; before a recording is ready ``reading`` too."""
         return self._http.patch(at("recordings", recording.id), RecordingView, changes, version=recording.version)
 
     def retry(self, recording_id: UUID | str) -> RecordingView:

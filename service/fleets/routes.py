@@ -14,12 +14,13 @@ from sqlalchemy.orm import selectinload
 from apexcal.documents.base import stored
 from apexcal.documents.fleets import CameraImages, FleetOut, Named, NewRig, RigOut, SensorSerials, VehicleOut
 from apexcal.documents.publications import PublicationPolicy
+from service.fleets.actions import describe
 from service.fleets.queries import rig_camera
 from service.fleets.views import rig_view
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.base import new_id
-from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Fleet, Rig, Vehicle
 from service.platform.http.bodies import DOCUMENT
 from service.platform.http.etags import Conditional, version_etag
 from service.platform.http.pages import Page, Paging, fetch
@@ -121,35 +122,8 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
     vehicle = access.find(Vehicle, id, "engineer", lock=True)
     taken = select(Rig.id).where(Rig.vehicle_id == id, Rig.name == body.name)
     _refuse_taken(access, body.name, taken, "rig")
-    rig = Rig(
-        id=new_id(),
-        fleet_id=vehicle.fleet_id,
-        vehicle_id=id,
-        name=body.name,
-        lidar_frame=body.lidar.frame,
-        lidar_topic=body.lidar.topic,
-        lidar_serial=body.lidar.serial,
-        T_vehicle_lidar=body.T_vehicle_lidar and body.T_vehicle_lidar.model_dump(mode="json"),
-        camera_transforms=[transform.model_dump(mode="json") for transform in body.camera_transforms],
-        version=1,
-        cameras=[
-            RigCamera(
-                id=new_id(),
-                position=position,
-                name=camera.name,
-                frame=camera.frame,
-                topic=camera.topic,
-                serial=camera.serial,
-                image_width=camera.image_size[0],
-                image_height=camera.image_size[1],
-                nominal=camera.nominal.model_dump(mode="json"),
-                bounds={name: list(pair) for name, pair in camera.bounds.items()},
-                joint=camera.joint and camera.joint.model_dump(mode="json"),
-                images=camera.images and camera.images.model_dump(mode="json"),
-            )
-            for position, camera in enumerate(body.cameras)
-        ],
-    )
+    rig = Rig(id=new_id(), fleet_id=vehicle.fleet_id, vehicle_id=id, name=body.name, version=1)
+    describe(rig, body)
     access.session.add(rig)
     access.session.flush()
     return access.answer(rig_view(rig))

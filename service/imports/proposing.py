@@ -5,24 +5,25 @@ from __future__ import annotations
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.errors import InputError
 from apexcal.documents.rig_proposals import LIDAR, ProposalRequest, RigProposal
 from apexcal.geometry.frame_tree import FrameTree, recorded_tree, urdf_tree
 from apexcal.geometry.rig_proposal import RecordedSensor, propose_rig
+from service.fleets.actions import describe
+from service.platform.broker.hints import hint
+from service.platform.db.fleets import Rig
 from service.platform.db.recordings import Recording, Sensor
-from service.platform.http.problems import Problem
 
 
 def recorded_proposal(session: Session, recording: Recording, request: ProposalRequest) -> RigProposal:
     """Return the rig of a recording that was read.
 
     Raises:
-        Problem: 409 ``not_read``.
-        InputError: ``urdf_not_read``, ``frames_not_usable``.
+        InputError: ``not_read``, ``urdf_not_read``, ``frames_not_usable``.
     """
     rows = session.scalars(select(Sensor).where(Sensor.recording_id == recording.id).order_by(Sensor.id)).all()
     if LIDAR not in {row.name for row in rows}:
-        raise Problem(
-            409,
+        raise InputError(
             "not_read",
             f"The recording {recording.name!r} is {recording.state}: its sensors are known once it is ready.",
             "Wait until it is, or read it again.",
@@ -34,6 +35,24 @@ def recorded_proposal(session: Session, recording: Recording, request: ProposalR
         trees["the recording"] = recorded_tree(fixed)
     sensors = [_sensor(row) for row in sorted(rows, key=lambda row: row.name != LIDAR)]
     return propose_rig(sensors, trees, request, request.name)
+
+
+def describe_empty_rig(session: Session, recording: Recording) -> None:
+    """Describe a rig without cameras by the recording read for it. What is assumed becomes a warning."""
+    rig = session.get_one(Rig, recording.rig_id)
+    if rig.cameras:
+        return
+    try:
+        proposal = recorded_proposal(session, recording, ProposalRequest.model_validate({"name": rig.name}))
+    except InputError as error:
+        recording.warnings = [*recording.warnings, f"The rig is not described. {error.message}"]
+        return
+    describe(rig, proposal.rig)
+    rig.version += 1
+    assumed = [f"{question.sentence} Assumed: {question.assumed}." for question in proposal.questions]
+    recording.warnings = [*recording.warnings, *assumed]
+    session.flush()
+    hint(session, rig.fleet_id, "rig", rig.id)
 
 
 def _sensor(row: Sensor) -> RecordedSensor:

@@ -23,7 +23,8 @@ def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[s
         Problem: 422 ``unknown_camera``, where a topic is given for a camera that the rig does not have.
     """
     names = set(session.scalars(select(RigCamera.name).where(RigCamera.rig_id == rig_id)))
-    strange = sorted(set(reading.topics.cameras) - names)
+    # A rig without cameras gets those that are named here.
+    strange = sorted(set(reading.topics.cameras) - names) if names else []
     if strange:
         raise Problem(
             422,

@@ -18,6 +18,7 @@ from apexcal.documents.recordings import (
     RecordingView,
 )
 from apexcal.documents.states import RecordingState
+from service.fleets.actions import empty_rig
 from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.base import new_id
@@ -32,6 +33,7 @@ from service.platform.settings import Settings
 from service.platform.storage.quota import take
 from service.recordings.actions import delete_recording
 from service.recordings.queries import reading_document
+from service.recordings.rules import require_same_sensors
 from service.recordings.upload_actions import how_to_upload
 from service.recordings.views import summaries, view
 
@@ -43,7 +45,10 @@ def post_recording(id: UUID, body: NewRecording, request: Request, access: Write
     """Announce a recording; its file follows in parts."""
     settings: Settings = request.app.state.settings
     vehicle = access.find(Vehicle, id, "engineer")
-    rig = access.session.get(Rig, body.rig_id)
+    if body.rig_id is None:
+        rig = empty_rig(access.session, vehicle, body.name)
+    else:
+        rig = access.session.get(Rig, body.rig_id)
     if rig is None or rig.vehicle_id != vehicle.id:
         raise not_found()
     row = Recording(
@@ -96,14 +101,17 @@ def get_recording(id: UUID, access: ReadAccess, conditions: Conditional) -> Reco
 
 @router.patch("/recordings/{id}")
 def patch_recording(id: UUID, body: RecordingEdit, access: WriteAccess, conditions: Conditional) -> RecordingView:
-    """Rename a recording, ask for more marks of each vertex; before it is ready, correct its rig or reading."""
+    """Rename a recording, ask for more marks of each vertex, replace its rig; before it is ready, its reading."""
     row = access.find(Recording, id, "engineer", lock=True)
     conditions.require(version_etag(row.version))
     if body.rig_id and body.rig_id != row.rig_id:
         rig = access.session.get(Rig, body.rig_id)
         if rig is None or rig.vehicle_id != row.vehicle_id:
             raise not_found()
-        _refuse_if_read(row, "rig_in_use", "rig")
+        if row.state == RecordingState.READY:
+            require_same_sensors(access.session, row, rig)
+        else:
+            _refuse_if_read(row, "rig_in_use", "rig")
         row.rig_id = rig.id
     if body.reading is not None:
         _refuse_if_read(row, "reading_in_use", "reading")

@@ -83,13 +83,16 @@ def ingest(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
 
 
 def _request(recording: Recording, rig: Rig, cameras: Sequence[RigCamera]) -> Json:
-    """What to read as what: topics that were named for this recording go before the rig's."""
+    """What to read as what: topics that were named for this recording go before the rig's.
+
+    A rig without cameras gets those that are named, else all that there are.
+    """
     options = dict(recording.reading)
     topics: Json = options.pop("topics", {})
     named: Json = topics.get("cameras", {})
     return {
         "lidar": topics.get("lidar") or rig.lidar_topic,
-        "cameras": {camera.name: named.get(camera.name) or camera.topic for camera in cameras},
+        "cameras": {camera.name: named.get(camera.name) or camera.topic for camera in cameras} or named or None,
         "image_sizes": {camera.name: [camera.image_width, camera.image_height] for camera in cameras},
         "options": options,
     }

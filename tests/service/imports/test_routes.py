@@ -148,7 +148,7 @@ class TestProposal:
     def test_a_recording_that_was_not_read_has_none(self, api, fleet, viewer):
         with api.database.writing() as session:
             recording = add(session, Recording, seed_rig(api.database, fleet), state="uploading")
-        refusal(viewer.post(f"/recordings/{recording.id}/rig-proposals", {}), 409, "not_read")
+        refusal(viewer.post(f"/recordings/{recording.id}/rig-proposals", {}), 422, "not_read")
 
 
 class TestJoint:

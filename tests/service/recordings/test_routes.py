@@ -276,3 +276,49 @@ def test_what_stays_does_not_keep_the_rest(api: Api, monkeypatch) -> None:
 
     monkeypatch.setattr(retention, "delete_recording", delete_only_the_last)
     assert delete_overdue(api.database) == 1
+
+
+def test_a_recording_without_a_rig_gets_an_empty_one_of_its_name(api: Api) -> None:
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    vehicle = engineer.post(f"/fleets/{fleet}/vehicles", {"name": "van"}).json()["id"]
+    body = {"name": "walk", "file_name": "walk.bag", "reading": {"topics": {"cameras": {"front": "/camera"}}}}
+    made = [engineer.post(f"/vehicles/{vehicle}/recordings", body) for _ in range(2)]
+    assert [one.status_code for one in made] == [201, 201], made[0].text
+    rigs = engineer.get(f"/vehicles/{vehicle}/rigs").json()["items"]
+    assert [(rig["id"], rig["name"], rig["cameras"]) for rig in rigs] == [
+        (made[0].json()["rig_id"], "walk", []),
+        (made[1].json()["rig_id"], "walk 2", []),
+    ]
+
+
+def test_the_rig_of_a_ready_recording_is_replaced_by_one_of_the_same_sensors(api: Api) -> None:
+    fleet = api.fleet()
+    rig = seed_rig(api.database, fleet)
+    recording, camera = seed_recording(api.database, rig, 2)
+    with api.database.writing() as session:
+        session.get_one(Sensor, camera).facts = {"width": 640, "height": 480}
+    engineer = api.member(fleet, "engineer")
+
+    def replaced(**changes):
+        described = engineer.get(f"/rigs/{rig.id}").json()
+        (one,) = described["cameras"]
+        body = {"name": str(changes), "lidar": described["lidar"], "cameras": [one | changes.pop("camera", {})]}
+        other = engineer.post(f"/vehicles/{rig.vehicle_id}/rigs", body | changes)
+        assert other.status_code == 201, other.text
+        version = engineer.get(f"/recordings/{recording}").headers["etag"]
+        answer = engineer.patch(
+            f"/recordings/{recording}", {"rig_id": other.json()["id"]}, headers={"If-Match": version}
+        )
+        return answer, other.json()["id"]
+
+    answer, other = replaced(camera={"topic": "/front"})
+    assert answer.status_code == 200 and answer.json()["rig_id"] == other and answer.json()["state"] == "ready"
+    for changes, says in (
+        ({"camera": {"name": "rear"}}, "'rear'"),
+        ({"camera": {"topic": "/rear"}}, "/front"),
+        ({"camera": {"image_size": [800, 600]}}, "640 x 480"),
+        ({"lidar": {"frame": "velodyne", "topic": "/other"}}, "/lidar"),
+    ):
+        answer, _ = replaced(**changes)
+        assert (answer.status_code, answer.json()["code"]) == (409, "sensors_differ") and says in answer.text

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import delete, select
 
-from service.platform.db.models import Blob, Recording, Rig, Sensor, UploadPart
+from service.platform.db.models import Blob, Recording, Rig, RigCamera, Sensor, UploadPart, Vehicle
 from service.platform.jobs.claims import Lease, LostLeaseError, claim, finishing
 from service.platform.jobs.queue import cancel, enqueue
 from service.platform.jobs.sweep import sweep
@@ -96,6 +96,34 @@ def test_names_from_a_file_are_stored_legibly(context, database, tmp_path):
         assert r"\u0000" not in json.dumps([camera.facts, lidar.facts, row.facts, row.warnings])
         problem = session.get_one(Recording, refused.id).problem
         assert problem["code"] == "ambiguous_lidar" and r"/oth\x00er" in problem["detail"], problem
+
+
+def test_a_rig_without_cameras_is_described_by_the_recording(context, database, tmp_path):
+    rig = seed_rig(database, make_fleet(database))
+    with database.writing() as session:
+        session.execute(delete(RigCamera))
+    sweeps = [(topic, kind, at, replace(one, header=header(at, "velodyne"))) for topic, kind, at, one in clouds(3)]
+    frames = list(images(3, "/camera/front/image_raw/compressed", png(640, 480)))
+    first = uploaded(context, rig, write_bag(tmp_path / "one.bag", interleaved(sweeps, frames)))
+    again = uploaded(context, rig, write_bag(tmp_path / "two.bag", interleaved(sweeps, frames)))
+    blind = uploaded(context, empty(database, rig), write_bag(tmp_path / "three.bag", sweeps))
+    work(context)
+    with database.reading() as session:
+        assert [session.get_one(Recording, row.id).state for row in (first, again, blind)] == ["ready"] * 3
+        described = session.get_one(Rig, rig.id)
+        (camera,) = described.cameras
+        assert (described.lidar_frame, described.lidar_topic, described.version) == ("velodyne", "/points", 2)
+        assert (camera.name, camera.topic) == ("front", "/camera/front/image_raw/compressed")
+        assert (camera.image_width, camera.image_height, camera.images["kind"]) == (640, 480, "raw")
+        warned = session.get_one(Recording, first.id).warnings
+        assert any("how front is mounted" in one and "Assumed: forward" in one for one in warned)
+        assert not any("Assumed" in one for one in session.get_one(Recording, again.id).warnings)
+        assert any("The rig is not described." in one for one in session.get_one(Recording, blind.id).warnings)
+
+
+def empty(database, rig):
+    with database.writing() as session:
+        return add(session, Rig, session.get_one(Vehicle, rig.vehicle_id), name="empty")
 
 
 def gone(pid):
