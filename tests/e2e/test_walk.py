@@ -36,8 +36,9 @@ def describe(page: Page, name: str, rig: Path) -> None:
     page.get_by_label("New vehicle: name").fill(name)
     page.get_by_role("button", name="Create").click()
     expect(page.get_by_role("heading", level=1)).to_have_text(name)
-    page.get_by_label("or from a rig.json").set_input_files(rig)
-    expect(page.get_by_role("heading", name="Upload a recording")).to_be_visible()
+    page.get_by_role("button", name="New rig").click()
+    page.get_by_label("From a rig.json").set_input_files(rig)
+    expect(page.locator("summary").filter(has_text="simulated")).to_be_visible()
 
 
 def upload(page: Page, recording: Path) -> None:

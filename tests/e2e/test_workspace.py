@@ -85,7 +85,7 @@ def test_an_empty_vehicle_asks_for_what_comes_first(sign_in: SignIn, track: Trac
     vehicle = track.owner.vehicles.create(track.fleet_id, "Sled")
     page = sign_in("Finn", "engineer")
     page.goto(f"{track.url}/vehicles/{vehicle.id}")
-    expect(page.get_by_text("describe its rig first")).to_be_visible()
+    expect(page.get_by_text("its rig comes from it")).to_be_visible()
     expect(page.get_by_role("heading", name="Recordings")).to_have_count(0)
     known = track.owner.vehicles.rig(track.rig_id)
     camera = known.cameras[0].model_dump(mode="json")

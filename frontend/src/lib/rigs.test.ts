@@ -1,15 +1,16 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { newCamera, rigFromFile, rigRequest } from "./rigs.ts";
+import type { Rig, RigRequest } from "./api/types.ts";
+import { rigFromFile, sameRig } from "./rigs.ts";
 
-test("a drafted rig names both frames of every mount", () => {
-  const draft = { name: " roof ", lidarFrame: "velodyne", lidarTopic: "", cameras: [newCamera("front")] };
-  const rig = rigRequest(draft);
-  assert.equal(rig.name, "roof");
-  assert.equal(rig.lidar.topic, null);
-  const camera = rig.cameras[0];
-  assert.equal(camera?.nominal.from_frame, "velodyne");
-  assert.equal(camera.nominal.to_frame, camera.frame);
+test("the same mounts are the same rig, whatever its name and the order of members", () => {
+  const nominal = { to_frame: "c", from_frame: "l", rotation: { matrix: [] }, translation_m: [0, 0, 1] };
+  const camera = { name: "front", frame: "c", topic: null, image_size: [640, 480], nominal, bounds: {} };
+  const rig = { name: "one", lidar: { frame: "l", topic: "/points" }, cameras: [camera], camera_transforms: [] };
+  const same = { ...rig, name: "other", T_vehicle_lidar: null, cameras: [{ ...camera, joint: null, serial: "1" }] };
+  assert.ok(sameRig(rig as unknown as RigRequest, JSON.parse(JSON.stringify(same)) as Rig));
+  const moved = { ...camera, nominal: { ...nominal, translation_m: [0, 0, 2] } };
+  assert.ok(!sameRig(rig as unknown as RigRequest, { ...rig, cameras: [moved] } as unknown as Rig));
 });
 
 test("a rig file goes to the service as it is, with a name where it has none", () => {

@@ -1,54 +1,6 @@
-/** A rig as it is typed into the form, and the document that the service takes. */
+/** Rigs as files hold them, and whether two describe the same mounts. */
 
-import type { RigRequest } from "./api/types.ts";
-
-export interface CameraDraft {
-  name: string;
-  topic: string;
-  width: number;
-  height: number;
-  /** Nominal T_camera_lidar: Euler angles zyx in degrees and translation in metres. */
-  angles: [number, number, number];
-  translation: [number, number, number];
-}
-
-export interface RigDraft {
-  name: string;
-  lidarFrame: string;
-  lidarTopic: string;
-  cameras: CameraDraft[];
-}
-
-/** A camera that looks forward and level, 90, -90, 0 degrees turning x forward into z forward. */
-export function newCamera(name: string): CameraDraft {
-  return { name, topic: "", width: 1920, height: 1200, angles: [90, -90, 0], translation: [0, 0, 0] };
-}
-
-export function rigRequest(draft: RigDraft): RigRequest {
-  const lidarFrame = draft.lidarFrame.trim();
-  return {
-    name: draft.name.trim(),
-    lidar: { frame: lidarFrame, topic: draft.lidarTopic.trim() || null },
-    T_vehicle_lidar: null,
-    cameras: draft.cameras.map((camera) => {
-      const name = camera.name.trim();
-      const frame = `camera_${name}_optical`;
-      return {
-        name,
-        frame,
-        topic: camera.topic.trim() || null,
-        image_size: [camera.width, camera.height],
-        nominal: {
-          to_frame: frame,
-          from_frame: lidarFrame,
-          rotation: { euler_order: "zyx", angles_deg: [...camera.angles] },
-          translation_m: [...camera.translation],
-        },
-        bounds: {},
-      };
-    }),
-  };
-}
+import type { Rig, RigRequest } from "./api/types.ts";
 
 /**
  * A rig as people keep it in files, the simulator's rig.json among them: the body of the request, checked by the
@@ -58,6 +10,31 @@ export function rigFromFile(text: string, name: string): RigRequest {
   const file = record(JSON.parse(text), "the top");
   if (!("lidar" in file) || !Array.isArray(file.cameras)) throw new Error("A rig file has a lidar and cameras.");
   return { name, ...file } as unknown as RigRequest;
+}
+
+/** Whether a rig would read and begin as another does: the same topics, frames, sizes, mounts and joints. */
+export function sameRig(one: RigRequest, other: Rig): boolean {
+  return canonical(one) === canonical(other);
+}
+
+function canonical({ lidar, cameras, T_vehicle_lidar }: RigRequest | Rig): string {
+  const mounts = cameras.map(({ name, frame, topic, image_size, nominal, joint }) => {
+    return { name, frame, topic, image_size, nominal, joint };
+  });
+  return sorted({ frame: lidar.frame, topic: lidar.topic, mounts, T_vehicle_lidar });
+}
+
+/** JSON whose members stand in one order; those that are null are left out. */
+function sorted(value: unknown): string {
+  return JSON.stringify(value, (_, item: unknown) =>
+    typeof item === "object" && item !== null && !Array.isArray(item)
+      ? Object.fromEntries(
+          Object.entries(item)
+            .filter(([, member]) => member !== null)
+            .sort(([a], [b]) => (a < b ? -1 : 1)),
+        )
+      : item,
+  );
 }
 
 function record(value: unknown, where: string): Record<string, unknown> {

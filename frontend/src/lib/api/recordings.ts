@@ -6,9 +6,11 @@ import {
   isUnderWay,
   type FramePlace,
   type NewRecording,
+  type ProposalRequest,
   type Recording,
   type RecordingChange,
   type RecordingSummary,
+  type RigProposal,
   type SweepPlace,
   type UploadedParts,
 } from "./types.ts";
@@ -49,6 +51,12 @@ export const retryRecording = (id: string): Promise<unknown> => client.POST("/v1
 
 export const changeRecording = ({ id, version }: Recording, body: RecordingChange): Promise<unknown> =>
   client.PATCH("/v1/recordings/{id}", { ...of(id), body, headers: { "If-Match": `"v${version}"` } });
+
+/** The rig that a recording proposes, with a URDF and what a person answers. Nothing is stored. */
+export async function proposeRig(recording_id: string, body: ProposalRequest): Promise<RigProposal> {
+  const asked = { params: { path: { recording_id } }, body };
+  return (await bodyOf(client.POST("/v1/recordings/{recording_id}/rig-proposals", asked))) as unknown as RigProposal;
+}
 
 export const deleteRecording = (id: string, with_published: boolean): Promise<unknown> =>
   client.DELETE("/v1/recordings/{id}", { params: { path: { id }, query: { with_published } } });

@@ -18,6 +18,14 @@ export type Fleet = Schemas["FleetOut"];
 export type Vehicle = Schemas["VehicleOut"];
 export type Rig = Schemas["RigOut"];
 export type RigRequest = Schemas["NewRig"];
+export type Direction = NonNullable<Schemas["ProposalRequest"]["looks"]>[string];
+/** The generated type of an answer loses the lengths of vectors. */
+export interface RigProposal {
+  rig: RigRequest;
+  notes: string[];
+  questions: Schemas["RigQuestion"][];
+}
+export type ProposalRequest = Partial<Schemas["ProposalRequest"]>;
 export type PublicationPolicy = Schemas["PublicationPolicy"];
 export type Check = Schemas["Check"];
 export type CheckVerdict = Check["verdict"];
