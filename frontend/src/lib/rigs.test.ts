@@ -9,6 +9,10 @@ test("the same mounts are the same rig, whatever its name and the order of membe
   const rig = { name: "one", lidar: { frame: "l", topic: "/points" }, cameras: [camera], camera_transforms: [] };
   const same = { ...rig, name: "other", T_vehicle_lidar: null, cameras: [{ ...camera, joint: null, serial: "1" }] };
   assert.ok(sameRig(rig as unknown as RigRequest, JSON.parse(JSON.stringify(same)) as Rig));
+  const rounded = { ...nominal, translation_m: [1e-17, -0, 1] };
+  assert.ok(
+    sameRig(rig as unknown as RigRequest, { ...rig, cameras: [{ ...camera, nominal: rounded }] } as unknown as Rig),
+  );
   const moved = { ...camera, nominal: { ...nominal, translation_m: [0, 0, 2] } };
   assert.ok(!sameRig(rig as unknown as RigRequest, { ...rig, cameras: [moved] } as unknown as Rig));
 });

@@ -24,17 +24,14 @@ function canonical({ lidar, cameras, T_vehicle_lidar }: RigRequest | Rig): strin
   return sorted({ frame: lidar.frame, topic: lidar.topic, mounts, T_vehicle_lidar });
 }
 
-/** JSON whose members stand in one order; those that are null are left out. */
+/** JSON whose members stand in one order, without those that are null; numbers to 9 digits, far below a micrometre. */
 function sorted(value: unknown): string {
-  return JSON.stringify(value, (_, item: unknown) =>
-    typeof item === "object" && item !== null && !Array.isArray(item)
-      ? Object.fromEntries(
-          Object.entries(item)
-            .filter(([, member]) => member !== null)
-            .sort(([a], [b]) => (a < b ? -1 : 1)),
-        )
-      : item,
-  );
+  return JSON.stringify(value, (_, item: unknown) => {
+    if (typeof item === "number") return Number(item.toFixed(9));
+    if (typeof item !== "object" || item === null || Array.isArray(item)) return item;
+    const members = Object.entries(item).filter(([, member]) => member !== null);
+    return Object.fromEntries(members.sort(([a], [b]) => (a < b ? -1 : 1)));
+  });
 }
 
 function record(value: unknown, where: string): Record<string, unknown> {
