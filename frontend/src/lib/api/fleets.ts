@@ -29,9 +29,6 @@ export const createRig = (vehicleId: string, body: RigRequest): Promise<{ id: st
 
 export const deleteRig = (id: string): Promise<unknown> => client.DELETE("/v1/rigs/{id}", { params: { path: { id } } });
 
-export const deleteVehicle = (id: string): Promise<unknown> =>
-  client.DELETE("/v1/vehicles/{id}", { params: { path: { id } } });
-
 const asRead = (version: number) => ({ "If-Match": `"v${version}"` });
 
 /** States what results must show to be published; no limit at all states nothing. */
