@@ -17,11 +17,11 @@ def require_same_sensors(session: Session, recording: Recording, rig: Rig) -> No
     sizes = {camera.name: (camera.image_width, camera.image_height) for camera in rig.cameras}
     for name, topic in topics.items():
         row = rows.get(name)
-        size = row and (row.facts.get("width"), row.facts.get("height"))
         if row is None:
             raise _differ(f"The recording has no {name!r}: its sensors are {', '.join(sorted(rows))}.")
         if topic is not None and topic != row.topic:
             raise _differ(f"{name} was read from {row.topic}, and the rig says {topic}.")
+        size = (row.facts.get("width"), row.facts.get("height"))
         if name in sizes and sizes[name] != size:
             raise _differ(f"Images of {name} have {size[0]} x {size[1]} pixels, and the rig says {sizes[name]}.")
 
