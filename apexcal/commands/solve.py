@@ -34,6 +34,7 @@ from apexcal.commands.stated_files import read_text
 from apexcal.commands.terminal import check_target, complain, note
 from apexcal.demo.service import serving
 from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.crops import LEAST_MARKS
 from apexcal.documents.fleets import RigOut
 from apexcal.rigs import read_rig
 
@@ -73,8 +74,9 @@ def solve(
     """Calibrate a camera from a recording: rig, upload, region, detection, marks, fit and file in one command.
 
     The rig comes from the recording and --urdf; what neither says is asked. Without --machine-marks it prints the
-    address where a person marks, and waits. It starts a service on --data where none runs. With --urdf the output is
-    that file with the camera's joint as calibrated. If a check says stop, it writes no file and exits with 4.
+    address where a person confirms the machine's marks, and waits. It starts a service on --data where none runs.
+    With --urdf the output is that file with the camera's joint as calibrated. If a check says stop, it writes no file
+    and exits with 4.
     """
     check_target(output, force)
     reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
@@ -100,9 +102,8 @@ def solve(
             region = Path(folder) / "region.json"
             _step(detect.suggest(session, of, out=region))
             detection = str(_step(detect.detect(session, of, region=region, board=board)).id)
-        if machine_marks:
-            _step(marks(session, detection, camera=name))
-        else:
+        _step(marks(session, detection, camera=name))
+        if not machine_marks:
             _people_mark(session, detection, name, link)
         done = calibrate.calibrate(session, detection=detection, camera=[name], machine_marks=machine_marks)
         calibration: CalibrationView = done.document
@@ -119,17 +120,29 @@ def solve(
 
 
 def _people_mark(session: Session, detection: str, camera: str, link: str) -> None:
-    """Say where a person marks, and wait until enough vertices have their answers. Ctrl-C says how to go on."""
+    """Say where a person confirms the machine's marks, or marks, and wait for it. Ctrl-C says how to go on.
+
+    It is enough if all marks of the machine were looked at, or so many vertices marked.
+    """
+    marking = session.client.marking
+    of_machine = marking.crop_progress(detection, camera).marks
+    confirms = of_machine >= LEAST_MARKS
     if link:
         note(f"Sign in with this link; it works once: {link}")
-    note(f"Mark here: {session.url.rstrip('/')}/detections/{detection}/mark?camera={quote(camera)}")
+    what, page = ("Confirm the machine's marks", "crops") if confirms else ("Mark", "mark")
     try:
+        note(f"{what} here: {session.url.rstrip('/')}/detections/{detection}/{page}?camera={quote(camera)}")
         with session.progress("Waiting for marks") as on_progress:
             while True:
-                progress = session.client.marking.progress(detection, camera)
-                needed = min(_SUFFICIENT, progress.vertices)
-                on_progress(min(progress.complete / max(needed, 1), 1.0), f"{progress.complete} of {needed} vertices")
-                if progress.complete >= needed:
+                progress = marking.progress(detection, camera)
+                needed = max(min(_SUFFICIENT, progress.vertices), 1)
+                share, text = progress.complete / needed, f"{progress.complete} of {needed} vertices marked"
+                if confirms:
+                    judged = marking.crop_progress(detection, camera).judged
+                    share = max(share, judged / of_machine)
+                    text += f", {judged} of {of_machine} marks looked at"
+                on_progress(min(share, 1.0), text)
+                if share >= 1.0:
                     return
                 time.sleep(_POLL_S)
     except KeyboardInterrupt:

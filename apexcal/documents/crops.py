@@ -13,6 +13,10 @@ from apexcal.documents.marking import CameraName
 
 CROPS_PER_PAGE: Final = 24
 """Whole rows of 2, 3, 4, 6, 8 or 12 crops."""
+LEAST_SHIFTED: Final = 3
+"""Shifted marks of a page, so that one slip is less than half of them."""
+LEAST_MARKS: Final = 2 * LEAST_SHIFTED
+"""With fewer marks of the machine most crops of a page would be shifted."""
 LEAST_SIDE_PX: Final = 48.0
 """Side of the smallest crop: an eighth of it is 6 px, and `make bench-marks` counts marks beyond 5 px as wrong."""
 MOST_SIDE_PX: Final = 96.0

@@ -15,14 +15,14 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import CornerName
-from apexcal.documents.crops import CropAnswer, CropSheet, CropVerdict, CropView, side_of
+from apexcal.documents.crops import LEAST_MARKS, CropAnswer, CropSheet, CropVerdict, CropView, side_of
 from apexcal.documents.machine_marks import TILE_COLUMNS
 from service.annotations.disclosure_actions import DisclosureKey, keep
 from service.annotations.locks import lock_person
 from service.annotations.progress_queries import opinions_of
 from service.crops.pictures import image_of, room_in, tile_of
 from service.crops.queries import PageOutcome, judgements, marks_of, newest_marks, outcome_of, progress_of
-from service.crops.shifts import LEAST_MARKS, DrawnCrop, ShownMark, draw_page
+from service.crops.shifts import DrawnCrop, ShownMark, draw_page
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.annotations import CropPage

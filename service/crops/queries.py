@@ -9,10 +9,10 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.crops import CropProgress
+from apexcal.documents.crops import LEAST_MARKS, CropProgress
 from service.annotations.consensus import Opinion
 from service.annotations.progress_queries import opinions_of
-from service.crops.shifts import LEAST_MARKS, MOST_MISSED
+from service.crops.shifts import MOST_MISSED
 from service.crops.trust import ShiftCount, wrong_rate
 from service.platform.db.analyses import Analysis
 from service.platform.db.annotations import CropPage

@@ -12,14 +12,10 @@ from random import Random
 from typing import Final, NamedTuple
 from uuid import UUID
 
-from apexcal.documents.crops import CROPS_PER_PAGE, SHIFT_SHARES
+from apexcal.documents.crops import CROPS_PER_PAGE, LEAST_SHIFTED, SHIFT_SHARES
 
-LEAST_SHIFTED: Final = 3
-"""Shifted marks of a page, so that one slip is less than half of them."""
 _MORE_SHIFTED: Final = 4  # so many numbers are alike likely: whoever has seen three cannot stop looking
 MOST_MISSED: Final = 2  # a page on which so many were missed is asked again
-LEAST_MARKS: Final = 2 * LEAST_SHIFTED
-"""With fewer marks of the machine most crops of a page would be shifted."""
 _LEAST_SHARE, _MOST_SHARE = SHIFT_SHARES
 MISSED_SHARE: Final = math.sqrt((_MOST_SHARE**3 - _LEAST_SHARE**3) / (6.0 * (_MOST_SHARE - _LEAST_SHARE)))
 """Root mean square of a shift's coordinate over the crop's side: E[s^2] / 2 of lengths alike likely in between."""

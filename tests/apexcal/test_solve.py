@@ -138,6 +138,6 @@ def started(*words: str) -> subprocess.Popen[str]:
 def waits_at(process: subprocess.Popen[str]) -> tuple[str, str]:
     """The detection and the camera of the page at which a person is to mark."""
     for line in process.stderr:
-        if match := re.search(r"/detections/([0-9a-f-]{36})/mark\?camera=(\w+)", line):
+        if match := re.search(r"/detections/([0-9a-f-]{36})/(?:mark|crops)\?camera=(\w+)", line):
             return match[1], match[2]
     raise AssertionError(f"it ended with {process.wait()} before anybody was asked")

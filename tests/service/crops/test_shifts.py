@@ -7,8 +7,8 @@ from uuid import UUID
 
 import pytest
 
-from apexcal.documents.crops import LEAST_SIDE_PX, MOST_SIDE_PX, SHIFT_SHARES, side_of
-from service.crops.shifts import LEAST_SHIFTED, MISSED_SHARE, ShownMark, draw_page
+from apexcal.documents.crops import LEAST_SHIFTED, LEAST_SIDE_PX, MOST_SIDE_PX, SHIFT_SHARES, side_of
+from service.crops.shifts import MISSED_SHARE, ShownMark, draw_page
 
 
 def marks(count, first=0, u=300.0, v=200.0, side_px=64.0):
