@@ -132,7 +132,13 @@ def test_it_goes_on_once_a_person_has_marked_and_takes_the_same_rig_again(embedd
 
 def started(*words: str) -> subprocess.Popen[str]:
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen([*COMMAND, *words], **pipes, text=True, preexec_fn=die_with_parent)
+    return subprocess.Popen([*COMMAND, *words], **pipes, text=True, preexec_fn=_as_from_a_terminal)
+
+
+def _as_from_a_terminal() -> None:
+    """Tests that run in the background ignore Ctrl-C, and what they start would, too."""
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def waits_at(process: subprocess.Popen[str]) -> tuple[str, str]:

@@ -138,4 +138,4 @@ def test_a_recording_with_the_wrong_rig_is_read_again_with_the_right_one(context
     edit = {"If-Match": ready.headers["ETag"]}
     other = engineer.post(f"/vehicles/{made['vehicle_id']}/rigs", RIG | {"name": "third"}).json()
     refused = engineer.patch(f"/recordings/{made['id']}", {"rig_id": other["id"]}, headers=edit)
-    assert (refused.status_code, refused.json()["code"]) == (409, "rig_in_use")
+    assert (refused.status_code, refused.json()["code"]) == (409, "sensors_differ")

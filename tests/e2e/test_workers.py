@@ -3,9 +3,10 @@
 import json
 import os
 import signal
+import sqlite3
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +23,27 @@ SAID_MS = 30_000
 
 @contextmanager
 def stopped(served: dict[str, Any]) -> Iterator[None]:
-    """A frozen worker, which goes on afterwards."""
+    """A frozen worker, which goes on afterwards. It does not hold the database's lock, which nobody could take."""
     worker = supervised(served)["worker"]
     os.kill(worker, signal.SIGSTOP)
+    while not is_free(Path(served["owner_token_file"]).parent / "apexcal.db"):
+        os.kill(worker, signal.SIGCONT)
+        time.sleep(0.1)
+        os.kill(worker, signal.SIGSTOP)
     try:
         yield
     finally:
         os.kill(worker, signal.SIGCONT)
+
+
+def is_free(database: Path) -> bool:
+    """Whether somebody may write to it within a second."""
+    with closing(sqlite3.connect(database, timeout=1.0)) as connection:
+        try:
+            connection.execute("BEGIN IMMEDIATE")
+        except sqlite3.OperationalError:
+            return False
+    return True
 
 
 @contextmanager

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.documents.errors import InputError
 from apexcal.geometry.se3 import SE3
 from service.exports.urdf_patch import patched
-from service.platform.http.problems import Problem
 from tests.service.exports.readers import _tree, joints
 from tests.service.exports.rigs import mount
 
@@ -119,10 +119,10 @@ def test_a_file_with_a_byte_order_mark_and_windows_lines():
 )  # fmt: skip
 def test_what_cannot_be_used_is_refused(document, joint, said):
     assert document != FILE or joint in ("nobody", "wheel")
-    with pytest.raises(Problem) as found:
+    with pytest.raises(InputError) as found:
         patched(document, joint, T)
-    assert (found.value.status, found.value.code) == (422, "urdf_not_read")
-    assert said in found.value.detail + found.value.hint
+    assert found.value.code == "urdf_not_read"
+    assert said in found.value.message + found.value.hint
 
 
 def test_a_loop_of_joints_ends():
@@ -134,7 +134,7 @@ def test_a_loop_of_joints_ends():
 
 def test_frames_may_have_other_names_than_links():
     other = SE3("front_optical", "top_lidar", T.R, T.t)
-    with pytest.raises(Problem, match="front_optical"):
+    with pytest.raises(InputError, match="front_optical"):
         patched(FILE, "mast_joint", other)
 
 

@@ -48,6 +48,7 @@ NATURAL = {
     "/arrival": "a part that arrived has arrived",
     "/cancel": "what was asked to end is asked to end",
     "/tasks/next": "the vertex that one holds is handed out again",
+    "/crops/next": "the page that one holds is handed out again",
     "/answer": "the id that its client made says whether it is the same answer",
     "/undo": "as /answer",
     "/reading": "nothing is kept: what the sent files hold is answered",
