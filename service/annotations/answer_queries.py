@@ -10,16 +10,15 @@ from typing import Any
 from uuid import UUID
 
 from sqlalchemy import CTE, ColumnElement, Select, and_, case, exists, func, or_, select
-from sqlalchemy.orm import aliased
 
 from service.platform.db.annotations import Answer, MarkingTask
+from service.platform.db.base import lasting_alias
 from service.platform.db.clock import now
 from service.platform.db.detections import Vertex, VertexFrame
 
-# Made once: aliases made anew make every statement a new one, and compiling it takes longer than running it.
-_verdict, _mark = aliased(Answer), aliased(Answer)
+_verdict, _mark = lasting_alias(Answer), lasting_alias(Answer)
 # What ``answers_of`` joins: the rows whose verdict stands, and those whose mark does.
-VERDICT, MARK = aliased(Answer, name="verdict"), aliased(Answer, name="mark")
+VERDICT, MARK = lasting_alias(Answer, "verdict"), lasting_alias(Answer, "mark")
 
 
 def has_answered(person: Any, *, decided: bool = False) -> ColumnElement[bool]:

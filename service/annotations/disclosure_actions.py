@@ -13,13 +13,14 @@ from typing import Any, Literal, NamedTuple
 from uuid import UUID
 
 from sqlalchemy import ColumnElement, and_, exists, insert, or_, select
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy.orm import Session
 
 from apexcal.documents.roles import rank
 from service.annotations.answer_queries import VERDICT, answers_of
 from service.annotations.locks import lock_person
 from service.platform.auth.access import Access
 from service.platform.db.annotations import Answer, Disclosure
+from service.platform.db.base import lasting_alias
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.clock import utc_now
 from service.platform.db.detections import Detection, Vertex, VertexFrame
@@ -27,8 +28,7 @@ from service.platform.db.recordings import Recording, Sensor
 from service.platform.db.session import Database
 from service.platform.http.problems import not_found
 
-# Made once, as in answer_queries.py.
-_PAIRED = _vertex, _frame, _detection = aliased(Vertex), aliased(VertexFrame), aliased(Detection)
+_PAIRED = _vertex, _frame, _detection = lasting_alias(Vertex), lasting_alias(VertexFrame), lasting_alias(Detection)
 
 Place = Literal["marks", "tally", "pairs", "result", "calibration", "crops"]
 

@@ -13,18 +13,19 @@ from typing import Any
 from uuid import UUID
 
 from sqlalchemy import Select, Uuid, bindparam, case, delete, func, insert, select
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy.orm import Session
 
 from apexcal.documents.marking import Progress
 from apexcal.documents.states import WorkState
 from service.annotations.answer_queries import VERDICT, answers_of, answers_of_others, has_answered
 from service.platform.auth.access import Access
 from service.platform.db.annotations import MarkingProgress
+from service.platform.db.base import lasting_alias
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
 from service.platform.db.recordings import Recording, Sensor
 from service.platform.db.session import Database, upserting
 
-_vertex, _frame = aliased(Vertex), aliased(VertexFrame)
+_vertex, _frame = lasting_alias(Vertex), lasting_alias(VertexFrame)
 _COUNTERS = ("answered", "complete", "mine")
 _WANTED = (
     select(Recording.marks_per_vertex)

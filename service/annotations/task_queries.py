@@ -9,7 +9,6 @@ from typing import Any
 from uuid import UUID
 
 from sqlalchemy import ColumnElement, Integer, Select, Uuid, and_, bindparam, func, select
-from sqlalchemy.dialects import postgresql
 from sqlalchemy.orm import Session
 
 from service.annotations.answer_queries import answers_closing, leases_of_others
@@ -154,14 +153,3 @@ def _paired(*columns: Any) -> Select[*tuple[Any, ...]]:
     return rows.where(
         Vertex.detection_id == bindparam("detection"), Vertex.corner.in_(bindparam("corners", expanding=True))
     )
-
-
-def _build() -> None:
-    """Build and compile every statement before requests come: threads that do so at once may spoil them."""
-    statements = [_still_open(), _first_not_closed(), *(_seen(wait=wait) for wait in (False, True))]
-    statements += [_new(is_near=is_near, wait=wait) for is_near in (True, False) for wait in (False, True)]
-    for statement in statements:
-        statement.compile(dialect=postgresql.dialect())
-
-
-_build()

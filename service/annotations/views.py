@@ -11,7 +11,7 @@ from urllib.parse import quote
 from uuid import UUID
 
 from sqlalchemy import Select, and_, bindparam, func, select
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy.orm import Session
 
 from apexcal.documents.detections import Moved, VertexSummary
 from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskView
@@ -20,6 +20,7 @@ from service.annotations.disclosure_actions import is_told
 from service.detections.views import SUMMARY
 from service.platform.auth.access import Access
 from service.platform.db.annotations import Answer, MarkingTask
+from service.platform.db.base import lasting_alias
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.recordings import CameraFrame, Sensor
 from service.platform.http.problems import not_found
@@ -71,8 +72,8 @@ class Subject(NamedTuple):
     vertex: VertexSummary
 
 
-_frame, _mark, _verdict = aliased(CameraFrame), aliased(Answer), aliased(Answer)
-_last, _any = aliased(Answer), aliased(Answer)
+_frame = lasting_alias(CameraFrame)
+_mark, _verdict, _last, _any = (lasting_alias(Answer) for _ in range(4))
 
 
 def subjects(

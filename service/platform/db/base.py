@@ -13,7 +13,7 @@ import re
 import time
 from datetime import datetime
 from math import isfinite
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 from uuid import UUID
 
 from sqlalchemy import (
@@ -28,10 +28,11 @@ from sqlalchemy import (
     MetaData,
     String,
     Uuid,
+    inspect,
     literal_column,
     text,
 )
-from sqlalchemy.orm import DeclarativeBase, mapped_column
+from sqlalchemy.orm import DeclarativeBase, aliased, mapped_column
 from sqlalchemy.types import TypeDecorator
 
 from apexcal.documents.corners import TOP
@@ -86,6 +87,9 @@ class Finite(TypeDecorator[float]):
         return value
 
 
+_Row = TypeVar("_Row", bound="Base")
+
+
 class Base(DeclarativeBase):
     """Declarative base; constraint names are fixed so that migrations can name them."""
 
@@ -115,6 +119,20 @@ def partial_index(name: str, *columns: str, where: str, unique: bool = False) ->
     sqlite = re.sub(r"IS_TRUE\((\w+)\)", r"\1 = 1", where)
     postgresql = re.sub(r"IS_TRUE\((\w+)\)", r"\1", where)
     return Index(name, *columns, unique=unique, postgresql_where=text(postgresql), sqlite_where=text(sqlite))
+
+
+def lasting_alias(table: type[_Row], name: str | None = None) -> type[_Row]:
+    """An alias that a module keeps, and all threads use.
+
+    Made anew for each statement it would make every statement a new one, and compiling it takes longer than running
+    it. SQLAlchemy looks a column of an alias up at its first use; of two threads that do so at once one may get the
+    table's own column, and keep it (its issue 12302 is of this kind). So all of them are looked up here.
+    """
+    alias = aliased(table, name=name)
+    for column in inspect(table).column_attrs:
+        # The attribute is made here, and its column by `expression`.
+        assert getattr(alias, column.key).expression is not None
+    return alias
 
 
 def state_literal(value: str) -> ColumnElement[str]:
