@@ -53,9 +53,9 @@ def _make_app() -> Celery:
         worker_disable_prefetch=True,
         worker_hijack_root_logger=False,
         worker_redirect_stdouts=False,
-        worker_send_task_events=False,
-        # A worker takes no orders through the broker, neither to end nor to leave a queue (docs/operators.md).
-        worker_enable_remote_control=False,
+        worker_send_task_events=settings.celery_events,
+        # Off: a worker takes no orders through the broker, neither to end nor to leave a queue (docs/operators.md).
+        worker_enable_remote_control=settings.celery_control,
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,
         broker_transport_options=CONSUMER,

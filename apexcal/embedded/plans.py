@@ -78,7 +78,7 @@ def worker_command(queues: str, processes: int, name: str = "") -> tuple[str, ..
     return (
         *(sys.executable, "-m", "celery", "--quiet", "-A", "workers.app", "worker", "--pool", "prefork"),
         *("-Q", queues, "--concurrency", str(processes), "--hostname", f"{name or 'apexcal'}@%h"),
-        *("--without-gossip", "--without-mingle", "--without-heartbeat", "--loglevel", "INFO"),
+        *("--without-gossip", "--without-mingle", "--loglevel", "INFO"),
     )
 
 

@@ -127,6 +127,11 @@ class Settings(BaseSettings):
     ingest_video_ratio: float = Field(default=300.0, gt=0, description="the same where it decodes video")
     ingest_output_floor_bytes: int = Field(default=16 * MIB, gt=0, description="bytes it may write in any case")
 
+    celery_events: bool = Field(default=True, description="workers and senders tell Celery's events of each job")
+    celery_control: bool = Field(
+        default=False, description="workers obey Celery's remote control: whoever reaches the broker can stop them"
+    )
+
     mark_lease_s: float = Field(default=120.0, description="how long a person keeps a marking task unanswered")
     log: Literal["", "text", "json"] = Field(default="", description="empty: json on PostgreSQL, else text")
     metrics_token: SecretStr = Field(

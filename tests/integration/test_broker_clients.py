@@ -19,7 +19,7 @@ from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
 from service.platform.db.jobs import Worker
 from service.platform.db.session import Database
-from service.platform.jobs.messages import RUN_JOB, Message, Sender
+from service.platform.jobs.messages import OLD_TASK, Message, Sender, task_of
 from service.platform.settings import Settings
 from service.platform.storage.store import open_store
 from tests.service.platform.jobs.support import job, make_fleet, make_jobs
@@ -28,6 +28,7 @@ from tests.support.processes import start, stop_all, wait_until
 
 pytestmark = pytest.mark.faults
 
+TASK = task_of("solve")
 ORDERS = (("shutdown", {}), ("pool_shrink", {"n": 1}), ("cancel_consumer", {"queue": "solve"}), ("pool_restart", {}))
 
 
@@ -38,14 +39,14 @@ class Workers:
     broker: Broker
     database: Database
     fleet_id: UUID
-    log: Path
+    environment: dict[str, str]
     children: list[Popen[bytes]]
 
     def still_work(self) -> None:
         """Fails unless both are the processes that they were and a job is still taken."""
         (made,) = make_jobs(self.database, self.fleet_id, 1)
         sender = Sender(self.broker.url)
-        sender([Message(made, job(self.database, made).queue)])
+        sender([Message(made, "solve")])
         sender.close()
         wait_until(lambda: job(self.database, made).attempt > 0, "an attempt at a job that was sent afterwards", 30)
         assert [child.poll() for child in self.children] == [None, None]
@@ -71,7 +72,7 @@ def workers(sqlite_template: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     children = [start(list(one.command), log, env=environment) for one in commands]
     try:
         wait_until(lambda: is_warm(database), "a warm worker", 120)
-        yield Workers(broker, database, make_fleet(database), log, children)
+        yield Workers(broker, database, make_fleet(database), environment, children)
     finally:
         stop_all(children)
         database.close()
@@ -85,7 +86,7 @@ def is_warm(database: Database) -> bool:
 
 def envelope(body: object, **changed: object) -> dict[str, object]:
     """A message as Celery sends it."""
-    headers = {"id": "1", "task": RUN_JOB, "lang": "py", "argsrepr": "", "kwargsrepr": ""}
+    headers = {"id": "1", "task": TASK, "lang": "py", "argsrepr": "", "kwargsrepr": ""}
     properties = {
         "body_encoding": "base64",
         "delivery_tag": "1",
@@ -101,10 +102,39 @@ def test_orders_and_nonsense_change_nothing(workers: Workers) -> None:
         for order, arguments in ORDERS:
             app.control.broadcast(order, arguments=arguments)
         for number in (2**70, -1, 0, "x", "1; DROP TABLE job", None, 1.5, [1], {"a": 1}, "\ud800", "\x00", True):
-            app.send_task(RUN_JOB, args=(number,), queue="solve")
-        app.send_task(RUN_JOB, args=(1, 2), kwargs={"three": 3}, queue="solve")
+            app.send_task(TASK, args=(number,), queue="solve")
+        app.send_task(TASK, args=(1, 2), kwargs={"three": 3}, queue="solve")
         app.send_task("os.system", args=("true",), queue="solve")
-        app.send_task(RUN_JOB, args=(1,), queue="solve", serializer="pickle")
+        app.send_task("apexcal.kind_of_a_newer_version", args=(1,), queue="solve")
+        app.send_task(TASK, args=(1,), queue="solve", serializer="pickle")
+    workers.still_work()
+
+
+def test_a_message_of_a_version_before_is_carried_out(workers: Workers) -> None:
+    """It names the task of all kinds, which lay in the broker while the workers were replaced."""
+    (made,) = make_jobs(workers.database, workers.fleet_id, 1)
+    with Celery("version before", broker=workers.broker.url, set_as_current=False) as app:
+        app.send_task(OLD_TASK, args=(made,), queue="solve")
+    wait_until(lambda: job(workers.database, made).attempt > 0, "an attempt at the job", 8)
+    # The sweep had no hand in it: it sends again ten seconds after the first time.
+    assert job(workers.database, made).sends == 1
+
+
+def test_orders_are_obeyed_where_the_operator_allows_them(workers: Workers, tmp_path: Path) -> None:
+    environment = workers.environment | {"APEXCAL_CELERY_CONTROL": "true"}
+    command = plans.worker_command("ingest", 1, "obedient")
+    child = start(list(command), tmp_path / "log", env=environment)
+    try:
+        with Celery("somebody", broker=workers.broker.url, set_as_current=False) as app:
+
+            def answers() -> set[str]:
+                return {name.partition("@")[0] for name in app.control.inspect(timeout=0.5).ping() or {}}
+
+            wait_until(lambda: answers() == {"obedient"}, "the answer of the worker that obeys, and of no other", 60)
+            app.control.broadcast("shutdown")
+        wait_until(lambda: child.poll() == 0, "its end", 30)
+    finally:
+        stop_all([child])
     workers.still_work()
 
 
@@ -118,7 +148,7 @@ def test_messages_that_are_none_change_nothing(workers: Workers) -> None:
         json.dumps({**fitting, "content-type": "application/x-python-serialize"}),
         json.dumps({**fitting, "content-encoding": "none such"}),
         json.dumps({**fitting, "headers": {"id": [], "task": {}}}),
-        json.dumps({**fitting, "headers": {"id": "1", "task": RUN_JOB, "timelimit": 7, "eta": {}, "expires": []}}),
+        json.dumps({**fitting, "headers": {"id": "1", "task": TASK, "timelimit": 7, "eta": {}, "expires": []}}),
         json.dumps(envelope("no triple")),
         "[" * 100_000,
         json.dumps(envelope([[1], {}, {"callbacks": 7, "chain": "x"}])),

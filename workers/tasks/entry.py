@@ -1,4 +1,4 @@
-"""The Celery task that looks at a job, and what a worker does when it starts and when it is told to stop."""
+"""The Celery tasks, one for each kind of job, and what a worker does when it starts and when it is told to stop."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from celery.signals import (
     worker_shutting_down,
 )
 
-from service.platform.jobs.messages import RUN_JOB
+from service.platform.jobs.kinds import kinds
+from service.platform.jobs.messages import OLD_TASK, task_of
 from service.platform.settings import get_settings
 from workers.app import app
 from workers.readers.isolation.isolate import hide_from_others
@@ -34,13 +35,23 @@ _PR_SET_PDEATHSIG = 1
 _LARGEST_ID = 2**63 - 1  # of the column
 
 
-@app.task(name=RUN_JOB, bind=True)
+class JobFailedError(Exception):
+    """A job ended as failed, for Celery's events. The database has said so already."""
+
+
+_KINDS = {task_of(kind.name): kind.name for kind in kinds()}
+
+
 def look_at_job(task: Any, job_id: int) -> None:
-    """Claim the job and do it, or drop the message."""
-    if isinstance(job_id, int) and 0 < job_id <= _LARGEST_ID:
-        run_job(get_context(), job_id, task.request.delivery_info["routing_key"])
-    else:
+    """Claim the job and do it, or drop the message. What to do says the job's row. Raises :class:`JobFailedError`."""
+    if not (isinstance(job_id, int) and 0 < job_id <= _LARGEST_ID):
         log.warning("dropped a message: it names no job")
+    elif failure := run_job(get_context(), job_id, _KINDS.get(task.name, "")):
+        raise JobFailedError(failure)
+
+
+for _name in (*_KINDS, OLD_TASK):
+    app.task(look_at_job, name=_name, bind=True, throws=(JobFailedError,))
 
 
 @worker_init.connect

@@ -98,31 +98,33 @@ def prepare(queues: Collection[str]) -> None:
         import_module("workers.tasks.warming").warm_up()
 
 
-def run_job(context: Context, job_id: int, queue: str = "") -> None:
+def run_job(context: Context, job_id: int, kind: str = "") -> str | None:
     """Claim a job, do it under its lease, and end it as done, failed or cancelled; or give it back.
 
-    If the database cannot be asked, the message goes back to its ``queue``, for a worker that can.
+    Returns the code of the problem if the job ended as failed. If the database cannot be asked, the message of this
+    ``kind`` goes back to its queue, for a worker that can.
     """
     try:
         current = None if is_draining() else claim(context.database, job_id, context.worker)
     except (OperationalError, PoolTimeoutError) as error:
         log.warning("job %d could not be claimed; its message goes back: %s", job_id, type(error).__name__)
         time.sleep(_TRY_AGAIN_S)
-        context.send([Message(job_id, queue)] if queue else [])
-        return
+        context.send([Message(job_id, kind)] if kind else [])
+        return None
     if current is None:
-        return
+        return None
     with working_for(current.request_id), about(job=current.job_id, kind=current.kind, attempt=current.attempt):
         log.info("job %d begins", current.job_id)
-        began = time.monotonic()
+        began, failure = time.monotonic(), None
         try:
-            _do(context, current)
+            failure = _do(context, current)
         except OperationalError as error:
             # Its lease is not renewed any more, so the sweep gives the job to another attempt.
             log.warning(
                 "job %d: its end could not be written: %s", current.job_id, str(error.orig).partition("\n")[0]
             )
         log.info("job %d: attempt %d took %.2f s", current.job_id, current.attempt, time.monotonic() - began)
+    return failure
 
 
 def _is_finished(context: Context, claim: Claim, lease: Lease) -> bool:
@@ -136,7 +138,8 @@ def _is_finished(context: Context, claim: Claim, lease: Lease) -> bool:
     return True
 
 
-def _do(context: Context, claim: Claim) -> None:
+def _do(context: Context, claim: Claim) -> str | None:
+    """Do a claimed job and write its end. Returns the problem's code if that is a failure."""
     try:
         with Lease(context.database, claim) as lease, interruptible(lease):
             while not _is_finished(context, claim, lease):
@@ -148,9 +151,9 @@ def _do(context: Context, claim: Claim) -> None:
         _end(context, claim, WorkState.CANCELLED, None)
     except (ReadError, DocumentError, MissingBlobError) as error:
         # Notes are for the operator: what a reading process said before it died.
-        _refused(context, claim, error, "\n".join([error.code, *getattr(error, "__notes__", [])]))
+        return _refused(context, claim, error, "\n".join([error.code, *getattr(error, "__notes__", [])]))
     except _PASSING as error:
-        _stumbled(context, claim, error)
+        return _stumbled(context, claim, error)
     except DrainedError:
         log.info("job %d is given back: this worker was asked to stop", claim.job_id)
         # Over a fresh connection: one that was interrupted within a statement can be used for nothing more.
@@ -161,12 +164,13 @@ def _do(context: Context, claim: Claim) -> None:
         if isinstance(refused, DocumentError):
             return _refused(context, claim, refused, refused.code)
         log.exception("job %d failed", claim.job_id)
-        _end(context, claim, WorkState.FAILED, _INTERNAL)
+        return _end(context, claim, WorkState.FAILED, _INTERNAL)
+    return None
 
 
 def _refused(
     context: Context, claim: Claim, error: ReadError | DocumentError | MissingBlobError, reason: str
-) -> None:
+) -> str | None:
     """The input cannot be used; or the process that read it was killed or had no room, and it is tried again."""
     if error.code in _SUSPECT_CODES:
         log.warning("job %d stumbled; it is tried again: %s", claim.job_id, reason)
@@ -176,22 +180,24 @@ def _refused(
         stumble(context.database, claim, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
     else:
         log.info("job %d refused its input: %s", claim.job_id, reason)
-        _end(context, claim, WorkState.FAILED, _refusal(error))
+        return _end(context, claim, WorkState.FAILED, _refusal(error))
+    return None
 
 
-def _stumbled(context: Context, claim: Claim, error: Exception) -> None:
+def _stumbled(context: Context, claim: Claim, error: Exception) -> str | None:
     """What the work needs failed: a later try may succeed."""
     number = error.errno if isinstance(error, OSError) else None
     state = getattr(getattr(error, "orig", None), "sqlstate", None) or ""
     if number in _NEVER_PASSING or state.startswith(_PROGRAM_LIMIT):
         log.exception("job %d failed, and would fail again", claim.job_id)
-        _end(context, claim, WorkState.FAILED, _INTERNAL)
-    elif number in _NO_ROOM:
+        return _end(context, claim, WorkState.FAILED, _INTERNAL)
+    if number in _NO_ROOM:
         log.exception("job %d had no room", claim.job_id)
         stumble(context.database, claim, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
     else:
         log.exception("job %d stumbled; it is tried again", claim.job_id)
         stumble(context.database, claim, _surroundings(error), _TRY_AGAIN_S)
+    return None
 
 
 _DISK_FULL: Json = {
@@ -225,8 +231,10 @@ def _surroundings(error: Exception) -> Json:
     }
 
 
-def _end(context: Context, claim: Claim, state: WorkState, problem: Json | None) -> None:
+def _end(context: Context, claim: Claim, state: WorkState, problem: Json | None) -> str | None:
     try:
         finish(context.database, claim, state=state, problem=problem)
+        return problem["code"] if problem else None
     except LostLeaseError:
         log.warning("job %d attempt %d lost its lease before it could end as %s", claim.job_id, claim.attempt, state)
+    return None

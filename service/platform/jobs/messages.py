@@ -1,4 +1,7 @@
-"""Celery messages: hints that say "look at job N", and nothing more."""
+"""Celery messages: hints that say "look at job N", and nothing more.
+
+A message is a Celery task, named after the kind of its job and routed to the kind's queue by Celery.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +11,34 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 from service.platform.broker.connection import TCP
+from service.platform.jobs.kinds import kinds
+from service.platform.settings import get_settings
 
 if TYPE_CHECKING:
     from celery import Celery
 
-RUN_JOB = "apexcal.run_job"
+OLD_TASK = "apexcal.run_job"
+"""The task of every job in messages of versions before kinds had tasks of their own."""
 COURIER = "jobs"
 
 log = logging.getLogger(__name__)
 
 
 class Message(NamedTuple):
-    """Which job to look at, in which queue."""
+    """Which job to look at, and its kind."""
 
     job_id: int
-    queue: str
+    kind: str
+
+
+def task_of(kind: str) -> str:
+    """Return the name of the Celery task for jobs of this kind."""
+    return f"apexcal.{kind}"
+
+
+def routes() -> dict[str, dict[str, str]]:
+    """Return Celery's ``task_routes``: the queue of each kind's task."""
+    return {task_of(kind.name): {"queue": kind.queue} for kind in kinds()}
 
 
 class Sender:
@@ -38,6 +54,8 @@ class Sender:
         app = Celery("apexcal-sender", broker=self._broker_url, set_as_current=False)
         app.conf.update(
             task_ignore_result=True,
+            task_routes=routes(),
+            task_send_sent_event=get_settings().celery_events,
             broker_connection_retry=False,
             # A broker that is away must not hold up the request that posts to it: kombu would try for seconds.
             broker_transport_options={
@@ -59,9 +77,8 @@ class Sender:
         try:
             with self._app.producer_pool.acquire(block=True, timeout=5) as producer:
                 for message in messages:
-                    self._app.send_task(
-                        RUN_JOB, args=(message.job_id,), queue=message.queue, producer=producer, retry=False
-                    )
+                    name = task_of(message.kind)
+                    self._app.send_task(name, args=(message.job_id,), producer=producer, retry=False)
         except OperationalError as error:
             log.warning("the broker does not answer (%s); the sweep sends %d messages later", error, len(messages))
 

@@ -65,7 +65,7 @@ def _releasing(*, capped: bool) -> Update:
         update(Job)
         .where(Job.id.in_(select(oldest.c.id)))
         .values(sends=1, send_after=now_plus("resend_s"))
-        .returning(Job.id)
+        .returning(Job.id, Job.kind)
     )
 
 
@@ -121,8 +121,8 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
     if cap:
         connection.execute(_HOLD_FLEET, {"fleet": fleet_id})
     released = connection.execute(_RELEASE_CAPPED if cap else _RELEASE, window)
-    for job_id in sorted(released.scalars().all()):
-        post(session, COURIER, Message(job_id, queue))
+    for job_id, kind in sorted(released.all()):
+        post(session, COURIER, Message(job_id, kind))
 
 
 def cancel(session: Session, subjects: Iterable[UUID] | Select[UUID]) -> None:

@@ -163,17 +163,17 @@ def _send_again(session: Session) -> None:
     """Send what was sent and is still unclaimed; twice as late each time."""
     settings = get_settings()
     overdue = (
-        select(Job.id, Job.queue, Job.sends)
+        select(Job.id, Job.kind, Job.sends)
         .where(Job.state == state_literal(WorkState.QUEUED), Job.sends > 0, ~Job.cancel_requested)
         .where(_due(settings.resend_s * _MOST_RESENDS))
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
     )
-    for job_id, queue, sends in session.execute(overdue).all():
+    for job_id, kind, sends in session.execute(overdue).all():
         later = now(settings.resend_s * min(2**sends, _MOST_RESENDS))
         session.execute(update(Job).where(Job.id == job_id).values(sends=sends + 1, send_after=later))
-        post(session, COURIER, Message(job_id, queue))
+        post(session, COURIER, Message(job_id, kind))
 
 
 def _end_backoff(session: Session) -> None:

@@ -1,0 +1,130 @@
+"""What Celery's own programs see of the work: each job by its kind's name, in its queue, and how it ended."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from celery import Celery
+from sqlalchemy import select
+
+from apexcal.client import Client
+from apexcal.demo.annotators import mark_everything
+from apexcal.demo.truth import Truth
+from apexcal.errors import FailedError
+from apexcal.regions import read_region
+from apexcal.rigs import read_rig
+from service.platform.db.models import Job
+from service.platform.db.session import Database
+from tests.apexcal.conftest import Embedded
+from tests.support.processes import wait_until
+
+QUICK = {"slots": 2, "population": 300, "generations": 20, "max_iterations": 3}
+
+
+@contextmanager
+def celery_events(broker_url: str) -> Iterator[list[dict[str, Any]]]:
+    """Every event that Celery tells in the block, as it is received by Flower or an exporter."""
+    events: list[dict[str, Any]] = []
+    ended, receives = threading.Event(), threading.Event()
+
+    def receive(app: Celery) -> None:
+        with app.connection() as origin:
+            receiver = app.events.Receiver(origin, handlers={"*": events.append})
+            with receiver.consumer_context() as (connection, *_):
+                receives.set()
+                while not ended.is_set():
+                    try:
+                        connection.drain_events(timeout=0.2)
+                    except TimeoutError:
+                        continue
+
+    with Celery("observer", broker=broker_url, set_as_current=False) as app:
+        thread = threading.Thread(target=receive, args=(app,))
+        thread.start()
+        try:
+            assert receives.wait(10)
+            yield events
+        finally:
+            ended.set()
+            thread.join(10)
+
+
+def jobs_of(embedded: Embedded, after: int) -> dict[int, tuple[str, str, str]]:
+    """Kind, queue and state of each job that came after that one."""
+    database = Database(f"sqlite:///{embedded.data / 'apexcal.db'}")
+    try:
+        with database.reading() as session:
+            rows = session.scalars(select(Job).where(Job.id > after)).all()
+            return {job.id: (job.kind, job.queue, job.state) for job in rows}
+    finally:
+        database.close()
+
+
+def test_each_job_of_a_calibration_is_told_by_its_kind(
+    embedded: Embedded, owner: Client, simulated: Path, tmp_path: Path
+) -> None:
+    before = max(jobs_of(embedded, 0), default=0)
+    rubbish = tmp_path / "rubbish.bag"
+    rubbish.write_bytes(b"no recording" * 100)
+    with celery_events(f"redis+socket://{embedded.data / 'broker.sock'}?virtual_host=0") as events:
+        calibrate(owner, simulated)
+        try:
+            vehicle = owner.vehicles.create(owner.fleets.create(f"rubbish {time.monotonic_ns()}").id, "car")
+            owner.wait(owner.recordings.upload(rubbish, vehicle.id), timeout_s=120)
+        except FailedError as error:
+            problem = error.code
+        jobs = {}
+
+        def all_ended() -> bool:
+            jobs.update(jobs_of(embedded, before))
+            ends = [event for event in events if event["type"] in ("task-succeeded", "task-failed")]
+            return len(ends) >= len(jobs) and {state for *_, state in jobs.values()} <= {"done", "failed"}
+
+        wait_until(all_ended, "the end of each job in Celery's events", 60)
+
+    sent = {event["uuid"]: event for event in events if event["type"] == "task-sent"}
+    received = {event["uuid"]: event for event in events if event["type"] == "task-received"}
+    ends = {event["uuid"]: event for event in events if event["type"] in ("task-succeeded", "task-failed")}
+    assert received.keys() == sent.keys() == ends.keys()
+    told: dict[int, list[str]] = defaultdict(list)
+    for uuid, event in received.items():
+        (job_id,) = map(int, re.findall(r"\d+", event["args"]))
+        kind, queue, state = jobs[job_id]
+        assert (event["name"], sent[uuid]["name"]) == (f"apexcal.{kind}",) * 2
+        assert (sent[uuid]["queue"], sent[uuid]["routing_key"]) == (queue, queue)
+        told[job_id].append(ends[uuid]["type"])
+        if state == "failed":
+            assert problem in ends[uuid]["exception"]
+    assert told.keys() == jobs.keys()
+    for job_id, (kind, _, state) in jobs.items():
+        assert ("task-failed" in told[job_id]) == (state == "failed"), (kind, state)
+    kinds = {kind for kind, *_ in jobs.values()}
+    assert kinds >= {"ingest", "packing", "suggestion", "detect", "machine_marks", "solve", "conclude", "report"}
+    workers = {event["hostname"].partition("@")[0] for event in events if event["type"] == "worker-heartbeat"}
+    assert workers >= {"worker", "worker-ingest"}
+
+
+def calibrate(owner: Client, folder: Path) -> None:
+    """From the upload to the report, as people do it."""
+    fleet = owner.fleets.create(f"events {time.monotonic_ns()}")
+    vehicle = owner.vehicles.create(fleet.id, "Van 7")
+    rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "front"))
+    recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=150)
+    owner.wait(owner.analyses.suggest(recording.id), timeout_s=150)
+    region = read_region(folder / "region.json")
+    detection = owner.wait(owner.detections.create(recording.id, region, detector="tolerant"), timeout_s=150)
+    owner.wait(owner.analyses.mark(detection.id, "front"), timeout_s=150)
+    truth = Truth(folder / "truth.json")
+    mark_everything(owner, fleet.id, detection, "front", truth, lambda share, message: None)
+    pairs = owner.correspondence_sets.build(detection.id, "front")
+    asked = owner.calibrations.create(vehicle.id, [pairs.id], ["pinhole"], folds=0, farm="slots", schedule=QUICK)
+    calibration = owner.wait(asked, timeout_s=150)
+    result = calibration.summary.cameras["front"].models["pinhole"].result_id
+    owner.wait(owner.analyses.report(result), timeout_s=150)
