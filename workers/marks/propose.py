@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -54,7 +55,11 @@ _SHAPE_M: Final = 0.005  # shape and bending of a board, and the beam: what stat
 _OFF_MOUNT: Final = 4.0  # standard scores
 _STEP_M: Final = 1e-3
 _FEWEST_SIGHTS: Final = 5  # whose edges confirm a mount: three marks determine it
-_BELOW_HEAD_M: Final = (-0.07, -0.14)  # of edges, where seeds took a head for the tip: a tip 0.1 or 0.2 m lower
+_WAYS: Final = ((16.0, 0.0), (16.0, -0.07), (16.0, -0.14), (8.0, 0.0))
+"""Half width of the first profiles, px, and how far outward edges are sought, metres: seeds may have taken a head for
+a tip that is 0.1 or 0.2 m lower, and on a small board wide profiles hold more of its pattern than of its edge."""
+_MOST_SCATTER: Final = 2.0
+"""Median standard score of the marks against that of two true coordinates: that of eight marks scatters by 0.25."""
 _STILL_CONFIRMED: Final = 0.8  # of the sights, by edges farther out
 Answers = list[dict[CornerName, MarkProposal | MarkRefusal]]
 _GAIN_STEP: Final = 0.3
@@ -106,10 +111,10 @@ def _from_candidates(
             np.ones(len(slots)), task.size,
         )  # fmt: skip
         ways: list[tuple[int, MountedLens, float]] = []
-        for outward_m in (0.0, *_BELOW_HEAD_M):
-            measured = measure(task, some, start, ("top",), 16.0, 1.0, outward_m=outward_m)
+        for half_width, outward_m in _WAYS:
+            measured = measure(task, some, start, ("top",), half_width, 1.0, outward_m=outward_m)
             if _marked(measured) < _ENOUGH_TIPS * len(some):
-                measured = measure(task, some, start, CORNERS, 16.0, 1.0, outward_m=outward_m)
+                measured = measure(task, some, start, CORNERS, half_width, 1.0, outward_m=outward_m)
             camera, softness = _refit(task, measured, start)
             ways.append((_confirmed(task, measured, camera), camera, softness))
             if ways[-1][0] >= LEAST_SHARE * len(some):
@@ -139,6 +144,14 @@ def _from_candidates(
         moved, _ = _refit(task, outer, moved)
         if _confirmed(task, outer, moved) >= _STILL_CONFIRMED * _confirmed(task, measured, camera):
             measured, camera = outer, moved
+    scatter = _scatter(_scores(task, measured, camera))
+    if scatter > _MOST_SCATTER:
+        return _failed(
+            task,
+            "few_edges",
+            f"The marks scatter {scatter:.1f} times as much about one mount as they should: in some frames the edges "
+            "of the board were found, in others lines of its pattern.",
+        )
     return MachineMarks(_answers(task, measured, camera), camera)
 
 
@@ -208,7 +221,7 @@ def _refit(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -
 def _answers(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> Answers:
     """Proposals of the asked corners. A mark far from its mount's projection, as such marks go, is none."""
     scores = _scores(task, measured, camera)
-    scale = max(1.0, float(np.median(list(scores.values()))) / 1.1774) if scores else 1.0
+    scale = max(1.0, _scatter(scores))
     answers: Answers = []
     for index, sight in enumerate(task.sights):
         of_sight: dict[CornerName, MarkProposal | MarkRefusal] = {}
@@ -253,6 +266,11 @@ def _scores(
         for name, fit in corners.items()
         if isinstance(fit, CornerFit)
     }
+
+
+def _scatter(scores: dict[tuple[int, CornerName], float]) -> float:
+    """The median score against its expectation, that of Rayleigh's distribution; 0 without marks."""
+    return float(np.median(list(scores.values()))) / math.sqrt(2.0 * math.log(2.0)) if scores else 0.0
 
 
 def _standard_score(sight: Sight, name: CornerName, fit: CornerFit, camera: MountedLens) -> float:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.marks.scenes import Draw, Scene
+from apexcal.documents.corners import CORNERS
+from benchmarks.marks.scenes import Draw, Scene, draw
 from workers.marks.propose import propose
 from workers.marks.sights import Click, MarkProposal
 
@@ -77,3 +78,15 @@ def test_one_click_names_the_mount(scene, frames):
     assert right.failure is None
     wrong = propose(frames, scene.sights, DRAW.size, lens=scene.lens, click=Click(3, (u + 150.0, v - 90.0)))
     assert wrong.failure is not None
+
+
+def test_marks_that_no_mount_explains_are_no_marks():
+    # Every other square of the chessboard's rim has the background's brightness: in 9 of 17 frames the edge itself
+    # was marked, in 8 a line of squares 5 to 15 px inside, with stated deviations of 0.2 px.
+    drawn = draw(9014)
+    scene = Scene(drawn)
+    frames = [scene[index] for index in range(len(scene))]
+    found = propose(frames, scene.sights, drawn.size, lens=scene.lens, model=drawn.model, corners=CORNERS)
+    assert found.failure is not None and found.failure.reason == "few_edges"
+    assert "scatter 2." in found.failure.sentence
+    assert found.camera is None and not errors_px(scene, found.answers)
