@@ -123,9 +123,8 @@ def cancel_calibration(calibration_id: UUID, access: WriteAccess) -> Calibration
 def remove_calibration(calibration_id: UUID, access: WriteAccess) -> None:
     """Delete a calibration with its results, unless one is published. Its pairs stay. [engineer]"""
     calibration = access.find(Calibration, calibration_id, "engineer")
-    fleet_id = calibration.fleet_id
+    hint(access.session, calibration.fleet_id, "calibration", calibration_id)
     delete_calibration(access.session, calibration)
-    hint(access.session, fleet_id, "calibration", calibration_id)
 
 
 @router.get("/calibrations/{calibration_id}/slots")

@@ -99,9 +99,9 @@ def cancel_detection(detection_id: UUID, access: WriteAccess) -> DetectionView:
 def remove_detection(detection_id: UUID, access: WriteAccess) -> None:
     """Delete a detection with its pairs and calibrations, unless one is published. Marks stay. [engineer]"""
     detection = access.find(Detection, detection_id, "engineer")
-    fleet_id, recording = detection.fleet_id, access.session.get_one(Recording, detection.recording_id)
+    recording = access.session.get_one(Recording, detection.recording_id)
+    hint(access.session, detection.fleet_id, "detection", detection_id)
     delete_detection(access.session, detection, recording.vehicle_id)
-    hint(access.session, fleet_id, "detection", detection_id)
 
 
 @router.get("/detections/{detection_id}/vertices", response_model=Page[VertexSummary])

@@ -20,18 +20,16 @@ router = Router(tags=["fleets"])
 def remove_rig(id: UUID, access: WriteAccess) -> None:
     """Delete a rig that no recording has, with its imported pairs and their calibrations. [engineer]"""
     rig = access.find(Rig, id, "engineer")
-    fleet_id = rig.fleet_id
+    hint(access.session, rig.fleet_id, "rig", id)
     delete_rig(access.session, rig)
-    hint(access.session, fleet_id, "rig", id)
 
 
 @router.delete("/vehicles/{id}", status_code=204)
 def remove_vehicle(id: UUID, access: WriteAccess) -> None:
     """Delete a vehicle of which nothing is published, with its rigs, recordings and calibrations. [engineer]"""
     vehicle = access.find(Vehicle, id, "engineer")
-    fleet_id = vehicle.fleet_id
+    hint(access.session, vehicle.fleet_id, "vehicle", id)
     delete_vehicle(access.session, vehicle)
-    hint(access.session, fleet_id, "vehicle", id)
 
 
 @router.delete("/fleets/{id}", status_code=204)

@@ -14,7 +14,7 @@ from sqlalchemy import select
 from service.platform.db.models import Calibration, CalibrationRun, Job
 from service.platform.db.session import Database
 from tests.e2e.conftest import Track
-from tests.faults.jobs import LEVEL_RIG, SLOW, pairs
+from tests.faults.jobs import LEVEL_RIG, SHORT, SLOW, pairs
 from tests.support.work import lose_every_worker
 
 NOISE_PX = 0.5
@@ -235,3 +235,27 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
     page.on("dialog", lambda asked: asked.accept())
     page.get_by_role("button", name="Cancel").click()
     expect(page.get_by_role("status")).to_have_text(re.compile("[12] cancelled, 1 skipped"), timeout=60_000)
+
+
+def test_an_engineer_deletes_what_was_never_published(sign_in: Callable[[str, str], Page], track: Track) -> None:
+    vehicle, pairs_of_one = add_cart(track, "Discarded", 41)
+    wanted = {"models": ["pinhole"], "folds": 0, "schedule": SHORT}
+    calibration = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **wanted), timeout_s=60)
+    page = sign_in("Ada", "engineer")
+    questions: list[str] = []
+    page.once("dialog", lambda dialog: dialog.dismiss())
+    page.goto(f"{track.url}/calibrations/{calibration.id}")
+    page.get_by_role("button", name="Delete", exact=True).click()
+    expect(page.get_by_role("heading", level=1)).to_contain_text("Calibration of")
+    page.on("dialog", lambda dialog: (questions.append(dialog.message), dialog.accept()))
+    page.get_by_role("button", name="Delete", exact=True).click()
+    expect(page.get_by_role("heading", level=1, name="Discarded")).to_be_visible()
+    expect(page.get_by_role("heading", name="Calibrations")).to_have_count(0)
+    rigs = page.locator("details").filter(has_text="LiDAR")
+    rigs.locator("summary").first.click()
+    rigs.get_by_role("button", name="Delete", exact=True).click()
+    expect(page.get_by_text("A rig says which LiDAR and cameras")).to_be_visible()
+    page.get_by_role("button", name="Delete", exact=True).click()
+    expect(page).to_have_url(f"{track.url}/fleets/{track.fleet_id}")
+    assert len(questions) == 3 and '"Discarded"' in questions[2]
+    assert vehicle not in [str(one.id) for one in track.owner.vehicles.list(track.fleet_id)]

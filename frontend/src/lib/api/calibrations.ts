@@ -48,6 +48,9 @@ export const calibration = (calibration_id: string): Read<Calibration> =>
 export const cancelCalibration = (calibration_id: string): Promise<unknown> =>
   client.POST("/v1/calibrations/{calibration_id}/cancel", { params: { path: { calibration_id } } });
 
+export const deleteCalibration = (calibration_id: string): Promise<unknown> =>
+  client.DELETE("/v1/calibrations/{calibration_id}", { params: { path: { calibration_id } } });
+
 export const result = (result_id: string): Read<Result> => read("/v1/results/{result_id}", { result_id });
 
 /** How far a result is from another one of its camera. */

@@ -28,6 +28,9 @@ export const detection = (detection_id: string): Read<Detection> =>
 export const cancelDetection = (detection_id: string): Promise<unknown> =>
   client.POST("/v1/detections/{detection_id}/cancel", { params: { path: { detection_id } } });
 
+export const deleteDetection = (detection_id: string): Promise<unknown> =>
+  client.DELETE("/v1/detections/{detection_id}", { params: { path: { detection_id } } });
+
 /** Says which corners of the board people are to mark. */
 export const askCorners = (detection_id: string, marked_corners: Corner[]): Promise<unknown> =>
   client.PATCH("/v1/detections/{detection_id}", { params: { path: { detection_id } }, body: { marked_corners } });

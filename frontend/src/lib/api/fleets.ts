@@ -27,6 +27,9 @@ export const rig = (id: string): Read<Rig> => read("/v1/rigs/{id}", { id });
 export const createRig = (vehicleId: string, body: RigRequest): Promise<{ id: string }> =>
   bodyOf(client.POST("/v1/vehicles/{id}/rigs", { params: { path: { id: vehicleId } }, body, ...once() }));
 
+export const deleteVehicle = (id: string): Promise<unknown> =>
+  client.DELETE("/v1/vehicles/{id}", { params: { path: { id } } });
+
 export const deleteRig = (id: string): Promise<unknown> => client.DELETE("/v1/rigs/{id}", { params: { path: { id } } });
 
 const asRead = (version: number) => ({ "If-Match": `"v${version}"` });
