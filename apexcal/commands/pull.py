@@ -9,30 +9,28 @@ deleted; 6 it is of other sensors than the mounted ones; 7 what answered is no c
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Final
 from uuid import UUID
 
 import typer
 
 from apexcal.archives import read_archive
-from apexcal.cli import FAILED, UNREACHABLE
 from apexcal.client import ApiError, Client
 from apexcal.commands.named import find_vehicle, is_id
 from apexcal.commands.options import AliasOption, CamerasOption, FleetOption, OutputOption, VehicleOption
 from apexcal.commands.session import Session
-from apexcal.commands.terminal import complain, note, usage
+from apexcal.commands.terminal import complain, note, usage, write_content
 from apexcal.documents.publications import CURRENT
 from apexcal.errors import ForeignAnswerError
 from apexcal.kept_file import KeptFile, replace_folder
+from apexcal.pull_alone import FAILED, FOREIGN, NOTHING_KEPT, REFUSED, UNREACHABLE
 
-NOTHING_KEPT, WITHDRAWN, OTHER_SENSORS, FOREIGN = 4, 5, 6, 7
-_REFUSED = {
-    "calibration_withdrawn": WITHDRAWN,
-    "calibration_deleted": WITHDRAWN,
-    "calibration_does_not_apply": OTHER_SENSORS,
-}
+_PROGRAM: Final = ("archives", "kept_file", "pull_alone")
+"""Modules of the program that `--program` writes. Each needs Python 3.8 and imports only those before it."""
 
 
 def pull(
@@ -54,6 +52,9 @@ def pull(
     unpack: Annotated[
         bool, typer.Option("--unpack", help="Keep a folder of the files of --format: OUTPUT is a link to it.")
     ] = False,
+    program: Annotated[
+        bool, typer.Option("--program", help="Write the program itself to OUTPUT, one file for Python 3.8 and newer.")
+    ] = False,
     timeout: Annotated[float, typer.Option(help="Seconds to wait for each answer.", min=0.1, max=600.0)] = 10.0,
 ) -> None:
     """Keep what a vehicle is given now (all its cameras) in a file. It is replaced whole, or not at all.
@@ -63,6 +64,10 @@ def pull(
     than the mounted ones; 7 what answered is no calibration of this vehicle. After 1, 3, 5, 6 and 7 the last good
     file stays. 4: as these, but there is no good file.
     """
+    if program:
+        write_content(output, program_source())
+        note(f"{output} is the program: python3 {output.name} --help")
+        return
     # A link to a file stays, and what it leads to is replaced. A link to a folder is replaced itself.
     output = output.parent.resolve() / output.name if unpack else output.resolve()
     fits = output.is_symlink() if unpack else output.is_file()
@@ -83,10 +88,18 @@ def pull(
             if unpack:
                 replace_folder(output, read_archive(pulled.path.read_bytes()))
     except typer.Exit as left:
-        if left.exit_code in (FAILED, UNREACHABLE, FOREIGN, *_REFUSED.values()):
+        if left.exit_code in (FAILED, UNREACHABLE, FOREIGN, *REFUSED.values()):
             _say_what_is_kept(pulled)
         raise
     note(f"{output} {'was replaced' if changed else 'has not changed'}.")
+
+
+def program_source() -> str:
+    """Return `apexcal pull` as the source of one program of the standard library alone."""
+    folder = Path(__file__).parents[1]
+    sources = [(folder / f"{name}.py").read_text(encoding="utf-8") for name in _PROGRAM]
+    modules = [re.sub(r"^from (?:__future__|apexcal\.\w+) import .*\n", "", text, flags=re.M) for text in sources]
+    return "\n\n".join(["#!/usr/bin/env python3\nfrom __future__ import annotations", *modules])
 
 
 @contextmanager
@@ -96,7 +109,7 @@ def _ended() -> Iterator[None]:
         yield
     except ApiError as error:
         is_foreign = error.code == "not_a_problem_document"
-        code = UNREACHABLE if error.is_temporary else FOREIGN if is_foreign else _REFUSED.get(error.code)
+        code = UNREACHABLE if error.is_temporary else FOREIGN if is_foreign else REFUSED.get(error.code)
         if code is None:
             raise
         complain(f"{str(error).rstrip('.')} ({error.code})", error.hint, code=code)

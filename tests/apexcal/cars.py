@@ -2,21 +2,60 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
+import runpy
+import sys
+from pathlib import Path
+from typing import NamedTuple
 
 from typer.testing import CliRunner
 
 from apexcal.cli import app
+from apexcal.commands.pull import program_source
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, seed_results
 from tests.service.detections.seeding import seed_rig
 from tests.support.people import Actor
 
 
-class Car:
-    """A served vehicle with a published calibration, and a file to keep it in."""
+class Ended(NamedTuple):
+    """How the program ended, as typer's runner says it of the command."""
 
-    def __init__(self, served, folder) -> None:
+    exit_code: int
+    stderr: str
+    exception: BaseException | None = None
+
+    @property
+    def output(self) -> str:
+        return self.stderr
+
+
+def run_program(file: Path, words: list[str]) -> Ended:
+    """Run the program of `apexcal pull --program` in this process, where tests put a clock and a disk under it."""
+    errors, before = io.StringIO(), sys.argv
+    sys.argv = [str(file), *words]
+    try:
+        with contextlib.redirect_stderr(errors):
+            runpy.run_path(str(file), run_name="__main__")
+    except SystemExit as left:
+        return Ended(left.code if isinstance(left.code, int) else 0, errors.getvalue())
+    finally:
+        sys.argv = before
+    raise AssertionError("the program did not exit")
+
+
+class Car:
+    """A served vehicle with a published calibration, and a file to keep it in.
+
+    ``as_program``: it pulls by the program of one file, else by the command.
+    """
+
+    def __init__(self, served, folder, *, as_program: bool = False) -> None:
         self.api, self.url = served
+        self.program = folder.parent / "apexcal-pull.py" if as_program else None
+        if self.program:
+            self.program.write_text(program_source())
         fleet = self.api.fleet()
         self.rig = seed_rig(self.api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
         self.reviewer: Actor = self.api.member(fleet, "reviewer")
@@ -30,8 +69,8 @@ class Car:
         return str(result)
 
     def pull(self, *more: str, url: str | None = None):
-        words = ["pull", "-o", str(self.file), "--token", self.viewer.token, "--url", url or self.url, *more]
-        return CliRunner().invoke(app, words)
+        words = ["-o", str(self.file), "--token", self.viewer.token, "--url", url or self.url, *more]
+        return run_program(self.program, words) if self.program else CliRunner().invoke(app, ["pull", *words])
 
     @property
     def history(self) -> str:
