@@ -143,6 +143,17 @@ class Prediction(Document):
     expected_over_stated: float
     points: list[PredictedPixel]
 
+    def middle_at(self, distance_m: float) -> tuple[float, float] | None:
+        """Return the deviation to expect in the middle of the image at one of the distances, in pixels and mm.
+
+        None if the lens has no ray there.
+        """
+        middle, index = self.points[len(self.points) // 2], self.distances_m.index(distance_m)
+        if not middle.stated_px or not middle.stated_mm:
+            return None
+        factor = self.expected_over_stated
+        return factor * middle.stated_px[index], factor * middle.stated_mm[index]
+
 
 class Precision(Document):
     """What the pairs tell of the free parameters, in degrees, metres and pixels.

@@ -46,3 +46,14 @@ class VehicleState(StrEnum):
     FAILED = "failed"
     CANCELLED = "cancelled"
     SKIPPED = "skipped"
+
+
+class CameraState(StrEnum):
+    """What a vehicle's camera is given, the gravest first. ``look``: a person should look at its calibration."""
+
+    SWAPPED = "sensor_swapped"
+    WITHDRAWN = "withdrawn"
+    LOOK = "look"
+    UNKNOWN = "unknown"
+    NONE = "none"
+    PUBLISHED = "published"

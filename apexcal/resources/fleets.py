@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from uuid import UUID
 
+from apexcal.documents.fleet_health import CameraHealth, HealthOrder
 from apexcal.documents.fleets import FleetOut, RigOut, VehicleOut
 from apexcal.documents.people import ChangedMember, Invitation, MadeToken, Member, Token
 from apexcal.documents.roles import Role
@@ -84,6 +85,16 @@ class Vehicles(Resource):
     def list(self, fleet_id: UUID | str) -> Iterator[VehicleOut]:
         """The vehicles of a fleet."""
         return self._http.items(at("fleets", fleet_id, "vehicles"), VehicleOut)
+
+    def health(
+        self, fleet_id: UUID | str, *, name: str = "", state: Sequence[str] = (), order: HealthOrder = "vehicle"
+    ) -> Iterator[CameraHealth]:
+        """The cameras of a fleet's vehicles: state, error, last recording, and what each waits for.
+
+        ``name``: a part of the vehicle's or camera's name. ``order``: the member to sort by, ``-`` turns it round.
+        """
+        address = at("fleets", fleet_id, "health")
+        return self._http.items(address, CameraHealth, name=name or None, state=[*state] or None, order=order)
 
     def get(self, vehicle_id: UUID | str) -> VehicleOut:
         """One vehicle."""

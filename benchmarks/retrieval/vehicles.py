@@ -47,8 +47,8 @@ _P = _OF.format("'p' || v || '/' || n || c")
 _ALL = "FROM generate_series(1, :vehicles) v, generate_series(1, :versions) n"
 _EACH = f"{_ALL}, unnest(ARRAY['front', 'rear']) c"
 _STATEMENTS = (
-    f"INSERT INTO vehicle (id, fleet_id, name, version, created_at)"
-    f" SELECT {_V}, :fleet, 'car ' || v, 1, 0 FROM generate_series(1, :vehicles) v",
+    f"INSERT INTO vehicle (id, fleet_id, name, sort_name, version, created_at)"
+    f" SELECT {_V}, :fleet, 'car ' || v, 'car ' || v, 1, 0 FROM generate_series(1, :vehicles) v",
     f'INSERT INTO rig (id, fleet_id, vehicle_id, name, lidar_frame, version, created_at, "T_vehicle_lidar")'
     f" SELECT {_R}, :fleet, {_V}, 'roof', 'lidar', 1, 0, CAST(:vehicle_lidar AS json)"
     " FROM generate_series(1, :vehicles) v",

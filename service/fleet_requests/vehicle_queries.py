@@ -25,7 +25,7 @@ from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import WorkState
 from service.platform.db.base import state_literal
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
-from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Rig, RigCamera, Vehicle, natural_order
 from service.platform.http.problems import Problem
 
 
@@ -76,14 +76,7 @@ def choose(session: Session, fleet_id: UUID, chooser: VehicleFilter) -> list[Cho
             for vehicle in chosen
             if any(published.get((vehicle.id, c)) != of for c, of in vehicle.sets.items())
         ]
-    return sorted(chosen, key=lambda vehicle: (*_as_people_order(vehicle.name), vehicle.id))
-
-
-def _as_people_order(name: str) -> tuple[list[tuple[bool, int, str]], str]:
-    """A key that orders names as the pages do: numbers by their size, whatever the case of the letters."""
-    parts = re.split(r"(\d+)", name.casefold())
-    # Every second part is a number; an empty text before a leading one says nothing.
-    return [(not i % 2, int(part) if i % 2 else 0, part) for i, part in enumerate(parts) if part], name
+    return sorted(chosen, key=lambda vehicle: (natural_order(vehicle.name), vehicle.name, vehicle.id))
 
 
 def _no_match(session: Session, fleet_id: UUID) -> Problem:

@@ -19,7 +19,7 @@ from service.platform.db.fleets import Vehicle
 from service.publications.queries import newest_publications
 
 _PASSED = "It was recommended and passed its checks."
-_LOOK = "It was recommended, and the publication policy publishes results of `look`."
+PUBLISHED_LOOKS = "It was recommended, and the publication policy publishes results of `look`."
 
 
 class Grounds(NamedTuple):
@@ -67,7 +67,7 @@ def publish(
 
 def publish_by_itself(session: Session, calibration: Calibration, result: Result, overridden: Sequence[str]) -> None:
     """Give a recommended result to its camera in the name of who asked for it. ``overridden``: checks of `look`."""
-    reason = _LOOK if overridden else _PASSED
+    reason = PUBLISHED_LOOKS if overridden else _PASSED
     publish(session, calibration, result, Grounds(calibration.created_by, reason, overridden))
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any, Literal
 from uuid import UUID
 
 from fastapi import Query
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
 
 from apexcal.documents.base import Sought
+from apexcal.documents.fleet_health import FleetHealth, HealthOrder
 from apexcal.documents.publications import (
     CURRENT,
     AliasName,
@@ -16,20 +17,23 @@ from apexcal.documents.publications import (
     PublicationView,
     WithdrawalRequest,
 )
+from apexcal.documents.states import CameraState
 from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.calibrations import Publication, Result, current_publication
-from service.platform.db.fleets import Vehicle
+from service.platform.db.fleets import Fleet, Vehicle
 from service.platform.http.pages import Page, Paging
 from service.platform.http.problems import not_found
 from service.platform.http.router import Router
 from service.publications.actions import Grounds, hold_publications, hold_to_publish, publish, withdraw
+from service.publications.health_queries import fleet_health
 from service.publications.queries import newest_publications, withdrawal_of
 from service.publications.rules import check_alias, check_current, check_publishable, grounds_of
-from service.publications.views import publication_page, publication_view, publication_views
+from service.publications.views import health_table, publication_page, publication_view, publication_views
 
 router = Router(tags=["publications"])
 
+_CSV: dict[int | str, dict[str, Any]] = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
 _CAMERA = "/vehicles/{vehicle_id}/cameras/{camera}"
 
 
@@ -97,3 +101,24 @@ def list_aliases(vehicle_id: UUID, camera: Sought, access: ReadAccess) -> Page[P
     """Where each alias of a camera leads, by its last move."""
     newest = newest_publications(access.find(Vehicle, vehicle_id).id, camera)
     return Page(items=publication_views(access.session, newest))
+
+
+@router.get("/fleets/{id}/health", response_model=FleetHealth, responses=_CSV)
+def get_fleet_health(
+    id: UUID,
+    access: ReadAccess,
+    window: Paging,
+    sought: Annotated[Sought, Query(alias="name", description="a part of the vehicle's or camera's name")] = "",
+    state: Annotated[list[CameraState], Query(description="only cameras in one of these states")] = [],  # noqa: B006
+    order: Annotated[
+        HealthOrder, Query(description="the member to sort by; `-` before it turns it round")
+    ] = "vehicle",
+    format: Annotated[Literal["json", "csv"], Query(description="csv: all pages in one table")] = "json",
+) -> FleetHealth | Response:
+    """The cameras of a fleet's vehicles: state, age, error, last recording, and what each waits for."""
+    fleet = access.find(Fleet, id)
+    health = fleet_health(access.session, fleet.id, None if format == "csv" else window, sought, state or (), order)
+    if format == "json":
+        return health
+    headers = {"Content-Disposition": 'attachment; filename="fleet-health.csv"'}
+    return Response(health_table(health.items), media_type="text/csv", headers=headers)

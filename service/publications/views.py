@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+import io
+from collections.abc import Sequence
 from uuid import UUID
 
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.fleet_health import CameraHealth
 from apexcal.documents.publications import OverrideView, PublicationView
 from service.platform.db.calibrations import Publication, Result, moves_of
 from service.platform.db.people import Person
@@ -73,3 +77,15 @@ def override_view(publication: Publication) -> OverrideView | None:
     if not publication.overridden:
         return None
     return OverrideView(reason=publication.reason or "", sentences=publication.overridden)
+
+
+def health_table(cameras: Sequence[CameraHealth]) -> str:
+    """Return cameras as CSV with a header. A name that a spreadsheet would compute has an apostrophe before it."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, CameraHealth.model_fields)
+    writer.writeheader()
+    for camera in cameras:
+        row = camera.model_dump(mode="json")
+        is_formula = camera.vehicle.startswith(("=", "+", "-", "@"))
+        writer.writerow(row | {"vehicle": "'" * is_formula + camera.vehicle})
+    return text.getvalue()

@@ -39,12 +39,10 @@ def _counted(count: int, singular: str, many: str) -> str:
 def _precision(result: FitResult) -> str:
     """What to expect of it at 20 m in the middle of the image."""
     off = f"Its pairs lie {result.polished.mean_px:.2f} px off on average"
-    prediction = result.prediction
-    middle = prediction and prediction.points[len(prediction.points) // 2]
-    if not prediction or not middle or not middle.stated_px or not middle.stated_mm:
+    middle = result.prediction and result.prediction.middle_at(20.0)
+    if not middle:
         return f"{off}."
-    at, factor = prediction.distances_m.index(20.0), prediction.expected_over_stated
-    px, mm = factor * middle.stated_px[at], factor * middle.stated_mm[at]
+    px, mm = middle
     return (
         f"{off}; a point at 20 m in the middle of the image is placed within {px:.2f} px or {mm:.0f} mm (one "
         "standard deviation)."

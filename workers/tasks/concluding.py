@@ -89,7 +89,14 @@ class _Judged(NamedTuple):
     def columns(self) -> Json:
         """What is written of it."""
         checks, verdict = [check.model_dump(mode="json") for check in self.checks], self.verdict("mount_with_lens")
-        return {"id": self.result.id, "checks": checks, "verdict": verdict, "compared_with": self.current_id}
+        middle = self.result.fit.prediction and self.result.fit.prediction.middle_at(20.0)
+        return {
+            "id": self.result.id,
+            "checks": checks,
+            "verdict": verdict,
+            "error_20m_mm": middle and middle[1],
+            "compared_with": self.current_id,
+        }
 
 
 def conclude(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Conclusion]:

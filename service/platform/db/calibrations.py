@@ -165,7 +165,8 @@ class Result(Base):
 
     ``document`` has the checks of the fit, ``checks`` those of its calibration and of other data; ``verdict`` is the
     gravest of both for the mount with its lens. Both are null until the calibration has ended. ``compared_with``: the
-    result that was the camera's current one then.
+    result that was the camera's current one then. ``error_20m_mm``: what to expect 20 m away in the middle of the
+    image, one standard deviation. The large columns come last: SQLite reads a row up to the column that it needs.
     """
 
     __tablename__ = "result"
@@ -177,11 +178,12 @@ class Result(Base):
     camera: Mapped[Name]
     model: Mapped[str] = mapped_column(String(20))
     fold: Mapped[int]
-    document: Mapped[Json]
-    checks: Mapped[list[Any] | None]
     verdict: Mapped[CheckVerdict | None] = mapped_column(String(4))
+    error_20m_mm: Mapped[float | None]
     compared_with: Mapped[UUID | None]
     created_at: Mapped[Created]
+    document: Mapped[Json]
+    checks: Mapped[list[Any] | None]
     __table_args__ = (UniqueConstraint("run_id"),)
 
     @cached_property

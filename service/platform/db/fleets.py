@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 from uuid import UUID
 
 from sqlalchemy import BigInteger, Index, String, UniqueConstraint
-from sqlalchemy.orm import Mapped, mapped_column, relationship
+from sqlalchemy.orm import Mapped, mapped_column, relationship, validates
 
 from service.platform.db.base import Base, Created, Json, Name, RowId, Version, belongs_to
 
@@ -28,8 +29,13 @@ class Fleet(Base):
     created_at: Mapped[Created]
 
 
+def natural_order(name: str) -> str:
+    """Return a text by which names sort as people order them: numbers by their size, whatever the letters' case."""
+    return re.sub("[0-9]+", lambda digits: digits[0].lstrip("0").zfill(10), name.casefold())[:200]
+
+
 class Vehicle(Base):
-    """One vehicle of a fleet."""
+    """One vehicle of a fleet. ``sort_name`` follows from its name: lists are sorted by it."""
 
     __tablename__ = "vehicle"
     __table_args__ = (UniqueConstraint("fleet_id", "name"), Index("ix_vehicle_fleet_id_id", "fleet_id", "id"))
@@ -37,8 +43,14 @@ class Vehicle(Base):
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     name: Mapped[Name]
+    sort_name: Mapped[Name]
     version: Mapped[Version]
     created_at: Mapped[Created]
+
+    @validates("name")
+    def _sorts_by_it(self, key: str, name: str) -> str:
+        self.sort_name = natural_order(name)
+        return name
 
 
 class Rig(Base):

@@ -72,13 +72,14 @@ class Recording(Base):
         Index("ix_recording_fleet_id_state_id", "fleet_id", "state", "id"),
         Index("ix_recording_fleet_id_taken_bytes", "fleet_id", "taken_bytes"),
         Index("ix_recording_vehicle_id_id", "vehicle_id", "id"),
+        Index("ix_recording_rig_id_state_id", "rig_id", "state", "id"),
         partial_index("ix_recording_retain_until", "retain_until", where="retain_until IS NOT NULL"),
     )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
-    rig_id: Mapped[UUID] = belongs_to("rig.id")
+    rig_id: Mapped[UUID] = belongs_to("rig.id", index=False)
     name: Mapped[Name]
     file_name: Mapped[Name]
     state: Mapped[str] = mapped_column(String(20), default=RecordingState.UPLOADING)

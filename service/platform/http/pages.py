@@ -15,6 +15,8 @@ from apexcal.documents.base import Page as Page
 from service.platform.http.problems import Problem
 
 _AFTER = "the `next` of the page before"
+# A cursor may hold two names of 200 letters of up to 4 bytes, in base64.
+_LONGEST = 4000
 _LIMIT = "how many at most"
 
 
@@ -26,14 +28,14 @@ class Window(BaseModel):
 
 
 async def _window(
-    after: Annotated[str | None, Query(max_length=200, description=_AFTER)] = None,
+    after: Annotated[str | None, Query(max_length=_LONGEST, description=_AFTER)] = None,
     limit: Annotated[int, Query(ge=1, le=100, description=_LIMIT)] = 100,
 ) -> Window:
     return Window(after=after, limit=limit)
 
 
 async def _long_window(
-    after: Annotated[str | None, Query(max_length=200, description=_AFTER)] = None,
+    after: Annotated[str | None, Query(max_length=_LONGEST, description=_AFTER)] = None,
     limit: Annotated[int, Query(ge=1, le=5000, description=_LIMIT)] = 100,
 ) -> Window:
     return Window(after=after, limit=limit)

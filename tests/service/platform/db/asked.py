@@ -29,6 +29,7 @@ from service.platform.jobs.retention import forget_jobs
 from service.platform.jobs.sweep import sweep
 from service.platform.storage.store import Store
 from service.publications.camera_queries import published_cameras
+from service.publications.health_queries import fleet_health
 from service.publications.selection import Selection
 from service.publications.state_queries import state_of_vehicle
 from service.recordings.retention import delete_overdue
@@ -60,6 +61,15 @@ def fleet_requests(database: Database) -> dict[str, Asked]:
         "vehicles with new pairs": choosing(new_pairs=True),
         "vehicles not calibrated": choosing(not_calibrated_since=utc_now() - _LONG_AGO),
     }
+
+
+def health(database: Database) -> dict[str, Asked]:
+    """What the page of a fleet shows: it looks at each vehicle."""
+
+    def in_order(order: str) -> Asked:
+        return _reading(database, lambda session: fleet_health(session, history.FLEET, Window(), order=order))
+
+    return {order: in_order(order) for order in ("vehicle", "-error_20m_mm", "recorded_at")}
 
 
 def requests(database: Database) -> dict[str, Asked]:

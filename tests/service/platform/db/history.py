@@ -120,7 +120,7 @@ def _fleets(filler: _Filler, size: Size) -> None:
         member = {"person_id": filler.id(2), "fleet_id": filler.id(kind, "0"), "role": "'engineer'"}
         filler.fill(models.Membership, 3, **member, **at)
     common = {"fleet_id": filler.id(1, "0"), **at}
-    filler.fill(models.Vehicle, size.vehicles, id=filler.id(3), name="'car ' || n", **common)
+    filler.fill(models.Vehicle, size.vehicles, id=filler.id(3), name="'car ' || n", sort_name="'car ' || n", **common)
     filler.fill(models.Rig, size.vehicles, id=filler.id(4), vehicle_id=filler.id(3), **common)
     filler.fill(
         models.RigCamera,

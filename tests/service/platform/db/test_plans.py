@@ -38,6 +38,9 @@ PERIODIC = Most(rows=500, pages=200, steps=3_000)
 REQUEST = Most(rows=2_500, pages=1_500, steps=30_000)
 # Two cameras for each vehicle, of each its newest sets and its publication, each by an index of a few pages' depth.
 A_VEHICLE = Most(rows=40, pages=120, steps=700)
+# Two cameras for each vehicle: of each its rig, publication, result and what ended since; then sorted and counted.
+# PostgreSQL rather reads a table whole that has not many rows for each vehicle.
+A_VEHICLES_HEALTH = Most(rows=400, pages=150, steps=2_000)
 MARKING = Most(rows=1_000, pages=1_500, steps=10_000)
 
 
@@ -83,6 +86,13 @@ def test_a_fleet_request_looks_at_each_vehicle_and_not_at_its_history(filled: tu
     database, size = filled
     most = Most(*(one * size.vehicles for one in A_VEHICLE))
     over = {name: _over(database, function, most) for name, function in asked.fleet_requests(database).items()}
+    assert not any(over.values()), over
+
+
+def test_the_health_of_a_fleet_looks_at_each_vehicle_and_not_at_its_history(filled: tuple[Database, Size]):
+    database, size = filled
+    most = Most(*(one * size.vehicles for one in A_VEHICLES_HEALTH))
+    over = {name: _over(database, function, most) for name, function in asked.health(database).items()}
     assert not any(over.values()), over
 
 

@@ -1,0 +1,289 @@
+"""The health of a fleet by one statement: each camera's state, as the checks and publications say it now.
+
+An index finds a camera's newest publication, calibration and recording, however long its history. Counts and page
+come from the same rows.
+"""
+
+from __future__ import annotations
+
+import json
+from base64 import urlsafe_b64decode, urlsafe_b64encode
+from collections.abc import Sequence
+from typing import Any, Final
+from uuid import UUID
+
+from sqlalchemy import (
+    CTE,
+    BigInteger,
+    ColumnElement,
+    Double,
+    ScalarSelect,
+    and_,
+    case,
+    exists,
+    func,
+    literal,
+    null,
+    or_,
+    select,
+    true,
+    tuple_,
+    type_coerce,
+)
+from sqlalchemy.orm import InstrumentedAttribute, Session, aliased
+
+from apexcal.documents.fleet_health import CameraHealth, FleetHealth
+from apexcal.documents.publications import CURRENT
+from apexcal.documents.states import UNENDED, CameraState, RecordingState, WorkState
+from service.platform.db.base import state_literal
+from service.platform.db.calibrations import Calibration, CalibrationRun, Publication, Result
+from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.recordings import Recording
+from service.platform.http.pages import Window
+from service.platform.http.problems import Problem
+from service.publications.actions import PUBLISHED_LOOKS
+
+_GRAVITY: Final = {state.value: index for index, state in enumerate(CameraState)}
+
+
+def fleet_health(
+    session: Session,
+    fleet_id: UUID,
+    window: Window | None,
+    sought: str = "",
+    states: Sequence[CameraState] = (),
+    order: str = "vehicle",
+) -> FleetHealth:
+    """Return a page of the cameras of a fleet; all of them without a window.
+
+    ``sought`` is a part of the vehicle's or camera's name. ``order`` names a member, ``-`` before it turns it round.
+    Raises :class:`Problem` 422 ``invalid_cursor``.
+    """
+    cameras = _cameras(fleet_id)
+    names = (cameras.c.vehicle, cameras.c.camera_name)
+    matches = or_(*(name.icontains(sought, autoescape=True) for name in names)) if sought else true()
+    counts = select(cameras.c.state.label("of_state"), func.count().label("cameras")).where(matches)
+    by_state = counts.group_by(cameras.c.state).cte("counts")
+    key, is_turned = _key(cameras, order.removeprefix("-")), order.startswith("-")
+    # Rows of one key are in the order of names; the id tells vehicles apart whose long names sort alike.
+    ties = (cameras.c.sort_name, cameras.c.vehicle_id, cameras.c.camera_name)
+    rows = select(cameras, key.label("key")).where(matches)
+    if states:
+        rows = rows.where(cameras.c.state.in_(states))
+    if window is not None:
+        if window.after is not None:
+            edge, *tie = _parse(window.after, key.type.python_type)
+            beyond = key < edge if is_turned else key > edge
+            rows = rows.where(or_(beyond, and_(key == edge, tuple_(*ties) > tuple_(*map(literal, tie)))))
+        rows = rows.order_by(key.desc() if is_turned else key, *ties).limit(window.limit + 1)
+    page = rows.cte("page")
+    # The page's rows come beside the first count, so that the others are there too where the page is empty.
+    first = select(func.min(by_state.c.of_state)).scalar_subquery()
+    beside = by_state.outerjoin(page, by_state.c.of_state == first)
+    in_order = (page.c.key.desc() if is_turned else page.c.key, *(page.c[column.name] for column in ties))
+    answer = session.execute(select(*_shown(page), by_state).select_from(beside).order_by(*in_order)).all()
+    items = [row for row in answer if row.vehicle_id is not None]
+    following = None
+    if window is not None and len(items) > window.limit:
+        items = items[: window.limit]
+        last = items[-1]
+        edges = [last.key, last.sort_name, last.vehicle_id.hex, last.camera_name]
+        following = urlsafe_b64encode(json.dumps(edges).encode()).decode()
+    sizes = {row.of_state: row.cameras for row in answer}
+    return FleetHealth(
+        items=[CameraHealth.model_validate(row) for row in items],
+        next=following,
+        counts={state: sizes.get(state, 0) for state in CameraState},
+    )
+
+
+def _key(cameras: CTE, order: str) -> ColumnElement[Any]:
+    """What rows are sorted by. What is not there sorts before all else."""
+    if order == "vehicle":
+        return cameras.c.sort_name
+    if order == "state":
+        return case(_GRAVITY, value=cameras.c.state)
+    if order == "error_20m_mm":
+        return type_coerce(func.coalesce(cameras.c.error_20m_mm, -1.0), Double())
+    moment = _newest_recording(cameras, Recording.created_at) if order == "recorded_at" else cameras.c.published_at
+    return func.coalesce(type_coerce(moment, BigInteger), 0)
+
+
+def _parse(cursor: str, kind: type[Any]) -> tuple[Any, str, UUID, str]:
+    try:
+        key, name, vehicle_id, camera = json.loads(urlsafe_b64decode(cursor.encode()))
+        if not (type(key) is kind and type(name) is type(camera) is str and "\0" not in f"{key}{name}{camera}"):
+            raise ValueError(cursor)
+        if kind is int and abs(key) >= 2**63:
+            raise ValueError(cursor)
+        return key, name, UUID(vehicle_id), camera
+    except (ValueError, TypeError, AttributeError):
+        raise Problem(
+            422,
+            "invalid_cursor",
+            f"`after` is no cursor of this list in this order: {cursor!r}.",
+            "Give the `next` of a page as it is, with the same `order`.",
+        ) from None
+
+
+def _shown(page: CTE) -> Sequence[ColumnElement[Any]]:
+    """The columns of a page with what only its own rows need: the newest recording, and what a camera waits for."""
+    row = page.c
+    recording_id = _newest_recording(page, Recording.id)
+    newest_id, newest_state = _newest_calibration(page, Calibration.id), _newest_calibration(page, Calibration.state)
+    ended_at = type_coerce(_newest_calibration(page, Calibration.finished_at), BigInteger)
+    is_running = newest_state.in_(UNENDED)
+    # Whether the newest calibration could be published, and since its end nothing was published or withdrawn.
+    is_open = and_(
+        newest_state == WorkState.DONE,
+        newest_id.is_distinct_from(row.published_id),
+        ended_at > func.coalesce(type_coerce(row.published_at, BigInteger), 0),
+    )
+    waits_for = case(
+        (row.camera.is_(None), "rig"),
+        (is_running, "running_calibration"),
+        (row.state.in_((CameraState.LOOK, CameraState.UNKNOWN)), "look"),
+        (row.state == CameraState.PUBLISHED, null()),
+        (is_open, "look"),
+        (recording_id.is_(None), "recording"),
+        else_="calibration",
+    )
+    return (
+        *row,
+        recording_id.label("recording_id"),
+        _newest_recording(page, Recording.created_at).label("recorded_at"),
+        waits_for.label("waits_for"),
+        case((or_(is_running, is_open), newest_id), else_=row.published_id).label("calibration_id"),
+    )
+
+
+def _newest_calibration(cameras: CTE, column: InstrumentedAttribute[Any]) -> ScalarSelect[Any]:
+    """A column of the newest calibration of a camera."""
+    of_run = (CalibrationRun.calibration_id == Calibration.id, CalibrationRun.camera == cameras.c.camera)
+    return (
+        select(column)
+        .where(Calibration.vehicle_id == cameras.c.vehicle_id)
+        .where(exists().where(*of_run).correlate(Calibration, cameras))
+        .order_by(Calibration.created_at.desc())
+        .limit(1)
+        .correlate(cameras)
+        .scalar_subquery()
+    )
+
+
+def _newest_recording(cameras: CTE, column: InstrumentedAttribute[Any]) -> ScalarSelect[Any]:
+    """A column of the newest ready recording of a camera's rig."""
+    return (
+        select(column)
+        .where(Recording.rig_id == cameras.c.rig_id, Recording.state == state_literal(RecordingState.READY))
+        .order_by(Recording.id.desc())
+        .limit(1)
+        .correlate(cameras)
+        .scalar_subquery()
+    )
+
+
+def _cameras(fleet_id: UUID) -> CTE:
+    """A row for each camera that a vehicle of the fleet carries now, and one for each vehicle without a camera."""
+    mount = _judged(_mounts(fleet_id)).c
+    # A calibration that ended since, and that its checks kept from being published.
+    of_run = (CalibrationRun.calibration_id == Calibration.id, CalibrationRun.camera == mount.camera)
+    is_withheld = exists().where(
+        *(Calibration.vehicle_id == mount.vehicle_id, Calibration.state == state_literal(WorkState.DONE)),
+        *(Calibration.finished_at > mount.published_at, Calibration.id != mount.published_id),
+        *(Calibration.publish == "recommended", exists().where(*of_run).correlate(Calibration, mount.camera.table)),
+    )
+    state = case(
+        (mount.number.is_(None), CameraState.NONE),
+        (and_(mount.result_id.is_(None), mount.led_to.is_(None)), CameraState.WITHDRAWN),
+        (mount.result_id.is_(None), CameraState.NONE),
+        (mount.is_swapped_since == 1, CameraState.SWAPPED),
+        (mount.verdict.is_(None), CameraState.UNKNOWN),
+        (or_(mount.is_undecided, is_withheld.correlate(mount.camera.table)), CameraState.LOOK),
+        else_=CameraState.PUBLISHED,
+    )
+    described = exists().where(Rig.vehicle_id == mount.vehicle_id, RigCamera.rig_id == Rig.id)
+    is_carried = and_(mount.camera.is_not(None), mount.rig_age == 1)
+    return (
+        select(
+            *(mount.vehicle_id, mount.vehicle, mount.sort_name, mount.camera, mount.rig_id),
+            func.coalesce(mount.camera, "").label("camera_name"),
+            *(mount.verdict, mount.error_20m_mm, mount.published_at, mount.published_id),
+            state.label("state"),
+        )
+        .where(mount.age == 1, or_(is_carried, and_(mount.camera.is_(None), ~described)))
+        .cte("cameras")
+    )
+
+
+def _judged(mounts: CTE) -> CTE:
+    """The mounts with what their cameras are given; ``age`` is 1 of the mount that counts now for a camera.
+
+    ``is_swapped_since`` is 1 if a sensor of the mount that the published result was calibrated on was swapped.
+    """
+    of_camera = (mounts.c.vehicle_id, mounts.c.camera)
+    newest_first = (mounts.c.rig_age, mounts.c.rig_created_at.desc(), mounts.c.rig_id.desc())
+    is_calibrated_one = Calibration.rig_id == mounts.c.rig_id
+    return (
+        select(
+            mounts,
+            *(Publication.number, Publication.result_id, Publication.led_to),
+            *(Result.verdict, Result.error_20m_mm, Publication.created_at.label("published_at")),
+            Result.calibration_id.label("published_id"),
+            # Nobody decided that it be used in spite of its checks.
+            and_(
+                Result.verdict != "pass",
+                or_(Publication.overridden.is_(null()), Publication.reason == PUBLISHED_LOOKS),
+            ).label("is_undecided"),
+            func.max(case((and_(is_calibrated_one, mounts.c.is_swapped), 1), else_=0))
+            .over(partition_by=of_camera)
+            .label("is_swapped_since"),
+            func.row_number().over(partition_by=of_camera, order_by=newest_first).label("age"),
+        )
+        .select_from(mounts)
+        .outerjoin(Publication, Publication.id == mounts.c.publication_id)
+        .outerjoin(Result, Result.id == Publication.result_id)
+        .outerjoin(Calibration, Calibration.id == Result.calibration_id)
+        .cte("judged")
+    )
+
+
+def _mounts(fleet_id: UUID) -> CTE:
+    """Each camera of each rig of the fleet, and a row without a camera for what has none.
+
+    ``rig_age`` is 1 for the newest rig of its LiDAR. ``is_swapped``: the newest rig that states the serial number of
+    the camera, or of this LiDAR, states another one. A sensor without a serial number counts as not swapped.
+    """
+    newest_first = (Rig.created_at.desc(), Rig.id.desc())
+    of_lidar = (Vehicle.id, Rig.lidar_frame)
+    of_camera = (Vehicle.id, RigCamera.name)
+    lidar_now = func.first_value(Rig.lidar_serial).over(
+        partition_by=of_lidar, order_by=(Rig.lidar_serial.is_(None), *newest_first)
+    )
+    camera_now = func.first_value(RigCamera.serial).over(
+        partition_by=of_camera, order_by=(RigCamera.serial.is_(None), *newest_first)
+    )
+    age = func.rank().over(partition_by=of_lidar, order_by=(RigCamera.id.is_(None), *newest_first))
+    move = aliased(Publication)
+    newest_move = (
+        select(move.id)
+        .where(move.vehicle_id == Vehicle.id, move.camera == RigCamera.name, move.alias == CURRENT)
+        .order_by(move.number.desc())
+        .limit(1)
+    )
+    rows = (
+        select(
+            *(Vehicle.id.label("vehicle_id"), Vehicle.name.label("vehicle"), Vehicle.sort_name),
+            *(Rig.id.label("rig_id"), Rig.created_at.label("rig_created_at"), RigCamera.name.label("camera")),
+            age.label("rig_age"),
+            or_(Rig.lidar_serial != lidar_now, RigCamera.serial != camera_now).label("is_swapped"),
+            newest_move.correlate(Vehicle, RigCamera).scalar_subquery().label("publication_id"),
+        )
+        .select_from(Vehicle)
+        .outerjoin(Rig, Rig.vehicle_id == Vehicle.id)
+        .outerjoin(RigCamera, RigCamera.rig_id == Rig.id)
+        .where(Vehicle.fleet_id == fleet_id)
+        .cte("mounts")
+    )
+    # Else PostgreSQL looks each publication up twice: as what it joins by, and again for the rows joined.
+    return rows.prefix_with("MATERIALIZED", dialect="postgresql")
