@@ -16,7 +16,7 @@ from service.platform.auth.access import COOKIE, write_access
 from service.platform.db.base import Json
 from service.platform.http.etags import conditions
 from service.platform.http.problems import MEDIA_TYPE
-from service.platform.http.router import header
+from service.platform.http.router import CREATED, header
 
 _OPEN: Final = frozenset(("sign_in", "healthz.get", "readyz.get"))
 """Operations that need no credentials."""
@@ -28,6 +28,10 @@ _SCHEMES: Final[Json] = {
         "name": COOKIE,
         "description": "A browser's session, which a sign-in link starts.",
     },
+}
+_LOCATION: Final[Json] = {
+    "description": "where it is read, and followed if it takes time",
+    "schema": {"type": "string"},
 }
 _SENTENCE_ENDS: Final = re.compile(r"(?<=[.;])\s+(?=[`A-Z])")
 
@@ -82,6 +86,9 @@ def _complete(document: Json, app: FastAPI) -> None:
                 if headers := list(_headers(method, route, calls)):
                     operation = document["paths"][route.path_format][method.lower()]
                     operation.setdefault("parameters", []).extend(headers)
+                if route.status_code in CREATED:
+                    answers = document["paths"][route.path_format][method.lower()]["responses"]
+                    answers[str(route.status_code)]["headers"] = {"Location": _LOCATION}
 
 
 def _describe_members(schema: Json) -> None:

@@ -39,6 +39,10 @@ _CLIENT_LEFT = 499
 log = logging.getLogger(__name__)
 
 
+class _HeadSentError(Exception):
+    """A HEAD has its answer: whatever would produce the content is left."""
+
+
 class Envelope:
     """Pure ASGI middleware, so that streams pass untouched; one for all of this, because each costs every request.
 
@@ -62,6 +66,9 @@ class Envelope:
         began = time.perf_counter()
         request_id = request_ids.bind(scope["headers"])
         status, is_no_problem = _CLIENT_LEFT, False
+        # HEAD is answered as GET is, without the content: no route knows of it.
+        is_head = scope["method"] == "HEAD"
+        inner = {**scope, "method": "GET"} if is_head else scope
 
         async def send_on(message: Message) -> None:
             nonlocal status, is_no_problem
@@ -70,19 +77,24 @@ class Envelope:
                 # The framework refuses a body of too many bytes with plain text.
                 is_no_problem = status == 413 and _PROBLEM not in headers
                 message["headers"] = self._with_ours(scope["path"], headers, request_id)
+            elif is_head:
+                await send({"type": "http.response.body"})
+                raise _HeadSentError
             if not is_no_problem:
                 await send(message)
 
         with self._figures.in_flight.track_inprogress():
             try:
-                await self._app(scope, receive, send_on)
+                await self._app(inner, receive, send_on)
                 if is_no_problem:
                     await too_large().response()(scope, receive, send_on)
+            except _HeadSentError:
+                pass
             except Exception:
                 status = 500
                 raise
             finally:
-                self._note(scope, status, time.perf_counter() - began)
+                self._note({**inner, "method": scope["method"]}, status, time.perf_counter() - began)
 
     def _with_ours(
         self, path: str, headers: Sequence[tuple[bytes, bytes]], request_id: str

@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 
 from service.platform.db.people import IdempotencyKey
 from service.platform.http.problems import Problem
+from service.platform.http.router import with_location
 
 
 class Repeated(Exception):  # noqa: N818 - an answer, not an error
@@ -100,4 +101,5 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(Repeated)
     async def on_repeated(request: Request, found: Repeated) -> Response:
-        return JSONResponse(found.body, status_code=found.status, headers={"Idempotency-Replayed": "true"})
+        answer = JSONResponse(found.body, status_code=found.status, headers={"Idempotency-Replayed": "true"})
+        return with_location(request, answer)

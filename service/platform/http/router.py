@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import functools
 import inspect
+import json
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from typing import Any, Literal
+from urllib.parse import quote
 from uuid import UUID
 
 from fastapi import APIRouter, Request, Response
@@ -24,7 +26,18 @@ from service.platform.http.bodies import DEFAULT
 from service.platform.http.problems import check_query
 from service.platform.http.threads import Lane, Threads
 
+CREATED = frozenset((201, 202))
 _READS = frozenset(("GET", "HEAD"))
+_STEPS = frozenset(("cancel", "complete", "retry"))
+"""Last words of addresses that change the thing before them."""
+_LISTED = "/v1/vehicles/{vehicle_id}/cameras/{camera}/publications"
+_LOCATIONS = {
+    "invitations": "/v1/fleets/{id}/members",
+    "publication": _LISTED,
+    "selections": "/v1/correspondence-sets/{new_id}",
+    "withdrawal": _LISTED,
+}
+"""Where what was made is read, if its address ends otherwise than the request's. An invited person is a member."""
 _VERBS = {"GET": "get", "POST": "create", "PATCH": "update", "PUT": "put", "DELETE": "delete"}
 
 
@@ -54,7 +67,7 @@ class Route(APIRoute):
 
         async def checked(request: Request) -> Response:
             check_query(request.query_params, known)
-            return await handler(request)
+            return with_location(request, await handler(request))
 
         return checked
 
@@ -106,6 +119,22 @@ class Route(APIRoute):
         made = Response(content, status, media_type="application/json" if content is not None else None)
         made.headers.raw.extend(injected.headers.raw)
         return made
+
+
+def location_of(path: str) -> str:
+    """The address at which what a POST to this one makes, or sets to work, is read. ``{new_id}`` is the answer's."""
+    parent, _, last = path.rpartition("/")
+    return _LOCATIONS.get(last) or (parent if last in _STEPS else f"/v1/{last}/{{new_id}}")
+
+
+def with_location(request: Request, answer: Response) -> Response:
+    """The answer, with the address of what it made or set to work (201, 202)."""
+    if answer.status_code in CREATED:
+        document = json.loads(bytes(answer.body))
+        parts = {"vehicle_id": document.get("vehicle_id"), "camera": document.get("camera"), **request.path_params}
+        path = location_of(request.scope["route"].path_format).format(**parts, new_id=document.get("id"))
+        answer.headers["Location"] = quote(request.scope.get("root_path", "") + path)
+    return answer
 
 
 def _name_of(kind: type, signature: inspect.Signature) -> str:
