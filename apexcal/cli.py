@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -37,6 +37,7 @@ COMMANDS = {
     "simulate": Command("programs", "Write a simulated recording with its ground truth.", "worker"),
     "invite": Command("people", "Make a one-time sign-in link for a person."),
     "token": Command("people", "Make an API token for a program."),
+    "ls": Command("listing", "List vehicles with their state, recordings or calibrations."),
     "solve": Command("solve", "Calibrate a camera from a recording in one command."),
     "rig": Command("rig", "Describe a vehicle's LiDAR and cameras to the service."),
     "inspect": Command("inspection", "Say what a recording holds and lacks, before any upload.", "worker"),
@@ -101,8 +102,18 @@ class _Commands(TyperGroup):
 app = typer.Typer(cls=_Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        typer.echo(f"apexcal {importlib.import_module('importlib.metadata').version('apexcal')}")
+        raise typer.Exit
+
+
 @app.callback()
-def apexcal() -> None:
+def apexcal(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
     """LiDAR-to-camera calibration as a service: run it, and work with it.
 
     The service is found by --url and --token, by APEXCAL_URL and APEXCAL_TOKEN, or, without either, in the data

@@ -1,0 +1,55 @@
+"""`apexcal ls` and `apexcal --version`, against a service."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+
+import pytest
+from typer.testing import CliRunner
+
+from apexcal.cli import app
+from apexcal.client import Client
+from tests.apexcal.conftest import Embedded
+from tests.faults.jobs import LEVEL_RIG, pairs
+
+
+@pytest.fixture(scope="module")
+def fleet(embedded: Embedded) -> str:
+    """Two vehicles, of which one has a rig and a calibration."""
+    with Client(embedded.url, embedded.token) as client:
+        fleet = client.fleets.create("Listing")
+        client.vehicles.create(fleet.id, "Bus 10")
+        vehicle = client.vehicles.create(fleet.id, "Bus 2")
+        rig = client.vehicles.create_rig(vehicle.id, LEVEL_RIG)
+        of = client.correspondence_sets.import_pairs(rig.id, "front", pairs(200)).id
+        calibration = client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=0)
+        client.wait(calibration, timeout_s=120)
+    return fleet.name
+
+
+def ls(embedded: Embedded, *words: str) -> str:
+    ran = CliRunner().invoke(app, ["ls", *words, "--url", embedded.url, "--token", embedded.token])
+    assert ran.exit_code == 0, ran.stderr
+    return ran.stdout
+
+
+def test_vehicles_with_their_state(embedded: Embedded, fleet: str):
+    assert ls(embedded, "--fleet", fleet).index("Bus 2") < ls(embedded, "--fleet", fleet).index("Bus 10")
+    cameras = json.loads(ls(embedded, "vehicles", "--fleet", fleet, "--json"))
+    assert [(each["vehicle"], each["state"], each["waits_for"]) for each in cameras] == [
+        ("Bus 2", "none", "look"),
+        ("Bus 10", "none", "rig"),
+    ]
+    assert "Bus 10" not in ls(embedded, "vehicles", "bus 2", "--fleet", fleet)
+    assert ls(embedded, "vehicles", "--fleet", fleet, "--state", "withdrawn").strip() == "None."
+
+
+def test_calibrations_and_recordings(embedded: Embedded, fleet: str):
+    (calibration,) = json.loads(ls(embedded, "calibrations", "Bus 2", "--fleet", fleet, "--json"))
+    assert calibration["state"] == "done" and "front: " in ls(embedded, "calibrations", "Bus 2", "--fleet", fleet)
+    assert ls(embedded, "recordings", "--fleet", fleet).strip() == "None."
+
+
+def test_the_version_is_that_of_the_package():
+    assert CliRunner().invoke(app, ["--version"]).stdout.strip() == f"apexcal {version('apexcal')}"
