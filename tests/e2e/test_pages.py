@@ -11,6 +11,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from tests.e2e.conftest import Track
+from tests.e2e.looks import assert_looks
 from tests.support.processes import wait_until
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
 
@@ -172,3 +173,37 @@ def test_a_page_that_was_refused_its_stream_of_hints_asks_again(sign_in: SignIn,
     assert len(refused) == 3
     track.owner.vehicles.create(track.fleet_id, "Van 9")
     expect(page.get_by_role("link", name="Van 9")).to_be_visible()
+
+
+def test_a_fleet_at_a_glance(sign_in: SignIn, track: Track) -> None:
+    lorries = [track.owner.vehicles.create(track.fleet_id, f"Lorry {number}") for number in (10, 2, 1)]
+    camera = track.owner.vehicles.rig(track.rig_id).cameras[0].model_dump(mode="json")
+    lidar = {"frame": "velodyne", "topic": None}
+    track.owner.vehicles.create_rig(lorries[1].id, {"name": "roof", "lidar": lidar, "cameras": [camera]})
+    page = sign_in("Gita", "viewer")
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
+    cameras = page.get_by_role("region", name="Cameras of the fleet")
+    rows = cameras.locator("tbody tr")
+    expect(cameras.get_by_role("link", name="Van 7")).to_be_visible()
+    cameras.get_by_role("searchbox").fill("lorry")
+    expect(rows).to_have_text(
+        [re.compile(words) for words in (r"Lorry 1\b.*rig$", r"Lorry 2 front.*recording$", "Lorry 10")]
+    )
+    tiles = page.get_by_role("navigation", name="Cameras by state")
+    expect(tiles.get_by_role("link")).to_have_text([re.compile("All 3"), re.compile(r"○\s*3\s*none")])
+    # By keys: the state, then the order. The address keeps all three.
+    tiles.get_by_role("link", name="3 none").press("Enter")
+    expect(tiles.get_by_role("link", name="3 none")).to_have_attribute("aria-current", "page")
+    cameras.get_by_role("link", name="Vehicle", exact=True).press("Enter")
+    expect(rows.first).to_contain_text("Lorry 10")
+    page.reload()
+    expect(rows.first).to_contain_text("Lorry 10")
+    expect(cameras.get_by_role("columnheader", name="Vehicle")).to_have_attribute("aria-sort", "descending")
+    expect(cameras.get_by_role("searchbox")).to_have_value("lorry")
+    assert page.url.partition("?")[2] == "name=lorry&state=none&order=-vehicle"
+    table = page.request.get(f"{track.url}{cameras.get_by_role('link', name='Download CSV').get_attribute('href')}")
+    assert [line.split(",")[1] for line in table.text().splitlines()] == ["vehicle", "Lorry 10", "Lorry 2", "Lorry 1"]
+    assert_looks(page)
+    for lorry in lorries:
+        track.owner.vehicles.delete(lorry.id)
+    expect(cameras).to_contain_text("No camera matches.")

@@ -5,10 +5,11 @@ import type { Hint } from "./hints.ts";
 /** What changes with a thing, beside the thing itself, what lies below it and the listings of such things. */
 const ALSO: Record<string, readonly string[]> = {
   analysis: ["analyses", "crops"],
-  calibration: ["calibration", "publications", "drift"],
+  calibration: ["calibration", "publications", "drift", "health"],
   detection: ["correspondence-sets"],
   marking: ["progress"],
-  recording: ["progress"],
+  recording: ["progress", "health"],
+  vehicle: ["health"],
 };
 
 /** Whether what was read at `address`, segment by segment, may be another since the hint. */

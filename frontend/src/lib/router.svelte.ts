@@ -3,7 +3,7 @@
 import { tick } from "svelte";
 
 export type Route =
-  | { page: "home"; fleet: string | null }
+  | { page: "home"; fleet: string | null; cameras: CameraFilter }
   | { page: "sign-in" }
   | { page: "vehicle"; id: string }
   | { page: "recording"; id: string; step: string | null }
@@ -14,10 +14,28 @@ export type Route =
   | { page: "fleet-request"; id: string; state: string | null }
   | { page: "unknown" };
 
+/** Which cameras the fleet's page shows, and in which order; empty texts are the usual. */
+export interface CameraFilter {
+  name: string;
+  state: string;
+  order: string;
+}
+
+export function healthPath(fleet: string, filter: CameraFilter): string {
+  const texts = Object.entries<string>({ ...filter }).filter(([, text]) => text !== "");
+  const query = texts.map(([name, text]) => `${name}=${encodeURIComponent(text)}`).join("&");
+  return `/fleets/${fleet}${query && `?${query}`}`;
+}
+
+function filterOf({ searchParams }: URL): CameraFilter {
+  const [name = "", state = "", order = ""] = ["name", "state", "order"].map((key) => searchParams.get(key) ?? "");
+  return { name, state, order };
+}
+
 export function routeOf(url: URL): Route {
   const [first, second, third, ...rest] = url.pathname.split("/").filter(Boolean).map(decodeURIComponent);
   if (rest.length > 0) return { page: "unknown" };
-  if (first === undefined) return { page: "home", fleet: null };
+  if (first === undefined) return { page: "home", fleet: null, cameras: filterOf(url) };
   if (first === "sign-in" && !second) return { page: "sign-in" };
   if (!second) return { page: "unknown" };
   const camera = url.searchParams.get("camera") ?? "";
@@ -28,7 +46,7 @@ export function routeOf(url: URL): Route {
   if (first === "detections" && third === "crops") return { page: "crops", detection: second, camera };
   if (first === "fleets" && third === "requests") return { page: "fleet-requests", fleet: second };
   if (third) return { page: "unknown" };
-  if (first === "fleets") return { page: "home", fleet: second };
+  if (first === "fleets") return { page: "home", fleet: second, cameras: filterOf(url) };
   if (first === "vehicles") return { page: "vehicle", id: second };
   if (first === "recordings") return { page: "recording", id: second, step: url.searchParams.get("step") };
   if (first === "calibrations") return { page: "calibration", id: second, show: url.searchParams.get("show") };
@@ -45,7 +63,7 @@ interface Left {
 const RETURN_MS = 3000;
 
 class Router {
-  route = $state.raw<Route>({ page: "home", fleet: null });
+  route = $state.raw<Route>({ page: "unknown" });
 
   start(): void {
     history.scrollRestoration = "manual";

@@ -2,7 +2,17 @@
 
 import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import type { Fleet, PublicationPolicy, Rig, RigRequest, SensorSerials, Vehicle } from "./types.ts";
+import type {
+  CameraState,
+  Fleet,
+  FleetHealth,
+  HealthOrder,
+  PublicationPolicy,
+  Rig,
+  RigRequest,
+  SensorSerials,
+  Vehicle,
+} from "./types.ts";
 
 export const fleet = (id: string | undefined): Read<Fleet> => read("/v1/fleets/{id}", { id });
 
@@ -14,6 +24,13 @@ export const MOST_VEHICLES = 1000;
 
 export const vehicles = (fleetId: string | undefined): Read<Vehicle[]> =>
   readAll("/v1/fleets/{id}/vehicles", { id: fleetId }, {}, undefined, MOST_VEHICLES);
+
+/** A page of the fleet's cameras, a hundred of them. */
+export const health = (
+  id: string | undefined,
+  filter: { name?: string; state?: CameraState[]; order?: HealthOrder },
+  after: string | undefined,
+): Read<FleetHealth> => read("/v1/fleets/{id}/health", { id }, { ...filter, after });
 
 export const vehicle = (id: string | undefined): Read<Vehicle> => read("/v1/vehicles/{id}", { id });
 

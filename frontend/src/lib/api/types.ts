@@ -15,6 +15,11 @@ export type Work = Pick<Schemas["JobView"], "kind" | "progress" | "seconds_left"
 export type WorkerStanding = Schemas["WorkerStanding"];
 
 export type Fleet = Schemas["FleetOut"];
+export type FleetHealth = Schemas["FleetHealth"];
+export type CameraState = Schemas["CameraState"];
+export type HealthOrder = NonNullable<
+  NonNullable<paths["/v1/fleets/{id}/health"]["get"]["parameters"]["query"]>["order"]
+>;
 export type Vehicle = Schemas["VehicleOut"];
 export type Rig = Schemas["RigOut"];
 export type RigRequest = Schemas["NewRig"];

@@ -1,0 +1,52 @@
+/** The states of cameras as the fleet's page shows them: each by a shape, a word and a colour. */
+
+import type { CameraState, HealthOrder } from "./api/types.ts";
+import type { CameraFilter } from "./router.svelte.ts";
+
+interface Look {
+  shape: string;
+  word: string;
+  tone: "good" | "caution" | "bad" | "muted";
+}
+
+/** In the order of the tiles. */
+export const STATES: Record<CameraState, Look> = {
+  published: { shape: "●", word: "published", tone: "good" },
+  look: { shape: "▲", word: "to look at", tone: "caution" },
+  none: { shape: "○", word: "none", tone: "muted" },
+  withdrawn: { shape: "✕", word: "withdrawn", tone: "bad" },
+  sensor_swapped: { shape: "◆", word: "sensor swapped", tone: "bad" },
+  unknown: { shape: "?", word: "unknown", tone: "caution" },
+};
+
+/** What can be sorted by; the first click shows the largest error, the oldest and the gravest first. */
+export const COLUMNS: { name: string; order: HealthOrder; turned: HealthOrder; number?: true }[] = [
+  { name: "Vehicle", order: "vehicle", turned: "-vehicle" },
+  { name: "State", order: "state", turned: "-state" },
+  { name: "Error at 20 m", order: "-error_20m_mm", turned: "error_20m_mm", number: true },
+  { name: "Since", order: "published_at", turned: "-published_at" },
+  { name: "Last recording", order: "recorded_at", turned: "-recorded_at" },
+];
+
+/** The filter as the service takes it; what an address misspells is the usual. */
+export function asked({ name, state, order }: CameraFilter): {
+  name?: string;
+  state?: CameraState[];
+  order?: HealthOrder;
+} {
+  const orders = COLUMNS.flatMap((column) => [column.order, column.turned]);
+  const sorted = orders.find((one) => one === order);
+  return {
+    ...(name && { name }),
+    ...(state in STATES && { state: [state as CameraState] }),
+    ...(sorted && { order: sorted }),
+  };
+}
+
+/** "3 days", of what happened then. */
+export function age(iso: string | null | undefined, now = Date.now()): string {
+  if (!iso) return "–";
+  const hours = (now - Date.parse(iso)) / 3_600_000;
+  const [count, unit] = hours < 1 ? [hours * 60, "min"] : hours < 48 ? [hours, "h"] : [hours / 24, "days"];
+  return `${Math.max(Math.floor(count), 0)} ${unit}`;
+}
