@@ -61,7 +61,7 @@ def test_two_clicks_lead_from_a_bag_to_its_first_mark(
     expect(card).not_to_contain_text("Assumed")
     assert_looks(page)
     card.get_by_role("button", name="Confirm, and find the board").click()
-    mark = page.get_by_role("link", name="Mark in front")
+    mark = page.get_by_role("link", name="Mark frames of front")
     expect(mark).to_be_visible(timeout=200_000)
     assert_looks(page)
     mark.click()
