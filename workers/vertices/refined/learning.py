@@ -88,7 +88,8 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     default = BoardModel(model.grid)
     as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
     open_size = learn_board(planes, as_seen, (0.0, 0.0), growth_mrad)
-    open_size = replace(open_size, shown=_shown(planes, open_size, (0.0, 0.0)))
+    # What shows a board of the stated size is a board, also if it is no wider than a person.
+    open_size = replace(open_size, shown=learned.shown or _shown(planes, open_size, (0.0, 0.0)))
     size = _size_facts(planes, open_size, edges, growth_mrad)
     # Doors and cars are no boards of another size.
     if (
