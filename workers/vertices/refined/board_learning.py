@@ -243,8 +243,7 @@ def _fit_edges(
         unusual = (x[2] - np.mean(GROWTH_RAD)) / (GROWTH_RAD[1] - GROWTH_RAD[0])
         return evidence(planes, modelled(x)) - 2.0 * float(unusual) ** 2
 
-    state = np.array([*model.edges, model.growth])
-    state -= towards[:, 2] * np.array([1.0, 1.0, 0.0]) * model.growth
+    state: Floats = np.linalg.inv(towards) @ np.array([*model.edges, model.growth])
     axes = [*free, *([2] if is_growth_open else [])]
     state, inverse, highest = climb(explains, state, axes, step * np.array([0.02, 0.02, 1.0e-3]))
     first, other, growth = (towards @ state).tolist()
