@@ -77,7 +77,7 @@ def _poses(drawn: DrawnScene, random: np.random.Generator) -> tuple[list[Sweep],
     rings: list[int] = []
     for start_s in random.uniform(0.0, _WALK_S - 1.0, _POSES).tolist():
         sweep, surface = lidar.labelled_sweep(len(sweeps), start_s, 0)
-        looked_s, apex = start_s, np.zeros(3)
+        looked_s = start_s
         for _ in range(4):  # the apex moves while the sensor turns towards it
             apex = lidar.in_sensor_frame(walk.poses(np.array([looked_s])).apex)[0]
             looked_s = start_s + float(lidar.scan_seconds(np.arctan2(apex[1], apex[0])))

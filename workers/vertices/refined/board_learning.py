@@ -56,7 +56,7 @@ def learn_board(
         if enough and all(edges):
             model = _learn_inset(solid[:_SOME], model)
         elif enough:
-            model = learn_blur(solid[:_SOME], model)
+            model = _learn_blur(solid[:_SOME], model)
         if enough:
             model = _learn_wrong(solid[:_SOME], model)
         # Growth and roll are told by the same edges, so each is learned again with the other.
@@ -123,7 +123,7 @@ def _first_growth(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     return max(tried, key=lambda candidate: evidence(planes[:_FIRST], candidate))
 
 
-def learn_blur(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
+def _learn_blur(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """How gradually the hits end at an edge: what explains the near sweeps best."""
     widths = [replace(model, soft=math.radians(width)) for width in SOFT_DEG]
     return max(widths, key=lambda tried: evidence(planes, tried))
@@ -243,7 +243,7 @@ def _fit_edges(
         unusual = (x[2] - np.mean(GROWTH_RAD)) / (GROWTH_RAD[1] - GROWTH_RAD[0])
         return evidence(planes, modelled(x)) - 2.0 * float(unusual) ** 2
 
-    state: Floats = np.linalg.inv(towards) @ np.array([*model.edges, model.growth])
+    state = np.linalg.solve(towards, np.array([*model.edges, model.growth]))
     axes = [*free, *([2] if is_growth_open else [])]
     state, inverse, highest = climb(explains, state, axes, step * np.array([0.02, 0.02, 1.0e-3]))
     first, other, growth = (towards @ state).tolist()

@@ -14,14 +14,7 @@ import numpy as np
 from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.board_learning import (
-    estimate_size,
-    evidence,
-    learn_blur,
-    learn_board,
-    no_taller,
-    some_edges,
-)
+from workers.vertices.refined.board_learning import estimate_size, evidence, learn_board, no_taller, some_edges
 from workers.vertices.refined.board_model import TRUNK_M, BoardModel, Plane, Sighting, any_roll
 from workers.vertices.refined.growth import BEAM_SIGMA_RAD
 from workers.vertices.refined.plane_learning import (
@@ -109,13 +102,8 @@ def _size_facts(
     solid = [plane for plane in planes if plane.telling]
     if all(edges) and len(solid) < ENOUGH:
         return None
-    is_growth_open = growth_mrad < 0.0
-    if not all(edges):
-        return estimate_size(planes, model, edges, is_growth_open).facts(edges)
-    # A wrong size widens the step at the edges, and a wide step would excuse that size: it is learned without.
-    size = estimate_size(solid, model, (0.0, 0.0), is_growth_open)
-    model = learn_blur(solid, replace(model, edges=size.edges, growth=size.growth, slack=0.0))
-    return estimate_size(solid, model, (0.0, 0.0), is_growth_open).facts(edges)
+    open_edges = (0.0, 0.0) if all(edges) else edges
+    return estimate_size(solid if all(edges) else planes, model, open_edges, growth_mrad < 0.0).facts(edges)
 
 
 def _planes(windows: Sequence[RangeImage], model: BoardModel) -> list[Plane]:

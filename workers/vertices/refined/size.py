@@ -81,7 +81,7 @@ class SizeEstimate:
         (short, sigma), (long, other) = sorted(
             zip(self.edges, np.sqrt(np.diag(self.covariance)).tolist(), strict=True)
         )
-        contradicts = all(stated) and min(self._chi2(stated), self._chi2((stated[1], stated[0]))) > _CONTRADICTS
+        contradicts = all(stated) and min(self._chi2(stated), self._chi2(stated[::-1])) > _CONTRADICTS
         return SizeFacts((short, long), (sigma, other), contradicts)
 
     def _chi2(self, stated: Edges) -> float:
