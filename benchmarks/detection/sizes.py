@@ -28,14 +28,13 @@ from workers.vertices.sweep_source import Listed
 
 _COUNTS: Final = (8, 16, 32)
 _POSES, _WALK_S, _POSE_NS = 36, 60.0, 5_000_000_000
-_CASES: Final = ("open", "right", "5 % wrong", "10 % wrong")
 _GROSS_M: Final = 0.1
 _FOUR_RINGS: Final = 4
 Floats = NDArray[np.float64]
 Row = tuple[str, int, int, bool, int, int, int, list[float], float, bool]
 
 
-def run(seed: int, counts: Sequence[int] = _COUNTS, cases: Sequence[str] = _CASES) -> list[Row]:
+def run(seed: int, counts: Sequence[int] = _COUNTS) -> list[Row]:
     """Rows of case, seed, poses, whether four rings meet eight boards, boards, vertices, gross ones, errors (m),
     deviations of the size, and whether the stated size is contradicted."""
     drawn = draw(seed)
@@ -49,8 +48,7 @@ def run(seed: int, counts: Sequence[int] = _COUNTS, cases: Sequence[str] = _CASE
         enough = int(np.count_nonzero(rings[chosen] >= _FOUR_RINGS)) >= min(_COUNTS)
         factors = {"open": 0.0, "right": 1.0}
         factors |= {f"{percent} % wrong": 1.0 + 0.01 * percent * random.choice([-1.0, 1.0]) for percent in (5, 10)}
-        for case in cases:
-            factor = factors[case]
+        for case, factor in factors.items():
             width, height = (factor * edges).tolist()
             stated = {"board_width_m": width, "board_height_m": height}
             answer = detect_range(poses, region, "refined", stated, indices=range(len(chosen)))
