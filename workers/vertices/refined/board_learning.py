@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workers.vertices.refined.board import inside_of, locate, weigh
-from workers.vertices.refined.board_model import BEAM_M, EDGE_M, BoardModel, Floats, Plane, any_roll
+from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, any_roll
 from workers.vertices.refined.growth import (
     BEAM_SIGMA_RAD,
     GROWTH_RAD,
     SOFT_DEG,
     any_growth,
+    likely_growth,
     usual_steps,
 )
 from workers.vertices.refined.holding import learn_roll
 from workers.vertices.refined.plane_learning import ENOUGH
 from workers.vertices.refined.rays import WRONG
-from workers.vertices.refined.size import LEAST_GROWTH_RAD, SizeEstimate, climb
 
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
-_FIRST, _SOME, _STARTS = 5, 10, 6
-_LEAST_M = 0.1
-_LAST_STEP = 0.4
+_FIRST, _SOME = 5, 10
 _HOPELESS = -300.0
 _WIDE_ROLL = math.radians(12.0)  # the grid reaches 2.8 deviations: 34 degrees
 _GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
@@ -78,11 +75,9 @@ def no_taller(planes: Sequence[Plane], edges: tuple[float, float]) -> Sequence[P
 
 
 def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> BoardModel:
-    """Return the model with the edges that explain all boards best, of the optima near the table's best lengths."""
-    ranked = sorted(_table(model, edges), key=lambda candidate: -evidence(planes, candidate))
-    starts = [replace(candidate, slack=0.0) for candidate in ranked[:_STARTS]]
-    optima = [_fit_edges(planes, start, edges, False, 1.0) for start in starts]
-    return replace(model, edges=max(optima, key=lambda optimum: optimum.evidence).edges, slack=0.0)
+    """Of a coarse table of lengths those that explain the best seen boards best."""
+    best = max(_table(model, edges), key=lambda candidate: evidence(planes[:_FIRST], candidate))
+    return replace(best, slack=0.0)
 
 
 def _table(model: BoardModel, edges: tuple[float, float]) -> list[BoardModel]:
@@ -212,79 +207,66 @@ def evidence(planes: Sequence[Plane], model: BoardModel) -> float:
     return learn_roll(grids, any_roll(model.edges)).evidence + _HOPELESS * max(-few, 0)
 
 
-class Optimum(NamedTuple):
-    """Edges (m) and growth (rad) that explain boards best; their covariance (3, 3) from the rays; the evidence."""
-
-    edges: tuple[float, float]
-    growth: float
-    covariance: Floats
-    evidence: float
-
-
-def _fit_edges(
-    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], is_growth_open: bool, step: float
-) -> Optimum:
-    """Return the optimum over whatever is open of edge lengths and growth, all together.
-
-    A growth makes a board larger by twice the growth times its distance; so the lengths are varied as they appear at
-    the planes' mean distance, which hardly depends on the growth. With the lengths open, only boards at several
-    distances tell the growth.
-    """
-    towards = np.eye(3)
-    free = [index for index in (0, 1) if not all(edges) and model.edges[index] not in edges]
-    towards[free, 2] = -2.0 * mean_reach(planes)
-
-    def modelled(x: Floats) -> BoardModel:
-        first, other, growth = (towards @ x).tolist()
-        return replace(model, edges=(max(first, _LEAST_M), max(other, _LEAST_M)), growth=growth, slack=0.0)
-
-    def explains(x: Floats) -> float:
-        # A growth is even over `GROWTH_RAD`; a normal prior as wide keeps it there where no board tells it.
-        unusual = (x[2] - np.mean(GROWTH_RAD)) / (GROWTH_RAD[1] - GROWTH_RAD[0])
-        return evidence(planes, modelled(x)) - 2.0 * float(unusual) ** 2
-
-    state = np.linalg.solve(towards, np.array([*model.edges, model.growth]))
-    axes = [*free, *([2] if is_growth_open else [])]
-    state, inverse, highest = climb(explains, state, axes, step * np.array([0.02, 0.02, 1.0e-3]))
-    first, other, growth = (towards @ state).tolist()
-    return Optimum((first, other), growth, towards @ inverse @ towards.T, highest)
-
-
-def estimate_size(
-    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], is_growth_open: bool
-) -> SizeEstimate:
-    """Return the estimate of the board's open edges from all boards, starting from the model's."""
-    optimum = _fit_edges(planes, model, edges, is_growth_open, _LAST_STEP)
-    free = np.array([*(optimum.covariance[k, k] > 0.0 for k in (0, 1)), is_growth_open])
-    # The cut and the place where beams answer are the same on all boards.
-    covariance = optimum.covariance + np.diag([EDGE_M**2 + BEAM_M**2, EDGE_M**2 + BEAM_M**2, LEAST_GROWTH_RAD**2])
-    if is_growth_open:
-        # Each board's edges are off by `EDGE_M`, so boards tell the growth by their lever only.
-        lever = max(float(np.std([np.median(plane.reach) for plane in planes])) * math.sqrt(len(planes)), 1e-3)
-        towards = np.array([-2.0 * mean_reach(planes), -2.0 * mean_reach(planes), 1.0]) * free
-        covariance += (EDGE_M / lever) ** 2 * np.outer(towards, towards)
-    return SizeEstimate.over_growth(optimum.edges, optimum.growth, covariance, model.soft)
-
-
 def _refine(
     planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float, step: float,
     widths: Floats,
 ) -> BoardModel:  # fmt: skip
-    """Return the model with whatever is open of edge lengths and growth as the near sweeps tell it."""
-    is_growth_open = growth_mrad < 0.0
-    if not all(edges):
-        size = estimate_size(planes, model, edges, is_growth_open)
-        if is_growth_open:
-            model = replace(model, growth=size.growth, growth_sigma=size.growth_sigma)
-        return replace(model, edges=size.edges, slack=size.slack)
-    if not is_growth_open:
-        return model
-    optimum = _fit_edges(planes, model, edges, is_growth_open, step)
-    sigma = math.hypot(math.sqrt(optimum.covariance[2, 2]), EDGE_M / (mean_reach(planes) * math.sqrt(len(planes))))
-    growth, sigma = any_growth(optimum.growth, sigma, widths)
-    return replace(model, growth=growth, growth_sigma=sigma)
+    """Whatever is open of edge lengths and growth, by the evidence of the near sweeps, one after the other.
+
+    A growth makes a board larger by twice the growth times its distance; so the lengths are varied as they appear at
+    the planes' mean distance, which hardly depends on the growth. With the lengths open, only boards at several
+    distances tell the growth, and each of them no better than to `EDGE_M`.
+    """
+    reach = mean_reach(planes)
+    free = [index for index in (0, 1) if not all(edges) and model.edges[index] not in edges]
+    state = np.array([*model.edges, model.growth])
+    state[free] += 2.0 * reach * state[2]
+
+    def modelled(x: Floats) -> BoardModel:
+        lengths = [float(x[i] - 2.0 * reach * x[2] * (i in free)) for i in (0, 1)]
+        return replace(model, edges=(lengths[0], lengths[1]), growth=float(x[2]))
+
+    def explains(x: Floats) -> float:
+        return evidence(planes, modelled(x))
+
+    open_growth = growth_mrad < 0.0
+    sigmas = np.zeros(3)
+    steps = [0.02, 0.02, 0.5e-3]
+    for index in [*free, *([2] if open_growth else [])]:
+        state, sigmas[index] = _climb(explains, state, index, steps[index] * step)
+    if open_growth:
+        reaches = np.array([np.median(plane.reach) for plane in planes])
+        lever = float(np.std(reaches) if free else np.mean(reaches)) * math.sqrt(len(planes))
+        boards = state[2], math.hypot(sigmas[2], EDGE_M / max(lever, 1e-3))
+        state[2], sigmas[2] = likely_growth(*boards, model.soft) if free else any_growth(*boards, widths)
+    slack = 2.0 * float(max([sigmas[index] for index in free], default=0.0))
+    return replace(modelled(state), slack=slack, growth_sigma=float(sigmas[2]))
 
 
 def mean_reach(planes: Sequence[Plane]) -> float:
     """Metres, mean distance of planes."""
     return float(np.mean([np.median(plane.reach) for plane in planes]))
+
+
+def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float) -> tuple[Floats, float]:
+    """Along one coordinate in even steps to the highest value, then to the parabola's top; with its width."""
+
+    def along(k: int) -> float:
+        x = at.copy()
+        x[index] += k * step
+        return value(x)
+
+    values: dict[int, float] = {k: along(k) for k in (-1, 0, 1)}
+    for _ in range(8):
+        top = max(values, key=values.__getitem__)
+        missing = [k for k in (top - 1, top + 1) if k not in values]
+        if not missing:
+            break
+        values |= {k: along(k) for k in missing}
+    top = max(values, key=values.__getitem__)
+    moved = at.copy()
+    before, after = values.get(top - 1), values.get(top + 1)
+    bend = 2.0 * values[top] - before - after if before is not None and after is not None else 0.0
+    shift = 0.5 * (after - before) / bend if bend > 0.0 and before is not None and after is not None else 0.0
+    moved[index] += (top + min(max(shift, -0.5), 0.5)) * step
+    return moved, step / math.sqrt(bend) if bend > 1e-9 else step

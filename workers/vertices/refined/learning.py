@@ -14,7 +14,7 @@ import numpy as np
 from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.board_learning import estimate_size, evidence, learn_board, no_taller, some_edges
+from workers.vertices.refined.board_learning import evidence, learn_board, mean_reach, no_taller, some_edges
 from workers.vertices.refined.board_model import TRUNK_M, BoardModel, Plane, Sighting, any_roll
 from workers.vertices.refined.growth import BEAM_SIGMA_RAD
 from workers.vertices.refined.plane_learning import (
@@ -25,13 +25,12 @@ from workers.vertices.refined.plane_learning import (
     best_sightings,
     learn_planes,
 )
-from workers.vertices.refined.size import growth_spread
+from workers.vertices.refined.size import doubtful, growth_spread, other_size
 from workers.vertices.refined.track import trustworthy
 from workers.vertices.refined.upright import likelier_than_upright
 from workers.vertices.refined.window import RangeImage
 from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, SweepSource
-from workers.vertices.vertex import SizeFacts
 
 _GRID_SWEEPS = 24
 _SWEEPS = 96
@@ -73,37 +72,18 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     growth_mrad = float(options["edge_growth_mrad"])
     learned = learn_board(planes, model, edges, growth_mrad)
     learned = replace(learned, shown=_shown(planes, learned, edges))
-    if len(planes) < ENOUGH:
+    if len(planes) < ENOUGH or not all(edges) or not doubtful(planes, learned, mean_reach(planes)):
         return learned
-    size = _size_facts(planes, learned, edges, growth_mrad)
-    if size is None or not size.contradicts:
-        return replace(learned, size=size if learned.shown else None)
     default = BoardModel(model.grid)
     as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
     open_size = learn_board(planes, as_seen, (0.0, 0.0), growth_mrad)
-    # What shows a board of the stated size is a board, also if it is no wider than a person.
-    open_size = replace(open_size, shown=learned.shown or _shown(planes, open_size, (0.0, 0.0)))
-    size = _size_facts(planes, open_size, edges, growth_mrad)
+    open_size = replace(open_size, shown=_shown(planes, open_size, (0.0, 0.0)))
     # Doors and cars are no boards of another size.
-    if (
-        size is None
-        or not (open_size.shown and size.contradicts)
-        or _likelihood(planes, open_size) < _likelihood(planes, learned)
-    ):
+    size = other_size(edges, open_size, mean_reach(planes)) if open_size.shown else None
+    if size is None or _likelihood(planes, open_size) < _likelihood(planes, learned):
         return learned
-    # Apexes that are measured with a wrong size are wrong by decimetres.
+    # Apexes that are found with a wrong size are wrong by decimetres.
     return replace(open_size, size=size)
-
-
-def _size_facts(
-    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float
-) -> SizeFacts | None:
-    """Return the board's size as its boards show it; None where some may be boards and a body."""
-    solid = [plane for plane in planes if plane.telling]
-    if all(edges) and len(solid) < ENOUGH:
-        return None
-    open_edges = (0.0, 0.0) if all(edges) else edges
-    return estimate_size(solid if all(edges) else planes, model, open_edges, growth_mrad < 0.0).facts(edges)
 
 
 def _planes(windows: Sequence[RangeImage], model: BoardModel) -> list[Plane]:
