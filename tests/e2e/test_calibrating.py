@@ -78,7 +78,13 @@ def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, st
     calibration.get_by_role("link").click()
     publish = page.get_by_role("button", name="Publish for the vehicle")
     expect(publish).not_to_have_class(re.compile("primary"))
-    expect(page.get_by_text("It should not be used as it is.")).to_be_visible()
+    verdict = page.get_by_text("It should not be used as it is.")
+    reason = page.get_by_text("The vertices all lie in one place").first
+    for width, height in ((390, 844), (1280, 800)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.evaluate("scrollTo(0, 0)")
+        for told in (verdict, reason):
+            expect(told).to_be_in_viewport()
     checks = track.owner.calibrations.result(done.summary.cameras["front"].models["pinhole"].result_id).checks
     page.get_by_text(f"All {len(checks)} checks").click()
     rows = page.get_by_role("table").filter(has_text="Finding").locator("tbody tr")
