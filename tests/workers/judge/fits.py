@@ -20,8 +20,7 @@ FOCAL_PX = 700.0
 def lens_of(model, seed=1):
     rng = np.random.default_rng((seed, 3))
     plain = [FOCAL_PX, 1.01 * FOCAL_PX, *(np.array(SIZE) / 2 + rng.normal(size=2) * 10)]
-    centred = [0.0] * (len(_names(model)) - 4 - len(DISTORTION[model]))
-    return np.array(plain + DISTORTION[model] + centred)
+    return np.array(plain + DISTORTION[model])
 
 
 def rig(lens="brown_conrady", seed=1, pairs=222, noise_px=1.0, *, model=None, edit=None, **request):
