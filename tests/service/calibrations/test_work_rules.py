@@ -73,7 +73,7 @@ def test_what_is_too_much_is_said_with_what_to_lower(api, ask, monkeypatch):
 
 def test_a_run_that_is_too_long_for_one_job_is_cut_whatever_is_asked(api, ask):
     with api.database.writing() as session:
-        session.execute(update(CorrespondenceSet).values(count=86_000))
+        session.execute(update(CorrespondenceSet).values(count=100_000))
     assert ask(models=["kannala_brandt"], folds=0, farm="runs").status_code == 202
     with api.database.reading() as session:
         run = session.scalars(select(CalibrationRun)).one()
