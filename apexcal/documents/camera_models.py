@@ -86,7 +86,7 @@ CAMERA_MODELS: Final[dict[ModelName, CameraModel]] = {
     # cv2.fisheye, some drivers write `fisheye` for it; and decentring, for which neither has a place.
     "kannala_brandt": CameraModel(
         (*FOCAL_AND_CENTRE, "k1", "k2", "k3", "k4", *DECENTRING),
-        Cost(244.0, 1.14, 600.0),
+        Cost(244.0, 0.98, 600.0),
         distortion=("k1", "k2", "k3", "k4"),
         tangential=DECENTRING,
         stated_as=("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4"),
