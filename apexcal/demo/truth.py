@@ -72,13 +72,6 @@ def project(intrinsics: dict[str, Any], points_camera: Floats) -> Floats:
     zero = np.zeros(3)
     if model.written_as is not None and model.written_as.is_cv2_fisheye:
         pixels = cv2.fisheye.projectPoints(points, zero, zero, K, D)[0].reshape(-1, 2)
-        # cv2 has no decentred fisheye: its terms add to the radial ones in the plane of theta.
-        beside = np.hypot(points[:, 0, 0], points[:, 0, 1])
-        theta = np.arctan2(beside, points[:, 0, 2]) / np.maximum(beside, 1e-12)
-        a, b = theta * points[:, 0, 0], theta * points[:, 0, 1]
-        p1, p2 = (float(intrinsics.get(name) or 0.0) for name in model.tangential)
-        pixels[:, 0] += f_x * (2.0 * p1 * a * b + p2 * (3.0 * a * a + b * b))
-        pixels[:, 1] += f_y * (p1 * (a * a + 3.0 * b * b) + 2.0 * p2 * a * b)
     else:
         pixels = cv2.projectPoints(points, zero, zero, K, D)[0].reshape(-1, 2)
         # cv2 leaves K[0, 1] out: u = f_x (a_d + skew b_d) + c_x.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import pi, radians
 from typing import Final, Literal, get_args
 
-from apexcal.documents.camera_models import DECENTRING, ModelName, SearchForm, parameter_names
+from apexcal.documents.camera_models import ModelName, SearchForm, parameter_names
 
 BoundsPreset = Literal["image-size", "paper-table-1"]
 BOUNDS_PRESETS: Final[tuple[BoundsPreset, ...]] = get_args(BoundsPreset)
@@ -23,15 +23,8 @@ _TABLE_1: Final[dict[str, Interval]] = {
     "gamma": (-0.3 * pi, 0.3 * pi),
     **dict.fromkeys(("t_x", "t_y", "t_z"), (-1.0, 1.0)),
     **dict.fromkeys(("f_x", "f_y", "c_x", "c_y"), (300.0, 900.0)),
-    # The paper's toolbox has no decentring.
-    **dict.fromkeys(DECENTRING, (0.0, 0.0)),
 }
-_LENS: Final[dict[str, Interval]] = {
-    "skew": SKEW_BOUNDS,
-    **{f"k{order}": (-1.0, 1.0) for order in range(1, 6)},
-    # Five deviations of the solver's prior.
-    **dict.fromkeys(DECENTRING, (-0.01, 0.01)),
-}
+_LENS: Final[dict[str, Interval]] = {"skew": SKEW_BOUNDS, **{f"k{order}": (-1.0, 1.0) for order in range(1, 6)}}
 
 
 def preset_bounds(

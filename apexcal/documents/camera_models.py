@@ -14,8 +14,6 @@ MODELS: Final[tuple[ModelName, ...]] = get_args(ModelName)
 SEARCH_FORMS: Final[tuple[SearchForm, ...]] = get_args(SearchForm)
 
 FOCAL_AND_CENTRE: Final = ("f_x", "f_y", "c_x", "c_y")
-DECENTRING: Final = ("p1", "p2")
-"""OpenCV's tangential terms, in models whose k1, k2 ... are all radial."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +51,8 @@ class CameraModel:
     """A camera model as the wire knows it.
 
     ``intrinsics`` are the parameters behind the six extrinsic ones, in order: f and c in pixels, the others without
-    unit. ``distortion`` are those of them that make up D, in OpenCV's order; ``tangential`` are those of a lens off
-    its axis. ``stated_as`` are the distortion models of sensor_msgs/CameraInfo, camera_calibration, Foxglove and
+    unit. ``distortion`` are those of them that make up D, in OpenCV's order; ``tangential`` those of D that are
+    tangential. ``stated_as`` are the distortion models of sensor_msgs/CameraInfo, camera_calibration, Foxglove and
     Kalibr that are this one, in small letters. ``written_as`` is how exports name it; None where other programs
     have no such model.
     """
@@ -83,12 +81,11 @@ CAMERA_MODELS: Final[dict[ModelName, CameraModel]] = {
         stated_as=("plumb_bob", "rational_polynomial", "radtan", "brown_conrady", "", "none"),
         written_as=_RADIAL_TANGENTIAL,
     ),
-    # cv2.fisheye, some drivers write `fisheye` for it; and decentring, for which neither has a place.
+    # cv2.fisheye; some drivers write `fisheye` for it.
     "kannala_brandt": CameraModel(
-        (*FOCAL_AND_CENTRE, "k1", "k2", "k3", "k4", *DECENTRING),
+        (*FOCAL_AND_CENTRE, "k1", "k2", "k3", "k4"),
         Cost(244.0, 0.98, 600.0),
         distortion=("k1", "k2", "k3", "k4"),
-        tangential=DECENTRING,
         stated_as=("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4"),
         written_as=WrittenAs("equidistant", "equidistant", "kannala_brandt", is_cv2_fisheye=True),
     ),

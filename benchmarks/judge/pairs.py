@@ -30,9 +30,7 @@ CLOCK_SIGMA_MS: Final = 1.5
 """What an estimated clock offset is good to (SPEC: 1.0 to 1.2 ms)."""
 
 
-def draw_pairs(
-    seed: int, lens: ModelName, decentring: float = 0.0, late_ms: float = 0.0, counts: tuple[int, int] = (200, 261)
-) -> Paired:
+def draw_pairs(seed: int, lens: ModelName, decentring: float = 0.0, late_ms: float = 0.0) -> Paired:
     """Draw a rig, its camera, a walk of two to three minutes, and 200 to 260 pairs of it.
 
     decentring: deviation of the tangential terms of a `brown_conrady` lens; late_ms: of the frames beyond what the
@@ -51,7 +49,7 @@ def draw_pairs(
     frames = rig.cameras[0].times_ns
     walked = Walked(rig, [])
     seen = np.flatnonzero(_inside(camera, camera.project(walked.poses(frames).apex)))
-    count = min(int(random.integers(*counts)), len(seen))
+    count = min(int(random.integers(200, 261)), len(seen))
     taken = seen[np.round(np.linspace(0, len(seen) - 1, count)).astype(np.int64)]
     off_ns = np.int64(round(1e6 * (late_ms + random.normal(0.0, CLOCK_SIGMA_MS))))
     stamps = frames[taken] + off_ns  # where the vertices are said to be at the frames' moments

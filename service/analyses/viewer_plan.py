@@ -75,13 +75,8 @@ def _camera(camera: CalibratedCamera, frame: str, clock_offset_ns: int) -> Json:
     size = {"width": camera.width, "height": camera.height}
     f_x, f_y, c_x, c_y = (float(camera.intrinsics[name]) for name in ("f_x", "f_y", "c_x", "c_y"))
     K = [f_x, 0.0, c_x, 0.0, f_y, c_y, 0.0, 0.0, 1.0]
-    # Viewers ignore a skew and a fisheye's decentring: recorded frames of such a lens carry no calibration.
-    # Undistorted ones have neither.
-    raw = (
-        None
-        if camera.skew or camera.is_decentred_fisheye
-        else size | {"distortion_model": camera.written_as.foxglove, "K": K, "D": camera.D}
-    )
+    # Viewers ignore a skew, so recorded frames of such a lens carry no calibration. Undistorted ones have none.
+    raw = None if camera.skew else size | {"distortion_model": camera.written_as.foxglove, "K": K, "D": camera.D}
     return {
         "name": camera.name,
         "frame_id": frame,

@@ -213,7 +213,7 @@ def _values(stated: Json, model: ModelName) -> dict[str, float] | None:
     values: dict[str, float] = {"f_x": f_x, "f_y": f_y, "c_x": c_x, "c_y": c_y, "skew": s / f_x, **coefficients}
     if s and "skew" not in INTRINSICS[model]:
         return None
-    return {name: float(values.get(name, 0.0)) for name in INTRINSICS[model]}
+    return {name: float(values[name]) for name in INTRINSICS[model]}
 
 
 def _sigma(name: str, value: float, stated: Json) -> float:

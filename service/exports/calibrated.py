@@ -57,16 +57,9 @@ class CalibratedCamera:
         return None if self.stated is None or self.stated.explains is False else self.stated
 
     def alone(self) -> CalibratedCamera:
-        """The camera for a format without lenses: the vehicle then projects through the stated lens, or loads the
-        result's, which no format has decentred if it is a fisheye's.
-        """
+        """The camera for a format without lenses: the vehicle then projects through the stated lens."""
         if (stated := self._stated) is None:
-            if not self.is_decentred_fisheye:
-                return self
-            # Imported here: it needs OpenCV.
-            from service.exports.dropped import centred
-
-            return centred(self).camera
+            return self
         T_camera_lidar = replace(from_document(stated.transform), to_frame=self.frame)
         model = parse_model(stated.intrinsics.model)
         return replace(self, model=model, intrinsics=stated.intrinsics.by_name(), T_camera_lidar=T_camera_lidar)
@@ -93,12 +86,6 @@ class CalibratedCamera:
     def D(self) -> list[float]:  # noqa: N802 - a vector
         """The distortion in OpenCV's order; k1 k2 p1 p2 k3, all 0, of a pinhole."""
         return [float(self.intrinsics[name]) for name in self._record.distortion] or [0.0] * 5
-
-    @property
-    def is_decentred_fisheye(self) -> bool:
-        """Whether the lens has the tangential terms that no other program's fisheye has."""
-        outside = set(self._record.tangential) - set(self._record.distortion)
-        return any(self.intrinsics.get(name) for name in outside)
 
     @property
     def lens(self) -> ModelName:

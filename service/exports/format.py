@@ -130,10 +130,6 @@ def _odd_frames(camera: CalibratedCamera) -> list[str]:
 
 def carried(target: Format, camera: CalibratedCamera) -> Dropped | None:
     """The camera as the format's readers see it, and what they leave out; None if they leave out nothing."""
-    if camera.is_decentred_fisheye:
-        from service.exports.dropped import centred
-
-        return centred(camera)
     terms = ["skew"] if camera.skew and not target.skew else []
     if camera.lens == "brown_conrady" and camera.lens not in target.lenses:
         terms += CAMERA_MODELS[camera.model].distortion
@@ -153,8 +149,6 @@ def _of_lens(target: Format, camera: CalibratedCamera) -> tuple[str, str] | None
         return f"{target.title} has no lens model for {camera.name}'s {camera.lens} distortion.", models
     if dropped is None or dropped.max_px <= MOST_DROPPED_PX:
         return None
-    if camera.is_decentred_fisheye:
-        return f"{lacking(target, camera)}: {dropped.sentence}.", "Calibrate with p1 and p2 locked at 0 (`locked`)."
     locks = ["skew"] if camera.skew and not target.skew else []
     locks += ["k5"] if _third_radial(camera) and not target.third_radial else []
     locked = f"Calibrate with {' and '.join(locks)} locked at 0 (`locked`)."
@@ -164,10 +158,6 @@ def _of_lens(target: Format, camera: CalibratedCamera) -> tuple[str, str] | None
 
 def lacking(target: Format, camera: CalibratedCamera) -> str:
     """What the format's readers leave out of the camera's lens."""
-    if camera.is_decentred_fisheye and camera.lens in target.lenses:
-        return (
-            f"{target.title} has no decentring (p1, p2) of a fisheye, so {camera.name} has an equal lens without it"
-        )
     if camera.lens not in target.lenses:
         return f"{target.title} leaves out the {camera.lens} distortion of {camera.name}"
     if camera.skew and not target.skew:

@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.camera_models import CAMERA_MODELS
 from apexcal.documents.precision import PersonBias, SharedErrors
 from apexcal.documents.results import Outlier
 from apexcal.geometry.rotations import vector_from_rotation
@@ -183,14 +182,15 @@ _LARGEST: Final = 0.2
 _AT_CORNER: Final = 0.3
 """One standard deviation of a term: this share of the radius at the image's corner, at most 0.2. Decision 0044
 has the measurement."""
-_DECENTRED: Final = 0.002
-"""One standard deviation of a tangential term. Published lenses have, as root mean squares, 0.0012 (KITTI's four
-cameras, Geiger et al. 2013), 0.0001 (EuRoC's two, Burri et al. 2016), 0.0034 (TUM RGB-D's two, Sturm et al. 2012)."""
+_DECENTRED: Final = 0.1
+"""Tangential terms are the first radial one of a lens off its axis by this share of the corner's radius
+(Conrady 1919)."""
 _RADIAL: Final = {
     "pinhole": {},
     "brown_conrady": {"k1": 1, "k2": 2, "k5": 3},
     "kannala_brandt": {"k1": 1, "k2": 2, "k3": 3, "k4": 4},
 }
+_TANGENTIAL: Final = {"brown_conrady": ("k3", "k4")}
 
 
 def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str, float]:
@@ -201,7 +201,8 @@ def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str
     """
     corner = 0.5 * problem.diagonal_px / float(np.sqrt(p[6] * p[7]))
     sigmas = {name: _radial(corner, order) for name, order in _RADIAL[problem.model].items()}
-    sigmas |= dict.fromkeys(CAMERA_MODELS[problem.model].tangential, _DECENTRED)
+    for name in _TANGENTIAL.get(problem.model, ()):
+        sigmas[name] = _DECENTRED * corner * _radial(corner, 1)
     std = dict(zip(spread.names, spread.std.tolist(), strict=True))
     open_names = [name for name in sigmas if name in problem.unstated and name in std]
     if not all(np.isfinite(deviation) for name, deviation in std.items() if name not in open_names):

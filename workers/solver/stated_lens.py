@@ -60,7 +60,7 @@ def under_stated_lens(problem: FitProblem, fitted: Estimate) -> StatedLensFit | 
         return None
     of_pairs = replace(problem, weights=fitted.holding.weights, loss=fitted.holding.loss, outliers="keep")
     model = parse_model(lens["model"])
-    locked = {name: float(lens.get(name, 0.0)) for name in INTRINSICS[model]}
+    locked = {name: float(lens[name]) for name in INTRINSICS[model]}
     mount = _fitted(of_pairs, model, fitted.held_at, locked, {name: (v, v) for name, v in locked.items()})
     p = mount.parameters
     return StatedLensFit(

@@ -158,7 +158,7 @@ def _stated_lens(session: Session, camera: Sensor) -> Lens | None:
     f_x, s, c_x, _, f_y, c_y = stated["K"][:6]
     values = {"f_x": f_x, "f_y": f_y, "c_x": c_x, "c_y": c_y, "skew": s / f_x}
     values |= dict(zip(CAMERA_MODELS[model].distortion, stated["D"], strict=True))
-    return Lens(model, np.array([values.get(name, 0.0) for name in INTRINSICS[model]], np.float64))
+    return Lens(model, np.array([values[name] for name in INTRINSICS[model]], np.float64))
 
 
 def _sight(vertex: Vertex, frame: VertexFrame, roll: float) -> Sight:

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from service.exports.calibrated import Calibrated
-from service.exports.dropped import centred
 from service.exports.formats import FORMATS, export
 from service.platform.http.problems import Problem
 from tests.service.exports.readers import READERS, files_of
-from tests.service.exports.rigs import HEIGHT, LENSES, ours, rig_of, seen, vehicle_mount
-from workers.geometry.projection import project
+from tests.service.exports.rigs import LENSES, ours, rig_of, seen, vehicle_mount
 
 LIMIT_PX = 1e-4
 CARRIED = [
@@ -68,37 +66,6 @@ def test_what_a_format_leaves_out_is_said_in_pixels(name, model, changed):
         off = np.linalg.norm(projection(seen(camera)) - ours(camera), axis=1)
         assert f"up to {off.max():.2g} px, in the median {np.median(off):.2g} px, where pairs lie" in note
         assert camera.name in note and off.max() > 0.02
-
-
-@pytest.mark.parametrize("name", ["ros2", "autoware", "opencv", "openlabel", "vcd"])
-def test_a_decentred_fisheye_is_written_as_an_equal_one_with_its_mount(name):
-    """As readers put the points of the pairs."""
-    calibrated = rig_of("kannala_brandt", 0, p1=1.2e-3, p2=1e-4)
-    middle = [np.abs(ours(one)[:, 1] - HEIGHT / 2) < 200.0 for one in calibrated.cameras]
-    cameras = [replace(one, marked=ours(one)[near]) for one, near in zip(calibrated.cameras, middle, strict=True)]
-    calibrated = replace(calibrated, cameras=cameras)
-    notes = [one for one in export(FORMATS[name], calibrated).notes if one.endswith("where pairs lie.")]
-    assert len(notes) == 3 and all("a mount turned by" in one for one in notes)
-    for camera, projection, near, note in zip(cameras, READERS[name](calibrated), middle, notes, strict=True):
-        off = np.linalg.norm(projection(seen(camera)) - ours(camera), axis=1)[near]
-        lens = {**camera.intrinsics, "p1": 0.0, "p2": 0.0}
-        without = project("kannala_brandt", lens, camera.T_camera_lidar.apply(seen(camera)))[0]
-        left_out = np.linalg.norm(without - ours(camera), axis=1)[near]
-        assert np.sqrt(np.mean(off**2)) < 0.6 * np.sqrt(np.mean(left_out**2))
-        assert f"up to {off.max():.2g} px" in note
-
-
-def test_a_mount_alone_goes_with_the_lens_that_formats_have_of_a_decentred_fisheye():
-    camera = rig_of("kannala_brandt", 0, p1=4e-4, p2=-3e-4).cameras[0]
-    alone, written = camera.alone(), centred(camera).camera
-    assert np.array_equal(alone.T_camera_lidar.matrix, written.T_camera_lidar.matrix)
-    assert not np.allclose(alone.T_camera_lidar.R, camera.T_camera_lidar.R, rtol=0.0, atol=1e-4)
-    assert np.allclose(alone.T_lidar_camera.t, camera.T_lidar_camera.t)
-
-
-def test_a_fisheye_too_far_off_its_axis_is_refused():
-    problem = refusal("opencv", rig_of("kannala_brandt", 0, p1=4e-3))
-    assert "p1, p2" in problem.detail and "px" in problem.detail and "locked at 0" in problem.hint
 
 
 @pytest.mark.parametrize("name", ["camera_info", "ros2", "autoware", "kitti", "kalibr", "opencv"])

@@ -26,7 +26,6 @@ LENSES: list[dict[str, Any]] = [
     {"model": "brown_conrady", **_FOCUS, "k1": -0.6, "k2": 0.05},
     {"model": "kannala_brandt", **_FOCUS},
     {"model": "kannala_brandt", **_FOCUS, "k1": 0.03, "k2": -0.02, "k3": 4e-3, "k4": -6e-4},
-    {"model": "kannala_brandt", **_FOCUS, "k1": -0.03, "k2": 0.01, "p1": 9e-4, "p2": -1.2e-3},
     {"model": "kannala_brandt", **_FOCUS, "k1": -0.12},
 ]
 # A camera that looks forward and a little down, beside the LiDAR.

@@ -11,7 +11,6 @@ import pytest
 from apexcal.documents.fit_requests import fit_request
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
 from apexcal.geometry.se3 import SE3, to_document
-from workers.geometry.models import INTRINSICS
 from workers.geometry.projection import project
 from workers.solver.polish import mean_and_rms, polish
 from workers.solver.problem import fit_problem
@@ -37,7 +36,6 @@ def simulated(model, seed, pairs=222, mount_deg=15.0, noise_px=1.0, **request):
     lens = np.array(
         [focal, focal * rng.uniform(0.98, 1.02), *(np.array(SIZE) / 2 + rng.normal(size=2) * 20)]
         + [term * rng.uniform(0.5, 1.5) for term in DISTORTION[model]]
-        + [0.0 for _ in INTRINSICS[model][4 + len(DISTORTION[model]) :]]
     )
     R = rotation_from_vector(np.radians(rng.uniform(-mount_deg, mount_deg, 3))) @ FORWARD_LIDAR_TO_OPTICAL
     t = rng.uniform(-0.5, 0.5, 3)

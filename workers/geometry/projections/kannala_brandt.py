@@ -1,7 +1,6 @@
-"""The equidistant fisheye, decentred: theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8).
+"""The equidistant fisheye: theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8).
 
-Kannala and Brandt 2006; cv2.fisheye.projectPoints. It sees beyond 90 degrees. Of a lens off its axis p1 and p2 add
-Brown's decentring terms of (a, b) = theta (x, y) / r: COLMAP's THIN_PRISM_FISHEYE without its thin prism.
+Kannala and Brandt 2006; cv2.fisheye.projectPoints. It sees beyond 90 degrees.
 """
 
 from math import cos, hypot, sin, sqrt
@@ -10,10 +9,9 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from workers.geometry.fold_radius import first_zero
+from workers.geometry.fold_radius import first_zero, grown_radius
 from workers.geometry.linear_cameras import radial_alignment_start
 from workers.geometry.polar_angle import polar_angle
-from workers.geometry.projections.decentring import bend_slopes, undistorted
 from workers.geometry.projections.record import FUSED, Floats, Projected, Projection, Scalar
 from workers.geometry.projections.single_precision import (
     VECTOR,
@@ -49,8 +47,6 @@ def kannala_brandt_point(
     k2: Scalar,
     k3: Scalar,
     k4: Scalar,
-    p1: Scalar,
-    p2: Scalar,
     fold_theta: Scalar,
 ) -> Projected:
     """One point's pixel and violation; `fold_theta` comes from `kannala_brandt_fold`, once per set of parameters."""
@@ -58,17 +54,12 @@ def kannala_brandt_point(
     r = sqrt(x * x + y * y)
     theta = polar_angle(r, z)
     t2 = theta * theta
-    grow = t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))
-    # On the axis theta / r is 1 / z, and there is nothing to scale.
-    scale = theta / max(r, tiny)
-    a = x * scale
-    b = y * scale
-    ab = a * b
-    a_d = a + a * grow + p1 * (ab + ab) + p2 * (t2 + a * a + a * a)
-    b_d = b + b * grow + p1 * (t2 + b * b + b * b) + p2 * (ab + ab)
+    theta_d = theta + theta * (t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+    # On the axis theta_d / r is 1 / z, and there is nothing to scale.
+    scale = theta_d / max(r, tiny)
     past = theta - fold_theta
     violation = past if past > 0 else type(z)(0.0)
-    return f_x * a_d + c_x, f_y * b_d + c_y, violation
+    return f_x * (x * scale) + c_x, f_y * (y * scale) + c_y, violation
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
@@ -76,9 +67,8 @@ def _project_into(k: Floats, points: Floats, pixels: Floats, violation: Floats) 
     fold_theta = kannala_brandt_fold(k[4], k[5], k[6], k[7])
     for i in range(points.shape[0]):
         pixels[i, 0], pixels[i, 1], violation[i] = kannala_brandt_point(
-            points[i, 0], points[i, 1], points[i, 2],
-            k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], fold_theta,
-        )  # fmt: skip
+            points[i, 0], points[i, 1], points[i, 2], k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], fold_theta
+        )
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
@@ -91,34 +81,32 @@ def _jacobians_into(k: Floats, points: Floats, by_point: Floats, by_intrinsics: 
 
 @njit(nogil=True, error_model="numpy", fastmath=False)
 def _jacobian_into(k: Floats, x: float, y: float, z: float, P: Floats, J: Floats) -> None:
-    f_x, f_y = k[0], k[1]
+    f_x, f_y, k1, k2, k3, k4 = k[0], k[1], k[4], k[5], k[6], k[7]
     # On the axis the direction (x, y) / r is undefined and its factor zero: any tiny radius gives the limit.
     r = max(sqrt(x * x + y * y), 1e-9)
     theta = max(polar_angle(r, z), 1e-18)
+    t2 = theta * theta
+    theta_d = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+    slope = 1.0 + t2 * (3.0 * k1 + t2 * (5.0 * k2 + t2 * (7.0 * k3 + t2 * 9.0 * k4)))
     square = r * r + z * z
-    scale = theta / r
-    scale_r = (z / square - scale) / r
+    scale = theta_d / r
+    scale_r = (slope * z / square - scale) / r
     x_r, y_r = x / r, y / r
-    a, b = x * scale, y * scale
-    a_x, a_y, b_y = scale + x * scale_r * x_r, x * scale_r * y_r, scale + y * scale_r * y_r
-    a_z, b_z = -x / square, -y / square
-    a_d, b_d, aa, ab, bb = bend_slopes(a, b, k[4], k[5], k[6], k[7], k[8], k[9])
-    P[0, 0], P[0, 1], P[0, 2] = f_x * (aa * a_x + ab * a_y), f_x * (aa * a_y + ab * b_y), f_x * (aa * a_z + ab * b_z)
-    P[1, 0], P[1, 1], P[1, 2] = f_y * (ab * a_x + bb * a_y), f_y * (ab * a_y + bb * b_y), f_y * (ab * a_z + bb * b_z)
-    J[0, 0] = a_d
-    J[1, 1] = b_d
+    P[0, 0] = f_x * (scale + x * scale_r * x_r)
+    P[0, 1] = f_x * x * scale_r * y_r
+    P[0, 2] = -f_x * x * slope / square
+    P[1, 0] = f_y * y * scale_r * x_r
+    P[1, 1] = f_y * (scale + y * scale_r * y_r)
+    P[1, 2] = -f_y * y * slope / square
+    J[0, 0] = x * scale
+    J[1, 1] = y * scale
     J[0, 2] = 1.0
     J[1, 3] = 1.0
-    t2 = a * a + b * b
-    power = 1.0
+    power = theta
     for column in range(4, 8):
         power *= t2
-        J[0, column] = f_x * a * power
-        J[1, column] = f_y * b * power
-    J[0, 8] = f_x * 2.0 * a * b
-    J[1, 8] = f_y * (t2 + 2.0 * b * b)
-    J[0, 9] = f_x * (t2 + 2.0 * a * a)
-    J[1, 9] = f_y * 2.0 * a * b
+        J[0, column] = f_x * x_r * power
+        J[1, column] = f_y * y_r * power
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
@@ -128,10 +116,10 @@ def _rays_into(k: Floats, marks: Floats, rays: Floats) -> None:
     for i in range(marks.shape[0]):
         y = (marks[i, 1] - k[3]) / k[1]
         x = (marks[i, 0] - k[2]) / k[0]
-        a, b = undistorted(x, y, fold, k[4], k[5], k[6], k[7], k[8], k[9])
-        theta = hypot(a, b)
-        across = sin(theta) / theta if theta > 0.0 else 0.0
-        rays[i, 0], rays[i, 1], rays[i, 2] = a * across, b * across, cos(theta)
+        r = hypot(x, y)
+        theta = grown_radius(r, fold, k[4], k[5], k[6], k[7])
+        across = sin(theta) / r if r > 0.0 else 0.0
+        rays[i, 0], rays[i, 1], rays[i, 2] = x * across, y * across, cos(theta)
 
 
 def _fold_angle(k: Floats) -> float:
@@ -143,7 +131,6 @@ def _total_distance(p: Floats, form: int, pack: Singles, diagonal: np.float32, b
     r, s, z = mount_rows(p, form)
     f_x, f_y, c_x, c_y = np.float32(p[6]), np.float32(p[7]), np.float32(p[8]), np.float32(p[9])
     k1, k2, k3, k4 = np.float32(p[10]), np.float32(p[11]), np.float32(p[12]), np.float32(p[13])
-    p1, p2 = np.float32(p[14]), np.float32(p[15])
     fold = np.float32(kannala_brandt_fold(p[10], p[11], p[12], p[13]))
     X, Y, Z, U, V, W = pack[0], pack[1], pack[2], pack[3], pack[4], pack[5]
     total = ZERO
@@ -152,7 +139,7 @@ def _total_distance(p: Floats, form: int, pack: Singles, diagonal: np.float32, b
             r[0] * X[i] + r[1] * Y[i] + r[2] * Z[i] + r[3],
             s[0] * X[i] + s[1] * Y[i] + s[2] * Z[i] + s[3],
             z[0] * X[i] + z[1] * Y[i] + z[2] * Z[i] + z[3],
-            f_x, f_y, c_x, c_y, k1, k2, k3, k4, p1, p2, fold,
+            f_x, f_y, c_x, c_y, k1, k2, k3, k4, fold,
         )  # fmt: skip
         total += W[i] * distance_of(u, v, violation, U[i], V[i], diagonal, bend)
     return total

@@ -22,8 +22,6 @@ export interface Intrinsics {
   k3?: number | null;
   k4?: number | null;
   k5?: number | null;
-  p1?: number | null;
-  p2?: number | null;
 }
 
 /** Puts u and v of a point of the camera's frame into `pixel`, in pixels. False: no good projection exists. */
@@ -75,11 +73,14 @@ function foldOfDivided(k1: number, k2: number, k5: number): number {
   return x < 1 ? x / (1 - x) : Infinity;
 }
 
-/** theta (1 + k1 theta^2 + ... + k4 theta^8), decentred by p1 and p2: it sees beyond 90 degrees. */
+/** theta (1 + k1 theta^2 + ... + k4 theta^8): it sees beyond 90 degrees. */
 function equidistant({ f_x, f_y, c_x, c_y, ...bends }: Intrinsics): Project {
-  const [k1, k2, k3, k4, p1, p2] = [bends.k1, bends.k2, bends.k3, bends.k4, bends.p1, bends.p2].map(
-    (one) => one ?? 0,
-  ) as [number, number, number, number, number, number];
+  const [k1, k2, k3, k4] = [bends.k1, bends.k2, bends.k3, bends.k4].map((one) => one ?? 0) as [
+    number,
+    number,
+    number,
+    number,
+  ];
   const S = Math.PI ** 2;
   const fold =
     Math.PI * Math.sqrt(Math.min(1, firstZero(3 * k1 * S, 5 * k2 * S ** 2, 7 * k3 * S ** 3, 9 * k4 * S ** 4)));
@@ -88,12 +89,10 @@ function equidistant({ f_x, f_y, c_x, c_y, ...bends }: Intrinsics): Project {
     const theta = Math.atan2(r, z);
     if (theta > fold) return false;
     const t2 = theta * theta;
-    const radial = 1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)));
-    const scale = theta / Math.max(r, 1e-12);
-    const a = x * scale;
-    const b = y * scale;
-    pixel.u = f_x * (a * radial + 2 * p1 * a * b + p2 * (t2 + 2 * a * a)) + c_x;
-    pixel.v = f_y * (b * radial + p1 * (t2 + 2 * b * b) + 2 * p2 * a * b) + c_y;
+    const bent = theta + theta * (t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))));
+    const scale = bent / Math.max(r, 1e-12);
+    pixel.u = f_x * (x * scale) + c_x;
+    pixel.v = f_y * (y * scale) + c_y;
     return true;
   };
 }
