@@ -162,8 +162,10 @@ def _tell(progress: IngestProgress) -> None:
 def _used() -> dict[str, float]:
     """Processor seconds, the highest resident memory (``ru_maxrss`` may be its parent's), and bytes written."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
-    status = Path("/proc/self/status")
-    lines = status.read_text().splitlines() if status.exists() else []
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:  # Landlock knows the folder by its inode, and Linux makes it anew when memory is short
+        lines = []
     peak = next((int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), usage.ru_maxrss)
     return {"cpu_s": usage.ru_utime + usage.ru_stime, "resident_bytes": peak * 1024, "written_bytes": bytes_written()}
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from making_long import long_bag, long_pcap, long_tar
 
+from workers.readers.__main__ import _used
+
 ROOT = Path(__file__).parents[3]
 MB = 1_000_000
 # Writers, and the sizes of the short form: a capture's megabyte holds five times as many messages as a bag's.
@@ -44,3 +46,12 @@ def test_memory_does_not_grow_with_the_recording(tmp_path, kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_four_gigabytes(tmp_path, kind):
     assert peak(KINDS[kind][0](tmp_path / "long", 4_000 * MB), tmp_path / "out") < 400 * MB
+
+
+def test_a_reader_that_may_not_read_its_own_status_still_answers(monkeypatch):
+    def refuse(path, *_, **__):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr("pathlib.Path.read_text", refuse)
+    used = _used()
+    assert used["resident_bytes"] > 10_000_000 and used["cpu_s"] > 0.0
