@@ -63,7 +63,9 @@ def ls(
             for each in recordings
         ]
         return Reply(recordings, _table(("Recording", "Vehicle", "State", "Added", "Id"), rows))
-    cameras = list(client.vehicles.health(of.id, name=name or vehicle, state=state or (), order=order))
+    only = find_vehicle(client, fleet, vehicle) if vehicle else None
+    listed_cameras = client.vehicles.health(of.id, name=name, state=state or (), order=order)
+    cameras = [each for each in listed_cameras if not only or each.vehicle_id == only.id]
     rows = [
         (
             each.vehicle,

@@ -93,18 +93,18 @@ def test_each_job_of_a_calibration_is_told_by_its_kind(
     received = {event["uuid"]: event for event in events if event["type"] == "task-received"}
     ends = {event["uuid"]: event for event in events if event["type"] in ("task-succeeded", "task-failed")}
     assert received.keys() == sent.keys() == ends.keys()
-    told: dict[int, list[str]] = defaultdict(list)
+    events_of: dict[int, list[str]] = defaultdict(list)
     for uuid, event in received.items():
         (job_id,) = map(int, re.findall(r"\d+", event["args"]))
         kind, queue, state = jobs[job_id]
         assert (event["name"], sent[uuid]["name"]) == (f"apexcal.{kind}",) * 2
         assert (sent[uuid]["queue"], sent[uuid]["routing_key"]) == (queue, queue)
-        told[job_id].append(ends[uuid]["type"])
+        events_of[job_id].append(ends[uuid]["type"])
         if state == "failed":
             assert problem in ends[uuid]["exception"]
-    assert told.keys() == jobs.keys()
+    assert events_of.keys() == jobs.keys()
     for job_id, (kind, _, state) in jobs.items():
-        assert ("task-failed" in told[job_id]) == (state == "failed"), (kind, state)
+        assert ("task-failed" in events_of[job_id]) == (state == "failed"), (kind, state)
     kinds = {kind for kind, *_ in jobs.values()}
     assert kinds >= {"ingest", "packing", "suggestion", "detect", "machine_marks", "solve", "conclude", "report"}
     workers = {event["hostname"].partition("@")[0] for event in events if event["type"] == "worker-heartbeat"}
@@ -124,7 +124,7 @@ def calibrate(owner: Client, folder: Path) -> None:
     truth = Truth(folder / "truth.json")
     mark_everything(owner, fleet.id, detection, "front", truth, lambda share, message: None)
     pairs = owner.correspondence_sets.build(detection.id, "front")
-    asked = owner.calibrations.create(vehicle.id, [pairs.id], ["pinhole"], folds=0, farm="slots", schedule=QUICK)
-    calibration = owner.wait(asked, timeout_s=150)
+    requested = owner.calibrations.create(vehicle.id, [pairs.id], ["pinhole"], folds=0, farm="slots", schedule=QUICK)
+    calibration = owner.wait(requested, timeout_s=150)
     result = calibration.summary.cameras["front"].models["pinhole"].result_id
     owner.wait(owner.analyses.report(result), timeout_s=150)

@@ -53,3 +53,10 @@ def test_calibrations_and_recordings(embedded: Embedded, fleet: str):
 
 def test_the_version_is_that_of_the_package():
     assert CliRunner().invoke(app, ["--version"]).stdout.strip() == f"apexcal {version('apexcal')}"
+
+
+def test_the_cameras_of_one_vehicle_by_its_name_or_id(embedded: Embedded, fleet: str):
+    every = json.loads(ls(embedded, "vehicles", "--fleet", fleet, "--json"))
+    bus = next(each for each in every if each["vehicle"] == "Bus 2")
+    for word in ("Bus 2", bus["vehicle_id"]):
+        assert json.loads(ls(embedded, "--fleet", fleet, "--vehicle", word, "--json")) == [bus]

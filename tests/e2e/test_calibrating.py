@@ -83,8 +83,8 @@ def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, st
     for width, height in ((390, 844), (1280, 800)):
         page.set_viewport_size({"width": width, "height": height})
         page.evaluate("scrollTo(0, 0)")
-        for told in (verdict, reason):
-            expect(told).to_be_in_viewport()
+        for sentence in (verdict, reason):
+            expect(sentence).to_be_in_viewport()
     checks = track.owner.calibrations.result(done.summary.cameras["front"].models["pinhole"].result_id).checks
     page.get_by_text(f"All {len(checks)} checks").click()
     rows = page.get_by_role("table").filter(has_text="Finding").locator("tbody tr")
@@ -245,8 +245,8 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
 
 def test_an_engineer_deletes_what_was_never_published(sign_in: Callable[[str, str], Page], track: Track) -> None:
     vehicle, pairs_of_one = add_cart(track, "Discarded", 41)
-    wanted = {"models": ["pinhole"], "folds": 0, "schedule": SHORT}
-    calibration = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **wanted), timeout_s=60)
+    request = {"models": ["pinhole"], "folds": 0, "schedule": SHORT}
+    calibration = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **request), timeout_s=60)
     page = sign_in("Ada", "engineer")
     questions: list[str] = []
     page.once("dialog", lambda dialog: dialog.dismiss())

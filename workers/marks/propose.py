@@ -59,7 +59,7 @@ _WAYS: Final = ((16.0, 0.0), (16.0, -0.07), (16.0, -0.14), (8.0, 0.0))
 """Half width of the first profiles, px, and how far outward edges are sought, metres: seeds may have taken a head for
 a tip that is 0.1 or 0.2 m lower, and on a small board wide profiles hold more of its pattern than of its edge."""
 _MOST_SCATTER: Final = 2.0
-"""Median standard score of the marks against that of two true coordinates: that of eight marks scatters by 0.25."""
+"""Of the median standard score against its expectation, 1: four deviations of it for the fewest marks, eight."""
 _STILL_CONFIRMED: Final = 0.8  # of the sights, by edges farther out
 Answers = list[dict[CornerName, MarkProposal | MarkRefusal]]
 _GAIN_STEP: Final = 0.3

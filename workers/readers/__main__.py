@@ -164,7 +164,7 @@ def _used() -> dict[str, float]:
     usage = resource.getrusage(resource.RUSAGE_SELF)
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
-    except OSError:  # Landlock knows the folder by its inode, and Linux makes it anew when memory is short
+    except OSError:  # seen under Landlock where memory was short: Linux makes the folder anew, and no rule knows it
         lines = []
     peak = next((int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), usage.ru_maxrss)
     return {"cpu_s": usage.ru_utime + usage.ru_stime, "resident_bytes": peak * 1024, "written_bytes": bytes_written()}

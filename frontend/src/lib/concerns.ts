@@ -9,6 +9,7 @@ const ALSO: Record<string, readonly string[]> = {
   detection: ["correspondence-sets"],
   marking: ["progress"],
   recording: ["progress", "health"],
+  rig: ["health"],
   vehicle: ["health"],
 };
 

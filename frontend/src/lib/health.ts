@@ -29,7 +29,7 @@ export const COLUMNS: { name: string; order: HealthOrder; turned: HealthOrder; n
 ];
 
 /** The filter as the service takes it; what an address misspells is the usual. */
-export function asked({ name, state, order }: CameraFilter): {
+export function healthQuery({ name, state, order }: CameraFilter): {
   name?: string;
   state?: CameraState[];
   order?: HealthOrder;

@@ -122,16 +122,15 @@ def partial_index(name: str, *columns: str, where: str, unique: bool = False) ->
 
 
 def lasting_alias(table: type[_Row], name: str | None = None) -> type[_Row]:
-    """An alias that a module keeps, and all threads use.
+    """Return an alias that a module keeps and all threads use. All its columns are looked up here.
 
-    Made anew for each statement it would make every statement a new one, and compiling it takes longer than running
-    it. SQLAlchemy looks a column of an alias up at its first use; of two threads that do so at once one may get the
-    table's own column, and keep it (its issue 12302 is of this kind). So all of them are looked up here.
+    An alias of each statement's own would make every statement a new one, and compiling takes longer than running it.
+    SQLAlchemy looks a column up at its first use. Of two threads that do so at once, one may get the table's own
+    column and keep it (SQLAlchemy's issue 12302 is of this kind).
     """
     alias = aliased(table, name=name)
     for column in inspect(table).column_attrs:
-        # The attribute is made here, and its column by `expression`.
-        assert getattr(alias, column.key).expression is not None
+        getattr(alias, column.key).__clause_element__()
     return alias
 
 

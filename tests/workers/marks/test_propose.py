@@ -86,7 +86,7 @@ def test_marks_that_no_mount_explains_are_no_marks():
     drawn = draw(9014)
     scene = Scene(drawn)
     frames = [scene[index] for index in range(len(scene))]
-    found = propose(frames, scene.sights, drawn.size, lens=scene.lens, model=drawn.model, corners=CORNERS)
-    assert found.failure is not None and found.failure.reason == "few_edges"
-    assert "scatter 2." in found.failure.sentence
-    assert found.camera is None and not errors_px(scene, found.answers)
+    marks = propose(frames, scene.sights, drawn.size, lens=scene.lens, model=drawn.model, corners=CORNERS)
+    assert marks.failure is not None and marks.failure.reason == "few_edges"
+    assert "scatter 2." in marks.failure.sentence
+    assert marks.camera is None and not errors_px(scene, marks.answers)

@@ -27,9 +27,9 @@ THREADS = 6
 
 
 def modules() -> Iterator[Any]:
-    for found in pkgutil.walk_packages(service.__path__, "service."):
-        if "migrations" not in found.name and not found.name.endswith("__main__"):
-            yield importlib.import_module(found.name)
+    for module in pkgutil.walk_packages(service.__path__, "service."):
+        if "migrations" not in module.name and not module.name.endswith("__main__"):
+            yield importlib.import_module(module.name)
 
 
 def builders() -> Iterator[tuple[str, Callable[[], Any]]]:
@@ -91,14 +91,14 @@ def is_complete(alias: Any) -> bool:
 
 
 def test_aliases_that_a_module_keeps_are_complete():
-    kept = {
+    aliases = {
         f"{module.__name__}.{name}": alias
         for module in modules()
         for name, alias in vars(module).items()
         if isinstance(alias, AliasedClass)
     }
-    assert len(kept) >= 10
-    assert [name for name, alias in kept.items() if not is_complete(alias)] == []
+    assert len(aliases) >= 10
+    assert [name for name, alias in aliases.items() if not is_complete(alias)] == []
     by_hand = aliased(Vertex)
     assert is_complete(lasting_alias(Vertex)) and not is_complete(by_hand)
     assert by_hand.rank is not None and not is_complete(by_hand)
