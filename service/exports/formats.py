@@ -90,14 +90,14 @@ def export(target: Format, calibrated: Calibrated) -> Exported:
         calibrated = calibrated.alone()
     pairs = [(camera, carried(target, camera)) for camera in calibrated.cameras]
     notes += [f"{lacking(target, camera)}: {less.sentence}." for camera, less in pairs if less]
-    written = [less.camera if less else camera for camera, less in pairs]
+    cameras = [less.camera if less else camera for camera, less in pairs]
     beside: Files = {}
     if target.of_undistorted:
-        distorted = [camera for camera in written if camera.lens != "pinhole"]
+        distorted = [camera for camera in cameras if camera.lens != "pinhole"]
         beside = opencv.FORMAT.write(replace(calibrated, cameras=distorted))
         notes += [_to_undistort(target, camera) for camera in distorted]
-        written = [camera.undistorted() for camera in written]
-    files = target.write(replace(calibrated, cameras=written))
+        cameras = [camera.undistorted() for camera in cameras]
+    files = target.write(replace(calibrated, cameras=cameras))
     files |= {f"undistort/{name}": text for name, text in beside.items()}
     name = "-".join([*(file_name(part) for part in _named(calibrated)), target.name])
     if len(files) == 1 and target.kind != "zip":

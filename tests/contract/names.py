@@ -53,7 +53,7 @@ CEILINGS = {
     "workers": 0,
     "workers/geometry": 9,
     "workers/judge": 18,
-    "workers/marks": 17,
+    "workers/marks": 15,
     "workers/models": 0,
     "workers/readers": 0,
     "workers/reports": 1,

@@ -11,6 +11,10 @@ export function ticks(low: number, high: number, most: number): number[] {
   return Array.from({ length: count }, (_, i) => Number(((first + i) * step).toPrecision(12)));
 }
 
+/** As many digits behind the point as tell the ticks apart. */
+export const digitsOf = (shown: number[]): number =>
+  Math.max(0, ...shown.map((value) => String(value).split(".")[1]?.length ?? 0));
+
 const MINUTE = 60_000;
 const DAY = 1440 * MINUTE;
 const STEPS = [1, 5, 15, 60, 180, 720].map((minutes) => minutes * MINUTE);
