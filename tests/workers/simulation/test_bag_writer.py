@@ -6,11 +6,10 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from workers.readers.recording import Sweep
+from workers.simulation.bag_writer import POINT, BagWriter, CameraChannel, Picture
 from workers.simulation.rig import START_NS
-from workers.simulation.writers.recording import CameraChannel, Picture
-from workers.simulation.writers.ros import POINT, RosWriter
 
-CAMERA = CameraChannel("c", "c_optical", (4, 4), 15.0)
+CAMERA = CameraChannel("c", "c_optical")
 
 
 def messages(path, topic):
@@ -49,7 +48,7 @@ def test_an_empty_sweep_is_a_valid_message(tmp_path, kind):
     nothing = Sweep(
         5, np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros(0, np.uint16), np.zeros(0, np.int64)
     )
-    with RosWriter(path, kind, "l", [CAMERA]) as bag:
+    with BagWriter(path, kind, "l", [CAMERA]) as bag:
         bag.write_sweep(nothing, 6)
         bag.write_picture("c", Picture(7, np.full((4, 4, 3), 200, np.uint8)), 8)
     [(at, cloud)] = list(messages(path, "/velodyne_points"))

@@ -1,4 +1,4 @@
-"""What a VLP-16 sends over the network, captured as pcap.
+"""What a VLP-16 sends over the network, captured as pcap; for tests and benchmarks.
 
 Layout of the data packets: VLP-16 User Manual (63-9243 Rev. D), chapter 9. Twelve blocks of two firings of 16
 lasers, ranges in steps of 2 mm, azimuth clockwise in hundredths of a degree, microseconds past the hour, and the
@@ -9,20 +9,26 @@ from __future__ import annotations
 
 import math
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.simulation import SimulationOptions
 from workers.readers.recording import Sweep
 from workers.simulation.lidar import SimulatedLidar
+from workers.simulation.rig import SimulatedRig
+from workers.simulation.sensors import SENSORS
 
 _FIRINGS = 2  # columns per block
 _BLOCKS = 12
 _LASERS = 16
 _RANGE_STEP_M = 0.002
 _HOUR_US = 3_600_000_000
+# Of a VLP-16: the "vertical correction" of its manual, 11.2 mm at -15 degrees.
+_LENS_M = 0.0419
 _TO_HOST_NS = 150_000  # from the last firing of a packet to the recorder
 
 _CHANNEL = np.dtype([("range", "<u2"), ("reflectivity", "u1")])
@@ -112,3 +118,17 @@ def ethernet(payload: bytes, port: int = 2368) -> bytes:
     total = (total & 0xFFFF) + (total >> 16)
     checksum = struct.pack(">H", ~(total + (total >> 16)) & 0xFFFF)
     return b"\xff" * 6 + bytes.fromhex("607688000000") + b"\x08\x00" + head[:10] + checksum + address + udp
+
+
+def packet_rig(options: SimulationOptions) -> SimulatedRig:
+    """The rig of a VLP-16 whose packets are captured: decoders of these know where the beams leave the sensor."""
+    return SimulatedRig(options, replace(SENSORS["vlp16"], lens_m=_LENS_M))
+
+
+def write_capture(rig: SimulatedRig, path: Path) -> None:
+    """Write the packets of all sweeps of a :func:`packet_rig`. Raises FileExistsError where the file is there."""
+    packets, capture = Vlp16Packets(rig.lidar), Pcap(path)
+    for sweep in rig.sweeps():
+        for at_ns, payload in packets.of(sweep):
+            capture.add(at_ns, ethernet(payload))
+    capture.close()

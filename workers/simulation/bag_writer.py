@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from types import TracebackType
+from typing import Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Bag1
 from rosbags.rosbag2 import StoragePlugin
@@ -21,7 +24,6 @@ from workers.readers.copying.messages import Messages, ros1_types
 from workers.readers.recording import Sweep
 from workers.readers.ros.ros_types import INFO, TRANSFORM
 from workers.simulation.render import encode_jpeg
-from workers.simulation.writers.recording import CameraChannel, Picture, RecordingWriter
 
 LIDAR_TOPIC = "/velodyne_points"
 # The layout of the Velodyne driver's PointXYZIRT: time is seconds after the sweep's stamp.
@@ -31,6 +33,38 @@ _FIELDS = (("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("intensity", 12, 7), ("ring",
 _CLOUD = "sensor_msgs/msg/PointCloud2"
 _IMAGE = "sensor_msgs/msg/CompressedImage"
 _DEEP_IMAGE = "sensor_msgs/msg/Image"
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One camera frame before it is encoded.
+
+    Attributes:
+        stamp_ns: what the camera's clock said, UTC nanoseconds.
+        image: (height, width, 3) uint8 BGR, or (height, width) uint16 of a thermal camera.
+    """
+
+    stamp_ns: int
+    image: NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraChannel:
+    """A camera as a bag must know it before the first frame.
+
+    Attributes:
+        name: the rig's name for it.
+        frame_id: its coordinate frame.
+        topic: last word of its images' topic.
+        info: what its driver states with each of them; None: nothing.
+        is_deep: whether its images have 16 bits, and are not compressed.
+    """
+
+    name: str
+    frame_id: str
+    topic: str = "image"
+    info: CameraEdit | None = None
+    is_deep: bool = False
 
 
 def points_of(sweep: Sweep) -> np.ndarray[tuple[int], np.dtype[np.void]]:
@@ -44,11 +78,16 @@ def points_of(sweep: Sweep) -> np.ndarray[tuple[int], np.dtype[np.void]]:
     return cloud
 
 
-class RosWriter(RecordingWriter):
+class BagWriter:
     """A bag with one LiDAR topic (PointCloud2) and a topic per camera (CompressedImage, JPEG; Image of 16 bits).
 
+    It is complete when it is closed.
+
     Args:
-        path: a file for ``bag``, a folder that does not exist for ``db3`` and ``mcap``.
+        path: a file for ``bag``, a folder that does not exist for ``db3`` and ``mcap``: what one uploads.
+
+    Attributes:
+        names: what the recording calls ``lidar`` and each camera.
 
     Raises:
         FileExistsError: something is at ``path`` already.
@@ -57,7 +96,9 @@ class RosWriter(RecordingWriter):
     def __init__(
         self, path: Path, kind: Literal["bag", "db3", "mcap"], lidar_frame: str, cameras: Sequence[CameraChannel]
     ) -> None:
-        super().__init__(path)
+        if path.exists():
+            raise FileExistsError(f"{path} is there already")
+        self.path = path
         kinds = {"lidar": _CLOUD, **{c.name: _DEEP_IMAGE if c.is_deep else _IMAGE for c in cameras}}
         self.names = {
             "lidar": LIDAR_TOPIC,
@@ -83,7 +124,7 @@ class RosWriter(RecordingWriter):
                 self._infos[camera.name] = self._bag.add_connection(topic, INFO, typestore=self._types), camera.info
 
     def write_sweep(self, sweep: Sweep, received_ns: int) -> None:
-        """One PointCloud2."""
+        """One PointCloud2. ``received_ns`` is when the recorder got it, as drivers send after the turn."""
         cloud = points_of(sweep)
         field = self._types.types["sensor_msgs/msg/PointField"]
         message = self._types.types[_CLOUD](
@@ -126,8 +167,12 @@ class RosWriter(RecordingWriter):
             message = self._messages.new_info(info, picture.stamp_ns, self._frame_ids[camera])
             self._bag.write(connection, received_ns, message)
 
-    def close(self) -> None:
-        """Close the bag."""
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._bag.close()
 
     def _header(self, sensor: str, stamp_ns: int) -> Any:
