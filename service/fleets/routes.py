@@ -11,7 +11,6 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 from sqlalchemy.orm import selectinload
 
-from apexcal.documents.base import stored
 from apexcal.documents.fleets import CameraImages, FleetOut, Named, NewRig, RigOut, SensorSerials, VehicleOut
 from apexcal.documents.publications import PublicationPolicy
 from service.fleets.actions import describe
@@ -208,15 +207,11 @@ def _fleets(access: Access, fleets: Sequence[Fleet], request: Request) -> list[F
     settings: Settings = request.app.state.settings
     use = uses(access.session, fleets, settings.fleet_quota_bytes)
     return [
-        FleetOut(
-            id=fleet.id,
-            name=fleet.name,
+        FleetOut.of(
+            fleet,
             role=access.role(fleet.id),
             taken_bytes=use[fleet.id].taken,
             quota_bytes=use[fleet.id].allowed,
-            policy=stored(fleet.policy),
-            version=fleet.version,
-            created_at=fleet.created_at,
         )
         for fleet in fleets
     ]
