@@ -25,7 +25,7 @@ help:  ## say what there is
 setup: $(STAMPS)/installed $(STAMPS)/compiled  ## make the environment in .venv
 
 demo: setup frontend  ## start the service and drive the whole job through its API (under two minutes)
-	$(BIN)/python -m apexcal.demo
+	$(BIN)/python -m benchmarks.demo
 
 serve: setup frontend  ## leave the service up, with the demo's data where there is some; ARGS="--port 8001"
 	$(BIN)/apexcal serve $(ARGS)

@@ -24,8 +24,8 @@ import yaml
 
 from apexcal.cli import app
 from apexcal.client import Client
-from apexcal.demo.truth import Truth
 from apexcal.json_files import parse_document
+from benchmarks.demo.truth import Truth
 from service.admin.__main__ import app as admin
 from tests.apexcal.conftest import Embedded, start, stop
 from tests.apexcal.test_cli import apexcal

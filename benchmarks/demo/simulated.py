@@ -13,14 +13,14 @@ from apexcal.client import Client
 from apexcal.commands.calibrate import calibrate
 from apexcal.commands.detect import detect
 from apexcal.commands.solve import solve
-from apexcal.demo import report
-from apexcal.demo.annotators import NAMES, mark_everything
-from apexcal.demo.steps import DemoSession, DemoSteps
-from apexcal.demo.truth import Truth
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.fleets import FleetOut
 from apexcal.errors import ClientError
 from apexcal.transport import Document
+from benchmarks.demo import report
+from benchmarks.demo.annotators import NAMES, mark_everything
+from benchmarks.demo.steps import DemoSession, DemoSteps
+from benchmarks.demo.truth import Truth
 
 CAMERA = "front"
 SECONDS = 90

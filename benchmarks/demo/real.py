@@ -7,11 +7,11 @@ from pathlib import Path
 from apexcal.commands.calibrate import calibrate
 from apexcal.commands.detect import detect, suggest
 from apexcal.commands.recordings import upload
-from apexcal.demo import report
-from apexcal.demo.steps import DemoSession
 from apexcal.documents.detectors import DetectorName
 from apexcal.documents.fleets import FleetOut
 from apexcal.transport import Document
+from benchmarks.demo import report
+from benchmarks.demo.steps import DemoSession
 
 DETECTORS: tuple[DetectorName, ...] = ("strict", "tolerant", "refined")
 CAMERA = "front"

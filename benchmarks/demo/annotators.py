@@ -10,9 +10,9 @@ import numpy as np
 
 from apexcal.client import Client
 from apexcal.commands.session import OnProgress
-from apexcal.demo.truth import Truth
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.marking import Progress, Tally, TaskView
+from benchmarks.demo.truth import Truth
 
 NAMES = ("Ada", "Bo", "Chidi")
 NOISE_PX = 1.0

@@ -1,4 +1,4 @@
-"""The demo's service: one that runs already, or one started for the demo."""
+"""The service on a folder of this machine: the one that runs already, or one started for the time of a block."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from apexcal.errors import ClientError
 WORKERS = 2
 
 
-class DemoService(NamedTuple):
+class LocalService(NamedTuple):
     """Address, the owner's token, and a one-time link that signs the owner in where the service was started here."""
 
     url: str
@@ -27,13 +27,13 @@ class DemoService(NamedTuple):
 
 
 @contextmanager
-def serving(data: Path) -> Iterator[DemoService]:
+def serving(data: Path) -> Iterator[LocalService]:
     """The service on ``data``: the one that runs there already, else one with two worker processes."""
     if is_served(data):
         url = str(read_status(data).get("url") or "")
         if not url:
             raise ClientError(f"an apexcal on {data} is starting or stopping", "Try again in a moment.")
-        yield DemoService(url, _token(data))
+        yield LocalService(url, _token(data))
         return
     command = [sys.executable, "-m", "apexcal.cli", "serve", "--data", str(data), "--port", "0"]
     with subprocess.Popen(
@@ -51,7 +51,7 @@ def serving(data: Path) -> Iterator[DemoService]:
                     "the service did not start", f"What it said stands above; its logs are in {data}/logs."
                 )
             ready = json.loads(line)
-            yield DemoService(ready["url"], _token(data), ready["owner_link"])
+            yield LocalService(ready["url"], _token(data), ready["owner_link"])
         finally:
             process.terminate()
             process.wait()

@@ -17,11 +17,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from apexcal.client import ClientError
-from apexcal.demo import real, report, simulated
-from apexcal.demo.service import DemoService, serving
-from apexcal.demo.steps import DemoSession, DemoSteps
 from apexcal.embedded.folder import DEFAULT
+from apexcal.embedded.serving import LocalService, serving
 from apexcal.transport import Document
+from benchmarks.demo import real, report, simulated
+from benchmarks.demo.steps import DemoSession, DemoSteps
 
 REPORT = Path("var/demo/report.json")
 _WHAT = (
@@ -33,7 +33,7 @@ _WHAT = (
 
 def main() -> int:
     """Run both halves at once and say how it went. 0: done; 1: something failed or fell short."""
-    argparse.ArgumentParser(prog="python -m apexcal.demo", description=_WHAT).parse_args()
+    argparse.ArgumentParser(prog="python -m benchmarks.demo", description=_WHAT).parse_args()
     out = Console(highlight=False)
     began = time.monotonic()
     try:
@@ -75,7 +75,7 @@ def _drive(out: Console) -> Document:
 
 
 @contextmanager
-def _started(steps: DemoSteps) -> Iterator[DemoService]:
+def _started(steps: DemoSteps) -> Iterator[LocalService]:
     with ExitStack() as until:
         with steps.step("service", "start") as on_progress:
             on_progress(0.0, f"embedded, on {DEFAULT}")
