@@ -17,7 +17,7 @@ from service.annotations.progress_queries import opinions_of
 from service.calibrations.resolve import camera_request
 from service.calibrations.work_rules import check_job
 from service.detections.queries import done_detection, find_camera
-from service.fleets.queries import rig_camera
+from service.fleets.rigs import rig_camera
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json

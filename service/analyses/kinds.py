@@ -10,6 +10,8 @@ from apexcal.documents.analyses import (
     OffsetView,
     PreviewRequest,
     PreviewView,
+    ReportRequest,
+    ReportView,
     SuggestionRequest,
     SuggestionView,
 )
@@ -17,7 +19,6 @@ from apexcal.documents.analysis_kinds import AnalysisRequest, AnyAnalysis
 from apexcal.documents.copies import CopyRequest, CopyView
 from apexcal.documents.machine_marks import MarksView
 from apexcal.documents.pixel_points import PixelPointsView
-from apexcal.documents.reports import ReportRequest, ReportView
 from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
 from service.analyses import clock_offsets, machine_marks, pixel_points, validations

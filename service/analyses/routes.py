@@ -20,10 +20,9 @@ from service.annotations.disclosure_actions import tell_pairs
 from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.platform.db.analyses import Analysis
 from service.platform.db.session import Database
-from service.platform.http.bodies import DOCUMENT
 from service.platform.http.etags import Conditional, content_etag
 from service.platform.http.pages import Paging
-from service.platform.http.router import Router
+from service.platform.http.router import DOCUMENT, Router
 from service.platform.storage.store import Store
 
 router = Router(tags=["analyses"])

@@ -14,17 +14,15 @@ from sqlalchemy.orm import selectinload
 from apexcal.documents.fleets import CameraImages, FleetOut, Named, NewRig, RigOut, SensorSerials, VehicleOut
 from apexcal.documents.publications import PublicationPolicy
 from service.fleets.actions import describe
-from service.fleets.queries import rig_camera
-from service.fleets.views import rig_view
+from service.fleets.rigs import rig_camera, rig_view
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.base import new_id
 from service.platform.db.fleets import Fleet, Rig, Vehicle
-from service.platform.http.bodies import DOCUMENT
 from service.platform.http.etags import Conditional, version_etag
 from service.platform.http.pages import Page, Paging, fetch
 from service.platform.http.problems import Problem
-from service.platform.http.router import Router
+from service.platform.http.router import DOCUMENT, Router
 from service.platform.settings import Settings
 from service.platform.storage.quota import uses
 

@@ -7,7 +7,7 @@ import re
 import pytest
 from sqlalchemy import select, update
 
-from apexcal.documents.reports import ReportView
+from apexcal.documents.analyses import ReportView
 from service.platform.db.calibrations import CorrespondenceSet, Result
 from service.platform.db.fleets import Fleet
 from service.platform.db.models import Blob

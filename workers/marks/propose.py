@@ -37,8 +37,8 @@ from workers.marks.sights import (
     MountedLens,
     RecordingFailure,
     Sight,
+    is_in_one_place,
 )
-from workers.marks.standing import is_in_one_place
 
 FLOOR_M: Final = 0.0008
 """Standard deviation of a corner in the board's plane: cut edges, rims and blunt tips.

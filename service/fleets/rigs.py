@@ -1,10 +1,11 @@
-"""A rig and its cameras."""
+"""Rigs as the answers show them, and a rig's camera by its name."""
 
 from __future__ import annotations
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.fleets import RigOut
 from service.platform.db.fleets import Rig, RigCamera
 from service.platform.http.problems import Problem
 
@@ -21,4 +22,19 @@ def rig_camera(session: Session, rig: Rig, name: str) -> RigCamera:
         f"The rig {rig.name!r} has no camera {name!r}.",
         f"Its cameras are {', '.join(camera.name for camera in cameras)}.",
         cameras=[camera.name for camera in cameras],
+    )
+
+
+def rig_view(rig: Rig) -> RigOut:
+    """A rig's row as the outside sees it."""
+    names = ("name", "frame", "topic", "serial", "nominal", "joint", "images", "bounds")
+    return RigOut.of(
+        rig,
+        lidar={"frame": rig.lidar_frame, "topic": rig.lidar_topic, "serial": rig.lidar_serial},
+        cameras=[
+            {name: getattr(camera, name) for name in names}
+            | {"image_size": [camera.image_width, camera.image_height]}
+            for camera in rig.cameras
+        ],
+        camera_transforms=rig.camera_transforms or [],
     )
