@@ -38,8 +38,8 @@ def plan(access: Access, request: OffsetRequest) -> Analysis:
     detection = done_detection(access, request.detection_id, "engineer")
     recording = access.session.get_one(Recording, detection.recording_id)
     camera = find_camera(access.session, recording.id, request.camera)
-    asked = _camera_and_marks(access.session, recording, detection, camera, request.model)
-    return analysis_of(recording, request.kind, asked, detection.id)
+    question = _camera_and_marks(access.session, recording, detection, camera, request.model)
+    return analysis_of(recording, request.kind, question, detection.id)
 
 
 def members(row: Analysis) -> Json:

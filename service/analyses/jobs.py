@@ -35,10 +35,10 @@ _QUEUES = {
 }
 
 
-def analysis_of(recording: Recording, kind: str, asked: Json, detection_id: UUID | None = None) -> Analysis:
+def analysis_of(recording: Recording, kind: str, question: Json, detection_id: UUID | None = None) -> Analysis:
     """Return the row of a question to a recording, which is not written yet."""
     owned = {"fleet_id": recording.fleet_id, "vehicle_id": recording.vehicle_id, "recording_id": recording.id}
-    return Analysis(**owned, kind=kind, asked=asked, detection_id=detection_id)
+    return Analysis(**owned, kind=kind, asked=question, detection_id=detection_id)
 
 
 def queue_analysis(session: Session, row: Analysis) -> Job:
@@ -68,8 +68,8 @@ def queue_marks(session: Session, detection_id: UUID, detection: Detection) -> N
     recording = session.get_one(Recording, detection.recording_id)
     paired = select(VertexFrame.sensor_id).join(Vertex).where(Vertex.detection_id == detection_id)
     for camera in session.scalars(select(Sensor.name).where(Sensor.id.in_(paired)).order_by(Sensor.name)):
-        asked = {"camera": camera, "model": "brown_conrady"}
-        queue_analysis(session, analysis_of(recording, "machine_marks", asked, detection_id))
+        question = {"camera": camera, "model": "brown_conrady"}
+        queue_analysis(session, analysis_of(recording, "machine_marks", question, detection_id))
 
 
 def _take(session: Session, analysis_id: UUID, result: Json) -> None:

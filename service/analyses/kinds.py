@@ -52,8 +52,8 @@ def _copy(access: Access, request: CopyRequest) -> Analysis:
     from service.analyses.viewer_plan import plan_viewer_file
 
     recording = ready_recording(access, request.recording_id, "engineer")
-    asked = (plan_viewer_file if request.for_viewers else plan_copy)(access.session, recording, request)
-    return analysis_of(recording, request.kind, asked)
+    question = (plan_viewer_file if request.for_viewers else plan_copy)(access.session, recording, request)
+    return analysis_of(recording, request.kind, question)
 
 
 def _report(access: Access, request: ReportRequest) -> Analysis:

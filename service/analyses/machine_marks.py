@@ -26,8 +26,8 @@ def plan(access: Access, request: MarksRequest) -> Analysis:
     detection = done_detection(access, request.detection_id, "engineer")
     recording = access.session.get_one(Recording, detection.recording_id)
     camera = find_camera(access.session, recording.id, request.camera)
-    asked = {"camera": camera.name, "model": parse_model(request.model)}
-    return analysis_of(recording, request.kind, asked, detection.id)
+    question = {"camera": camera.name, "model": parse_model(request.model)}
+    return analysis_of(recording, request.kind, question, detection.id)
 
 
 def members(row: Analysis) -> Json:
