@@ -29,14 +29,7 @@ class Topics(Received):
 
 
 class ReadOptions(Received):
-    """What the owner knows of a recording and its file does not say: how it is read.
-
-    ``point_times: stamp_only`` leaves the points' own times out, as for still poses whose stamps were made up;
-    ``auto`` uses them, or derives them where the file has none. ``stamp_convention`` says what a sweep's stamp means;
-    ``rate_hz`` how often the LiDAR turns in a second; ``lidar_model`` which sensor sent captured packets; ``rings``
-    how many rings to compute where the file has none; ``camera_start_ns`` when a video's first frame was taken, UTC
-    nanoseconds, where nothing else says it.
-    """
+    """How a recording is read: what a :class:`Reading` says besides its topics, each as it says."""
 
     point_times: PointTimes = "auto"
     stamp_convention: StampConvention | None = None
@@ -47,6 +40,13 @@ class ReadOptions(Received):
 
 
 class Reading(ReadOptions):
-    """What the owner knows of the recording and its file does not say; ``topics`` says which is which."""
+    """What the owner knows of the recording and its file does not say.
+
+    ``topics`` says which is which; ``point_times: stamp_only`` leaves the points' own times out, as for still poses
+    whose stamps were made up, ``auto`` uses them, or derives them where the file has none; ``stamp_convention`` says
+    what a sweep's stamp means; ``rate_hz`` how often the LiDAR turns in a second; ``lidar_model`` which sensor sent
+    captured packets; ``rings`` how many rings to compute where the file has none; ``camera_start_ns`` when a video's
+    first frame was taken, UTC nanoseconds, where nothing else says it.
+    """
 
     topics: Topics = Topics(cameras={})
