@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 from pathlib import Path
 from typing import Final
@@ -21,12 +22,7 @@ _PROGRAM: Final = ("archives", "kept_file", "pull_alone")
 
 def pull(context: typer.Context) -> None:
     """Keep what a vehicle is given now (all its cameras) in a file: :mod:`apexcal.pull_alone`."""
-    parser = options_parser("apexcal pull")
-    parser.add_argument("--data", type=Path, default=DEFAULT, help="data folder of a service on this machine")
-    parser.add_argument(
-        "--program", action="store_true", help="write the program itself to OUTPUT, one file for Python 3.8 and newer"
-    )
-    options = parser.parse_args(context.args)
+    options = pull_parser().parse_args(context.args)
     if options.program:
         output = Path(options.output)
         write_content(output, program_source())
@@ -34,6 +30,16 @@ def pull(context: typer.Context) -> None:
         return
     options.url, options.token, _ = locate(options.url, options.token, options.data)
     pull_alone(options, httpx.create_ssl_context())
+
+
+def pull_parser() -> argparse.ArgumentParser:
+    """The program's options, and those of the command alone."""
+    parser = options_parser("apexcal pull")
+    parser.add_argument("--data", type=Path, default=DEFAULT, help="data folder of a service on this machine")
+    parser.add_argument(
+        "--program", action="store_true", help="write the program itself to OUTPUT, one file for Python 3.8 and newer"
+    )
+    return parser
 
 
 def program_source() -> str:

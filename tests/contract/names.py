@@ -48,7 +48,7 @@ SAY_NOTHING = frozenset(
 # How often each room may use them. Later changes lower these numbers.
 CEILINGS = {
     "apexcal": 2,
-    "service": 44,
+    "service": 42,
     "service/platform": 38,
     "workers": 0,
     "workers/geometry": 9,
