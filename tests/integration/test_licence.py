@@ -69,10 +69,10 @@ def test_the_source_archive_holds_it(built: Path) -> None:
     (source,) = built.glob("*.tar.gz")
     with tarfile.open(source) as archive:
         top = archive.getnames()[0].split("/")[0]
-        *texts, metadata = (archive.extractfile(f"{top}/{name}") for name in (*TEXTS, "PKG-INFO"))
-        assert [text.read().decode() for text in texts if text] == list(TEXTS.values())
-        assert metadata is not None
-        _holds(metadata.read().decode())
+        files = {name: archive.extractfile(f"{top}/{name}") for name in (*TEXTS, "PKG-INFO")}
+        texts = {name: file.read().decode() for name, file in files.items() if file}
+    _holds(texts.pop("PKG-INFO"))
+    assert texts == TEXTS
 
 
 def test_the_image_and_the_pages_state_it() -> None:

@@ -18,8 +18,8 @@ holds all of them. Each comes with its own licence text.
 
 Of these, psycopg is under the LGPL 3.0. The wheels of av (PyAV) hold FFmpeg with libx264 and libx265, which are under
 the GPL 2.0 or later: who gives the image, or an environment with av, to others has to keep to it. Only the extras
-`worker` and `all` hold av, which decodes videos. Built against a system's FFmpeg without these two libraries it decodes
-the same recordings.
+`worker` and `all` hold av, which decodes videos. Built against a system's FFmpeg without these two libraries it
+decodes the same recordings.
 """
 # What the metadata of a package does not say in SPDX's words.
 SAID = {
@@ -47,11 +47,10 @@ def licence(package: str) -> str:
         facts = metadata(package)
     except PackageNotFoundError:
         return ELSEWHERE[package]
-    if stated := facts.get("License-Expression"):
-        return stated
+    if "License-Expression" in facts:
+        return facts["License-Expression"]
     classified = [line.split("::")[-1].strip() for line in facts.get_all("Classifier") or [] if "License" in line]
-    stated = classified or [(facts.get("License") or "").splitlines()[0]]
-    return " OR ".join(SAID.get(words, words) for words in stated)
+    return " OR ".join(SAID.get(words, words) for words in classified or facts["License"].splitlines()[:1])
 
 
 def notice() -> str:
