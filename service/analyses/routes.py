@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from typing import Annotated
 from uuid import UUID
 
@@ -23,6 +22,7 @@ from service.platform.db.session import Database
 from service.platform.http.etags import Conditional, content_etag
 from service.platform.http.pages import Paging
 from service.platform.http.router import DOCUMENT, Router
+from service.platform.http.store_problems import streamed
 from service.platform.storage.store import Store
 
 router = Router(tags=["analyses"])
@@ -120,18 +120,9 @@ async def get_file(
     etag = content_etag(file.key.rpartition("/")[2].partition(".")[0])
     conditions.offer(etag)
     store: Store = request.app.state.store
-    pieces = aiter(store.read_all(file.key))
-    # The first piece is fetched before the answer begins, so that a store that fails is answered with a problem.
-    first = await anext(pieces, b"")
     headers = {"ETag": etag, "Content-Length": str(file.size)}
     headers["Content-Disposition"] = file.disposition(save=download or not file.is_page)
     if file.is_page:
         headers["Content-Security-Policy"] = _PAGE_POLICY
     media_type = "text/html" if file.is_page else "application/octet-stream"
-    return StreamingResponse(_after(first, pieces), media_type=media_type, headers=headers)
-
-
-async def _after(first: bytes, rest: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
-    yield first
-    async for piece in rest:
-        yield piece
+    return await streamed(store.read_all(file.key), media_type, headers)
