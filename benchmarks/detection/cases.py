@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from apexcal.documents.simulation import Disturbances
 from benchmarks.detection.walks import FOUR_RINGS, SIZE, Case
-from workers.simulation.flaws import Mount
+from tests.support.scenes.flawed_lidar import Mount
 from workers.simulation.sensors import SENSORS
 from workers.simulation.walker import BoardHold
 

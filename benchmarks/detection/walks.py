@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from apexcal.documents.simulation import Disturbances
 from tests.support.scenes.drawn import region_before
+from tests.support.scenes.flawed_lidar import FlawedLidar, Mount
 from workers.readers.recording import Sweep
-from workers.simulation.flaws import Mount
-from workers.simulation.lidar import BOARD, SENSORS, LidarModel, SimulatedLidar, Walks
+from workers.simulation.lidar import BOARD, SENSORS, LidarModel, Walks
 from workers.simulation.scene import WALKER_REGION, Scene, scene_with
 from workers.simulation.walker import BOARD_EDGES_M, BoardHold, Walk
 from workers.simulation.walks import FIELD_X_M
@@ -115,7 +115,7 @@ def simulate(case: Case, seed: int, seconds: float) -> Walked:
     """The walk of a case."""
     scene = scene_with(case.disturbances.poles, seed)
     walk = Walk(seed, seconds, scene.ground_z, plan="field", disturbances=case.disturbances, hold=case.hold)
-    lidar = SimulatedLidar(
+    lidar = FlawedLidar(
         case.sensor,
         scene,
         walk,
@@ -128,7 +128,7 @@ def simulate(case: Case, seed: int, seconds: float) -> Walked:
     return looked_at(walk, lidar, seconds)
 
 
-def looked_at(walk: Walks, lidar: SimulatedLidar, seconds: float) -> Walked:
+def looked_at(walk: Walks, lidar: FlawedLidar, seconds: float) -> Walked:
     """The sweeps of a sensor that looks at a walk for so long."""
     sweeps: list[Sweep] = []
     apexes: list[NDArray[np.float64]] = []

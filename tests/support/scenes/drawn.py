@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.simulation import Disturbances, SecondPerson, WalkName
+from tests.support.scenes.flawed_lidar import FlawedLidar, Flaws, Mount
 from tests.support.scenes.street import Street
-from workers.simulation.flaws import Flaws, Mount
-from workers.simulation.lidar import SimulatedLidar, Walks
+from workers.simulation.lidar import Walks
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS, LidarModel
 from workers.simulation.walker import BoardHold, Walk
@@ -53,7 +53,7 @@ class DrawnScene:
     plan: WalkName | None
     far_m: float
 
-    def simulated(self, seconds: float) -> tuple[Walks, SimulatedLidar]:
+    def simulated(self, seconds: float) -> tuple[Walks, FlawedLidar]:
         """Who walks where, and the sensor that looks on."""
         ground = self.scene.ground_z
         walk: Walks = (
@@ -69,7 +69,7 @@ class DrawnScene:
                 board_m=self.board_m,
             )
         )
-        lidar = SimulatedLidar(
+        lidar = FlawedLidar(
             self.sensor,
             self.scene,
             walk,

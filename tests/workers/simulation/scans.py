@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from workers.simulation.lidar import SENSORS, SimulatedLidar
+from tests.support.scenes.flawed_lidar import FlawedLidar
+from workers.simulation.lidar import SENSORS
 from workers.simulation.scene import Scene
 from workers.simulation.walker import Walk
 
@@ -24,7 +25,7 @@ def scanned(
     scene = scene or Scene()
     walk = Walk(5, 60.0, scene.ground_z, plan=plan, disturbances=disturbances, hold=hold)
     spoiled = {"noise_m": noise_m, "disturbances": disturbances, "flaws": flaws, "mount": mount}
-    lidar = SimulatedLidar(SENSORS[sensor], scene, walk, sector_deg=60.0, seed=5, **spoiled)
+    lidar = FlawedLidar(SENSORS[sensor], scene, walk, sector_deg=60.0, seed=5, **spoiled)
     sweeps, labels, poses = [], [], []
     for index, start_s in enumerate(starts_s):
         sweep, label = lidar.labelled_sweep(index, start_s, 0)

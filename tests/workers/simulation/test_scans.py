@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from apexcal.documents.simulation import Disturbances
+from tests.support.scenes.flawed_lidar import Flaws, Mount
 from tests.workers.simulation.scans import azimuths_deg, elevations_deg, ranges, scanned
-from workers.simulation.flaws import Flaws, Mount
 from workers.simulation.lidar import BOARD, BOX, GROUND, PERSON, POLE, SECOND_PERSON, SPECKLE, WALL
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS

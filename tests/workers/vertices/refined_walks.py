@@ -5,7 +5,8 @@ from functools import cache
 import numpy as np
 
 from apexcal.documents.simulation import Disturbances
-from workers.simulation.lidar import BOARD, SENSORS, SimulatedLidar, with_rings
+from tests.support.scenes.flawed_lidar import FlawedLidar
+from workers.simulation.lidar import BOARD, SENSORS, with_rings
 from workers.simulation.scene import WALKER_REGION, scene_with
 from workers.simulation.walker import BOARD_EDGES_M, Walk
 from workers.vertices.region import Region
@@ -38,7 +39,7 @@ def walk(
     scene = scene_with(spoiled.poles, seed)
     way = walker(seed, seconds, plan=plan, disturbances=spoiled, hold=hold)
     model = with_rings(SENSORS[sensor], rings) if rings else SENSORS[sensor]
-    lidar = SimulatedLidar(
+    lidar = FlawedLidar(
         model, scene, way, sector_deg=55, noise_m=noise_m, seed=seed, disturbances=spoiled, mount=mount, flaws=flaws
     )
     sweeps, apexes, moments, counts, corners = [], [], [], [], []
