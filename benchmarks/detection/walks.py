@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from apexcal.documents.simulation import Disturbances
 from tests.support.scenes.drawn import region_before
 from tests.support.scenes.flawed_lidar import FlawedLidar, Mount
+from tests.support.scenes.held_board import BoardHold, HeldWalk
 from workers.readers.recording import Sweep
 from workers.simulation.lidar import BOARD, SENSORS, LidarModel, Walks
 from workers.simulation.scene import WALKER_REGION, Scene, scene_with
-from workers.simulation.walker import BOARD_EDGES_M, BoardHold, Walk
+from workers.simulation.walker import BOARD_EDGES_M
 from workers.simulation.walks import FIELD_X_M
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
@@ -114,7 +115,7 @@ def found(case: str, key: str, walked: Walked, region: Region, detector: str, op
 def simulate(case: Case, seed: int, seconds: float) -> Walked:
     """The walk of a case."""
     scene = scene_with(case.disturbances.poles, seed)
-    walk = Walk(seed, seconds, scene.ground_z, plan="field", disturbances=case.disturbances, hold=case.hold)
+    walk = HeldWalk(seed, seconds, scene.ground_z, plan="field", disturbances=case.disturbances, hold=case.hold)
     lidar = FlawedLidar(
         case.sensor,
         scene,

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from apexcal.documents.simulation import Disturbances, SecondPerson, WalkName
 from tests.support.scenes.flawed_lidar import FlawedLidar, Flaws, Mount
+from tests.support.scenes.held_board import BoardHold, HeldWalk
 from tests.support.scenes.street import Street
 from workers.simulation.lidar import Walks
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS, LidarModel
-from workers.simulation.walker import BoardHold, Walk
 from workers.simulation.walks import FIELD_HALF_WIDTH_M, FIELD_X_M, YARD_FAR_M
 
 _SENSORS = ("vlp16", "vlp32c", "alpha-prime", "os0-128", "os1-32", "os1-64", "os2-128", "xt32", "qt64", "pandar40p")
@@ -59,7 +59,7 @@ class DrawnScene:
         walk: Walks = (
             Street(self.seed, ground)
             if self.plan is None
-            else Walk(
+            else HeldWalk(
                 self.seed,
                 seconds,
                 ground,
