@@ -56,10 +56,10 @@ CEILINGS = {
     "workers/marks": 15,
     "workers/models": 0,
     "workers/readers": 0,
-    "workers/reports": 1,
+    "workers/reports": 0,
     "workers/simulation": 0,
     "workers/solver": 4,
-    "workers/tasks": 21,
+    "workers/tasks": 20,
     "workers/vertices": 6,
 }
 

@@ -15,6 +15,7 @@ import pytest
 from tests.support.notice import notice
 
 ROOT = Path(__file__).parents[2]
+PAGES = ("service/web/index.html", "workers/reports/report.html")
 TEXTS = {name: (ROOT / name).read_text() for name in ("LICENSE", "NOTICE")}
 LICENCE = TEXTS["LICENSE"]
 
@@ -34,9 +35,10 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if (ROOT / name).is_file() and not name.startswith(("docs/", "tests/", "benchmarks/")):
             (copy / name).parent.mkdir(parents=True, exist_ok=True)
             (copy / name).write_bytes((ROOT / name).read_bytes())
-    # The pages are not what is asked here: a page in their place keeps the build hook from building them.
+    # The pages are not what is asked here: files in their place keep the build hook from building them.
     (copy / "service" / "web").mkdir(parents=True)
-    (copy / "service" / "web" / "index.html").write_text("<!doctype html>")
+    for name in PAGES:
+        (copy / name).write_text("<!doctype html>")
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-d", str(out)], cwd=copy, check=True, capture_output=True
     )
@@ -63,6 +65,8 @@ def test_the_wheel_holds_it(built: Path) -> None:
         (info,) = {name.split("/")[0] for name in archive.namelist() if ".dist-info/" in name}
         assert {name: archive.read(f"{info}/licenses/{name}").decode() for name in TEXTS} == TEXTS
         _holds(archive.read(f"{info}/METADATA").decode())
+        # Whoever installs the wheel has the pages, and its workers the report.
+        assert set(PAGES) <= set(archive.namelist())
 
 
 def test_the_source_archive_holds_it(built: Path) -> None:
