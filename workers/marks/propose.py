@@ -64,6 +64,7 @@ _MOST_SCATTER: Final = 2.0
 _STILL_CONFIRMED: Final = 0.8  # of the sights, by edges farther out
 Answers = list[dict[CornerName, MarkProposal | MarkRefusal]]
 _GAIN_STEP: Final = 0.3
+_TOLD_BY_SIZE: Final = frozenset({"no_consensus", "few_edges", "two_consensuses"})
 _ENOUGH_TIPS: Final = 0.5  # of the sights: with fewer, the other corners are measured for the mount too
 
 
@@ -346,4 +347,6 @@ def _failed(task: MarkTask, reason: FailureReason, sentence: str) -> MachineMark
     none: Answers = [
         {name: MarkRefusal("no_mount") for name in task.corners if name in sight.corners} for sight in task.sights
     ]
+    if reason in _TOLD_BY_SIZE and all(len(sight.corners) == 1 for sight in task.sights):
+        sentence += " Where the board's size is stated (--board), the machine goes by its other corners too."
     return MachineMarks(none, None, RecordingFailure(reason, sentence + " Mark this recording by hand."))
