@@ -162,7 +162,7 @@ def test_a_size_that_is_not_the_boards_is_said(seed):
     for said in ((0.85 * one, 0.85 * other), (other, other)):
         seen = detected(recording, region, {"board_width_m": said[0], "board_height_m": said[1]}).size
         assert np.array(seen.seen_m) == pytest.approx(sorted(recording.edges_m), abs=3.0 * max(seen.sigma_m))
-        assert max(seen.sigma_m) < 0.03  # of which blooming, which boards at like distances do not tell, is nearly all
+        assert max(seen.sigma_m) < 0.03  # nearly all is what blooming leaves open
         assert seen.contradicts
     assert not detected(recording, region, {}).size.contradicts
 
