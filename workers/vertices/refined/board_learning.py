@@ -199,7 +199,7 @@ def _fit_edges(
         unusual = (growth - sum(GROWTH_RAD) / 2.0) / (GROWTH_RAD[1] - GROWTH_RAD[0])
         return evidence(planes, replace(model, edges=lengths, growth=growth, slack=0.0)) - 2.0 * unusual**2
 
-    start = np.linalg.solve(towards, [*model.edges, model.growth])
+    start: Floats = np.asarray(np.linalg.solve(towards, [*model.edges, model.growth]), np.float64)
     optimum, inverse, highest = climb(explains, start, free, step * np.array([0.02, 0.02, 1.0e-3]))
     return towards @ optimum, towards @ inverse @ towards.T, highest
 
