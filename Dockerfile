@@ -3,7 +3,7 @@ FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa1849
 RUN apt-get update && apt-get install --yes --no-install-recommends make && rm -rf /var/lib/apt/lists/*
 WORKDIR /src
 COPY requirements requirements
-COPY pyproject.toml Makefile README.md LICENSE ./
+COPY pyproject.toml Makefile README.md LICENSE NOTICE ./
 COPY apexcal apexcal
 COPY service service
 COPY workers workers
@@ -17,7 +17,7 @@ COPY requirements/bootstrap.lock requirements/app.lock /tmp/requirements/
 RUN python -m pip install --no-cache-dir --require-hashes -r /tmp/requirements/bootstrap.lock \
  && uv pip install --system --no-cache --compile-bytecode --require-hashes -r /tmp/requirements/app.lock
 LABEL org.opencontainers.image.licenses="Apache-2.0" org.opencontainers.image.authors="the apexcal authors"
-COPY LICENSE /usr/share/doc/apexcal/LICENSE
+COPY LICENSE NOTICE /usr/share/doc/apexcal/
 COPY --from=build /wheels /tmp/wheels
 RUN uv pip install --system --no-cache --compile-bytecode --no-deps /tmp/wheels/*.whl \
  && rm -rf /tmp/wheels /tmp/requirements

@@ -25,7 +25,7 @@ help:  ## say what there is
 setup: $(STAMPS)/installed $(STAMPS)/compiled  ## make the environment in .venv
 
 demo: setup frontend  ## start the service and drive the whole job through its API (under two minutes)
-	$(BIN)/python -m apexcal.demo
+	$(BIN)/python -m benchmarks.demo
 
 serve: setup frontend  ## leave the service up, with the demo's data where there is some; ARGS="--port 8001"
 	$(BIN)/apexcal serve $(ARGS)
@@ -107,7 +107,7 @@ check: setup $(API_TYPES)  ## style, types, import rules, names
 	$(BIN)/python -m tests.contract.names
 	$(NPM) run check
 
-frontend: $(STAMPS)/frontend  ## build the pages into service/web
+frontend: $(STAMPS)/frontend  ## build the pages into service/web, and the report into workers/reports
 
 lock: $(STAMPS)/uv  ## resolve the requirements again; the files hold hashes and no addresses
 	$(BIN)/uv pip compile $(LOCK_FLAGS) requirements/bootstrap.in -o requirements/bootstrap.lock
@@ -117,7 +117,7 @@ lock: $(STAMPS)/uv  ## resolve the requirements again; the files hold hashes and
 LOCK_FLAGS := --universal --generate-hashes --python-version 3.11 --no-header --no-emit-index-url --quiet
 
 clean:  ## remove what was built; data in var/ stays
-	rm -rf $(VENV) frontend/node_modules $(API_TYPES) service/web dist .pytest_cache .ruff_cache .import_linter_cache
+	rm -rf $(VENV) frontend/node_modules $(API_TYPES) service/web workers/reports/report.html dist .pytest_cache .ruff_cache .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMPS)/uv: requirements/bootstrap.lock

@@ -64,7 +64,7 @@ COMMANDS = {
     "report": Command("results", "Write the report of a result, with its verdict, as one HTML file."),
     "export": Command("export", "Write a camera's current calibration, or one result, for other programs."),
 }
-# Another program of ours defines their options and their help.
+# Another program of ours, or its own parser, defines their options and their help.
 _PASSED_ON: dict[str, Any] = {
     "add_help_option": False,
     "context_settings": {"ignore_unknown_options": True, "allow_extra_args": True},

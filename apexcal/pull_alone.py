@@ -1,7 +1,6 @@
 """`apexcal pull` for cars with older systems: Python 3.8 or newer and its standard library, nothing else.
 
-`apexcal pull --program` writes this module and those that it imports into one file. Options, exit codes, retries and
-what is refused are those of :mod:`apexcal.commands.pull`; address and token must be given.
+`apexcal pull` runs this module, and `apexcal pull --program` writes it and those that it imports into one file.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import json
 import os
 import random
 import re
+import ssl
 import sys
 import time
 import urllib.error
@@ -33,12 +33,20 @@ REFUSED = {
     "calibration_deleted": WITHDRAWN,
     "calibration_does_not_apply": OTHER_SENSORS,
 }
-# As in apexcal.transport, which has the reasons.
+# Of every client of ours: apexcal.transport takes these from here.
 PAUSES_S = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 8.0)
 BUSY = (408, 429, 502, 503, 504)
+# A longer wait is the caller's to decide.
 LONGEST_WAIT_S = 30.0
+# The export of a vehicle of 100 cameras has less than 1 MB.
 LONGEST_ANSWER = 16 * 2**20
 _INPUT_CODES = ("invalid_request", "invalid_options", "unknown_format")
+_EXIT_CODES = (
+    "Exit codes: 0 the file is what the vehicle is given now; 1 the service refused, or the file cannot be written; "
+    "2 wrong usage; 3 no answer now: try again; 5 the calibration was withdrawn or deleted; 6 it is of other sensors "
+    "than the mounted ones; 7 what answered is no calibration of this vehicle. After 1, 3, 5, 6 and 7 the last good "
+    "file stays. 4: as these, but there is no good file."
+)
 
 
 class PullError(Exception):
@@ -58,9 +66,12 @@ class _NoRedirect(urllib.request.HTTPRedirectHandler):
 
 
 class Service:
-    """GET requests to one service, each repeated while it is away or busy."""
+    """GET requests to one service, each repeated while it is away or busy.
 
-    def __init__(self, url: str, token: str, timeout_s: float) -> None:
+    ``trust`` holds the authorities whose certificates are believed; None: those of the system.
+    """
+
+    def __init__(self, url: str, token: str, timeout_s: float, trust: ssl.SSLContext | None = None) -> None:
         try:
             parts = urlsplit(url)
             is_address = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
@@ -84,7 +95,7 @@ class Service:
         self._was_reached = False
         # A proxy of the environment would read over http what is meant for this machine alone.
         proxies = urllib.request.ProxyHandler(None if parts.scheme == "https" or is_allowed else {})
-        self._opener = urllib.request.build_opener(_NoRedirect, proxies)
+        self._opener = urllib.request.build_opener(_NoRedirect, proxies, urllib.request.HTTPSHandler(context=trust))
 
     def get(self, path: str, query: dict[str, Any], etag: str | None = None) -> tuple[int, Any, bytes]:
         """Return status (200 or 304), headers and content of an answer. Raises :class:`PullError`."""
@@ -104,7 +115,7 @@ class Service:
                 self._was_reached = True
                 if status in (200, 304):
                     return status, answered, content
-                wait_s = _retry_after_s(answered)
+                wait_s = retry_after_s(answered)
                 if status not in BUSY or pause_s is None or wait_s > LONGEST_WAIT_S:
                     raise self._problem(status, answered, content)
             # Spread, so that a fleet does not come back at one moment.
@@ -141,7 +152,7 @@ class Service:
             fields = None
         is_problem = isinstance(fields, dict)
         fields = fields if is_problem else {"detail": f"{self.url} answered {status}"}
-        name, wait_s = str(fields.get("code") or "unknown"), _retry_after_s(headers)
+        name, wait_s = str(fields.get("code") or "unknown"), retry_after_s(headers)
         code = REFUSED.get(name, USAGE if name in _INPUT_CODES else FAILED)
         if status >= 500 or status in BUSY:
             code = UNREACHABLE
@@ -183,9 +194,8 @@ class Service:
                 return items
 
 
-def main(words: list[str] | None = None) -> NoReturn:
+def pull(options: argparse.Namespace, trust: ssl.SSLContext | None = None) -> NoReturn:
     """Pull, say on standard error what came of it, and exit."""
-    options = _parser().parse_args(words)
     # A link to a file stays, and what it leads to is replaced. A link to a folder is replaced itself.
     output = Path(options.output)
     output = output.parent.resolve() / output.name if options.unpack else output.resolve()
@@ -195,7 +205,8 @@ def main(words: list[str] | None = None) -> NoReturn:
         if (output.exists() and not fits) or not output.parent.is_dir():
             what = "link" if options.unpack else "file"
             raise PullError(f"{output} is no place for a {what}", "Name a new one in a folder that exists", USAGE)
-        is_changed = _pull(Service(options.url, options.token, options.timeout), pulled, options)
+        service = Service(options.url, options.token, options.timeout, trust)
+        is_changed = _pull(service, pulled, options)
         if options.unpack:
             replace_folder(output, read_archive(pulled.path.read_bytes()))
     except PullError as error:
@@ -286,7 +297,7 @@ def _as_id(text: str) -> str:
         return ""
 
 
-def _retry_after_s(headers: Any) -> float:
+def retry_after_s(headers: Any) -> float:
     """Seconds that the answer asks to wait: a number or a date (RFC 9110, 10.2.3); 0 where it asks for none."""
     after = headers.get("Retry-After") or ""
     try:
@@ -296,8 +307,17 @@ def _retry_after_s(headers: Any) -> float:
     return max(seconds, 0.0)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description="Keep what a vehicle is given now in a file.")
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.1 <= seconds <= 600.0:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0.1 and 600 seconds")
+    return seconds
+
+
+def options_parser(command: str | None = None) -> argparse.ArgumentParser:
+    """The parser of the options that :func:`pull` takes. ``command``: what the help calls the program."""
+    what = "Keep what a vehicle is given now in a file. It is replaced whole, or not at all."
+    parser = argparse.ArgumentParser(prog=command, description=what, epilog=_EXIT_CODES)
     text = ("vehicle", "id or name"), ("fleet", "its fleet"), ("sensor", "serial number of a sensor of the vehicle")
     for name, help in (*text, ("as-of", "a moment in the past, 2026-03-01T12:00:00Z")):
         parser.add_argument(f"--{name}", default="", help=help)
@@ -307,11 +327,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--format", default="json", help="json, or a format of the service")
     parser.add_argument("--alias", default="current", help="the alias to follow")
     parser.add_argument("--unpack", action="store_true", help="keep a folder of the files of --format")
-    parser.add_argument("--timeout", type=float, default=10.0, help="seconds to wait for each answer")
+    parser.add_argument("--timeout", type=_seconds, default=10.0, help="seconds to wait for each answer")
     parser.add_argument("--url", default=os.environ.get("APEXCAL_URL", ""), help="address of the service")
     parser.add_argument("--token", default=os.environ.get("APEXCAL_TOKEN", ""), help="API token")
     return parser
 
 
 if __name__ == "__main__":
-    main()
+    pull(options_parser().parse_args())

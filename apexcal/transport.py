@@ -12,8 +12,7 @@ import re
 import time
 import uuid
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from email.utils import parsedate_to_datetime
+from contextlib import contextmanager
 from typing import Any, TypeVar
 from urllib.parse import SplitResult, quote, urlsplit
 
@@ -22,18 +21,13 @@ from pydantic import BaseModel, ValidationError
 
 from apexcal.documents.base import Page
 from apexcal.errors import ApiError, ForeignAnswerError, InputError, TokenError, UnreachableError
+from apexcal.pull_alone import BUSY, LONGEST_ANSWER, LONGEST_WAIT_S, PAUSES_S, retry_after_s
 
 Document = dict[str, Any]
 M = TypeVar("M", bound=BaseModel)
 
 # A part of 16 MiB over a slow line takes minutes; everything else answers at once.
 TIMEOUT = httpx.Timeout(60.0, connect=5.0, write=300.0)
-_PAUSES_S = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 8.0)
-_BUSY = (408, 429, 502, 503, 504)
-# A longer wait is the caller's to decide.
-_MOST_WAIT_S = 30.0
-# The export of a vehicle of 100 cameras has less than 1 MB.
-_MOST_BYTES = 16 * 2**20
 # What a header can carry behind "Bearer ": visible ASCII.
 _TOKEN = re.compile(r"[!-~]+")
 
@@ -45,7 +39,7 @@ class HttpTransport:
         self,
         base_url: str,
         token: str | None = None,
-        pauses_s: tuple[float, ...] = _PAUSES_S,
+        pauses_s: tuple[float, ...] = PAUSES_S,
         timeout_s: float | None = None,
     ) -> None:
         parts = _split(base_url)
@@ -119,20 +113,18 @@ class HttpTransport:
             return None
         return read(response, kind), _etag(response)
 
-    def get_export(self, path: str, format: str, etag: str | None = None, **query: Any) -> httpx.Response | None:
-        """GET a calibration in a format, or None where it still is what ``etag`` names.
+    def get_export(self, path: str, format: str, **query: Any) -> httpx.Response:
+        """GET a calibration in a format of another program.
 
         Raises ForeignAnswerError unless it is a whole answer in that format, with the SHA-256 that it states.
         """
-        headers = {"Accept-Encoding": "identity"} | ({"If-None-Match": etag} if etag else {})
-        params = _given({"format": None if format == "json" else format, **query})
-        response = self.send("GET", path, params=params, headers=headers, most_bytes=_MOST_BYTES)
-        if etag and response.status_code == httpx.codes.NOT_MODIFIED:
-            return None
+        params = _given({"format": format, **query})
+        identity = {"Accept-Encoding": "identity"}
+        response = self.send("GET", path, params=params, headers=identity, most_bytes=LONGEST_ANSWER)
         _etag(response)
-        media_type = "application/json" if format == "json" else f"application/vnd.apexcal.{format}+"
-        if not response.headers.get("Content-Type", "").startswith(media_type):
-            raise ForeignAnswerError(response.request.url, f"answered what is no {media_type.rstrip('+')}")
+        media_type = f"application/vnd.apexcal.{format}"
+        if not response.headers.get("Content-Type", "").startswith(f"{media_type}+"):
+            raise ForeignAnswerError(response.request.url, f"answered what is no {media_type}")
         sha256 = base64.b64encode(hashlib.sha256(response.content).digest()).decode()
         if response.headers.get("Repr-Digest") != f"sha-256=:{sha256}:":
             raise ForeignAnswerError(response.request.url, "answered bytes without their SHA-256 (Repr-Digest)")
@@ -167,7 +159,7 @@ class HttpTransport:
         # A service that never answered is more likely misspelt than restarting.
         pauses_s = self._pauses_s if self._reached else self._pauses_s[:2]
         for pause_s in (*pauses_s, None):
-            retry_after_s = 0.0
+            wait_s = 0.0
             try:
                 with self._http.stream(method, path, **request) as streamed:
                     response = _read(streamed, most_bytes)
@@ -181,11 +173,11 @@ class HttpTransport:
                     raise ForeignAnswerError(response.request.url, f"leads on to {where}, which is not followed")
                 if response.status_code < 400:
                     return response
-                retry_after_s = _retry_after_s(response)
-                if response.status_code not in _BUSY or pause_s is None or retry_after_s > _MOST_WAIT_S:
+                wait_s = retry_after_s(response.headers)
+                if response.status_code not in BUSY or pause_s is None or wait_s > LONGEST_WAIT_S:
                     raise problem_of(response)
             # Spread, so that a fleet does not come back at one moment.
-            time.sleep(max(pause_s, retry_after_s) * random.uniform(1.0, 1.5))
+            time.sleep(max(pause_s, wait_s) * random.uniform(1.0, 1.5))
         raise AssertionError("the last pause is None")
 
     @contextmanager
@@ -273,7 +265,7 @@ def problem_of(response: httpx.Response) -> ApiError:
             "detail": f"{response.request.url} answered {response.status_code} {response.reason_phrase}",
             "hint": "Is this the address of an apexcal service?",
         }
-    if wait_s := _retry_after_s(response):
+    if wait_s := retry_after_s(response.headers):
         fields["hint"] = f"{fields.get('hint') or ''} Ask again in {wait_s:.0f} s.".strip()
     return ApiError(response.status_code, fields)
 
@@ -286,14 +278,6 @@ def _not_finite(document: Any, at: str = "") -> str | None:
     steps = enumerate(document) if isinstance(document, list | tuple) else steps
     inside = (_not_finite(value, f"{at}.{step}" if at else str(step)) for step, value in steps)
     return next((where for where in inside if where is not None), None)
-
-
-def _retry_after_s(response: httpx.Response) -> float:
-    """Seconds that the answer asks to wait: a number or a date (RFC 9110, 10.2.3); 0 where it asks for none."""
-    after = response.headers.get("Retry-After", "")
-    with suppress(ValueError):
-        return max(float(after) if after.isdigit() else parsedate_to_datetime(after).timestamp() - time.time(), 0.0)
-    return 0.0
 
 
 def _read(streamed: httpx.Response, most_bytes: int | None) -> httpx.Response:

@@ -29,15 +29,14 @@ import numpy as np
 
 from apexcal.documents.detectors import DETECTORS
 from apexcal.documents.simulation import SimulationOptions
+from tests.support.packets import packet_rig, write_capture
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import RecordingManifest
 from workers.simulation.background import paint_background
 from workers.simulation.render import Renderer, encode_jpeg
-from workers.simulation.rig import START_NS, SimulatedRig
+from workers.simulation.rig import START_NS
 from workers.simulation.simulate import WALKER_REGION
-from workers.simulation.writers.files import StampedFiles
-from workers.simulation.writers.packets import Pcap, Vlp16Packets, ethernet
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 
@@ -56,7 +55,7 @@ def measure(seconds: float) -> dict[str, float]:
     """The figures of a recording of that many seconds, at least 10."""
     with tempfile.TemporaryDirectory() as folder:
         source, out = Path(folder) / "recording", Path(folder) / "normalised"
-        _write(source, SimulationOptions(seconds=seconds, seed=_seed(), sector_deg=180.0, format="pcap"))
+        _write(source, SimulationOptions(seconds=seconds, seed=_seed(), sector_deg=180.0))
         figures = _ingestion(source, out, seconds)
         return figures | _detection(out / "lidar.mcap", seconds)
 
@@ -67,21 +66,18 @@ def _seed() -> int:
 
 def _write(folder: Path, options: SimulationOptions) -> None:
     """The recording; of its frames the first are painted, and then come again and again."""
-    rig = SimulatedRig(options)
-    folder.mkdir(parents=True)
-    packets, capture = Vlp16Packets(rig.lidar), Pcap(folder / "lidar.pcap")
-    for sweep in rig.sweeps():
-        for at_ns, payload in packets.of(sweep):
-            capture.add(at_ns, ethernet(payload))
-    capture.close()
+    rig = packet_rig(options)
+    (folder / "images" / "front").mkdir(parents=True)
+    write_capture(rig, folder / "lidar.pcap")
     mounted = rig.cameras[0]
     renderer = Renderer(mounted.camera, rig.scene, paint_background(mounted.camera, rig.scene, options.seed))
     poses = rig.walk.poses((mounted.times_ns - START_NS).astype(np.float64) * 1e-9)
     painted = [encode_jpeg(renderer.frame(poses, index)) for index in range(_PAINTED)]
-    files = StampedFiles(folder)
+    lines = ["file,stamp_ns"]
     for number, stamp_ns in enumerate(mounted.stamps_ns.tolist()):
-        files.add("images/front", "jpg", painted[number % _PAINTED], stamp_ns)
-    files.close()
+        lines.append(f"images/front/{number:06d}.jpg,{stamp_ns}")
+        (folder / f"images/front/{number:06d}.jpg").write_bytes(painted[number % _PAINTED])
+    (folder / "timestamps.csv").write_text("\n".join(lines) + "\n")
 
 
 @contextmanager

@@ -1,5 +1,5 @@
-"""Build hook: puts the built pages into the wheel. An editable install serves them from ``service/web`` as well,
-where ``make frontend`` writes them."""
+"""Build hook: puts the built pages and the built report into the wheel. An editable install has them where
+``make frontend`` writes them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ class CustomBuildHook(BuildHookInterface):
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         if version == "editable":
             return
-        pages = Path(self.root) / "service" / "web" / "index.html"
-        if not pages.exists():
+        built = ("service/web/index.html", "workers/reports/report.html")
+        if not all((Path(self.root) / name).exists() for name in built):
             subprocess.run(["make", "frontend"], cwd=self.root, check=True)

@@ -66,11 +66,40 @@ function neededBy(some: Rolldown.OutputChunk[], chunks: Rolldown.OutputChunk[], 
   return [...needed].flatMap((chunk) => [chunk.fileName, ...(chunk.viteMetadata?.importedCss ?? [])]);
 }
 
-export default defineConfig({
-  plugins: [svelte(), compressed()],
+/** Puts script and style into the page, so that one file is all: a worker writes a result's numbers into it. */
+function inlined(): Plugin {
+  // Nothing in a script may look like an end tag or a comment of the page around it.
+  const harmless = (code: string): string => code.replace(/<(?=!--|\/?script)/gi, "\\x3C");
+  return {
+    name: "inlined",
+    apply: "build",
+    enforce: "post",
+    generateBundle(_, bundle) {
+      const files = Object.values(bundle);
+      const [page] = files.filter((one) => one.type === "asset" && one.fileName.endsWith(".html"));
+      const scripts = files.flatMap((one) => (one.type === "chunk" ? [harmless(one.code)] : []));
+      const styles = files.flatMap((one) => (one.fileName.endsWith(".css") && "source" in one ? [one.source] : []));
+      if (page?.type !== "asset" || scripts.length !== 1) this.error("The report is one page with one script.");
+      const head = String(page.source).replace(/<(script type="module"|link rel="stylesheet")[^>]*>(<\/script>)?/g, "");
+      page.source = head
+        .replace("</head>", () => `<style>${styles.join("")}</style></head>`)
+        .replace("</body>", () => `<script type="module">${scripts.join("")}</script></body>`);
+      for (const name of Object.keys(bundle)) if (bundle[name] !== page) Reflect.deleteProperty(bundle, name);
+    },
+  };
+}
+
+export default defineConfig(({ mode }) => ({
+  plugins: mode === "report" ? [svelte(), inlined()] : [svelte(), compressed()],
   build: {
-    outDir: OUT,
-    emptyOutDir: true,
+    ...(mode === "report"
+      ? {
+          outDir: "../workers/reports",
+          emptyOutDir: false,
+          copyPublicDir: false,
+          rolldownOptions: { input: "report.html" },
+        }
+      : { outDir: OUT, emptyOutDir: true }),
     assetsInlineLimit: 0,
     modulePreload: { polyfill: false },
     target: "es2023",
@@ -81,4 +110,4 @@ export default defineConfig({
       "/v1": { target: service, changeOrigin: true, headers: { origin: service } },
     },
   },
-});
+}));

@@ -14,7 +14,7 @@ from kombu.transport import TRANSPORT_ALIASES
 
 from service.platform.broker.connection import CONSUMER
 from service.platform.garbage import imports_done
-from service.platform.jobs.queues import QUEUES
+from service.platform.jobs.kinds import QUEUES
 from service.platform.observability import logs
 from service.platform.settings import get_settings, settings_or_exit
 from workers import alive

@@ -23,7 +23,8 @@ FormatOption = Annotated[
     str,
     typer.Option(
         "--format",
-        help="json, or one of camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel, vcd.",
+        help="json, or one of camera_info, ros2, urdf, autoware, kitti, kitti_object, kalibr, opencv, fast_livo2, "
+        "direct_visual, nuscenes, openlabel, vcd.",
     ),
 ]
 

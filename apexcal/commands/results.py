@@ -32,7 +32,7 @@ CameraNameOption = Annotated[str, typer.Option("--camera", help="Camera, by its 
 def report(
     session: Session, result: ResultArgument, output: OutputOption = Path("report.html"), force: ForceOption = False
 ) -> Reply:
-    """Make the report of a result: verdict, expected errors, residuals, error maps. It opens without a network."""
+    """Save a result's page as one file: verdict, expected errors, residuals. It opens without a network."""
     check_target(output, force)
     analyses = session.client.analyses
     view = session.wait(analyses.report(check_id(result, "result")), "Making the report")

@@ -32,10 +32,10 @@ from apexcal.commands.rig import add_rig
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.stated_files import read_text
 from apexcal.commands.terminal import check_target, complain, note
-from apexcal.demo.service import serving
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.crops import LEAST_MARKS
 from apexcal.documents.fleets import RigOut
+from apexcal.embedded.serving import serving
 from apexcal.rigs import read_rig
 
 # The check `pairs` passes with so many pairs in six places: 2 x 33 pixels leave the 16 parameters of the largest lens

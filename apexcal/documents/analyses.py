@@ -1,4 +1,4 @@
-"""What every analysis has, and region previews, region suggestions and clock offsets."""
+"""What every analysis has, and region previews, region suggestions, clock offsets and reports."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from uuid import UUID
 from pydantic import Field
 
 from apexcal.documents.base import Document, Received, Sent, Stored
+from apexcal.documents.checks import CheckVerdict
 from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.region_fields import KeptRegion, Region
 from apexcal.documents.states import WorkState
@@ -162,3 +163,23 @@ class OffsetView(AnalysisView):
     camera: str
     marks: int
     hint: str | None
+
+
+class ReportRequest(Received):
+    """Ask for the report of a result, which must be a fit to all pairs."""
+
+    kind: Literal["report"]
+    result_id: UUID
+
+
+class ReportFile(StoredFile):
+    """The report. ``verdict`` is the gravest of the checks that it shows, for the mount with its lens."""
+
+    verdict: CheckVerdict
+
+
+class ReportView(AnalysisView):
+    """A result's report; when it is done, its file can be read."""
+
+    kind: Literal["report"]
+    result: Stored[ReportFile | None]

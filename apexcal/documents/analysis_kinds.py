@@ -11,6 +11,8 @@ from apexcal.documents.analyses import (
     OffsetView,
     PreviewRequest,
     PreviewView,
+    ReportRequest,
+    ReportView,
     SuggestionRequest,
     SuggestionView,
 )
@@ -18,7 +20,6 @@ from apexcal.documents.base import Page
 from apexcal.documents.copies import CopyRequest, CopyView
 from apexcal.documents.machine_marks import MarksRequest, MarksView
 from apexcal.documents.pixel_points import PixelPointsRequest, PixelPointsView
-from apexcal.documents.reports import ReportRequest, ReportView
 from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import (
     PairValidationRequest,

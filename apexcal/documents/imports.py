@@ -11,12 +11,23 @@ from apexcal.documents.camera_models import ModelName
 from apexcal.documents.fleets import Pixels
 from apexcal.documents.transforms import SolvedTransform, Transform
 
-ImportFormat = Literal["camera_info", "opencv", "kalibr", "kitti"]
+ImportFormat = Literal[
+    "camera_info",
+    "opencv",
+    "opencv_stereo",
+    "kalibr",
+    "euroc",
+    "kitti",
+    "fast_livo2",
+    "direct_visual",
+    "sensors_calibration",
+]
 FileText = Annotated[str, Field(max_length=60_000)]
 
 
 class CalibrationFiles(Received):
-    """Files of one calibration, by name: one file, or those that belong together (KITTI's ``calib_*.txt``).
+    """Files of one calibration, by name: one file, or those that belong together, as
+    KITTI's ``calib_*.txt``.
 
     ``format`` is told by the content if it is left out. ``image_size`` (width, height) is for files that state none.
     """

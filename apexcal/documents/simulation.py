@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import re
-from typing import Any, Final, Literal, NamedTuple, Self
+from typing import Any, Final, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from apexcal.documents.camera_models import MODELS, ModelName
 
-Format = Literal["bag", "db3", "mcap", "pcap", "video", "folder"]
+Format = Literal["bag", "db3", "mcap"]
 SensorName = Literal[
     "vlp16", "puck-hi-res", "vlp32c", "hdl32", "hdl64", "alpha-prime", "os0-128", "os1-32", "os1-64", "os1-128",
     "os2-128", "xt32", "qt64", "pandar40p", "mixed128", "lux4",
 ]  # fmt: skip
 WalkName = Literal["rows", "field", "cover", "yard", "slow", "still"]
 SecondPerson = Literal["none", "beside", "behind"]
-BAG_FORMATS: Final[tuple[Format, ...]] = ("bag", "db3", "mcap")
-PACKET_FORMATS: Final[tuple[Format, ...]] = ("pcap", "video")
 FRONT: Final = "front"
 BOARD_EDGES_M: Final = (0.6096, 0.9144)  # 2 x 3 feet
 NOMINAL_PITCH_DOWN_DEG: Final = 15.0  # as in the paper
@@ -67,13 +65,7 @@ class SimulationOptions(Disturbances):
     Raises ValueError (pydantic's ValidationError) for what cannot be simulated.
     """
 
-    format: Format = _option(
-        "Recording",
-        "bag",
-        None,
-        "ROS 1 bag; ROS 2 bag folder (db3, mcap); a VLP-16's packets with JPEG images (pcap) or an MP4 per camera "
-        "(video); PCD files and JPEG images (folder).",
-    )
+    format: Format = _option("Recording", "bag", None, "ROS 1 bag; ROS 2 bag folder (db3, mcap).")
     seconds: float = _option("Recording", 120.0, "S", "Length of the recording.", 1.0, 3600.0)
     seed: int = _option("Recording", 1, "N", "Seed of walk, mounts and noise.", 0)
     sensor: SensorName = _option("LiDAR", "vlp16", None, "LiDAR model: rings, azimuth step, rate.")
@@ -132,18 +124,6 @@ class SimulationOptions(Disturbances):
         if not all(0.3 <= edge <= 1.5 for edge in parse_board(text)):
             raise ValueError("the board's edges must lie between 0.3 and 1.5 m")
         return text
-
-    @model_validator(mode="after")
-    def _options_go_together(self) -> Self:
-        if self.camera_info != "none" and self.format not in BAG_FORMATS:
-            raise ValueError(f"only bag, db3 and mcap hold a CameraInfo; {self.format} does not")
-        if self.images == "thermal" and self.format not in BAG_FORMATS:
-            raise ValueError(f"only bag, db3 and mcap hold images of 16 bits; {self.format} does not")
-        if self.format in PACKET_FORMATS and (self.sensor != "vlp16" or self.rings is not None):
-            raise ValueError(
-                f"only the packets of a vlp16 with its 16 rings are written as {self.format}; choose another format"
-            )
-        return self
 
     def camera_specs(self) -> tuple[CameraSpec, ...]:
         """The cameras of the rig; a lens of None is ``camera_model``."""

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 from uuid import UUID
 
-from apexcal.documents.analyses import AnalysisView, OffsetView, PreviewView, SuggestionView
+from apexcal.documents.analyses import AnalysisView, OffsetView, PreviewView, ReportView, SuggestionView
 from apexcal.documents.copies import CopyView
 from apexcal.documents.machine_marks import MachineMark, MarksList, MarksView
 from apexcal.documents.pixel_points import PixelPointsView
-from apexcal.documents.reports import ReportView
 from apexcal.documents.sweeps import PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
 from apexcal.resources.recordings import write_new

@@ -10,11 +10,10 @@ from apexcal.documents.base import Page
 from apexcal.documents.calibrations import CalibrationTemplate, CalibrationView, SlotView
 from apexcal.documents.comparisons import Drift, ResultComparison
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
-from apexcal.documents.exports import VEHICLE_HEADER, VehicleCalibration
+from apexcal.documents.exports import VehicleCalibration
 from apexcal.documents.publications import CURRENT, PublicationView
 from apexcal.documents.results import ResultView
 from apexcal.documents.summaries import CurrentCalibration
-from apexcal.errors import ForeignAnswerError
 from apexcal.transport import Resource, at, read
 
 
@@ -171,27 +170,6 @@ class Calibrations(Resource):
         return self._http.get(
             at("vehicles", vehicle_id, "calibration"), VehicleCalibration, camera=cameras, as_of=as_of, **query
         )
-
-    def vehicle_if_changed(
-        self, vehicle_id: UUID | str | None, etag: str | None = None, *, format: str = "json", **query: Any
-    ) -> tuple[bytes, str] | None:
-        """The same answer as bytes with its ETag; None where it still is what ``etag`` names.
-
-        ``query``: ``camera``, ``as_of``, ``alias``, ``serial``; without an id also ``vehicle`` and ``fleet`` (names)
-        or ``sensor`` (a serial number). Raises ForeignAnswerError for what is no whole answer of this vehicle.
-        """
-        path = "/calibration" if vehicle_id is None else at("vehicles", vehicle_id, "calibration")
-        response = self._http.get_export(path, format, etag, **query)
-        if response is None:
-            return None
-        named = {response.headers.get(VEHICLE_HEADER), str(vehicle_id or response.headers.get(VEHICLE_HEADER))}
-        alias = query.get("alias") or CURRENT
-        if format == "json":
-            document = read(response, VehicleCalibration)
-            named.add(str(document.vehicle_id) if document.alias == alias else None)
-        if len(named) > 1:
-            raise ForeignAnswerError(response.request.url, "answered another vehicle's calibration, or another alias")
-        return response.content, response.headers["ETag"]
 
     def current_if_changed(
         self, vehicle_id: UUID | str, camera: str, etag: str | None = None

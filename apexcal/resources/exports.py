@@ -59,7 +59,6 @@ class Exports(Resource):
 
     def _file(self, path: str, format: str, **query: str) -> ExportedFile:
         answer = self._http.get_export(path, format, **query)
-        assert answer is not None, "no ETag was sent"
         named = _FILE_NAME.search(answer.headers.get("content-disposition", ""))
         return _exported(named[1] if named else format, answer)
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from apexcal.documents.simulation import Disturbances
 from benchmarks.detection.walks import FOUR_RINGS, SIZE, Case
-from workers.simulation.flaws import Mount
+from tests.support.scenes.flawed_lidar import Mount
+from tests.support.scenes.held_board import BoardHold
 from workers.simulation.sensors import SENSORS
-from workers.simulation.walker import BoardHold
 
 _REFINED = {"refined": ("refined", SIZE)}
 PLAIN = Case(

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from apexcal.documents.readings import ReadOptions
 from benchmarks.detection.figures import figures, mean_sigma
 from benchmarks.detection.real import DATA
 from benchmarks.detection.walks import Found, found, looked_at
 from tests.support.scenes.drawn import draw, draw_street
 from workers.readers.detect import open_recording
-from workers.readers.recording import ReadOptions
 from workers.simulation.scene import WALKER_REGION
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.errors import InputError
+from apexcal.documents.readings import ReadOptions
 from workers.readers.detect import open_recording
-from workers.readers.recording import ReadOptions
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.suggestion import suggest

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from apexcal.documents.simulation import Disturbances
 from tests.support.scenes.drawn import region_before
+from tests.support.scenes.flawed_lidar import FlawedLidar, Mount
+from tests.support.scenes.held_board import BoardHold, HeldWalk
 from workers.readers.recording import Sweep
-from workers.simulation.flaws import Mount
-from workers.simulation.lidar import BOARD, SENSORS, LidarModel, SimulatedLidar, Walks
+from workers.simulation.lidar import BOARD, SENSORS, LidarModel, Walks
 from workers.simulation.scene import WALKER_REGION, Scene, scene_with
-from workers.simulation.walker import BOARD_EDGES_M, BoardHold, Walk
+from workers.simulation.walker import BOARD_EDGES_M
 from workers.simulation.walks import FIELD_X_M
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
@@ -114,8 +115,8 @@ def found(case: str, key: str, walked: Walked, region: Region, detector: str, op
 def simulate(case: Case, seed: int, seconds: float) -> Walked:
     """The walk of a case."""
     scene = scene_with(case.disturbances.poles, seed)
-    walk = Walk(seed, seconds, scene.ground_z, plan="field", disturbances=case.disturbances, hold=case.hold)
-    lidar = SimulatedLidar(
+    walk = HeldWalk(seed, seconds, scene.ground_z, plan="field", disturbances=case.disturbances, hold=case.hold)
+    lidar = FlawedLidar(
         case.sensor,
         scene,
         walk,
@@ -128,7 +129,7 @@ def simulate(case: Case, seed: int, seconds: float) -> Walked:
     return looked_at(walk, lidar, seconds)
 
 
-def looked_at(walk: Walks, lidar: SimulatedLidar, seconds: float) -> Walked:
+def looked_at(walk: Walks, lidar: FlawedLidar, seconds: float) -> Walked:
     """The sweeps of a sensor that looks at a walk for so long."""
     sweeps: list[Sweep] = []
     apexes: list[NDArray[np.float64]] = []

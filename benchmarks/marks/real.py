@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.readings import ReadOptions
 from benchmarks.detection.real import DATA
 from benchmarks.marks.figures import quantiles, share
 from workers.geometry.models import ModelName
@@ -22,7 +23,6 @@ from workers.geometry.spherical import to_xyz
 from workers.marks.propose import propose
 from workers.marks.sights import Image, Lens, MachineMarks, MarkProposal, Sight
 from workers.readers.detect import open_recording
-from workers.readers.recording import ReadOptions
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.suggestion import suggest

@@ -19,10 +19,11 @@ from apexcal.documents.corners import CornerName
 from apexcal.documents.simulation import Disturbances
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
 from apexcal.geometry.se3 import SE3
+from tests.support.scenes.held_board import BoardHold, HeldWalk
 from workers.geometry.models import INTRINSICS, ModelName
 from workers.geometry.spherical import to_xyz
 from workers.marks.sights import Image, Lens, MountedLens, Sight
-from workers.simulation.walker import BoardHold, Poses, Walk
+from workers.simulation.walker import Poses, Walk
 
 Floats = NDArray[np.float64]
 Pattern = Literal["plain", "border", "chess", "tag"]
@@ -106,7 +107,7 @@ class Scene:
         self._turn = rotation_from_vector(np.array([0.0, 0.0, random.uniform(-math.pi, math.pi)]))
         self.camera = _camera(drawn, random, self._turn)
         self._ground_z = -random.uniform(1.2, 2.0)
-        walk = Walk(
+        walk = HeldWalk(
             drawn.seed,
             240.0,
             self._ground_z,

@@ -15,6 +15,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from mcap_protobuf.writer import Writer as ProtobufWriter
 
 from apexcal.documents.simulation import SimulationOptions
+from tests.support.packets import packet_rig, write_capture
 from workers.readers.detect import open_recording
 from workers.readers.recording import Sweep
 from workers.simulation.simulate import simulate
@@ -29,9 +30,11 @@ _TESTS = Path(__file__).parents[2] / "tests" / "workers" / "readers"
 def whole(folder: Path, seconds: float) -> dict[str, Path]:
     """A walk of so many seconds in each container, by the container's name."""
     files: dict[str, Path] = {}
-    for name in ("mcap", "db3", "pcap"):
+    for name in ("mcap", "db3"):
         simulate(SimulationOptions(seconds=seconds, seed=7, format=name), folder / name)
         (files[name],) = (folder / name).rglob(f"*.{name}")
+    files["pcap"] = folder / "lidar.pcap"
+    write_capture(packet_rig(SimulationOptions(seconds=seconds, seed=7)), files["pcap"])
     files["foxglove"] = _foxglove(files["mcap"], folder / "foxglove.mcap")
     return files
 

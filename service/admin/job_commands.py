@@ -18,6 +18,7 @@ from service.platform.observability.logs import visible
 
 # What a column of the database holds.
 _LARGEST = 2**63 - 1
+_EVENT_COLUMNS = ("attempt", "what", "worker", "started_at", "at", "reason")
 _COLUMNS = ("id", "kind", "state", "attempt", "lost", "worker", "created_at", "problem", "request_id")
 
 
@@ -64,15 +65,9 @@ def job(
             "history": [_event(event) for event in events],
         }
     if row.state == WorkState.RUNNING:
-        document["history"].append(
-            {
-                "attempt": row.attempt,
-                "what": WorkState.RUNNING,
-                "worker": row.worker,
-                "started_at": _time(row.started_at),
-            }
-            | {"at": None, "reason": None}
-        )
+        attempt = {"attempt": row.attempt, "what": WorkState.RUNNING, "worker": row.worker}
+        attempt |= {"started_at": _time(row.started_at), "at": None, "reason": None}
+        document["history"].append(attempt)
     print(json.dumps(document, indent=2) if as_json else _for_people(document))
 
 
@@ -91,27 +86,13 @@ def requeue(id: Annotated[int, typer.Argument(help="The number of a failed job."
 
 
 def _short(row: Job) -> dict[str, Any]:
-    return {
-        "id": row.id,
-        "kind": row.kind,
-        "state": row.state,
-        "attempt": row.attempt,
-        "lost": row.lost,
-        "worker": row.worker,
-        "created_at": _time(row.created_at),
-        "problem": (row.problem or {}).get("code"),
-        "request_id": row.request_id,
-    }
+    of_row = {"created_at": _time(row.created_at), "problem": (row.problem or {}).get("code")}
+    return {name: of_row[name] if name in of_row else getattr(row, name) for name in _COLUMNS}
 
 
 def _event(event: JobEvent) -> dict[str, Any]:
-    return {
-        "attempt": event.attempt,
-        "what": event.what,
-        "worker": event.worker,
-        "started_at": _time(event.started_at),
-        "at": _time(event.at),
-        "reason": event.reason,
+    return {name: getattr(event, name) for name in _EVENT_COLUMNS} | {
+        name: _time(getattr(event, name)) for name in ("started_at", "at")
     }
 
 
@@ -120,8 +101,7 @@ def _for_people(document: dict[str, Any]) -> str:
     if document["state"] != WorkState.RUNNING:
         shown.pop("progress", None)  # of an attempt that has ended
     head = "\n".join(f"{name:<12}{visible(_words(name, value))}" for name, value in shown.items())
-    columns = ("attempt", "what", "worker", "started_at", "at", "reason")
-    return f"{head}\n\n{table(document['history'], columns)}"
+    return f"{head}\n\n{table(document['history'], _EVENT_COLUMNS)}"
 
 
 def _words(name: str, value: Any) -> str:

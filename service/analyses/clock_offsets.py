@@ -11,12 +11,13 @@ from apexcal.documents.analyses import OffsetRequest
 from apexcal.documents.camera_models import parse_model
 from apexcal.documents.corners import TOP
 from apexcal.documents.schedules import PRESETS
+from service.analyses.jobs import analysis_of
 from service.annotations.consensus import agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.calibrations.resolve import camera_request
 from service.calibrations.work_rules import check_job
 from service.detections.queries import done_detection, find_camera
-from service.fleets.queries import rig_camera
+from service.fleets.rigs import rig_camera
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
@@ -37,13 +38,8 @@ def plan(access: Access, request: OffsetRequest) -> Analysis:
     detection = done_detection(access, request.detection_id, "engineer")
     recording = access.session.get_one(Recording, detection.recording_id)
     camera = find_camera(access.session, recording.id, request.camera)
-    return Analysis(
-        fleet_id=recording.fleet_id,
-        vehicle_id=recording.vehicle_id,
-        recording_id=recording.id,
-        detection_id=detection.id,
-        asked=_camera_and_marks(access.session, recording, detection, camera, request.model),
-    )
+    question = _camera_and_marks(access.session, recording, detection, camera, request.model)
+    return analysis_of(recording, request.kind, question, detection.id)
 
 
 def members(row: Analysis) -> Json:

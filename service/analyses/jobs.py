@@ -35,6 +35,12 @@ _QUEUES = {
 }
 
 
+def analysis_of(recording: Recording, kind: str, question: Json, detection_id: UUID | None = None) -> Analysis:
+    """Return the row of a question to a recording, which is not written yet."""
+    owned = {"fleet_id": recording.fleet_id, "vehicle_id": recording.vehicle_id, "recording_id": recording.id}
+    return Analysis(**owned, kind=kind, asked=question, detection_id=detection_id)
+
+
 def queue_analysis(session: Session, row: Analysis) -> Job:
     """Queue the one job of an analysis, which is written if it is new."""
     session.add(row)
@@ -47,8 +53,7 @@ def queue_analysis(session: Session, row: Analysis) -> Job:
 
 def queue_packing(session: Session, recording_id: UUID, recording: Recording) -> Job:
     """Ask for the sweeps of a recording that was read to be packed."""
-    owned = {"fleet_id": recording.fleet_id, "vehicle_id": recording.vehicle_id}
-    return queue_analysis(session, Analysis(**owned, recording_id=recording_id, kind="packing", asked={}))
+    return queue_analysis(session, analysis_of(recording, "packing", {}))
 
 
 def tell_followers(session: Session, row: Analysis) -> None:
@@ -61,11 +66,10 @@ def tell_followers(session: Session, row: Analysis) -> None:
 def queue_marks(session: Session, detection_id: UUID, detection: Detection) -> None:
     """Ask for the machine's marks in every camera in which the detection's vertices have frames."""
     recording = session.get_one(Recording, detection.recording_id)
-    of = {"fleet_id": recording.fleet_id, "vehicle_id": recording.vehicle_id, "recording_id": recording.id}
     paired = select(VertexFrame.sensor_id).join(Vertex).where(Vertex.detection_id == detection_id)
     for camera in session.scalars(select(Sensor.name).where(Sensor.id.in_(paired)).order_by(Sensor.name)):
-        asked = {"camera": camera, "model": "brown_conrady"}
-        queue_analysis(session, Analysis(**of, detection_id=detection_id, kind="machine_marks", asked=asked))
+        question = {"camera": camera, "model": "brown_conrady"}
+        queue_analysis(session, analysis_of(recording, "machine_marks", question, detection_id))
 
 
 def _take(session: Session, analysis_id: UUID, result: Json) -> None:

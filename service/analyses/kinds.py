@@ -10,35 +10,71 @@ from apexcal.documents.analyses import (
     OffsetView,
     PreviewRequest,
     PreviewView,
-    RecordingQuestion,
+    ReportRequest,
+    ReportView,
+    SuggestionRequest,
     SuggestionView,
 )
 from apexcal.documents.analysis_kinds import AnalysisRequest, AnyAnalysis
-from apexcal.documents.copies import CopyView
+from apexcal.documents.copies import CopyRequest, CopyView
 from apexcal.documents.machine_marks import MarksView
 from apexcal.documents.pixel_points import PixelPointsView
-from apexcal.documents.reports import ReportView
-from apexcal.documents.sweeps import PackingView
+from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
-from service.analyses import clock_offsets, copies, machine_marks, pixel_points, reports, validations
+from service.analyses import clock_offsets, machine_marks, pixel_points, validations
+from service.analyses.jobs import analysis_of
 from service.detections.queries import ready_recording
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, Result
 from service.platform.db.jobs import Job
+from service.platform.http.problems import Problem
 from service.platform.job_status.views import job_view
+from service.publications.check_queries import moment_checks
 
 
-def _question(access: Access, request: RecordingQuestion) -> Analysis:
+def _question(access: Access, request: PreviewRequest | SuggestionRequest | PackingRequest) -> Analysis:
     """An analysis for which the worker needs no more than the recording. Raises :class:`Problem` 404, 403, 409."""
-    recording = ready_recording(access, request.recording_id, "engineer")
-    return Analysis(fleet_id=recording.fleet_id, vehicle_id=recording.vehicle_id, recording_id=recording.id, asked={})
+    return analysis_of(ready_recording(access, request.recording_id, "engineer"), request.kind, {})
 
 
 def _preview(access: Access, request: PreviewRequest) -> Analysis:
     row = _question(access, request)
     row.asked = {"region": request.region}
     return row
+
+
+def _copy(access: Access, request: CopyRequest) -> Analysis:
+    """What is written into the copy. Raises :class:`Problem` as ``plan_copy`` and ``plan_viewer_file`` do."""
+    # Imported here: it needs NumPy, which takes a twentieth of the start.
+    from service.analyses.copy_plan import plan_copy
+    from service.analyses.viewer_plan import plan_viewer_file
+
+    recording = ready_recording(access, request.recording_id, "engineer")
+    question = (plan_viewer_file if request.for_viewers else plan_copy)(access.session, recording, request)
+    return analysis_of(recording, request.kind, question)
+
+
+def _report(access: Access, request: ReportRequest) -> Analysis:
+    """A report of a fit to all pairs. Raises :class:`Problem` 404, 403, 409 ``not_a_fit_to_all_pairs``."""
+    result = access.find(Result, request.result_id, "reviewer")
+    if result.fold != FULL:
+        raise Problem(
+            409,
+            "not_a_fit_to_all_pairs",
+            "This result is from a fit that holds pairs out. Only fits to all pairs have reports.",
+            "Ask for the report of the model's fit to all pairs: its fold is -1.",
+        )
+    # What only the database tells now; checks of the fit and its calibration are read when the report is made.
+    now = moment_checks(access.session, result).checks
+    return Analysis(
+        fleet_id=result.fleet_id,
+        vehicle_id=access.session.get_one(Calibration, result.calibration_id).vehicle_id,
+        set_id=access.session.get_one(CalibrationRun, result.run_id).set_id,
+        result_id=result.id,
+        asked={"checks": [one.model_dump(mode="json") for one in now]},
+    )
 
 
 def _shown(*names: str) -> Callable[[Analysis], Json]:
@@ -60,10 +96,10 @@ _KINDS: Final[Mapping[str, _Kind]] = {
     "suggestion": _Kind(_question, SuggestionView),
     "packing": _Kind(_question, PackingView),
     "clock_offset": _Kind(clock_offsets.plan, OffsetView, clock_offsets.members),
-    "calibrated_copy": _Kind(copies.plan, CopyView, _shown("results", "poses", "for_viewers")),
+    "calibrated_copy": _Kind(_copy, CopyView, _shown("results", "poses", "for_viewers")),
     "machine_marks": _Kind(machine_marks.plan, MarksView, machine_marks.members),
     "pixel_points": _Kind(pixel_points.plan, PixelPointsView, _shown("camera")),
-    "report": _Kind(reports.plan, ReportView),
+    "report": _Kind(_report, ReportView),
     "pair_validation": _Kind(validations.plan_on_pairs, PairValidationView, _shown("camera")),
     "lane_validation": _ROAD,
     "edge_validation": _ROAD,

@@ -8,6 +8,7 @@ from sqlalchemy import select
 
 from apexcal.documents.camera_models import parse_model
 from apexcal.documents.machine_marks import MachineMark, MarksList, MarksRequest
+from service.analyses.jobs import analysis_of
 from service.annotations.disclosure_actions import DisclosureKey, tell
 from service.crops.queries import marks_of
 from service.detections.queries import done_detection, find_camera
@@ -25,13 +26,8 @@ def plan(access: Access, request: MarksRequest) -> Analysis:
     detection = done_detection(access, request.detection_id, "engineer")
     recording = access.session.get_one(Recording, detection.recording_id)
     camera = find_camera(access.session, recording.id, request.camera)
-    return Analysis(
-        fleet_id=recording.fleet_id,
-        vehicle_id=recording.vehicle_id,
-        recording_id=recording.id,
-        detection_id=detection.id,
-        asked={"camera": camera.name, "model": parse_model(request.model)},
-    )
+    question = {"camera": camera.name, "model": parse_model(request.model)}
+    return analysis_of(recording, request.kind, question, detection.id)
 
 
 def members(row: Analysis) -> Json:

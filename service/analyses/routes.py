@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from typing import Annotated
 from uuid import UUID
 
@@ -20,10 +19,10 @@ from service.annotations.disclosure_actions import tell_pairs
 from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.platform.db.analyses import Analysis
 from service.platform.db.session import Database
-from service.platform.http.bodies import DOCUMENT
 from service.platform.http.etags import Conditional, content_etag
 from service.platform.http.pages import Paging
-from service.platform.http.router import Router
+from service.platform.http.router import DOCUMENT, Router
+from service.platform.http.store_problems import streamed
 from service.platform.storage.store import Store
 
 router = Router(tags=["analyses"])
@@ -48,7 +47,7 @@ def ask(wanted: Annotated[AnalysisRequest, Body()], access: WriteAccess) -> JSON
     CameraInfo and `/tf_static` as published; every other message stays, byte for byte. With `for_viewers` it is an
     MCAP file for Foxglove and Lichtblick, of any recording, with undistorted frames beside the recorded ones.
     `pixel_points` answers which points in 3D pixels of a camera show, with their covariances.
-    `report` draws what is known of a result as one HTML file. `pair_validation`, `lane_validation` and
+    `report` saves what is known of a result as one HTML file. `pair_validation`, `lane_validation` and
     `edge_validation` test a calibration on pairs that it was not fitted to, or on a drive. Files count towards the
     fleet's quota until they are deleted.
     """
@@ -121,18 +120,9 @@ async def get_file(
     etag = content_etag(file.key.rpartition("/")[2].partition(".")[0])
     conditions.offer(etag)
     store: Store = request.app.state.store
-    pieces = aiter(store.read_all(file.key))
-    # The first piece is fetched before the answer begins, so that a store that fails is answered with a problem.
-    first = await anext(pieces, b"")
     headers = {"ETag": etag, "Content-Length": str(file.size)}
     headers["Content-Disposition"] = file.disposition(save=download or not file.is_page)
     if file.is_page:
         headers["Content-Security-Policy"] = _PAGE_POLICY
     media_type = "text/html" if file.is_page else "application/octet-stream"
-    return StreamingResponse(_after(first, pieces), media_type=media_type, headers=headers)
-
-
-async def _after(first: bytes, rest: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
-    yield first
-    async for piece in rest:
-        yield piece
+    return await streamed(store.read_all(file.key), media_type, headers)

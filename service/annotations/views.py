@@ -173,12 +173,8 @@ def mark_view(mark: Answer) -> MarkView:
 def task_view(subject: Subject) -> TaskView:
     """A person's task, with all that is needed to judge it and nothing of what others said."""
     frame, address = subject.frame, f"/v1/recordings/{subject.recording_id}/cameras/{quote(subject.camera, safe='')}"
-    return TaskView(
-        task_id=subject.task_id,
-        person_id=subject.person_id,
-        leased_until=subject.leased_until,
-        vertex=subject.vertex,
-        camera=subject.camera,
+    return TaskView.of(
+        subject,
         frame=TaskFrame(
             index=frame.frame_index,
             stamp_ns=frame.stamp_ns,
@@ -186,10 +182,9 @@ def task_view(subject: Subject) -> TaskView:
             height=frame.height,
             url=f"{address}/frames/{frame.frame_index}",
         ),
-        gap_ns=subject.gap_ns,
-        moved=subject.moved,
         predicted=None,
         own=own_answer(subject),
+        ahead=[],
     )
 
 

@@ -18,7 +18,7 @@ from service.calibrations.lens_queries import with_recorded_lenses
 from service.calibrations.plan import plan_request
 from service.calibrations.resolve import CameraPairs
 from service.calibrations.views import calibration_views, slot_page, vertices_apart
-from service.fleets.queries import rig_camera
+from service.fleets.rigs import rig_camera
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot

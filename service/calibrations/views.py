@@ -13,7 +13,6 @@ from uuid import UUID
 from sqlalchemy import Select, select, tuple_
 from sqlalchemy.orm import Session
 
-from apexcal.documents.base import stored
 from apexcal.documents.calibrations import CalibrationView, ProgressView, RunView, SlotView
 from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.pairs import CORNER
@@ -43,31 +42,11 @@ def _best_loss(run: CalibrationRun) -> float | None:
 
 
 def _calibration_view(row: Calibration, runs: list[CalibrationRun], *, with_pairs: bool) -> CalibrationView:
-    return CalibrationView(
-        id=row.id,
-        fleet_id=row.fleet_id,
-        vehicle_id=row.vehicle_id,
-        rig_id=row.rig_id,
-        state=row.state,
-        request=stored(row.request),
-        notes=row.notes,
-        problem=stored(row.problem),
+    return CalibrationView.of(
+        row,
         progress=_progress(row, runs),
-        runs=[
-            RunView(
-                camera=run.camera,
-                model=run.model,
-                fold=run.fold,
-                state=run.state,
-                iteration=run.iteration,
-                best_loss=_best_loss(run),
-                failure=stored(run.failure),
-            )
-            for run in runs
-        ],
-        summary=stored(row.summary if with_pairs else _without_vertices(row.summary)),
-        created_at=row.created_at,
-        finished_at=row.finished_at,
+        runs=[RunView.of(run, best_loss=_best_loss(run)) for run in runs],
+        summary=row.summary if with_pairs else _without_vertices(row.summary),
     )
 
 
@@ -159,7 +138,8 @@ def slot_page(session: Session, statement: Select[CalibrationRun, Slot], window:
         rows = rows[: window.limit]
         last: Slot = rows[-1][1]
         following = f"{last.run_id.hex}.{last.iteration}.{last.slot}"
-    return Page(items=[_view(run, slot) for run, slot in rows], next=following)
+    items = [SlotView.of(slot, camera=run.camera, model=run.model, fold=run.fold) for run, slot in rows]
+    return Page(items=items, next=following)
 
 
 def _parse(cursor: str) -> tuple[UUID, int, int]:
@@ -173,18 +153,3 @@ def _parse(cursor: str) -> tuple[UUID, int, int]:
         raise Problem(
             422, "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of a page."
         ) from None
-
-
-def _view(run: CalibrationRun, slot: Slot) -> SlotView:
-    return SlotView(
-        camera=run.camera,
-        model=run.model,
-        fold=run.fold,
-        iteration=slot.iteration,
-        slot=slot.slot,
-        loss=slot.loss,
-        parameters=slot.parameters,
-        evaluations=slot.evaluations,
-        seconds=slot.seconds,
-        worker=slot.worker,
-    )

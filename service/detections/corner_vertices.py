@@ -96,34 +96,15 @@ def _apex(tip: Vertex, recording_id: UUID, stated: Json) -> Json:
 
 
 def _vertex(tip: Vertex, apex_id: UUID, stated: Json) -> Json:
-    return {
-        "id": new_id(),
-        "detection_id": tip.detection_id,
-        "apex_id": apex_id,
-        "rank": tip.rank,
-        "sweep_index": tip.sweep_index,
-        "time_ns": tip.time_ns,
-        "x": stated["x"],
-        "y": stated["y"],
-        "z": stated["z"],
-        "ring": tip.ring,
-        "points": tip.points,
-        "quality": tip.quality,
-        "flags": list(tip.flags),
-        "covariance": stated["covariance"],
-        "corner": stated["corner"],
-    }
+    of_tip = ("detection_id", "rank", "sweep_index", "time_ns", "ring", "points", "quality", "flags")
+    own = {name: stated[name] for name in (*"xyz", "covariance", "corner")}
+    return {"id": new_id(), "apex_id": apex_id, **{name: getattr(tip, name) for name in of_tip}, **own}
 
 
 def _frame(of_tip: VertexFrame, vertex_id: UUID, corner: CornerName) -> Json:
     moved = named(of_tip.corners, corner) or {}
     return {
         "vertex_id": vertex_id,
-        "sensor_id": of_tip.sensor_id,
-        "frame_index": of_tip.frame_index,
-        "gap_ns": of_tip.gap_ns,
-        "x": moved.get("x"),
-        "y": moved.get("y"),
-        "z": moved.get("z"),
-        "covariance": moved.get("covariance"),
+        **{name: getattr(of_tip, name) for name in ("sensor_id", "frame_index", "gap_ns")},
+        **{name: moved.get(name) for name in (*"xyz", "covariance")},
     }

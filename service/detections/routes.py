@@ -28,11 +28,9 @@ from service.platform.broker.hints import hint
 from service.platform.db.detections import Detection, Vertex
 from service.platform.db.fleets import Rig
 from service.platform.db.recordings import Recording
-from service.platform.http.bodies import DOCUMENT
-from service.platform.http.compressed import compressed
-from service.platform.http.pages import LongPaging, Page, Paging, fetch
+from service.platform.http.pages import LongPaging, Page, Paging, compressed, fetch
 from service.platform.http.problems import not_found
-from service.platform.http.router import Router
+from service.platform.http.router import DOCUMENT, Router
 from service.platform.job_status.views import jobs_of
 from service.platform.jobs.queue import cancel
 from service.recordings.actions import delete_detection

@@ -11,7 +11,6 @@ from sqlalchemy.orm import Session
 from apexcal.documents.base import stored
 from apexcal.documents.detections import DetectionView, FrameOfVertex, Moved, VertexSummary, VertexView
 from apexcal.documents.detectors import sentences_of
-from apexcal.documents.states import WorkState
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Sensor
@@ -23,20 +22,9 @@ SUMMARY = tuple(getattr(Vertex, name) for name in VertexSummary.model_fields)
 
 def detection_view(row: Detection, job: Job | None) -> DetectionView:
     """A detection with its job."""
-    return DetectionView(
-        id=row.id,
-        fleet_id=row.fleet_id,
-        recording_id=row.recording_id,
-        region=stored(row.region),
-        detector=row.detector,
-        options=stored(row.options),
-        pairing=stored(row.pairing),
-        state=WorkState(row.state),
-        counts=stored(row.counts),
-        problem=stored(row.problem),
+    return DetectionView.of(
+        row,
         job=job_view(job) if job else None,
-        created_at=row.created_at,
-        finished_at=row.finished_at,
         marked_corners=marked_corners(row),
         reasons=sentences_of(row.detector, row.counts.get("rejected", {})),
     )

@@ -64,6 +64,11 @@ class CalibratedCamera:
         model = parse_model(stated.intrinsics.model)
         return replace(self, model=model, intrinsics=stated.intrinsics.by_name(), T_camera_lidar=T_camera_lidar)
 
+    def undistorted(self) -> CalibratedCamera:
+        """The camera of images that were undistorted to the same camera matrix, without skew."""
+        lens = {name: self.intrinsics[name] for name in CAMERA_MODELS["pinhole"].intrinsics}
+        return replace(self, model="pinhole", intrinsics=lens)
+
     def needs(self, *, carries_lens: bool = False) -> str:
         """The lens that the vehicle has to use with this mount, as a sentence.
 

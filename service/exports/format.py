@@ -43,7 +43,6 @@ _STATE_VEHICLE = "Say T_vehicle_lidar in the rig."
 # Name inside the export -> text.
 Files = dict[str, str]
 
-PLAIN: frozenset[ModelName] = frozenset({"pinhole"})
 # What neither a shell, nor the substitutions of ROS 2's launch and of xacro, take for more than a name.
 _PLAIN_FRAME = re.compile(r"[A-Za-z0-9_/][A-Za-z0-9_./-]*")
 RADIAL_TANGENTIAL: frozenset[ModelName] = frozenset(
@@ -58,7 +57,8 @@ class Format:
 
     ``direction`` says what its transform maps into what. ``skew``: whether its readers use the camera matrix whole.
     ``third_radial``: whether it has OpenCV's k3. ``carries_lens``: otherwise its mount is the one
-    for the lens that the vehicle uses, see :meth:`CalibratedCamera.alone`. ``mount_apart``: whether it writes mount
+    for the lens that the vehicle uses, see :meth:`CalibratedCamera.alone`. ``of_undistorted``: whether its images are
+    undistorted ones, see :meth:`CalibratedCamera.undistorted`. ``mount_apart``: whether it writes mount
     and lens into different files, so that a reader may take the mount alone.
     ``one_tree``: whether all frames must hang together. ``plain_frames``: whether its readers may take a frame's name
     for arguments or commands.
@@ -73,6 +73,7 @@ class Format:
     skew: bool = False
     third_radial: bool = True
     carries_lens: bool = True
+    of_undistorted: bool = False
     mount_apart: bool = False
     needs_vehicle: bool = False
     one_lidar: bool = False
@@ -131,9 +132,7 @@ def _odd_frames(camera: CalibratedCamera) -> list[str]:
 def carried(target: Format, camera: CalibratedCamera) -> Dropped | None:
     """The camera as the format's readers see it, and what they leave out; None if they leave out nothing."""
     terms = ["skew"] if camera.skew and not target.skew else []
-    if camera.lens == "brown_conrady" and camera.lens not in target.lenses:
-        terms += CAMERA_MODELS[camera.model].distortion
-    elif _third_radial(camera) and not target.third_radial:
+    if _third_radial(camera) and not target.third_radial:
         terms.append("k5")
     if not target.carries_lens or not terms:
         return None
@@ -144,22 +143,20 @@ def carried(target: Format, camera: CalibratedCamera) -> Dropped | None:
 
 
 def _of_lens(target: Format, camera: CalibratedCamera) -> tuple[str, str] | None:
-    dropped, models = carried(target, camera), f"Calibrate as {' or '.join(sorted(target.lenses))}."
-    if camera.lens not in target.lenses and dropped is None:
-        return f"{target.title} has no lens model for {camera.name}'s {camera.lens} distortion.", models
+    if camera.lens not in target.lenses:
+        remedy = f"Calibrate as {' or '.join(sorted(target.lenses))}."
+        return f"{target.title} has no lens model for {camera.name}'s {camera.lens} distortion.", remedy
+    dropped = carried(target, camera)
     if dropped is None or dropped.max_px <= MOST_DROPPED_PX:
         return None
     locks = ["skew"] if camera.skew and not target.skew else []
     locks += ["k5"] if _third_radial(camera) and not target.third_radial else []
-    locked = f"Calibrate with {' and '.join(locks)} locked at 0 (`locked`)."
-    remedy = locked if camera.lens in target.lenses else models
+    remedy = f"Calibrate with {' and '.join(locks)} locked at 0 (`locked`)."
     return f"{lacking(target, camera)}: {dropped.sentence}.", remedy
 
 
 def lacking(target: Format, camera: CalibratedCamera) -> str:
     """What the format's readers leave out of the camera's lens."""
-    if camera.lens not in target.lenses:
-        return f"{target.title} leaves out the {camera.lens} distortion of {camera.name}"
     if camera.skew and not target.skew:
         skew = figure(camera.skew, 3)
         return f"The lens of {camera.name} has a skew of {skew}, which readers of {target.title} ignore"

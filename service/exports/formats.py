@@ -8,18 +8,29 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from service.exports import autoware, camera_info, kalibr, kitti, nuscenes, opencv, openlabel, ros2, urdf
-from service.exports.calibrated import Calibrated, file_name
+from service.exports import (
+    autoware,
+    camera_info,
+    direct_visual,
+    fast_livo2,
+    kalibr,
+    kitti,
+    nuscenes,
+    opencv,
+    openlabel,
+    ros2,
+    urdf,
+)
+from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.format import Files, Format, carried, lacking, obstacle
 from service.platform.http.problems import Problem
 
 FORMATS: dict[str, Format] = {
     format.name: format
     for format in (
-        *(
-            module.FORMAT
-            for module in (camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel)
-        ),
+        *(module.FORMAT for module in (camera_info, ros2, urdf, autoware, kitti)),
+        kitti.OBJECT,
+        *(module.FORMAT for module in (kalibr, opencv, fast_livo2, direct_visual, nuscenes, openlabel)),
         openlabel.VCD,
     )
 }
@@ -79,13 +90,33 @@ def export(target: Format, calibrated: Calibrated) -> Exported:
         calibrated = calibrated.alone()
     pairs = [(camera, carried(target, camera)) for camera in calibrated.cameras]
     notes += [f"{lacking(target, camera)}: {less.sentence}." for camera, less in pairs if less]
-    files = target.write(replace(calibrated, cameras=[less.camera if less else camera for camera, less in pairs]))
+    cameras = [less.camera if less else camera for camera, less in pairs]
+    beside: Files = {}
+    if target.of_undistorted:
+        distorted = [camera for camera in cameras if camera.lens != "pinhole"]
+        beside = opencv.FORMAT.write(replace(calibrated, cameras=distorted))
+        notes += [_to_undistort(target, camera) for camera in distorted]
+        cameras = [camera.undistorted() for camera in cameras]
+    files = target.write(replace(calibrated, cameras=cameras))
+    files |= {f"undistort/{name}": text for name, text in beside.items()}
     name = "-".join([*(file_name(part) for part in _named(calibrated)), target.name])
     if len(files) == 1 and target.kind != "zip":
         (inside, text), *_ = files.items()
         suffix = inside.partition(".")[2]
         return Exported(f"{name}.{suffix}", media_type(target, target.kind), text.encode(), notes)
     return Exported(f"{name}.zip", media_type(target, "zip"), _zipped(files), notes)
+
+
+def _to_undistort(target: Format, camera: CalibratedCamera) -> str:
+    call = (
+        "cv2.fisheye.undistortImage(image, K, D, Knew=K)"
+        if camera.written_as.is_cv2_fisheye
+        else "cv2.undistort(image, K, D)"
+    )
+    return (
+        f"{camera.name}: {target.title} is about undistorted images. Undistort them by {call}; "
+        f"K and D are in undistort/{file_name(camera.name)}.yaml."
+    )
 
 
 def _named(calibrated: Calibrated) -> list[str]:

@@ -1,4 +1,7 @@
-"""KITTI's raw recordings: the three ``calib_*.txt`` of a folder of a date, here a folder of a camera."""
+"""KITTI's raw recordings: the three ``calib_*.txt`` of a folder of a date, here a folder of a camera.
+
+KITTI's object benchmark: one ``calib.txt`` of rectified images, which here are the undistorted ones.
+"""
 
 from __future__ import annotations
 
@@ -60,6 +63,22 @@ def _files(calibrated: Calibrated) -> Files:
     return files
 
 
+def _object_files(calibrated: Calibrated) -> Files:
+    """A ``calib.txt`` for each camera, which stands at each of KITTI's four places."""
+    files: Files = {}
+    for camera in calibrated.cameras:
+        P, T_vehicle_lidar = np.c_[np.array(camera.K), np.zeros(3)], camera.T_vehicle_lidar
+        vehicle = (T_vehicle_lidar or SE3(camera.lidar_frame, camera.lidar_frame)).inverse()
+        named = {
+            **{f"P{number}": P for number in range(4)},
+            "R0_rect": np.eye(3),
+            "Tr_velo_to_cam": camera.T_camera_lidar.matrix[:3],
+            "Tr_imu_to_velo": vehicle.matrix[:3],
+        }
+        files[f"{file_name(camera.name)}/calib.txt"] = "\n".join([*map(_line, named, named.values()), ""])
+    return files
+
+
 FORMAT = Format(
     name="kitti",
     title="KITTI raw",
@@ -67,4 +86,12 @@ FORMAT = Format(
     kind="zip",
     direction="(R|T)_velo_to_cam maps LiDAR points into the folder's camera",
     lenses=RADIAL_TANGENTIAL,
+)
+OBJECT = Format(
+    name="kitti_object",
+    title="KITTI object",
+    write=_object_files,
+    kind="zip",
+    direction="Tr_velo_to_cam maps LiDAR points into the folder's camera",
+    of_undistorted=True,
 )

@@ -1,4 +1,7 @@
-"""nuScenes' tables ``calibrated_sensor`` and ``sensor``: poses in the ego frame, quaternions scalar first."""
+"""nuScenes' tables ``calibrated_sensor`` and ``sensor``: poses in the ego frame, quaternions scalar first.
+
+Its images are undistorted ones.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from typing import Any
 
 from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated
-from service.exports.format import PLAIN, Files, Format, numbers
+from service.exports.format import Files, Format, numbers
 
 Record = dict[str, Any]
 
@@ -51,8 +54,7 @@ FORMAT = Format(
     write=_files,
     kind="zip",
     direction="the sensor's pose in the ego frame: T_vehicle_camera, T_vehicle_lidar",
-    lenses=PLAIN,
-    skew=True,
+    of_undistorted=True,
     needs_vehicle=True,
     one_lidar=True,
 )

@@ -13,8 +13,7 @@ from service.exports.answers import notes_header, table
 from service.exports.queries import of_result
 from service.platform.auth.access import CurrentIdentity, ReadAccess
 from service.platform.db.calibrations import Result
-from service.platform.http.bodies import DOCUMENT
-from service.platform.http.router import Router
+from service.platform.http.router import DOCUMENT, Router
 
 if TYPE_CHECKING:
     from service.exports.calibrated import Calibrated

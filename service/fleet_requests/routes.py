@@ -24,10 +24,9 @@ from service.platform.broker.hints import hint
 from service.platform.db.base import content_hash
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Fleet
-from service.platform.http.bodies import DOCUMENT
 from service.platform.http.etags import Conditional, content_etag
 from service.platform.http.pages import Page, Paging, fetch
-from service.platform.http.router import Router
+from service.platform.http.router import DOCUMENT, Router
 
 router = Router(tags=["fleet requests"])
 

@@ -9,7 +9,6 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
-from apexcal.documents.base import stored
 from apexcal.documents.calibrations import ProgressView
 from apexcal.documents.checks import verdict_of
 from apexcal.documents.fleet_requests import CameraOutcome, Counts, FleetRequestView, RequestVehicleView
@@ -106,27 +105,13 @@ def _request_view(row: FleetRequest, running: int, published: int | None, asked_
     message = f"{ended} of {row.matched} vehicles have ended" if row.matched else "no vehicle matched"
     if row.failed:
         message += f", {row.failed} of them failed"
-    return FleetRequestView(
-        id=row.id,
-        fleet_id=row.fleet_id,
-        state=row.state,  # pyright: ignore[reportArgumentType] - only states
-        asked=stored(row.asked),
+    return FleetRequestView.of(
+        row,
         asked_by=asked_by,
-        counts=Counts(
-            matched=row.matched,
-            queued=row.remaining - running,
-            running=running,
-            done=row.done,
-            failed=row.failed,
-            cancelled=row.cancelled,
-            skipped=row.skipped,
-        ),
+        counts=Counts.of(row, queued=row.remaining - running, running=running),
         published=published,
         progress=ProgressView(fraction=round(ended / row.matched, 4) if row.matched else 1.0, message=message),
         seconds_left=_seconds_left(row),
-        cancel_requested=row.cancel_requested,
-        created_at=row.created_at,
-        finished_at=row.finished_at,
     )
 
 
@@ -150,17 +135,14 @@ def vehicles_of(request_id: UUID) -> Select[*tuple[Any, ...]]:
 
 def vehicle_view(row: FleetRequestVehicle, name: str, running: bool, summary: Json | None) -> RequestVehicleView:
     """One row of :func:`vehicles_of`."""
-    return RequestVehicleView(
-        vehicle_id=row.vehicle_id,
+    return RequestVehicleView.of(
+        row,
         vehicle=name,
         state=VehicleState.RUNNING if running else VehicleState(row.state),
-        calibration_id=row.calibration_id,
-        problem=stored(row.problem),
         cameras={
             camera: _outcome(of_camera)
             for camera, of_camera in (Summary.model_validate(summary).cameras if summary else {}).items()
         },
-        finished_at=row.finished_at,
     )
 
 

@@ -11,21 +11,18 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 from sqlalchemy.orm import selectinload
 
-from apexcal.documents.base import stored
 from apexcal.documents.fleets import CameraImages, FleetOut, Named, NewRig, RigOut, SensorSerials, VehicleOut
 from apexcal.documents.publications import PublicationPolicy
 from service.fleets.actions import describe
-from service.fleets.queries import rig_camera
-from service.fleets.views import rig_view
+from service.fleets.rigs import rig_camera, rig_view
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.base import new_id
 from service.platform.db.fleets import Fleet, Rig, Vehicle
-from service.platform.http.bodies import DOCUMENT
 from service.platform.http.etags import Conditional, version_etag
 from service.platform.http.pages import Page, Paging, fetch
 from service.platform.http.problems import Problem
-from service.platform.http.router import Router
+from service.platform.http.router import DOCUMENT, Router
 from service.platform.settings import Settings
 from service.platform.storage.quota import uses
 
@@ -208,15 +205,11 @@ def _fleets(access: Access, fleets: Sequence[Fleet], request: Request) -> list[F
     settings: Settings = request.app.state.settings
     use = uses(access.session, fleets, settings.fleet_quota_bytes)
     return [
-        FleetOut(
-            id=fleet.id,
-            name=fleet.name,
+        FleetOut.of(
+            fleet,
             role=access.role(fleet.id),
             taken_bytes=use[fleet.id].taken,
             quota_bytes=use[fleet.id].allowed,
-            policy=stored(fleet.policy),
-            version=fleet.version,
-            created_at=fleet.created_at,
         )
         for fleet in fleets
     ]

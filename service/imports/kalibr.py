@@ -1,4 +1,7 @@
-"""Kalibr's camchain: lenses, and ``T_cn_cnm1``, which maps points of the camera before into this one. No LiDAR."""
+"""Kalibr's camchain: lenses, and ``T_cn_cnm1``, which maps points of the camera before into this one. No LiDAR.
+
+EuRoC's ``sensor.yaml`` of a camera has the same members under names of its own.
+"""
 
 from __future__ import annotations
 
@@ -51,6 +54,20 @@ def read_kalibr(name: str, document: Mapping[str, Any]) -> Contents:
     if not cameras:
         raise refused(f"{name} holds no camera with a supported model. {' '.join(notes)}", _HINT)
     return Contents(cameras, chained, notes)
+
+
+def is_euroc(document: Mapping[str, Any]) -> bool:
+    """Whether it is the file of a camera of EuRoC's format."""
+    return document.get("sensor_type") == "camera" and "intrinsics" in document
+
+
+def read_euroc(name: str, document: Mapping[str, Any]) -> Contents:
+    """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
+    member = {**document, "distortion_coeffs": document.get("distortion_coefficients")}
+    if document.get("distortion_model") == "radial-tangential":
+        member["distortion_model"] = "radtan"
+    notes = [f"T_BS of {name} is left out: it leads to the body, not to a LiDAR."] if "T_BS" in document else []
+    return Contents([FileCamera("camera", lens=_lens(name, member))], notes=notes)
 
 
 def _lens(where: str, camera: Mapping[str, Any]) -> FileLens:

@@ -1,6 +1,7 @@
 """OpenCV's FileStorage in YAML or JSON: K, D and size under the names that its samples and calibrators use.
 
-Files that we wrote also hold ``T_camera_lidar``; no other name of a transform says its direction.
+Files that we wrote also hold ``T_camera_lidar``; no other name of a transform says its direction, but for the R and T
+of stereoCalibrate, which map points of the first camera into the second.
 """
 
 from __future__ import annotations
@@ -22,12 +23,32 @@ _LISTED = ("ImageSize", "image_size", "imageSize")
 _RATIONAL_FROM = 8
 
 
-def is_opencv(text: str, document: Mapping[str, Any]) -> bool:
-    """Whether the file begins as FileStorage does, or has a matrix as it writes them."""
-    if text.startswith("%YAML:"):
-        return True
+def is_opencv(document: Mapping[str, Any]) -> bool:
+    """Whether it has a matrix as FileStorage writes them."""
     matrix = next((document[name] for name in _K if name in document), None)
     return isinstance(matrix, dict) and {"rows", "cols", "data"} <= set(matrix)
+
+
+def is_opencv_stereo(document: Mapping[str, Any]) -> bool:
+    """Whether it has the matrices of two cameras as OpenCV's stereo_calib names them."""
+    return {"M1", "M2"} <= set(document)
+
+
+def read_opencv_stereo(name: str, document: Mapping[str, Any]) -> Contents:
+    """``intrinsics.yml`` (M1, D1, M2, D2), with ``extrinsics.yml`` (R, T) or alone; neither has the size.
+
+    Raises:
+        Problem: 422 ``calibration_file_not_read``.
+    """
+    cameras: list[FileCamera] = []
+    for number in "12":
+        D = numbers(f"D{number} of {name}", _data(document.get(f"D{number}", [])))
+        K = numbers(f"M{number} of {name}", _data(document[f"M{number}"]), 9)
+        cameras.append(FileCamera(number, lens=FileLens(_model_of(D), K, D, _size(name, document))))
+    if not {"R", "T"} <= set(document):
+        return Contents(cameras)
+    R = np.array(numbers(f"R of {name}", _data(document["R"]), 9)).reshape(3, 3)
+    return Contents(cameras, [transform("2", "1", R, np.array(numbers(f"T of {name}", _data(document["T"]), 3)))])
 
 
 def read_opencv(name: str, document: Mapping[str, Any]) -> Contents:
@@ -38,7 +59,7 @@ def read_opencv(name: str, document: Mapping[str, Any]) -> Contents:
     D = next((key for key in _D if key in document), None)
     coefficients = numbers(f"{D} of {name}", _data(document[D])) if D else []
     fisheye = bool(document.get("fisheye_model", 0))
-    model = "equidistant" if fisheye else "plumb_bob" if len(coefficients) < _RATIONAL_FROM else "rational_polynomial"
+    model = "equidistant" if fisheye else _model_of(coefficients)
     lens = FileLens(model, numbers(f"{K} of {name}", _data(document[K]), 9), coefficients, _size(name, document))
     notes = (
         [] if "fisheye_model" in document else ["The file does not say fisheye_model, so it is not cv2.fisheye's."]
@@ -47,6 +68,10 @@ def read_opencv(name: str, document: Mapping[str, Any]) -> Contents:
     if others:
         notes.append(f"{', '.join(others)}: the file does not state its direction, so it was left out.")
     return Contents([FileCamera("camera", lens=lens, T_camera_lidar=_mount(name, document))], notes=notes)
+
+
+def _model_of(coefficients: list[float]) -> str:
+    return "plumb_bob" if len(coefficients) < _RATIONAL_FROM else "rational_polynomial"
 
 
 def _size(name: str, document: Mapping[str, Any]) -> tuple[int, int] | None:

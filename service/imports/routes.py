@@ -9,8 +9,7 @@ from apexcal.documents.rig_proposals import ProposalRequest, RigProposal
 from service.platform.auth.access import CurrentIdentity, ReadAccess
 from service.platform.db.calibrations import Result
 from service.platform.db.recordings import Recording
-from service.platform.http.bodies import DOCUMENT
-from service.platform.http.router import Router
+from service.platform.http.router import DOCUMENT, Router
 
 router = Router(tags=["imports"])
 

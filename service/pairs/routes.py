@@ -19,12 +19,11 @@ from apexcal.documents.correspondence_sets import BuildRequest, SelectionRequest
 from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
 from service.detections.queries import find_camera
-from service.fleets.queries import rig_camera
-from service.pairs.actions import keep_set
+from service.fleets.rigs import rig_camera
 from service.pairs.label_files import FROM_ONE, is_labels, read_labels
 from service.pairs.marked_pairs import build
 from service.pairs.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
-from service.pairs.views import pairs_of, set_in_pieces, set_view
+from service.pairs.sets import keep_set, pairs_of, set_in_pieces, set_view
 from service.platform.auth.access import Access, CurrentIdentity, Identity, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.calibrations import CorrespondenceSet

@@ -17,9 +17,8 @@ from service.exports.routes import XML, patched_answer
 from service.platform.auth.access import ReadAccess
 from service.platform.db.base import content_hash
 from service.platform.db.fleets import Vehicle
-from service.platform.http.bodies import DOCUMENT
 from service.platform.http.etags import Conditional, content_etag
-from service.platform.http.router import Router
+from service.platform.http.router import DOCUMENT, Router
 from service.publications.calibration_views import camera_documents
 from service.publications.camera_queries import published_exports
 from service.publications.retrieval import Retrieval

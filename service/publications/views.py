@@ -51,20 +51,12 @@ def publication_views(session: Session, statement: Select[Publication]) -> list[
         .outerjoin(Person, Person.id == Publication.published_by)
     )
     return [
-        PublicationView(
-            id=row.id,
-            fleet_id=row.fleet_id,
-            vehicle_id=row.vehicle_id,
-            camera=row.camera,
-            alias=row.alias,
-            number=row.number,
-            result_id=row.result_id,
-            led_to=row.led_to,
+        PublicationView.of(
+            row,
             calibration_id=calibration_id,
             model=model,
             published_at=row.created_at,
             published_by=published_by,
-            reason=row.reason,
             override=override_view(row),
             is_current=bool(is_last) and row.result_id is not None,
         )

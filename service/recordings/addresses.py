@@ -14,6 +14,7 @@ from fastapi import Request, Response
 from apexcal.documents.recordings import BlobAddress
 from service.platform.db.clock import utc_now
 from service.platform.http.etags import Conditions, content_etag
+from service.platform.http.store_problems import streamed
 from service.platform.settings import Settings
 from service.platform.storage.store import Store
 
@@ -70,12 +71,11 @@ class ByteRange:
         return content_etag(hashlib.sha256(f"{self.key}:{self.index}".encode()).hexdigest()[:32])
 
     async def answer(self, request: Request, conditions: Conditions) -> Response:
-        """The bytes, or 304 if the client has them."""
+        """The bytes, or 304 if the client has them. No answer holds all bytes of a large range at once."""
         conditions.offer(self.etag)
         store: Store = request.app.state.store
-        data = await store.read(self.key, self.offset, self.length)
-        headers = {"ETag": self.etag, "Cache-Control": _FOREVER}
-        return Response(data, media_type=self.media_type, headers=headers)
+        headers = {"ETag": self.etag, "Cache-Control": _FOREVER, "Content-Length": str(self.length)}
+        return await streamed(store.read_all(self.key, self.offset, self.length), self.media_type, headers)
 
     def address(self, request: Request) -> BlobAddress:
         """Where the bytes are read straight from the store with a Range header, or that they are read here.

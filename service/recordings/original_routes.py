@@ -17,6 +17,7 @@ from service.platform.db.recordings import Recording, UploadPart
 from service.platform.db.session import Database
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router
+from service.platform.http.store_problems import streamed
 from service.platform.storage.store import Store
 from service.recordings.addresses import Presigner
 from service.recordings.queries import parts_of
@@ -43,13 +44,10 @@ Complete = Annotated[tuple[Recording, Sequence[UploadPart]], Depends(_complete)]
 async def get_original(request: Request, complete: Complete) -> StreamingResponse:
     """The uploaded file, byte for byte."""
     row, parts = complete
-    pieces = _bytes_of(request.app.state.store, [part.blob_key for part in parts])
-    # The first piece is fetched before the answer begins, so that a store that fails is answered with a problem.
-    first = await anext(pieces, b"")
-    return StreamingResponse(
-        _after(first, pieces),
-        media_type="application/octet-stream",
-        headers={
+    return await streamed(
+        _bytes_of(request.app.state.store, [part.blob_key for part in parts]),
+        "application/octet-stream",
+        {
             "Content-Length": str(row.size),
             "Content-Disposition": f"attachment; filename*=UTF-8''{quote(row.file_name, safe='')}",
         },
@@ -78,9 +76,3 @@ async def _bytes_of(store: Store, keys: Sequence[str]) -> AsyncIterator[bytes]:
     for key in keys:
         async for piece in store.read_all(key):
             yield piece
-
-
-async def _after(first: bytes, rest: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
-    yield first
-    async for piece in rest:
-        yield piece

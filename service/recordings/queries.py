@@ -1,4 +1,4 @@
-"""A recording's parts and cameras, and what is known of its file."""
+"""A recording's parts and cameras, what is known of its file, and recordings as the answers show them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.readings import Reading
+from apexcal.documents.recordings import RecordingSummary, RecordingView, SensorView
 from service.platform.auth.access import Access
 from service.platform.db.fleets import RigCamera
 from service.platform.db.recordings import Recording, Sensor, UploadPart
 from service.platform.http.problems import Problem
+from service.platform.job_status.views import job_views
 
 
 def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[str, Any]:
@@ -58,3 +60,21 @@ def find_camera(access: Access, row: Recording, camera: str) -> Sensor:
         f"The recording has no camera {camera!r}.",
         f"Its cameras: {names}." if names else f"It is {row.state}: cameras are known once it is ready.",
     )
+
+
+def summaries(session: Session, rows: Sequence[Recording]) -> list[RecordingSummary]:
+    """Recordings with their jobs."""
+    jobs = job_views(session, (row.job_id for row in rows))
+    views: list[RecordingSummary] = []
+    for row in rows:
+        view = RecordingSummary.model_validate(row)
+        view.job = jobs.get(row.job_id) if row.job_id is not None else None
+        views.append(view)
+    return views
+
+
+def view(session: Session, row: Recording) -> RecordingView:
+    """A recording with its job and sensors."""
+    summary = summaries(session, [row])[0]
+    sensors = session.scalars(select(Sensor).where(Sensor.recording_id == row.id).order_by(Sensor.name))
+    return RecordingView(**summary.model_dump(), sensors=[SensorView.model_validate(sensor) for sensor in sensors])

@@ -31,11 +31,9 @@ from service.platform.http.problems import Problem, not_found
 from service.platform.http.router import Router
 from service.platform.settings import Settings
 from service.platform.storage.quota import take
-from service.recordings.actions import delete_recording
-from service.recordings.queries import reading_document
-from service.recordings.rules import require_same_sensors
+from service.recordings.actions import delete_recording, require_same_sensors
+from service.recordings.queries import reading_document, summaries, view
 from service.recordings.upload_actions import how_to_upload
-from service.recordings.views import summaries, view
 
 router = Router(tags=["recordings"])
 

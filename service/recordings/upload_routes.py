@@ -23,7 +23,7 @@ from service.platform.storage.errors import StoreFullError
 from service.platform.storage.room import Room
 from service.platform.storage.store import Store
 from service.recordings.jobs import queue_ingestion
-from service.recordings.queries import parts_of
+from service.recordings.queries import parts_of, view
 from service.recordings.upload_actions import (
     FORGET_S,
     Announced,
@@ -37,7 +37,6 @@ from service.recordings.upload_actions import (
     part_too_large,
     refuse_expired,
 )
-from service.recordings.views import view
 
 router = Router(tags=["recordings"])
 

@@ -10,9 +10,6 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from typer.testing import CliRunner
-
-from apexcal.cli import app
 from apexcal.commands.pull import program_source
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, seed_results
 from tests.service.detections.seeding import seed_rig
@@ -20,15 +17,10 @@ from tests.support.people import Actor
 
 
 class Ended(NamedTuple):
-    """How the program ended, as typer's runner says it of the command."""
+    """How the program ended."""
 
     exit_code: int
     stderr: str
-    exception: BaseException | None = None
-
-    @property
-    def output(self) -> str:
-        return self.stderr
 
 
 def run_program(file: Path, words: list[str]) -> Ended:
@@ -46,16 +38,12 @@ def run_program(file: Path, words: list[str]) -> Ended:
 
 
 class Car:
-    """A served vehicle with a published calibration, and a file to keep it in.
+    """A served vehicle with a published calibration, a file to keep it in, and the program that pulls it."""
 
-    ``as_program``: it pulls by the program of one file, else by the command.
-    """
-
-    def __init__(self, served, folder, *, as_program: bool = False) -> None:
+    def __init__(self, served, folder) -> None:
         self.api, self.url = served
-        self.program = folder.parent / "apexcal-pull.py" if as_program else None
-        if self.program:
-            self.program.write_text(program_source())
+        self.program = folder.parent / "apexcal-pull.py"
+        self.program.write_text(program_source())
         fleet = self.api.fleet()
         self.rig = seed_rig(self.api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
         self.reviewer: Actor = self.api.member(fleet, "reviewer")
@@ -70,7 +58,7 @@ class Car:
 
     def pull(self, *more: str, url: str | None = None):
         words = ["-o", str(self.file), "--token", self.viewer.token, "--url", url or self.url, *more]
-        return run_program(self.program, words) if self.program else CliRunner().invoke(app, ["pull", *words])
+        return run_program(self.program, words)
 
     @property
     def history(self) -> str:

@@ -70,11 +70,11 @@ def embedded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Embedded]:
         stop(served)
 
 
-@pytest.fixture(params=["command", "program"])
-def car(request: pytest.FixtureRequest, served, tmp_path: Path) -> Car:
-    """On a service within this process, with a folder of its own; it pulls by the command, or by the program."""
+@pytest.fixture
+def car(served, tmp_path: Path) -> Car:
+    """On a service within this process, with a folder of its own."""
     (tmp_path / "car").mkdir()
-    return Car(served, tmp_path / "car", as_program=request.param == "program")
+    return Car(served, tmp_path / "car")
 
 
 @pytest.fixture

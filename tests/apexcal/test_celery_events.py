@@ -15,11 +15,11 @@ from celery import Celery
 from sqlalchemy import select
 
 from apexcal.client import Client
-from apexcal.demo.annotators import mark_everything
-from apexcal.demo.truth import Truth
 from apexcal.errors import FailedError
 from apexcal.regions import read_region
 from apexcal.rigs import read_rig
+from benchmarks.demo.annotators import mark_everything
+from benchmarks.demo.truth import Truth
 from service.platform.db.models import Job
 from service.platform.db.session import Database
 from tests.apexcal.conftest import Embedded

@@ -16,7 +16,7 @@ from apexcal.client import Client
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.terminal import complain
 
-PASSED_ON = ("admin", "simulate")
+PASSED_ON = ("admin", "simulate", "pull")
 
 
 def apexcal(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:

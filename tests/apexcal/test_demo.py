@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from apexcal.demo.__main__ import main
-from apexcal.demo.real import find_data
-from apexcal.demo.truth import Truth, project
 from apexcal.documents.camera_models import MODELS
 from apexcal.documents.correspondence_sets import PairView
+from benchmarks.demo.__main__ import main
+from benchmarks.demo.real import find_data
+from benchmarks.demo.truth import Truth, project
 from workers.geometry.models import INTRINSICS
 from workers.geometry.projection import project as project_exactly
 
@@ -74,7 +74,7 @@ def test_the_whole_demo_twice(tmp_path):
         (tmp_path / "shared").symlink_to(REPOSITORY.parent / "shared")
     reports = []
     for _ in range(2):
-        done = subprocess.run([sys.executable, "-m", "apexcal.demo"], cwd=home, capture_output=True, text=True)
+        done = subprocess.run([sys.executable, "-m", "benchmarks.demo"], cwd=home, capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr
         reports.append(json.loads((home / "var" / "demo" / "report.json").read_text()))
     for model in MODELS:

@@ -24,8 +24,9 @@ import yaml
 
 from apexcal.cli import app
 from apexcal.client import Client
-from apexcal.demo.truth import Truth
+from apexcal.commands.pull import pull_parser
 from apexcal.json_files import parse_document
+from benchmarks.demo.truth import Truth
 from service.admin.__main__ import app as admin
 from tests.apexcal.conftest import Embedded, start, stop
 from tests.apexcal.test_cli import apexcal
@@ -313,10 +314,11 @@ def test_rigs_as_the_page_shows_them_are_taken(reader: Reader) -> None:
 
 
 def _options_of(words: tuple[str, ...]) -> set[str]:
-    """The options of a command. Those of `apexcal admin` and `apexcal simulate` are defined by other programs."""
+    """The options of a command. Those of `admin`, `simulate` and `pull` are defined by other programs."""
     command: Any = typer.main.get_command(app)
-    if words[0] == "simulate":
-        return {name for action in simulation_parser()._actions for name in action.option_strings}
+    parsers = {"simulate": simulation_parser, "pull": pull_parser}
+    if words[0] in parsers:
+        return {name for action in parsers[words[0]]()._actions for name in action.option_strings}
     if words[0] == "admin":
         command, words = typer.main.get_command(admin), words[1:]
     for word in words:

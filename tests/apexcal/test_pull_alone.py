@@ -1,4 +1,4 @@
-"""The program that `apexcal pull --program` writes. The tests of the command run it too (`tests/apexcal/cars.py`)."""
+"""The program that `apexcal pull --program` writes, and the command that runs the same code."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from apexcal import transport
 from apexcal.cli import app
 from apexcal.commands.pull import program_source
-from apexcal.pull_alone import BUSY, LONGEST_ANSWER, LONGEST_WAIT_S, PAUSES_S
 from tests.support.databases import one_database
 
 # Of Python's library, what came after 3.8 and a program like this could use: a name of each addition.
@@ -56,12 +54,6 @@ def test_the_program_is_one_file_for_python_3_8_and_its_library_alone(tmp_path: 
     assigned = [part for node in tree.body if isinstance(node, ast.Assign) for part in ast.walk(node.targets[0])]
     definitions += [part.id for part in assigned if isinstance(part, ast.Name)]
     assert len(definitions) == len(set(definitions))
-    assert (PAUSES_S, BUSY, LONGEST_WAIT_S, LONGEST_ANSWER) == (
-        transport._PAUSES_S,
-        transport._BUSY,
-        transport._MOST_WAIT_S,
-        transport._MOST_BYTES,
-    )
 
 
 @one_database
@@ -73,6 +65,18 @@ def test_the_program_runs_where_nothing_is_installed(car, tmp_path: Path) -> Non
     done = subprocess.run([sys.executable, "-I", "-S", file, *words], env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     good = car.file.read_bytes()
-    assert car.pull().exit_code == 0 and car.file.read_bytes() == good
+    # The command asks as the program does: it finds the file unchanged.
+    pulled = CliRunner().invoke(app, ["pull", *words, "--token", car.viewer.token])
+    assert pulled.exit_code == 0 and "has not changed" in pulled.stderr and car.file.read_bytes() == good
     done = subprocess.run([sys.executable, "-I", "-S", file, "-o", "x"], env={}, capture_output=True, text=True)
     assert done.returncode == 2 and "APEXCAL_URL" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_the_command_looks_for_the_service_of_this_machine_and_refuses_odd_times(tmp_path: Path) -> None:
+    words = ["pull", "-o", str(tmp_path / "car.json"), "--data", str(tmp_path)]
+    alone = CliRunner(env={"APEXCAL_URL": "", "APEXCAL_TOKEN": ""})
+    nobody = alone.invoke(app, words)
+    assert nobody.exit_code == 3 and "no service runs on" in nobody.stderr
+    for seconds in ("0", "-1", "nan", "soon"):
+        refused = alone.invoke(app, [*words, "--timeout", seconds])
+        assert refused.exit_code == 2 and "--timeout" in refused.stderr

@@ -17,9 +17,9 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from apexcal.client import Client
-from apexcal.demo.truth import Truth
 from apexcal.documents.fleets import RigOut
 from apexcal.documents.results import ResultView
+from benchmarks.demo.truth import Truth
 from tests.apexcal.test_cli import apexcal
 
 FRAME, LINK = "camera_front_optical", "camera_front_link"

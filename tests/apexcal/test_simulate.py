@@ -14,11 +14,11 @@ def test_every_example_is_understood(line):
 
 
 def test_what_is_said_reaches_the_recording(tmp_path):
-    words = ["--seconds", 1, "--camera-hz", 2, "--cameras", "front,left", "--format", "folder"]
+    words = ["--seconds", 1, "--camera-hz", 2, "--cameras", "front,left", "--format", "mcap"]
     done = program("simulate", "--out", tmp_path / "walk", *words, "--clock-offset-ms", -20, "--json")
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
-    assert (summary["format"], summary["sweeps"], summary["frames"]) == ("folder", 10, 4)
+    assert (summary["format"], summary["sweeps"], summary["frames"]) == ("mcap", 10, 4)
     truth = json.loads((tmp_path / "walk" / "truth.json").read_text())
     assert truth["clock"]["offset_ns"] == -20_000_000
     assert list(truth["cameras"]) == ["front", "left"]

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from apexcal.demo.truth import Truth
 from apexcal.geometry.frame_tree import urdf_tree
+from benchmarks.demo.truth import Truth
 from tests.apexcal.conftest import Embedded
 from tests.apexcal.test_cli import apexcal
 from tests.apexcal.test_rectified_images import mark

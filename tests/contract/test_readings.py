@@ -1,31 +1,12 @@
 """What an owner may say of a recording means the same to the service and to the readers."""
 
-from dataclasses import fields
-from typing import get_args, get_type_hints
-
 import pytest
 
-from apexcal.documents.readings import Reading
 from tests.support.uploads import new_recording, upload
 from tests.support.work import work
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
-from workers.readers.recording import LidarModel, ReadOptions
 
 FRONT, REAR = "/cam/a/image", "/cam/b/image"
-
-
-def test_every_option_of_the_readers_can_be_said_and_nothing_else():
-    assert set(Reading.model_fields) - {"topics"} == {field.name for field in fields(ReadOptions)}
-    said = {
-        "point_times": "stamp_only",
-        "stamp_convention": "end",
-        "rate_hz": 20.0,
-        "lidar_model": "hdl32e",
-        "rings": 32,
-    }
-    ReadOptions(**Reading.model_validate(said).model_dump(exclude={"topics"}))
-    models = get_args(get_args(get_type_hints(Reading)["lidar_model"])[0])
-    assert models == get_args(LidarModel)
 
 
 @pytest.mark.usefixtures("broker")

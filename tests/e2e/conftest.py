@@ -43,7 +43,7 @@ class Track:
 
 
 @pytest.fixture(scope="package")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Path]]:
     """Starts simulating a recording; called, it waits for the folder with recording.bag and rig.json."""
     folder = tmp_path_factory.mktemp("simulated")
     log = folder / "log"
@@ -54,7 +54,8 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
         assert child.wait(120) == 0, log.read_text()
         return folder / "walk"
 
-    return wait
+    yield wait
+    stop(child)
 
 
 @pytest.fixture(scope="package")

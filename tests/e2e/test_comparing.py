@@ -62,7 +62,7 @@ def test_two_results_are_compared_over_the_image(
     both = sorted(set(first.field.number) & set(last.field.number))
     near = [number for number in both if number < 612]  # 17 elevations of 36 azimuths each
     drawing = page.get_by_role("img", name=re.compile("Differences over the image at 5 m"))
-    arrows = drawing.locator("g")
+    arrows = drawing.locator("g g")
     expect(arrows).to_have_count(len(near))
     said = arrows.first.locator("title").text_content() or ""
     here, there = last.field.number.index(near[0]), first.field.number.index(near[0])

@@ -12,11 +12,11 @@ import httpx
 import pytest
 
 from apexcal.client import Client
-from apexcal.demo.annotators import mark_everything
-from apexcal.demo.truth import Truth
 from apexcal.documents.recordings import BlobAddress, Parts
 from apexcal.regions import read_region
 from apexcal.rigs import read_rig
+from benchmarks.demo.annotators import mark_everything
+from benchmarks.demo.truth import Truth
 from service.platform.db.session import Database
 from service.platform.settings import Settings
 from service.platform.storage.audit import audit

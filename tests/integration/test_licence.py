@@ -12,8 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.notice import notice
+
 ROOT = Path(__file__).parents[2]
-LICENCE = (ROOT / "LICENSE").read_text()
+PAGES = ("service/web/index.html", "workers/reports/report.html")
+TEXTS = {name: (ROOT / name).read_text() for name in ("LICENSE", "NOTICE")}
+LICENCE = TEXTS["LICENSE"]
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +35,10 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if (ROOT / name).is_file() and not name.startswith(("docs/", "tests/", "benchmarks/")):
             (copy / name).parent.mkdir(parents=True, exist_ok=True)
             (copy / name).write_bytes((ROOT / name).read_bytes())
-    # The pages are not what is asked here: a page in their place keeps the build hook from building them.
+    # The pages are not what is asked here: files in their place keep the build hook from building them.
     (copy / "service" / "web").mkdir(parents=True)
-    (copy / "service" / "web" / "index.html").write_text("<!doctype html>")
+    for name in PAGES:
+        (copy / name).write_text("<!doctype html>")
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-d", str(out)], cwd=copy, check=True, capture_output=True
     )
@@ -43,7 +48,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _holds(metadata: str) -> Message:
     message = Parser().parsestr(metadata)
     assert message["License-Expression"] == "Apache-2.0"
-    assert message.get_all("License-File") == ["LICENSE"]
+    assert message.get_all("License-File") == list(TEXTS)
     assert message["Author"] == "the apexcal authors"
     return message
 
@@ -58,23 +63,30 @@ def test_the_wheel_holds_it(built: Path) -> None:
     (wheel,) = built.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         (info,) = {name.split("/")[0] for name in archive.namelist() if ".dist-info/" in name}
-        assert archive.read(f"{info}/licenses/LICENSE").decode() == LICENCE
+        assert {name: archive.read(f"{info}/licenses/{name}").decode() for name in TEXTS} == TEXTS
         _holds(archive.read(f"{info}/METADATA").decode())
+        # Whoever installs the wheel has the pages, and its workers the report.
+        assert set(PAGES) <= set(archive.namelist())
 
 
 def test_the_source_archive_holds_it(built: Path) -> None:
     (source,) = built.glob("*.tar.gz")
     with tarfile.open(source) as archive:
         top = archive.getnames()[0].split("/")[0]
-        text, metadata = (archive.extractfile(f"{top}/{name}") for name in ("LICENSE", "PKG-INFO"))
-        assert text is not None and text.read().decode() == LICENCE
-        assert metadata is not None
-        _holds(metadata.read().decode())
+        files = {name: archive.extractfile(f"{top}/{name}") for name in (*TEXTS, "PKG-INFO")}
+        texts = {name: file.read().decode() for name, file in files.items() if file}
+    _holds(texts.pop("PKG-INFO"))
+    assert texts == TEXTS
 
 
 def test_the_image_and_the_pages_state_it() -> None:
     build, _, image = (ROOT / "Dockerfile").read_text().rpartition("\nFROM ")
     assert re.search(r'^LABEL .*org\.opencontainers\.image\.licenses="Apache-2\.0"', image, re.MULTILINE)
-    assert re.search(r"^COPY LICENSE \S+", image, re.MULTILINE)
-    assert re.search(r"^COPY .*\bLICENSE\b.* \./$", build, re.MULTILINE), "the wheel is built without it"
+    assert re.search(r"^COPY LICENSE NOTICE \S+", image, re.MULTILINE)
+    assert re.search(r"^COPY .*\bLICENSE NOTICE \./$", build, re.MULTILINE), "the wheel is built without it"
     assert json.loads((ROOT / "frontend" / "package.json").read_text())["license"] == "Apache-2.0"
+
+
+def test_the_notice_names_every_package_that_is_installed_and_its_licence() -> None:
+    """`python -m tests.support.notice > NOTICE` writes it anew."""
+    assert TEXTS["NOTICE"] == notice()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -36,8 +37,8 @@ from workers.marks.sights import (
     MountedLens,
     RecordingFailure,
     Sight,
+    is_in_one_place,
 )
-from workers.marks.standing import is_in_one_place
 
 FLOOR_M: Final = 0.0008
 """Standard deviation of a corner in the board's plane: cut edges, rims and blunt tips.
@@ -64,6 +65,29 @@ _STILL_CONFIRMED: Final = 0.8  # of the sights, by edges farther out
 Answers = list[dict[CornerName, MarkProposal | MarkRefusal]]
 _GAIN_STEP: Final = 0.3
 _ENOUGH_TIPS: Final = 0.5  # of the sights: with fewer, the other corners are measured for the mount too
+
+
+@dataclass(frozen=True, eq=False)
+class _TriedMount:
+    """A mount after its marks: the best standard score in each sight with a mark, and the edges' median softness."""
+
+    scores: Sequence[float]
+    camera: MountedLens
+    softness: float
+
+    @property
+    def confirmed(self) -> int:
+        """In how many sights a corner was measured where the mount sees it."""
+        return sum(score < _OFF_MOUNT for score in self.scores)
+
+    def support(self, scatter: float = 1.0) -> float:
+        """The same, each sight by how well its mark agrees, if scores scatter so (MSAC: Torr and Zisserman 2000)."""
+        return sum(max(0.0, 1.0 - (score / (scatter * _OFF_MOUNT)) ** 2) for score in self.scores)
+
+    def is_rivalled_by(self, other: _TriedMount) -> bool:
+        """Whether the other explains as many sights as an accident does not, as sharply as this mount does."""
+        scatter = min(1.0, _scatter(self.scores))
+        return other.support(scatter) >= RIVAL_SHARE * self.support(scatter)
 
 
 def propose(
@@ -103,34 +127,36 @@ def _from_candidates(
 ) -> MachineMarks:
     """Edges decide between mounts; two that the edges of many sights confirm are an ambiguity."""
     some = [index for index, sight in enumerate(task.sights) if sight.frame in chosen]
-    tried: list[tuple[int, MountedLens, float]] = []
+    tried: list[_TriedMount] = []
     for candidate in candidates:
         slots = np.flatnonzero(candidate.explained)
         start = fit_mount(
             candidate.camera, task.lens, pairs.points[slots], pairs.seeds[slots, candidate.nearest[slots]],
             np.ones(len(slots)), task.size,
         )  # fmt: skip
-        ways: list[tuple[int, MountedLens, float]] = []
+        ways: list[_TriedMount] = []
         for half_width, outward_m in _WAYS:
             measured = measure(task, some, start, ("top",), half_width, 1.0, outward_m=outward_m)
             if _marked(measured) < _ENOUGH_TIPS * len(some):
                 measured = measure(task, some, start, CORNERS, half_width, 1.0, outward_m=outward_m)
             camera, softness = _refit(task, measured, start)
-            ways.append((_confirmed(task, measured, camera), camera, softness))
-            if ways[-1][0] >= LEAST_SHARE * len(some):
+            ways.append(_TriedMount(_sight_scores(task, measured, camera), camera, softness))
+            if ways[-1].confirmed >= LEAST_SHARE * len(some):
                 break
-        tried.append(max(ways, key=lambda way: way[0]))
-    tried.sort(key=lambda one: -one[0])
-    best, camera, softness = tried[0]
-    if best < max(_FEWEST_SIGHTS, LEAST_SHARE * len(some)):
-        return _failed(task, "few_edges", f"The board's edges were found in {best} of {len(some)} frames only.")
-    rivals = [count for count, other, _ in tried[1:] if _apart_px(task, camera, other) > INLIER_PX]
-    if click is None and rivals and rivals[0] >= RIVAL_SHARE * best:
+        tried.append(max(ways, key=_TriedMount.support))
+    tried.sort(key=_TriedMount.support, reverse=True)
+    best = tried[0]
+    camera, softness = best.camera, best.softness
+    if best.confirmed < max(_FEWEST_SIGHTS, LEAST_SHARE * len(some)):
+        sentence = f"The board's edges were found in {best.confirmed} of {len(some)} frames only."
+        return _failed(task, "few_edges", sentence)
+    rivals = [other for other in tried[1:] if _apart_px(task, camera, other.camera) > INLIER_PX]
+    if click is None and rivals and best.is_rivalled_by(rivals[0]):
         return _failed(
             task,
             "two_consensuses",
-            f"Two mounts explain the frames, one {best} of them and another {rivals[0]}: does a second person "
-            "walk along, or is the board's pattern repeated?",
+            f"Two mounts explain the frames, one {best.confirmed} of them and another {rivals[0].confirmed}: does a "
+            "second person walk along, or is the board's pattern repeated?",
         )
     everything = range(len(task.sights))
     changes: list[Floats] = []
@@ -142,9 +168,11 @@ def _from_candidates(
         moved, softness = _refit(task, outer, camera)
         outer = measure(task, everything, moved, task.corners, 4.0, softness)
         moved, _ = _refit(task, outer, moved)
-        if _confirmed(task, outer, moved) >= _STILL_CONFIRMED * _confirmed(task, measured, camera):
+        farther = _TriedMount(_sight_scores(task, outer, moved), moved, softness)
+        nearer = _TriedMount(_sight_scores(task, measured, camera), camera, softness)
+        if farther.confirmed >= _STILL_CONFIRMED * nearer.confirmed:
             measured, camera = outer, moved
-    scatter = _scatter(_scores(task, measured, camera))
+    scatter = _scatter(list(_scores(task, measured, camera).values()))
     if scatter > _MOST_SCATTER:
         return _failed(
             task,
@@ -192,9 +220,12 @@ def _marked(measured: dict[int, Measured]) -> int:
     return sum(any(isinstance(one, CornerFit) for one in corners.values()) for corners in measured.values())
 
 
-def _confirmed(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> int:
-    """In how many sights a corner was measured where the mount sees it."""
-    return len({index for (index, _), score in _scores(task, measured, camera).items() if score < _OFF_MOUNT})
+def _sight_scores(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> list[float]:
+    """The best standard score of a corner in each sight with a mark."""
+    best: dict[int, float] = {}
+    for (index, _), score in _scores(task, measured, camera).items():
+        best[index] = min(score, best.get(index, np.inf))
+    return list(best.values())
 
 
 def _apart_px(task: MarkTask, camera: MountedLens, other: MountedLens) -> float:
@@ -221,7 +252,7 @@ def _refit(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -
 def _answers(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> Answers:
     """Proposals of the asked corners. A mark far from its mount's projection, as such marks go, is none."""
     scores = _scores(task, measured, camera)
-    scale = max(1.0, _scatter(scores))
+    scale = max(1.0, _scatter(list(scores.values())))
     answers: Answers = []
     for index, sight in enumerate(task.sights):
         of_sight: dict[CornerName, MarkProposal | MarkRefusal] = {}
@@ -268,9 +299,9 @@ def _scores(
     }
 
 
-def _scatter(scores: dict[tuple[int, CornerName], float]) -> float:
+def _scatter(scores: Sequence[float]) -> float:
     """The median score against its expectation, that of Rayleigh's distribution; 0 without marks."""
-    return float(np.median(list(scores.values()))) / math.sqrt(2.0 * math.log(2.0)) if scores else 0.0
+    return float(np.median(scores)) / math.sqrt(2.0 * math.log(2.0)) if scores else 0.0
 
 
 def _standard_score(sight: Sight, name: CornerName, fit: CornerFit, camera: MountedLens) -> float:

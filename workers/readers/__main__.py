@@ -18,21 +18,22 @@ import resource
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+from pydantic import ValidationError
+
 from apexcal.documents.errors import InputError
+from apexcal.documents.readings import ReadOptions
 from workers.readers.confine import add_child_options, confine
 from workers.readers.isolation.isolate import isolate
 from workers.readers.normalised.normalise import normalise
 from workers.readers.output import OutputLimitError, ReserveError, bytes_written, limit_output
 from workers.readers.progress import IngestProgress, Pace, tell_beats
-from workers.readers.recording import ReadError, ReadOptions
+from workers.readers.recording import ReadError
 
-_OPTIONS: Final = (
-    f"Options are {', '.join(field.name for field in fields(ReadOptions))}; leave out what is not known."
-)
+_OPTIONS: Final = f"Options are {', '.join(ReadOptions.model_fields)}; leave out what is not known."
 
 # What a limit raises; the starter has the words.
 _LIMITS: Final[dict[type[BaseException], str]] = {
@@ -104,9 +105,11 @@ def _room(request: dict[str, Any]) -> Callable[[argparse.Namespace, dict[str, An
 
 def _options(request: dict[str, Any]) -> ReadOptions:
     try:
-        return ReadOptions(**request.get("options", {}))
-    except (TypeError, ValueError) as error:
-        raise ReadError("request_invalid", f"The options of the ingestion are wrong: {error}.", _OPTIONS) from None
+        return ReadOptions.model_validate(request.get("options", {}))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        why = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise ReadError("request_invalid", f"The options of the ingestion are wrong: {why}.", _OPTIONS) from None
 
 
 def _inspected(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Final, cast
 
-from workers.readers.recording import ReadError, ReadOptions, Recording
+from apexcal.documents.readings import ReadOptions
+from workers.readers.recording import ReadError, Recording
 
 HEAD_BYTES: Final = 1024
 FORMATS: Final = (

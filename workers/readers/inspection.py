@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from apexcal.documents.bounds import preset_bounds
 from apexcal.documents.inspections import InspectedSensor, Inspection, RecordingFault
 from apexcal.documents.pairs import REACH_NS
+from apexcal.documents.readings import ReadOptions
 from apexcal.documents.recordings import StatedLens
 from apexcal.documents.rig_proposals import RigAnswers, RigProposal
 from apexcal.geometry.frame_tree import FrameTree, recorded_tree, urdf_tree
@@ -21,7 +22,7 @@ from apexcal.geometry.rig_proposal import RecordedSensor, propose_rig
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
 from workers.readers.normalised.stamps import overlap_warning, report_stamps, shared_time
-from workers.readers.recording import ReadError, ReadOptions, Recording, Sensor, StaticTransform
+from workers.readers.recording import ReadError, Recording, Sensor, StaticTransform
 
 # Of each sensor, to compare its stamps with the times of recording.
 _SAMPLES: Final = 9

@@ -5,16 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, get_args
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from apexcal.documents.readings import FrameOrigin, ImageKind, LidarModel, PointTimes, StampConvention
+from apexcal.documents.readings import FrameOrigin, ImageKind, StampConvention
 
 TimeSource = Literal["per_point", "derived_from_azimuth", "stamp_only"]
 
-_MAX_NS: Final = 2**31 * 1_000_000_000
 _LONGEST_WORD: Final = 300
 _LONGEST_TEXT: Final = 20_000
 
@@ -121,54 +121,9 @@ class StaticTransform:
 
     parent: str
     child: str
-    translation_m: tuple[float, ...]
-    quaternion_xyzw: tuple[float, ...]
+    translation_m: Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+    quaternion_xyzw: Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
     origin: FrameOrigin = "tf_static"
-
-
-@dataclass(frozen=True, slots=True)
-class ReadOptions:
-    """What the owner knows of a recording but its file does not say.
-
-    Attributes:
-        point_times: ``auto`` uses times of points where the file has them and derives them where it has none;
-            ``stamp_only`` leaves them out (static poses whose stamps are made up).
-        stamp_convention: whether a sweep's stamp is its start or its end; None: as far as the file tells.
-        rate_hz: turns of the LiDAR per second, 0.5 to 1000; None: from the stamps.
-        lidar_model: sensor that sent captured packets; None: as the packets say.
-        rings: number of rings, 2 to 256, where the file has none and they are computed; None: found by elevation.
-        camera_start_ns: moment of a video's first frame, UTC nanoseconds, where neither the video nor a table of
-            times says it.
-
-    Raises:
-        ValueError: a value outside of these.
-    """
-
-    point_times: PointTimes = "auto"
-    stamp_convention: StampConvention | None = None
-    rate_hz: float | None = None
-    lidar_model: LidarModel | None = None
-    rings: int | None = None
-    camera_start_ns: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.point_times not in ("auto", "stamp_only"):
-            raise ValueError(f"point_times is 'auto' or 'stamp_only', not {self.point_times!r}")
-        if self.stamp_convention not in (None, "start", "end", "unknown"):
-            raise ValueError(f"stamp_convention is 'start', 'end' or 'unknown', not {self.stamp_convention!r}")
-        if self.rate_hz is not None and not 0.5 <= self.rate_hz <= 1000:
-            raise ValueError(f"rate_hz lies between 0.5 and 1000, not at {self.rate_hz}")
-        if self.lidar_model is not None and self.lidar_model not in get_args(LidarModel):
-            models = ", ".join(get_args(LidarModel))
-            raise ValueError(f"lidar_model is one of {models}, not {self.lidar_model!r}")
-        if self.rings is not None and not _whole(self.rings, 2, 256):
-            raise ValueError(f"rings is a whole number from 2 to 256, not {self.rings!r}")
-        if self.camera_start_ns is not None and not _whole(self.camera_start_ns, 0, _MAX_NS - 1):
-            raise ValueError(f"camera_start_ns is in whole nanoseconds since 1970, not {self.camera_start_ns!r}")
-
-
-def _whole(value: object, low: int, high: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
 
 
 @dataclass(frozen=True, slots=True)

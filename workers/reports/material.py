@@ -13,15 +13,6 @@ from workers.solver.problem import FitProblem
 Json = dict[str, Any]
 
 
-@dataclass(frozen=True, eq=False)
-class FittedModel:
-    """A camera model's fit to all pairs: its result, its problem, and the held-out errors of its folds."""
-
-    result: FitResult
-    problem: FitProblem
-    heldout: Sequence[HeldOut] = ()
-
-
 @dataclass(frozen=True)
 class PersonMark:
     """A person's own mark of a pair, by the pair's number: pixels."""
@@ -46,24 +37,23 @@ class FrameImage:
 class Material:
     """All that the report of one result reads.
 
-    ``chosen`` is the reported model, ``models`` are all of its camera. ``pairs``: columns of equal lengths.
-    ``checks``: all checks of the result. ``slots``: iteration, slot and loss of each slot.
-    ``marks``: by person, where the pairs are made of marks. ``frames``: by number of the pair. ``elsewhere``: what
-    validations found on other data, the newest first, without single pairs. ``names`` are those of vehicle, rig and
-    camera; ``ids`` of the rows.
+    ``result`` is a fit to all pairs, ``problem`` its problem, ``heldout`` the held-out errors of its folds.
+    ``pairs``: columns of equal lengths. ``checks``: all checks of the result. ``summary``: the camera's models side
+    by side, a ``CameraSummary``, once there is one. ``marks``: by
+    person, where the pairs are made of marks. ``elsewhere``: what validations found on other data, the newest first,
+    without single pairs. ``names`` are those of vehicle, rig and camera; ``rows`` are the members of a ``ResultView``
+    that say whose the result is.
     """
 
-    chosen: FittedModel
-    models: Sequence[FittedModel]
+    result: FitResult
+    problem: FitProblem
     pairs: Json
+    summary: Json | None = None
+    heldout: Sequence[HeldOut] = ()
     checks: Sequence[Check] = ()
-    recommended: str | None = None
-    why: str = ""
-    slots: Sequence[tuple[int, int, float]] = ()
     marks: Sequence[PersonMark] = ()
-    frames: Mapping[int, FrameImage] = field(default_factory=dict[int, FrameImage])
     elsewhere: Sequence[Json] = ()
     names: Mapping[str, str] = field(default_factory=dict[str, str])
-    ids: Mapping[str, str] = field(default_factory=dict[str, str])
+    rows: Mapping[str, Any] = field(default_factory=dict[str, Any])
     request: Json = field(default_factory=dict[str, Any])
     made_at: str = ""

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from apexcal.documents.simulation import Disturbances
 from workers.readers.recording import Sweep
 from workers.simulation.beams import BOARD, BOX, GROUND, PERSON, POLE, SECOND_PERSON, SPECKLE, WALL, cast
-from workers.simulation.flaws import Flaws, Mount, lost, range_error
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS, LidarModel, with_rings
 from workers.simulation.walker import BodyPoses, Poses
@@ -61,7 +60,11 @@ class SimulatedLidar:
         columns: how many times all lasers are fired in a sweep.
         firing: (R,) position of each ring's laser in the firing order of a column, 0 first.
         delay_s: (R,) seconds from the start of a column to each ring's firing.
+        mixing: surfaces that lie less than this far apart (metres) along a beam give one return, at their mean range;
+            and the share of the beam that a surface needs to answer.
     """
+
+    mixing: tuple[float, float] = (0.0, 0.0)
 
     def __init__(
         self,
@@ -73,8 +76,6 @@ class SimulatedLidar:
         noise_m: float,
         seed: int,
         disturbances: Disturbances | None = None,
-        flaws: Flaws | None = None,
-        mount: Mount | None = None,
     ) -> None:
         self.sensor = sensor
         self._scene = scene
@@ -82,8 +83,6 @@ class SimulatedLidar:
         self._noise_m = noise_m
         self._seed = seed
         self._disturbances = disturbances or Disturbances()
-        self._flaws = flaws or Flaws()
-        self._mount = mount or Mount()
         # One column less than fits: the grid starts by up to a step late, and a column takes its time.
         self.columns = int(2.0 * sector_deg / sensor.step_deg) - 1
         self._sector = math.radians(sector_deg)
@@ -97,12 +96,6 @@ class SimulatedLidar:
         self._lift_m = -sensor.lens_m * np.tan(self._elevations)
         self._aside = np.deg2rad(np.array(sensor.azimuths_deg)) if sensor.azimuths_deg else np.zeros(rings)
         self._every = np.array(sensor.every) if sensor.every else np.ones(rings, np.int64)
-        random = np.random.default_rng([seed, 10])
-        angle = math.radians(self._flaws.ring_angle_deg)
-        self._bias_m = random.normal(0.0, self._flaws.ring_bias_m, rings)
-        self._up_error, self._aside_error = random.normal(0.0, angle, (2, rings))
-        self._wander = random.uniform(0.0, 2.0 * math.pi, 3)
-        self._begins = self._sector if self._mount.seam_deg is None else math.radians(self._mount.seam_deg)
 
     def seconds_per_sector(self) -> float:
         """From a sweep's stamp to its last point."""
@@ -121,7 +114,7 @@ class SimulatedLidar:
         random = np.random.default_rng([self._seed, 2, index])
         column_s = self._columns_s(random.uniform())
         poses = self._walk.poses(start_s + column_s)
-        turned = self._begins - self._omega * column_s + self._wandered(start_s + column_s)
+        turned = self._turned(start_s, column_s)
         azimuth, elevation = self._level(turned)
         distance, surface = self._beams(azimuth, elevation, self._fired(column_s), poses)
         self._spoil(index, distance, surface)
@@ -131,8 +124,8 @@ class SimulatedLidar:
         noisy = np.round((distance + noise + error) / _RANGE_STEP_M) * _RANGE_STEP_M
         column, ring = np.nonzero(distance <= self.sensor.max_range_m)
         after_s = column_s[column] + self.delay_s[ring]
-        encoder = turned + random.normal(0.0, 1e-3 * self._flaws.jitter_mrad, len(turned))
-        xyz = _directions(
+        encoder = self._encoded(turned, random)
+        xyz = directions(
             encoder[column] - self._omega * self.delay_s[ring] + self._aside[ring], self._elevations[ring]
         )
         xyz *= noisy[column, ring][:, None]
@@ -149,18 +142,15 @@ class SimulatedLidar:
 
     def _columns_s(self, late: float) -> Floats:
         """When the columns that look into the sector are fired, seconds; the first is ``late`` steps late."""
-        step = math.radians(self.sensor.step_deg)
-        if self._mount.seam_deg is None:
-            return (np.arange(self.columns, dtype=np.float64) + late) * step / self._omega
-        turn = (np.arange(int(2.0 * math.pi / step) - 1, dtype=np.float64) + late) * step
-        ahead = np.abs(np.remainder(self._begins - turn + math.pi, 2.0 * math.pi) - math.pi) < self._sector
-        return turn[ahead] / self._omega
+        return (np.arange(self.columns, dtype=np.float64) + late) * math.radians(self.sensor.step_deg) / self._omega
 
-    def _wandered(self, time_s: Floats) -> Floats:
-        """How far the motor is from where even steps would have it, radians: slow, once and seven times a turn."""
-        rates_hz = np.array([0.3, self.sensor.rate_hz, 7.0 * self.sensor.rate_hz])
-        waves = np.sin(2.0 * math.pi * time_s[:, None] * rates_hz + self._wander) @ np.array([0.4, 0.3, 0.3])
-        return math.radians(self._flaws.wander_deg) * waves
+    def _turned(self, start_s: float, column_s: Floats) -> Floats:
+        """Where the motor is at each column of a sweep that starts at ``start_s``, radians."""
+        return self._sector - self._omega * column_s
+
+    def _encoded(self, turned: Floats, random: np.random.Generator) -> Floats:
+        """What the encoder says of that, radians."""
+        return turned
 
     def _fired(self, column_s: Floats) -> NDArray[np.bool_]:
         """(C, R) which lasers fire in which columns."""
@@ -169,12 +159,8 @@ class SimulatedLidar:
 
     def _level(self, turned: Floats) -> tuple[Floats, Floats]:
         """Azimuth and elevation (C, R) of the beams in the scene's level frame, radians."""
-        azimuth = turned[:, None] - (self._omega * self.delay_s - self._aside - self._aside_error)
-        elevation = np.broadcast_to(self._elevations + self._up_error, azimuth.shape)
-        if self._mount.roll_deg == 0.0 and self._mount.pitch_deg == 0.0:
-            return azimuth, np.ascontiguousarray(elevation)
-        x, y, z = np.moveaxis(_directions(azimuth, elevation) @ self._mount.rotation().T, -1, 0)
-        return np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0))
+        azimuth = turned[:, None] - (self._omega * self.delay_s - self._aside)
+        return azimuth, np.ascontiguousarray(np.broadcast_to(self._elevations, azimuth.shape))
 
     def _beams(
         self, azimuth: Floats, elevation: Floats, fired: NDArray[np.bool_], poses: Poses
@@ -184,13 +170,12 @@ class SimulatedLidar:
         top = scene.ground_z + scene.wall_height
         walker = BodyPoses(poses.body, poses.left, poses.height, poses.torso_m)
         people = [walker, *([poses.second] if poses.second is not None else []), *poses.others]
-        flaws = self._flaws
         return cast(
             azimuth,
             elevation,
             self._lift_m,
             fired,
-            np.array([0.5e-3 * self._disturbances.beam_mrad, flaws.mixing_m, flaws.least_share]),
+            np.array([0.5e-3 * self._disturbances.beam_mrad, *self.mixing]),
             np.stack([poses.apex, poses.edge_left, poses.edge_right], axis=1),
             np.stack([_rows(person) for person in people]),
             np.empty((len(azimuth), 0, 4)) if poses.hands is None else poses.hands,
@@ -203,19 +188,9 @@ class SimulatedLidar:
     def _range_error(
         self, index: int, distance: Floats, surface: NDArray[np.int64], reflectance: Floats, azimuth: Floats,
         elevation: Floats, poses: Poses,
-    ) -> Floats:  # fmt: skip
-        """Systematic errors of the ranges (C, R); returns that are too weak become infinite in ``distance``."""
-        flaws = self._flaws
-        cosine = np.ones(distance.shape)
-        column, ring = np.nonzero(surface == BOARD)
-        if column.size:
-            normal = np.cross(poses.edge_left, poses.edge_right)[column]
-            beam = _directions(azimuth[column, ring], elevation[column, ring])
-            cosine[column, ring] = np.abs(np.sum(normal * beam, axis=1))
-        if flaws.lost_share > 0.0:
-            chance = np.random.default_rng([self._seed, 11, index]).uniform(size=distance.shape)
-            distance[lost(flaws, reflectance, cosine, chance)] = np.inf
-        return range_error(flaws, self._bias_m[None, :], reflectance, cosine)
+    ) -> Floats | float:  # fmt: skip
+        """Systematic errors of the ranges (C, R), metres; returns that get lost become infinite in ``distance``."""
+        return 0.0
 
     def _spoil(self, index: int, distance: NDArray[np.float64], surface: NDArray[np.int64]) -> None:
         """Specks in the air before what the beams would meet, then returns that are lost; in place."""
@@ -242,12 +217,7 @@ class SimulatedLidar:
 
     def scan_seconds(self, azimuth: Floats) -> Floats:
         """Seconds after a sweep's start at which the sensor looks along ``azimuth`` (radians, its own frame)."""
-        turned = self._begins - azimuth
-        return (turned if self._mount.seam_deg is None else np.remainder(turned, 2.0 * math.pi)) / self._omega
-
-    def in_sensor_frame(self, points: Floats) -> Floats:
-        """Points (N, 3) of the scene's level frame in the sensor's own, metres."""
-        return points @ self._mount.rotation()
+        return (self._sector - azimuth) / self._omega
 
 
 def _rows(person: BodyPoses) -> Floats:
@@ -255,7 +225,7 @@ def _rows(person: BodyPoses) -> Floats:
     return np.column_stack([person.body, person.left, person.height, torso])
 
 
-def _directions(azimuth: Floats, elevation: Floats) -> Floats:
-    """Unit vectors (..., 3)."""
+def directions(azimuth: Floats, elevation: Floats) -> Floats:
+    """Unit vectors (..., 3) along azimuths and elevations, radians."""
     flat = np.cos(elevation)
     return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1)

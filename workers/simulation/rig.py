@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.simulation import PACKET_FORMATS, SimulationOptions
+from apexcal.documents.simulation import SimulationOptions
 from apexcal.geometry.se3 import SE3
 from workers.readers.copying.edits import CameraEdit
 from workers.readers.recording import Sweep
@@ -16,7 +16,7 @@ from workers.simulation.camera import SimulatedCamera, make_camera, nominal_moun
 from workers.simulation.driver import camera_info, frame_tree, rectified
 from workers.simulation.lidar import SimulatedLidar
 from workers.simulation.scene import scene_with
-from workers.simulation.sensors import SENSORS, VLP16_LENS_M, LidarModel, with_rings
+from workers.simulation.sensors import SENSORS, LidarModel, with_rings
 from workers.simulation.walker import Walk
 
 START_NS = 1_780_000_000_000_000_000  # a morning in May 2026, UTC
@@ -50,14 +50,18 @@ class MountedCamera:
 class SimulatedRig:
     """The simulated world, before anything is written: what benches and tests use that need no images.
 
+    Args:
+        sensor: instead of the one that the options name.
+
     Attributes:
         camera, frame_stamps_ns: of the first camera.
         sweep_stamps_ns: (S,) when each sweep begins.
     """
 
-    def __init__(self, options: SimulationOptions) -> None:
+    def __init__(self, options: SimulationOptions, sensor: LidarModel | None = None) -> None:
         self.options = options
-        self.sensor = _sensor(options)
+        named = SENSORS[options.sensor]
+        self.sensor = sensor or (named if options.rings is None else with_rings(named, options.rings))
         self.scene = scene_with(options.poles, options.seed)
         self.walk = Walk(
             options.seed,
@@ -117,14 +121,6 @@ class SimulatedRig:
         is_true = self.options.tree == "true"
         mounts = [mounted.own.T_camera_lidar if is_true else mounted.nominal for mounted in self.cameras]
         return frame_tree(self.scene.ground_z, mounts)
-
-
-def _sensor(options: SimulationOptions) -> LidarModel:
-    sensor = SENSORS[options.sensor]
-    if options.rings is not None:
-        return with_rings(sensor, options.rings)
-    # Decoders of the packets know where the beams really leave the sensor.
-    return replace(sensor, lens_m=VLP16_LENS_M) if options.format in PACKET_FORMATS else sensor
 
 
 def _moments(random: np.random.Generator, seconds: float, rate_hz: float, jitter_s: float) -> NDArray[np.int64]:

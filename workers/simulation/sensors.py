@@ -110,9 +110,6 @@ def _hdl64() -> LidarModel:
     return LidarModel("hdl64", tuple(float(value) for value in elevations), max_range_m=120.0)
 
 
-# Of a VLP-16: the "vertical correction" of its manual, 11.2 mm at -15 degrees.
-VLP16_LENS_M = 0.0419
-
 SENSORS: dict[SensorName, LidarModel] = {
     "vlp16": _even("vlp16", 16, -15.0, 15.0),
     "puck-hi-res": _even("puck-hi-res", 16, -10.0, 10.0),

@@ -13,17 +13,18 @@ from numpy.typing import NDArray
 
 from apexcal.documents.simulation import SimulationOptions
 from workers.simulation.background import paint_background
+from workers.simulation.bag_writer import BagWriter, CameraChannel, Picture
+from workers.simulation.camera import LIDAR_FRAME
 from workers.simulation.driver import urdf
 from workers.simulation.render import Renderer
 from workers.simulation.rig import START_NS, MountedCamera, SimulatedRig
 from workers.simulation.scene import WALKER_REGION
 from workers.simulation.thermal import ThermalCamera
 from workers.simulation.truth import rig_document, truth_document
-from workers.simulation.writers.choose import open_writer
-from workers.simulation.writers.recording import Picture, RecordingWriter
 
 _SWEEP_DELAY_NS = 2_000_000  # from the last point to the recorder
 _FRAME_DELAY_NS = 11_000_000  # exposure, compression, transport
+_TOPICS = {"none": "image", "raw": "image_raw", "rectified": "image_rect_color"}
 
 OnProgress = Callable[[str, int, int], None]
 
@@ -56,7 +57,7 @@ def simulate(options: SimulationOptions, out_dir: Path, on_progress: OnProgress 
     """
     out_dir.mkdir(parents=True, exist_ok=True)
     rig = SimulatedRig(options)
-    with open_writer(rig, out_dir) as writer:
+    with _open_writer(rig, out_dir / "recording") as writer:
         _record(rig, writer, on_progress or _silent)
     (out_dir / "truth.json").write_text(json.dumps(truth_document(rig)) + "\n", encoding="utf-8")
     rig_text = json.dumps(rig_document(rig, writer.names), indent=2) + "\n"
@@ -75,7 +76,26 @@ def simulate(options: SimulationOptions, out_dir: Path, on_progress: OnProgress 
     )
 
 
-def _record(rig: SimulatedRig, writer: RecordingWriter, report: OnProgress) -> None:
+def _open_writer(rig: SimulatedRig, folder: Path) -> BagWriter:
+    """Raises FileExistsError where the recording is there already."""
+    kind, has_info = rig.options.format, rig.options.camera_info != "none"
+    cameras = [
+        CameraChannel(
+            camera.name,
+            camera.info.frame_id,
+            _TOPICS[rig.options.camera_info],
+            camera.info if has_info else None,
+            rig.options.images == "thermal",
+        )
+        for camera in rig.cameras
+    ]
+    writer = BagWriter(folder.with_suffix(".bag") if kind == "bag" else folder, kind, LIDAR_FRAME, cameras)
+    if has_info:
+        writer.write_tree(rig.tree(), START_NS)
+    return writer
+
+
+def _record(rig: SimulatedRig, writer: BagWriter, report: OnProgress) -> None:
     films: dict[str, Callable[[int], Picture]] = {}
     for done, mounted in enumerate(rig.cameras):
         report("background", done, len(rig.cameras))

@@ -76,25 +76,6 @@ class Poses:
     others: tuple[BodyPoses, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class BoardHold:
-    """How a person holds the board.
-
-    Attributes:
-        rolled_deg: how far the board is rolled on average, counter-clockwise as the LiDAR sees it.
-        tilted_deg: how far the board leans on average, the upper end away from the LiDAR, beyond the usual 2 degrees.
-        body_behind_m: from the board to the axis of the torso.
-        torso_m: radius of the torso with what is worn.
-        hand_m: radius of the hands and sleeves at the board's lower edges; 0: they are behind it.
-    """
-
-    rolled_deg: float = 0.0
-    tilted_deg: float = 0.0
-    body_behind_m: float = 0.22
-    torso_m: float = TORSO_RADIUS_M
-    hand_m: float = 0.0
-
-
 class Walk:
     """A walk over the field, as its plan says, until the time is over.
 
@@ -103,7 +84,18 @@ class Walk:
         ground_z: height of the ground in the LiDAR frame, metres.
         plan: a name in ``walks.WALKS``.
         board_m: lengths of the board's edges, to the left and to the right of the apex as the LiDAR sees it.
+
+    Attributes:
+        rolled_deg: how far the board is rolled on average, counter-clockwise as the LiDAR sees it.
+        tilted_deg: how far the board leans on average, the upper end away from the LiDAR, beyond the usual 2 degrees.
+        body_behind_m: from the board to the axis of the torso.
+        torso_m: radius of the torso with what is worn.
     """
+
+    rolled_deg = 0.0
+    tilted_deg = 0.0
+    body_behind_m = 0.22
+    torso_m = TORSO_RADIUS_M
 
     def __init__(
         self,
@@ -113,7 +105,6 @@ class Walk:
         *,
         plan: WalkName = "rows",
         disturbances: Disturbances | None = None,
-        hold: BoardHold | None = None,
         board_m: tuple[float, float] = BOARD_EDGES_M,
     ) -> None:
         random = np.random.default_rng([seed, 1])
@@ -121,7 +112,6 @@ class Walk:
         self._ground_z = ground_z
         self._board_m = board_m
         self._disturbances = disturbances or Disturbances()
-        self._hold = hold or BoardHold()
         time_s, xy = walked(chosen, random, seconds + 2.0)
         self._path = CubicSpline(time_s, xy)
         self._raise = _Wander(random, chosen.raises)
@@ -129,9 +119,6 @@ class Walk:
         self._roll = _Wander(random, chosen.rolls, np.pi / 180.0)
         self._tilt = _Wander(random, chosen.tilts, np.pi / 180.0)
         self._bob = _Wander(random, chosen.bobs)
-        # Where along the lower edges each hand is, and how far before the board's plane its middle.
-        gripping = np.random.default_rng([seed, 9])
-        self._grips = np.column_stack([gripping.uniform(0.1, 0.8, 2), gripping.uniform(-0.03, 0.04, 2)])
         self._apart = _Wander(np.random.default_rng([seed, 6]), ((0.05, 0.13, 0.31), (0.5, 0.3, 0.2)))
 
     def poses(self, time_s: NDArray[np.float64]) -> Poses:
@@ -146,9 +133,9 @@ class Walk:
         away = np.column_stack([np.cos(yaw), np.sin(yaw), zero])
         left = np.column_stack([-np.sin(yaw), np.cos(yaw), zero])
         # The lower end is towards the LiDAR, away from the legs.
-        tilt = np.deg2rad(2.0 + self._hold.tilted_deg) + self._tilt(time_s)
+        tilt = np.deg2rad(2.0 + self.tilted_deg) + self._tilt(time_s)
         up = np.column_stack([zero, zero, np.cos(tilt)]) + np.sin(tilt)[:, None] * away
-        roll = np.deg2rad(45.0 + self._hold.rolled_deg) + self._roll(time_s)
+        roll = np.deg2rad(45.0 + self.rolled_deg) + self._roll(time_s)
         cosine, sine = np.cos(roll)[:, None], np.sin(roll)[:, None]
         tall = self._disturbances.walker_height_m
         ducked = np.minimum(tall, apex_height - _DUCK_M)
@@ -157,31 +144,13 @@ class Walk:
             apex=apex,
             edge_left=edges[0],
             edge_right=edges[1],
-            body=xy + self._hold.body_behind_m * away[:, :2],
+            body=xy + self.body_behind_m * away[:, :2],
             left=left[:, :2],
             height=np.full_like(yaw, tall) if self._disturbances.head_above_m > 0.0 else ducked,
             board_m=self._board_m,
             second=self._second(time_s, xy, away[:, :2], left[:, :2], self._disturbances.second_person),
-            torso_m=self._hold.torso_m,
-            hands=self._hands(apex, *edges) if self._hold.hand_m > 0.0 else None,
+            torso_m=self.torso_m,
         )
-
-    def _hands(
-        self, apex: NDArray[np.float64], edge_left: NDArray[np.float64], edge_right: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Hands on both lower edges, each with a sleeve that goes down and out of the board from it."""
-        long_left, long_right = self._board_m
-        before = np.cross(edge_left, edge_right)
-        before *= -np.sign(np.sum(before * apex, axis=1, keepdims=True))  # towards the LiDAR
-        radius = self._hold.hand_m
-        balls: list[NDArray[np.float64]] = []
-        for (share, out), corner, along, length, outward in (
-            (self._grips[0], apex + long_left * edge_left, edge_right, long_right, edge_left),
-            (self._grips[1], apex + long_right * edge_right, edge_left, long_left, edge_right),
-        ):
-            hand = corner + share * length * along + out * before
-            balls += [hand, hand + 1.5 * radius * (outward + along)]
-        return np.stack([np.column_stack([ball, np.full(len(ball), radius)]) for ball in balls], axis=1)
 
     def _carried(self) -> tuple[float, float]:
         """The apex's mean height above the ground, and the share of the plan's way up and down that is used."""

@@ -5,24 +5,48 @@ stated standard deviation, as C + K S K^T.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workers.geometry.spherical import axes
-from workers.solver.error_model import weighed
+from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.outcomes import SolveError
 from workers.solver.problem import FitProblem
-from workers.solver.residuals import by_point
+from workers.solver.residuals import by_point, transform_of
 
 Floats = NDArray[np.float64]
+DECENTRED: Final = 0.002
+"""One standard deviation of a tangential term. Published lenses have, as root mean squares, 0.0012 (KITTI's four
+cameras, Geiger et al. 2013), 0.0001 (EuRoC's two, Burri et al. 2016), 0.0034 (TUM RGB-D's two, Sturm et al. 2012)."""
 
 
 def common_errors(problem: FitProblem, p: Floats) -> Floats:
     """(N, 2, m) derivative of a whitened problem's residuals at p (D,), px per standard deviation of each error."""
     columns = [weighed(problem, _SHAPES[name](problem, p)[:, :, None] * sigma) for name, sigma in _stated(problem)]
     return np.concatenate(columns, axis=2) if columns else np.zeros((len(problem.points), 2, 0))
+
+
+def beside_decentring(problem: FitProblem, p: Floats, errors: ErrorModel) -> ErrorModel:
+    """Return the errors of a whitened problem's estimate p (D,) for a lens that is off its axis by an unknown amount.
+
+    The fisheye that other programs have lacks tangential terms, and its mount and centre take their part. They are
+    estimated beside it (p1, p2 in the plane of theta, as in COLMAP's THIN_PRISM_FISHEYE): two parameters more, and
+    what they would move the estimate by as a deviation. The same errors for other lenses or with a locked centre.
+    """
+    centre = [problem.names.index(name) for name in ("c_x", "c_y")]
+    if problem.model != "kannala_brandt" or not np.isin(centre, problem.free).any():
+        return errors
+    x, y, z = transform_of(problem, p).apply(problem.points).T
+    r = np.maximum(np.hypot(x, y), 1e-12)
+    a, b = np.arctan2(r, z) * np.stack([x, y]) / r
+    s = a * a + b * b
+    by_term = np.array([[2.0 * a * b, s + 2.0 * a * a], [s + 2.0 * b * b, 2.0 * a * b]]) * p[6:8, None, None]
+    wider = errors.with_columns(weighed(problem, np.moveaxis(by_term, 2, 0)), DECENTRED)
+    step = wider.step()
+    return replace(wider, moved=step + np.pad(errors.moved, (0, len(step) - errors.moved.size)))
 
 
 def _stated(problem: FitProblem) -> list[tuple[str, float]]:

@@ -67,15 +67,15 @@ class ErrorModel:
         gradient = J.T @ self.fit.residuals.ravel() / self.noise + self.fit.pull
         return -(self.inverse(used) @ gradient) * self.scale
 
-    def with_columns(self, columns: Floats) -> ErrorModel:
-        """The same fit with further unknowns without priors; their derivatives (N, 2, e) are given."""
+    def with_columns(self, columns: Floats, sigma: float = np.inf) -> ErrorModel:
+        """The same fit with further unknowns, by their derivatives (N, 2, e); each is zero, give or take sigma."""
         more = columns.shape[2]
         lengths = np.sqrt(np.sum(columns**2, axis=(0, 1)))
         scale = 1.0 / np.where(lengths > 0.0, lengths, 1.0)
         fit = Linearised(
             self.fit.residuals,
             np.concatenate([self.fit.jacobian, columns * scale], axis=2),
-            np.pad(self.fit.prior, (0, more)),
+            np.pad(self.fit.prior, (0, more)) + np.diag(np.pad((scale / sigma) ** 2, (len(self.scale), 0))),
             np.pad(self.fit.pull, (0, more)),
         )
         return replace(self, fit=fit, scale=np.concatenate([self.scale, scale]), moved=np.zeros(0))

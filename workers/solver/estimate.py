@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from apexcal.documents.precision import PersonBias, SharedErrors
 from apexcal.documents.results import Outlier
 from apexcal.geometry.rotations import vector_from_rotation
-from workers.solver.common_errors import common_errors
+from workers.solver.common_errors import beside_decentring, common_errors
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.outcomes import Outcome
 from workers.solver.outliers import judge, without
@@ -38,11 +38,11 @@ class Estimate:
     any. outliers: the pairs that the others speak against, the worst first. fitted: the problem as it was polished;
     outliers have weight 0 where the problem excludes them. holding: the problem of the pairs that hold the
     parameters, without outliers. kept: the fit of `holding` if outliers moved the other one; how far they moved it
-    counts as a deviation. spread: the covariance and the noise of these marks, with what pairs share. errors: what
-    the covariance is made of; plain: the same without what blocks share; wider: the same with what blocks share, also
-    if it is too small to count; shared: what blocks share. They are None if the pairs leave a direction open or show
-    no noise, and `wider` and `shared` also if there are no blocks. bias: of the people who marked, if the problem
-    states its deviation.
+    counts as a deviation. spread: the covariance and the noise of these marks, with what pairs share and a fisheye's
+    decentring. errors: what the covariance is made of where mount and lens are used together; plain: the same without
+    what blocks share; wider: the same with what blocks share, also if it is too small to count; shared: what blocks
+    share. They are None if the pairs leave a direction open or show no noise, and `wider` and `shared` also if there
+    are no blocks. bias: of the people who marked, if the problem states its deviation.
     weak: standard deviations of the weak priors that hold distortion terms, by name.
     """
 
@@ -157,14 +157,16 @@ def _with_shared_errors(result: Estimate) -> Estimate:
     plain = replace(plain, moved=_moved(here, result.parameters, p))
     shared = shared_errors(here, p, plain)
     errors = plain if shared is None else shared.errors
-    if errors is not plain or plain.common.shape[2] or np.any(plain.moved):
-        unit, covariance = units_of(spread.names), errors.covariance()
+    stated = beside_decentring(here, p, errors)
+    if stated is not plain or plain.common.shape[2] or np.any(plain.moved):
+        unit, free = units_of(spread.names), slice(len(spread.names))
+        covariance = stated.covariance()[free, free]
         spread = replace(
             spread,
             covariance=covariance * unit[:, None] * unit,
             std=np.sqrt(np.diag(covariance)) * unit,
-            freedoms=errors.freedoms(),
-            shift=errors.moved * unit if errors.moved.size else None,
+            freedoms=stated.freedoms()[free],
+            shift=stated.moved[free] * unit if stated.moved.size else None,
         )
     named, wider = (shared.named, shared.wider) if shared is not None else (None, None)
     return replace(result, spread=spread, errors=errors, plain=plain, wider=wider, shared=named, bias=bias)
@@ -199,7 +201,7 @@ def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str
     Empty if the pairs determine all coefficients or leave other parameters open, or if the request constrains all
     coefficients.
     """
-    corner = 0.5 * problem.diagonal_px / float(np.sqrt(p[6] * p[7]))
+    corner = _corner(problem, p)
     sigmas = {name: _radial(corner, order) for name, order in _RADIAL[problem.model].items()}
     for name in _TANGENTIAL.get(problem.model, ()):
         sigmas[name] = _DECENTRED * corner * _radial(corner, 1)
@@ -211,6 +213,16 @@ def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str
     if all(std[name] < sigmas[name] for name in open_names):
         return {}
     return {name: sigmas[name] for name in open_names}
+
+
+def _corner(problem: FitProblem, p: Floats) -> float:
+    """Return the corner's undistorted radius; a fisheye's is an angle, by its scale at the outermost pair."""
+    grown = 0.5 * problem.diagonal_px / float(np.sqrt(p[6] * p[7]))
+    if problem.model != "kannala_brandt":
+        return grown
+    x, y, z = transform_of(problem, p).apply(problem.points[problem.weights > 0.0]).T
+    theta = float(np.arctan2(np.hypot(x, y), z).max())
+    return grown / max(1.0, 1.0 + float(p[10:14] @ theta ** np.array([2, 4, 6, 8])))
 
 
 def _radial(corner: float, order: int) -> float:

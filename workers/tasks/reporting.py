@@ -16,14 +16,15 @@ from apexcal.documents.pairs import CORNER
 from service.platform.db.analyses import Analysis
 from service.platform.db.annotations import Answer
 from service.platform.db.base import Json
-from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.detections import Vertex, VertexFrame
 from service.platform.db.fleets import Rig, Vehicle
 from service.platform.db.people import Person
 from service.platform.db.recordings import CameraFrame, Sensor
 from service.platform.jobs.claims import Claim, Lease
 from workers.reports.contents import contents
-from workers.reports.material import FittedModel, FrameImage, Material, PersonMark
+from workers.reports.material import FrameImage, Material, PersonMark
+from workers.reports.page import page
 from workers.solver.outcomes import Stop
 from workers.tasks.analysis_files import keeping, store_file
 from workers.tasks.context import Context
@@ -58,72 +59,49 @@ def report(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
     frames = {frame.pair: _image(context, frame) for frame in places}
     document = contents(material)
     lease.check()
-    lease.report(0.3, "drawing the report")
-    # Imported here: matplotlib takes 0.4 s and 41 MB, and few workers draw.
-    from workers.reports.page import page
-
+    lease.report(0.3, "writing the report")
     with context.scratch() as folder:
         file = folder / "report.html"
         file.write_text(page(document, frames), encoding="utf-8")
         key = store_file(context, claim, file, f"reports/{result.id}")
         name = f"{result.camera}-{result.model}-report.html"
-        return keeping(claim, key, file, name, {"verdict": document["verdict"]["level"]})
+        return keeping(claim, key, file, name, {"verdict": document["result"]["verdict"]})
 
 
 def _material(session: Session, result: Result, checks: Sequence[Check], stop: Stop) -> Material:
     run = session.get_one(CalibrationRun, result.run_id)
     pairs = session.get_one(CorrespondenceSet, run.set_id)
     calibration = session.get_one(Calibration, result.calibration_id)
-    models = _models(session, result, pairs.columns, stop)
     summary = calibration.summarised.cameras.get(result.camera)
-    slots = select(Slot.iteration, Slot.slot, Slot.loss).where(Slot.run_id == run.id)
+    same_model = [Result.model == result.model, Result.camera == result.camera, Result.fold != FULL]
+    folds = session.scalars(select(Result).where(Result.calibration_id == calibration.id, *same_model))
     rig, vehicle = session.get_one(Rig, calibration.rig_id), session.get_one(Vehicle, calibration.vehicle_id)
     ids = {
-        "result": result.id,
-        "calibration": calibration.id,
-        "run": run.id,
-        "correspondence set": pairs.id,
-        "rig": rig.id,
-        "vehicle": vehicle.id,
-        "recording": pairs.recording_id,
+        "id": result.id,
+        "fleet_id": result.fleet_id,
+        "vehicle_id": vehicle.id,
+        "rig_id": rig.id,
+        "recording_id": pairs.recording_id,
+        "detection_id": pairs.detection_id,
+        "calibration_id": calibration.id,
+        "run_id": run.id,
+        "set_id": pairs.id,
     }
+    rows = {name: value and str(value) for name, value in ids.items()}
     return Material(
-        chosen=next(model for model in models if model.result.model == result.model),
-        models=models,
+        result=result.fit,
+        problem=read_run(run.problem, FULL, pairs.columns, stop).problem,
+        heldout=[fold.fit.heldout for fold in folds if fold.fit.heldout],
         pairs=pairs.columns,
         checks=checks,
-        recommended=summary and summary.recommended,
-        why=summary.why if summary else "",
-        slots=[(int(i), int(slot), float(loss)) for i, slot, loss in session.execute(slots.order_by(*_BY_SLOT))],
+        summary=summary and summary.model_dump(mode="json"),
         marks=_marks(session, pairs),
         elsewhere=other_data(session, [result])[result.id],
         names={"vehicle": vehicle.name, "rig": rig.name, "camera": result.camera},
-        ids={name: str(value) for name, value in ids.items() if value is not None},
+        rows=rows | {"camera": result.camera, "fold": FULL, "seed": run.problem["seed"]},
         request=calibration.request,
         made_at=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
     )
-
-
-_BY_SLOT = (Slot.iteration, Slot.slot)
-
-
-def _models(session: Session, result: Result, pairs: Json, stop: Stop) -> list[FittedModel]:
-    """Every model of the result's camera in its calibration, in the order of their names."""
-    rows = session.execute(
-        select(Result, CalibrationRun)
-        .join(CalibrationRun, CalibrationRun.id == Result.run_id)
-        .where(Result.calibration_id == result.calibration_id, Result.camera == result.camera)
-        .order_by(Result.model, Result.fold)
-    ).all()
-    return [
-        FittedModel(
-            one.fit,
-            read_run(run.problem, FULL, pairs, stop).problem,
-            [fold.fit.heldout for fold, _ in rows if fold.model == one.model and fold.fit.heldout],
-        )
-        for one, run in rows
-        if one.fold == FULL
-    ]
 
 
 def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
@@ -159,7 +137,7 @@ def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
 
 def _places(session: Session, material: Material, result: Result) -> Sequence[_Place]:
     """The frames of the worst outliers, where the recording keeps them and a browser shows them."""
-    indices, recording = material.pairs.get("frame_index"), material.ids.get("recording")
+    indices, recording = material.pairs.get("frame_index"), material.rows["recording_id"]
     if indices is None or recording is None:
         return []
     camera = session.scalars(

@@ -11,6 +11,25 @@ export function ticks(low: number, high: number, most: number): number[] {
   return Array.from({ length: count }, (_, i) => Number(((first + i) * step).toPrecision(12)));
 }
 
+/** As many digits behind the point as tell the ticks apart. */
+export const digitsOf = (shown: number[]): number =>
+  Math.max(0, ...shown.map((value) => String(value).split(".")[1]?.length ?? 0));
+
+export type Range = [number, number];
+export type Scale = (value: number) => number;
+
+/** From the least to the largest of the numbers, and of `within`, with a margin. */
+export function rangeOf(values: Iterable<number>, margin = 0.04, within: readonly number[] = []): Range {
+  let [low, high] = [Math.min(...within), Math.max(...within)];
+  for (const value of values) {
+    if (value < low) low = value;
+    if (value > high) high = value;
+  }
+  if (!(low <= high)) return [0, 1];
+  const room = margin * (high - low) || 0.5;
+  return [within.includes(low) ? low : low - room, high + room];
+}
+
 const MINUTE = 60_000;
 const DAY = 1440 * MINUTE;
 const STEPS = [1, 5, 15, 60, 180, 720].map((minutes) => minutes * MINUTE);

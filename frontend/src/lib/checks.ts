@@ -1,6 +1,7 @@
 /** The checks of a result, as pages show them. */
 
-import type { Check, CheckVerdict } from "./api/types.ts";
+import type { CameraSummary, Check, CheckVerdict, Result } from "./api/types.ts";
+import { fixed } from "./format.ts";
 
 /** What does not pass, the gravest first, what concerns the mount alone last. */
 export function failing(checks: readonly Check[]): Check[] {
@@ -14,3 +15,13 @@ export const VERDICT_WORDS: Record<CheckVerdict, string> = {
   look: "Look at these checks before it is used.",
   stop: "It should not be used as it is.",
 };
+
+/** What a result's verdict asks for, and how far it errs: held out if pairs were, and at 20 m in the image's middle. */
+export function verdictLine({ verdict, model, polished, prediction }: Result, summary: CameraSummary | null): string {
+  const heldOut = summary?.models[model]?.heldout_mean_px;
+  const off = heldOut == null ? `${fixed(polished.mean_px)} px on the fitted pairs` : `${fixed(heldOut)} px held out`;
+  const middle = prediction?.points[Math.floor(prediction.points.length / 2)];
+  const mm = middle?.stated_mm?.[prediction?.distances_m.indexOf(20) ?? -1];
+  const far = mm == null ? "" : `, ${fixed(mm * (prediction?.expected_over_stated ?? 1), 0)} mm at 20 m`;
+  return `${VERDICT_WORDS[verdict ?? "stop"]} ${off}${far}.`;
+}

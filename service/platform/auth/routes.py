@@ -14,8 +14,7 @@ from service.platform.auth.session_actions import sign_in, sign_out
 from service.platform.db.fleets import Fleet
 from service.platform.db.people import Membership
 from service.platform.db.session import Database
-from service.platform.http.bodies import SIGN_IN
-from service.platform.http.router import Router
+from service.platform.http.router import SIGN_IN, Router
 from service.platform.settings import Settings
 
 router = Router(tags=["people"])

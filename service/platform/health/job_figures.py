@@ -24,8 +24,8 @@ from service.platform.db.jobs import Heartbeat, Job, JobTotal
 from service.platform.db.recordings import Blob
 from service.platform.db.session import Database
 from service.platform.jobs.history import BUCKETS_S
+from service.platform.jobs.kinds import QUEUES
 from service.platform.jobs.queue import answering_workers
-from service.platform.jobs.queues import QUEUES
 
 FRESH_S = 5.0
 # The blobs' rows are counted whole, so less often: for a thousandth of the time at most, however many they get.

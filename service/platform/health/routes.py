@@ -21,8 +21,8 @@ from service.platform.db.revisions import is_older, newest, stored
 from service.platform.db.session import Database, put
 from service.platform.health.parts import PATIENCE_S, Answer, Part, ask_parts
 from service.platform.http.router import operation_id
+from service.platform.jobs.kinds import QUEUES
 from service.platform.jobs.queue import answering_workers
-from service.platform.jobs.queues import QUEUES
 from service.platform.settings import Settings
 from service.platform.storage.store import Store
 

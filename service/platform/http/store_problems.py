@@ -1,9 +1,11 @@
-"""The answers to requests when the store fails."""
+"""Answers of a store's bytes, and those to requests when the store fails."""
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator, Mapping
+
 from fastapi import FastAPI, Request
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, StreamingResponse
 
 from service.platform.http.problems import Problem
 from service.platform.storage.errors import MissingBlobError, StoreFullError, StoreUnavailableError
@@ -40,3 +42,15 @@ def install(app: FastAPI) -> None:
             "Try again in a few seconds; /readyz says how the service is.",
             headers={"Retry-After": "5"},
         ).response()
+
+
+async def streamed(pieces: AsyncIterator[bytes], media_type: str, headers: Mapping[str, str]) -> StreamingResponse:
+    """An answer of a store's pieces; the first is fetched before it begins, so that a failing store is a problem."""
+    first = await anext(pieces, b"")
+
+    async def body() -> AsyncIterator[bytes]:
+        yield first
+        async for piece in pieces:
+            yield piece
+
+    return StreamingResponse(body(), media_type=media_type, headers=dict(headers))

@@ -1,6 +1,7 @@
-"""Kinds of jobs. A resource says in its ``jobs.py`` what the end and the retry of its jobs mean.
+"""Kinds of jobs, and the queues in which they wait.
 
-Nothing here knows a resource: one module, by name, registers the kinds of all when they are first looked up.
+A resource says in its ``jobs.py`` what the end and the retry of its jobs mean. Nothing here knows a resource: one
+module, by name, registers the kinds of all when they are first looked up.
 """
 
 from __future__ import annotations
@@ -18,7 +19,19 @@ from sqlalchemy.orm import InstrumentedAttribute, Mapped, Session
 from apexcal.documents.states import WorkState
 from service.platform.db.base import Json
 from service.platform.db.jobs import Job
-from service.platform.jobs.queues import QUEUES
+
+# For each queue the setting that caps a fleet's jobs there, sent or running; None where there is no cap.
+_CAPS: dict[str, str | None] = {
+    # The maker of a file decides how long it takes to read: one fleet must not hold every process.
+    "ingest": "fleet_ingests",
+    "detect": None,
+    # A run takes at most half a minute (decision 0032), so nobody waits longer for a process.
+    "solve": None,
+    # A queue of its own: a conclusion takes a moment and ends a calibration, so it must not wait behind runs.
+    "report": None,
+}
+QUEUES = tuple(_CAPS)
+FLEET_CAPS = {queue: cap for queue, cap in _CAPS.items() if cap}
 
 
 class _Stateful(Protocol):

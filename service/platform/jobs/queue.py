@@ -32,9 +32,8 @@ from service.platform.db.fleets import Fleet
 from service.platform.db.jobs import Job, Worker
 from service.platform.db.session import post
 from service.platform.jobs.history import ATTEMPT, note
-from service.platform.jobs.kinds import CannotRetryError, kind_of
+from service.platform.jobs.kinds import FLEET_CAPS, CannotRetryError, kind_of
 from service.platform.jobs.messages import COURIER, Message
-from service.platform.jobs.queues import FLEET_CAPS
 from service.platform.settings import get_settings
 
 # Nobody else releases jobs of a capped queue meanwhile. This row is locked last, so that there is no deadlock.

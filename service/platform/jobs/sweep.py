@@ -21,11 +21,10 @@ from service.platform.db.fleets import Fleet
 from service.platform.db.jobs import Heartbeat, Job
 from service.platform.db.session import Database, post, put
 from service.platform.jobs.history import tally
-from service.platform.jobs.kinds import kinds
+from service.platform.jobs.kinds import QUEUES, kinds
 from service.platform.jobs.losses import LONGEST_S, LeaseWatch, end, lose
 from service.platform.jobs.messages import COURIER, Message
 from service.platform.jobs.queue import cancel, release
-from service.platform.jobs.queues import QUEUES
 from service.platform.jobs.retention import forget_workers
 from service.platform.settings import get_settings
 from service.platform.storage.blobs import condemn_lost, condemned, forget, postpone

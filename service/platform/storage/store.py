@@ -134,26 +134,22 @@ class Store:
         async with self._reading_async(key):
             return int((await obstore.head_async(self._store, key))["size"])
 
-    async def read(self, key: str, start: int, length: int) -> bytes:
-        """``length`` bytes of an object from ``start``."""
-        async with self._reading_async(key):
-            data = bytes(await obstore.get_range_async(self._store, key, start=start, length=length))
-        return _whole(key, data, length)
-
     def get_range(self, key: str, start: int, length: int) -> bytes:
-        """:meth:`read` for workers."""
+        """``length`` bytes of an object from ``start``, for workers."""
         with self._reading(key):
             data = bytes(obstore.get_range(self._store, key, start=start, length=length))
         return _whole(key, data, length)
 
-    async def read_all(self, key: str) -> AsyncIterator[bytes]:
-        """An object's bytes, a few MiB at a time."""
-        start, size = 0, 1
-        while start < size:
+    async def read_all(self, key: str, start: int = 0, length: int | None = None) -> AsyncIterator[bytes]:
+        """An object's bytes, or so many of them from ``start``, a few MiB at a time."""
+        end = start + (1 if length is None else length)
+        while start < end:
+            stop = start + _RANGE if length is None else min(start + _RANGE, end)
             async with self._reading_async(key):
-                answer = await obstore.get_async(self._store, key, options={"range": (start, start + _RANGE)})
-                size, data = int(answer.meta["size"]), bytes(await answer.bytes_async())
-            yield _whole(key, data, min(_RANGE, size - start))
+                answer = await obstore.get_async(self._store, key, options={"range": (start, stop)})
+                end = int(answer.meta["size"]) if length is None else end
+                data = bytes(await answer.bytes_async())
+            yield _whole(key, data, min(stop, end) - start)
             start += len(data)
 
     def stream(self, key: str) -> Iterator[bytes]:

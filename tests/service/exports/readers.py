@@ -270,13 +270,27 @@ def opencv(calibrated: Calibrated) -> list[Projection]:
     files = files_of("opencv", calibrated)
     found = []
     for camera, name in _of_cameras(files, ".yaml", calibrated):
-        storage = cv2.FileStorage(files[name].decode(), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        K, D = storage.getNode("camera_matrix").mat(), storage.getNode("distortion_coefficients").mat()
+        K, D, project, storage = _by_storage(files[name])
         T = storage.getNode("T_camera_lidar").mat()
         assert storage.getNode("lidar_frame").string() == camera.lidar_frame
-        project = fisheye if storage.getNode("fisheye_model").real() else plumb_bob
         found.append(lambda points, project=project, K=K, D=D, T=T: project(move(T, points), K, D))
     return found
+
+
+def _by_storage(content: bytes) -> tuple[np.ndarray, np.ndarray, Callable[..., np.ndarray], cv2.FileStorage]:
+    storage = cv2.FileStorage(content.decode(), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    K, D = storage.getNode("camera_matrix").mat(), storage.getNode("distortion_coefficients").mat()
+    return K, D, fisheye if storage.getNode("fisheye_model").real() else plumb_bob, storage
+
+
+def distorted(files: dict[str, bytes], camera: CalibratedCamera) -> Projection:
+    """Pixels of an undistorted image -> of the raw one, by the lens beside the export; a pinhole has none."""
+    lens = f"undistort/{file_name(camera.name)}.yaml"
+    if lens not in files:
+        return lambda pixels: pixels
+    K, D, project, _ = _by_storage(files[lens])
+    # cv2.undistort and cv2.fisheye.undistortImage with Knew=K.
+    return lambda pixels: project(np.c_[pixels, np.ones(len(pixels))] @ np.linalg.inv(K).T, K, D)
 
 
 def nuscenes(calibrated: Calibrated) -> list[Projection]:
@@ -287,18 +301,74 @@ def nuscenes(calibrated: Calibrated) -> list[Projection]:
     assert len({one["token"] for one in records.values()}) == len(calibrated.cameras) + 1
     assert records["LIDAR_TOP"]["camera_intrinsic"] == []
 
-    def projection(channel: str) -> Projection:
+    def projection(channel: str, raw: Projection) -> Projection:
         lidar, camera = records["LIDAR_TOP"], records[channel]
 
         def pixels(points: np.ndarray) -> np.ndarray:
             ego = points @ Quaternion(lidar["rotation"]).rotation_matrix.T + np.array(lidar["translation"])
             inside = (ego - np.array(camera["translation"])) @ Quaternion(camera["rotation"]).rotation_matrix
             u, v, w = np.array(camera["camera_intrinsic"]) @ inside.T
-            return np.stack([u / w, v / w], axis=1)
+            return raw(np.stack([u / w, v / w], axis=1))
 
         return pixels
 
-    return [projection(f"CAM_{camera.name.upper()}") for camera in calibrated.cameras]
+    return [projection(f"CAM_{camera.name.upper()}", distorted(files, camera)) for camera in calibrated.cameras]
+
+
+def kitti_object(calibrated: Calibrated) -> list[Projection]:
+    """The benchmark's devkit (matrix.cpp, readme.txt): x = P2 R0_rect Tr_velo_to_cam y."""
+    files = files_of("kitti_object", calibrated)
+
+    def projection(text: bytes, raw: Projection) -> Projection:
+        rows = dict(line.split(":") for line in text.decode().splitlines())
+        matrices = {name: np.array(values.split(), np.float64).reshape(3, -1) for name, values in rows.items()}
+        assert list(matrices) == ["P0", "P1", "P2", "P3", "R0_rect", "Tr_velo_to_cam", "Tr_imu_to_velo"]
+
+        def pixels(points: np.ndarray) -> np.ndarray:
+            rectified = np.c_[points, np.ones(len(points))] @ (matrices["R0_rect"] @ matrices["Tr_velo_to_cam"]).T
+            u, v, w = matrices["P2"] @ np.c_[rectified, np.ones(len(points))].T
+            return raw(np.stack([u / w, v / w], axis=1))
+
+        return pixels
+
+    return [
+        projection(files[name], distorted(files, camera))
+        for camera, name in _of_cameras(files, "calib.txt", calibrated)
+    ]
+
+
+def fast_livo2(calibrated: Calibrated) -> list[Projection]:
+    """Its LIVMapper reads Rcl, Pcl by rows; vikit's camera_loader names what each camera model takes."""
+    files = files_of("fast_livo2", calibrated)
+    found = []
+    for camera, name in _of_cameras(files, "camera.yaml", calibrated):
+        lens = yaml.safe_load(files[name])
+        mounted = yaml.safe_load(files[name.replace("camera.yaml", "extrinsics.yaml")])["extrin_calib"]
+        T = rigid(np.array(mounted["Rcl"], np.float64).reshape(3, 3), mounted["Pcl"])
+        K = np.array([[lens["cam_fx"], 0.0, lens["cam_cx"]], [0.0, lens["cam_fy"], lens["cam_cy"]], [0.0, 0.0, 1.0]])
+        assert (lens["cam_width"], lens["cam_height"]) == (camera.width, camera.height)
+        project, terms = {
+            "Pinhole": (plumb_bob, ("cam_d0", "cam_d1", "cam_d2", "cam_d3")),
+            "EquidistantCamera": (fisheye, ("k1", "k2", "k3", "k4")),
+        }[lens["cam_model"]]
+        D = [lens[term] for term in terms]
+        found.append(lambda points, project=project, K=K, D=D, T=T: project(move(T, points), K, D))
+    return found
+
+
+def direct_visual(calibrated: Calibrated) -> list[Projection]:
+    """Its documentation: p_lidar = T_lidar_camera p_camera, x y z qx qy qz qw; create_camera.hpp names the models."""
+    files = files_of("direct_visual", calibrated)
+    found = []
+    for _, name in _of_cameras(files, "calib.json", calibrated):
+        document = json.loads(files[name])
+        lens, pose = document["camera"], document["results"]["T_lidar_camera"]
+        T = np.linalg.inv(rigid(Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]))
+        f_x, f_y, c_x, c_y = lens["intrinsics"]
+        K, D = np.array([[f_x, 0.0, c_x], [0.0, f_y, c_y], [0.0, 0.0, 1.0]]), lens["distortion_coeffs"]
+        project = {"plumb_bob": plumb_bob, "equidistant": fisheye}[lens["camera_model"]]
+        found.append(lambda points, project=project, K=K, D=D, T=T: project(move(T, points), K, D))
+    return found
 
 
 def openlabel(calibrated: Calibrated) -> list[Projection]:
@@ -366,8 +436,11 @@ READERS = {
     "urdf": urdf,
     "autoware": autoware,
     "kitti": kitti,
+    "kitti_object": kitti_object,
     "kalibr": kalibr,
     "opencv": opencv,
+    "fast_livo2": fast_livo2,
+    "direct_visual": direct_visual,
     "nuscenes": nuscenes,
     "openlabel": openlabel,
     "vcd": vcd,

@@ -56,7 +56,7 @@ def test_what_carries_no_lens_takes_the_mount_for_the_lens_that_the_vehicle_uses
         if camera.T_vehicle_lidar is None and format.needs_vehicle:
             continue
         made = export(format, calibrated)
-        assert bool(made.notes) == (name in ("urdf", "ros2", "autoware")), name
+        assert bool(made.notes) == (name in ("urdf", "ros2", "autoware", "fast_livo2")), name
         if name in ("ros2", "autoware"):
             assert f"/v1/results/{camera.source}?format=camera_info" in made.notes[0]
     made = export(FORMATS["urdf"], calibrated)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.exports.calibrated import Calibrated
+from service.exports.calibrated import Calibrated, file_name
 from service.exports.formats import FORMATS, export
 from service.platform.http.problems import Problem
 from tests.service.exports.readers import READERS, files_of
@@ -26,17 +26,17 @@ CARRIED = [
 @pytest.mark.parametrize("rig", [0, 1])
 @pytest.mark.parametrize(("name", "model"), CARRIED)
 def test_points_fall_where_ours_do(name, model, rig):
-    calibrated = rig_of(model, rig, **({"k5": 0.0} if name == "kalibr" and model == "brown_conrady" else {}))
+    less = {} if FORMATS[name].third_radial or model != "brown_conrady" else {"k5": 0.0}
+    calibrated = rig_of(model, rig, **less)
     projections = READERS[name](calibrated)
     assert len(projections) == 3
     for camera, projection in zip(calibrated.cameras, projections, strict=True):
         assert np.abs(projection(seen(camera)) - ours(camera)).max() < LIMIT_PX
 
 
-@pytest.mark.parametrize("name", ["openlabel", "vcd", "nuscenes"])
+@pytest.mark.parametrize("name", ["openlabel", "vcd"])
 def test_a_skew_is_carried_where_the_matrix_is_used_whole(name):
-    flat = dict.fromkeys(("k1", "k2", "k3", "k4", "k5"), 0.0) if name == "nuscenes" else {}
-    calibrated = rig_of("brown_conrady", 1, skew=0.013, **flat)
+    calibrated = rig_of("brown_conrady", 1, skew=0.013)
     for camera, projection in zip(calibrated.cameras, READERS[name](calibrated), strict=True):
         assert np.abs(projection(seen(camera)) - ours(camera)).max() < LIMIT_PX
 
@@ -50,8 +50,8 @@ def refusal(name, calibrated) -> Problem:
 
 LESS = [
     *((name, "brown_conrady", {"skew": 2e-4}) for name in ("camera_info", "ros2", "autoware", "kitti", "opencv")),
-    ("kalibr", "brown_conrady", {"k5": 1e-4, "skew": 2e-4}),
-    ("nuscenes", "brown_conrady", {"k1": 1e-4, "k2": 2e-4, "k3": 1e-4, "k4": -1e-4, "k5": 1e-4, "skew": 1e-3}),
+    *((name, "brown_conrady", {"skew": 2e-4}) for name in ("kitti_object", "nuscenes", "direct_visual")),
+    *((name, "brown_conrady", {"k5": 1e-4, "skew": 2e-4}) for name in ("kalibr", "fast_livo2")),
 ]
 
 
@@ -68,7 +68,7 @@ def test_what_a_format_leaves_out_is_said_in_pixels(name, model, changed):
         assert camera.name in note and off.max() > 0.02
 
 
-@pytest.mark.parametrize("name", ["camera_info", "ros2", "autoware", "kitti", "kalibr", "opencv"])
+@pytest.mark.parametrize("name", [name for name, one in FORMATS.items() if one.carries_lens and not one.skew])
 def test_a_skew_of_more_than_a_mark_is_refused_where_readers_ignore_it(name):
     problem = refusal(name, rig_of("brown_conrady", 0, skew=1e-2, k5=0.0))
     assert "skew of 0.01" in problem.detail and "px" in problem.detail and "skew locked at 0" in problem.hint
@@ -76,16 +76,23 @@ def test_a_skew_of_more_than_a_mark_is_refused_where_readers_ignore_it(name):
 
 
 def test_a_lens_that_readers_do_not_know_is_refused():
-    for name in ("kitti", "nuscenes"):
-        problem = refusal(name, rig_of("kannala_brandt", 0))
-        assert "kannala_brandt" in problem.detail
-        assert problem.fields["formats"] == [
-            *("json", "camera_info", "ros2", "urdf", "autoware", "kalibr", "opencv", "openlabel", "vcd")
-        ]
-    problem = refusal("nuscenes", rig_of("brown_conrady", 0))
-    assert "brown_conrady distortion" in problem.detail and "px" in problem.detail
+    problem = refusal("kitti", rig_of("kannala_brandt", 0))
+    assert "kannala_brandt" in problem.detail
+    assert problem.fields["formats"] == ["json", *(name for name in FORMATS if name != "kitti")]
     problem = refusal("kalibr", rig_of("brown_conrady", 0))
     assert "third radial" in problem.detail and "k5 locked at 0" in problem.hint
+
+
+@pytest.mark.parametrize("name", ["kitti_object", "nuscenes"])
+def test_a_format_of_undistorted_images_says_how_to_make_them(name):
+    """OpenCV undistorts an image as the export says: its pixels are where the export's matrix puts them."""
+    calibrated = rig_of("kannala_brandt", 0)
+    exported = export(FORMATS[name], calibrated)
+    for camera in calibrated.cameras:
+        (sentence,) = [one for one in exported.notes if one.startswith(f"{camera.name}:")]
+        assert "cv2.fisheye.undistortImage(image, K, D, Knew=K)" in sentence
+        assert f"undistort/{file_name(camera.name)}.yaml" in sentence
+    assert not any("ndistort" in one for one in export(FORMATS[name], rig_of("pinhole", 0)).notes)
 
 
 def test_what_starts_at_the_vehicle_needs_to_know_where_it_is():

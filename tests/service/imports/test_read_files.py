@@ -6,11 +6,13 @@ import json
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from apexcal.documents.imports import CalibrationFiles
 from service.exports.calibrated import file_name
+from service.exports.formats import FORMATS
 from service.imports.formats import files_view
 from service.platform.http.problems import Problem
 from tests.service.exports.readers import files_of
@@ -49,6 +51,11 @@ cam1:
   intrinsics: [1.0, 500.0, 510.0, 320.0, 240.0]
   T_cn_cnm1: [[1, 0, 0, -0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 """
+
+DIRECT = (
+    "camera: {{camera_model: plumb_bob, distortion_coeffs: [0, 0, 0, 0, 0], intrinsics: [500, 510, 320, 240]}}\n"
+    "results: {{T_lidar_camera: {}}}"
+)
 
 
 def read(files, **asked):
@@ -92,21 +99,24 @@ def test_what_kalibr_writes():
 
 
 @pytest.mark.parametrize("model", ["pinhole", "brown_conrady", "kannala_brandt"])
-@pytest.mark.parametrize("name", ["camera_info", "opencv", "kalibr", "kitti"])
+@pytest.mark.parametrize("name", ["camera_info", "opencv", "kalibr", "kitti", "fast_livo2", "direct_visual"])
 def test_what_we_write_is_read_to_the_same_bits(name, model):
     if name == "kitti" and model == "kannala_brandt":
         return
-    calibrated = rig_of(model, 0, **({"k5": 0.0} if name == "kalibr" and model == "brown_conrady" else {}))
+    less = {} if FORMATS[name].third_radial or model != "brown_conrady" else {"k5": 0.0}
+    calibrated = rig_of(model, 0, **less)
     files = {one: text.decode() for one, text in files_of(name, calibrated).items()}
     if name in ("camera_info", "opencv"):
         found = [camera for one in sorted(files) for camera in read({one: files[one]}).cameras]
         order = sorted(calibrated.cameras, key=lambda one: one.name)
-    elif name == "kitti":
+    elif name in ("kitti", "fast_livo2", "direct_visual"):
         folders = [
             {one: text for one, text in files.items() if one.startswith(f"{file_name(camera.name)}/")}
             for camera in calibrated.cameras
         ]
-        found, order = [read(folder).cameras[0] for folder in folders], calibrated.cameras
+        size = (calibrated.cameras[0].width, calibrated.cameras[0].height)
+        asked = {"image_size": size} if name == "direct_visual" else {}
+        found, order = [read(folder, **asked).cameras[0] for folder in folders], calibrated.cameras
     else:
         found = [one for one in read(files).cameras if not one.name.startswith("rect")]
         order = calibrated.cameras
@@ -114,12 +124,88 @@ def test_what_we_write_is_read_to_the_same_bits(name, model):
     for camera, ours in zip(found, order, strict=True):
         assert [value for row in ours.K for value in row] == camera.lens.K and not camera.doubts
         assert (camera.lens.width, camera.lens.height) == (ours.width, ours.height)
-        coefficients = ours.D[:4] if name == "kalibr" else ours.D
+        coefficients = ours.D if FORMATS[name].third_radial else ours.D[:4]
         assert camera.lens.D[: len(coefficients)] == coefficients and not any(camera.lens.D[len(coefficients) :])
-        if name in ("opencv", "kitti"):
+        if name not in ("camera_info", "kalibr"):
             assert np.abs(matrix(camera.T_camera_lidar) - ours.T_camera_lidar.matrix).max() < 1e-12
     if name == "opencv":
         assert found[0].T_camera_lidar.from_frame == "velodyne"
+
+
+def test_what_euroc_writes():
+    sensor = """
+sensor_type: camera
+T_BS:
+  cols: 4
+  rows: 4
+  data: [1.0, 0.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+resolution: [752, 480]
+camera_model: pinhole
+intrinsics: [458.654, 457.296, 367.215, 248.375] #fu, fv, cu, cv
+distortion_model: radial-tangential
+distortion_coefficients: [-0.28, 0.07, 0.0002, 1.7e-05]
+"""
+    told = read(sensor)
+    (camera,) = told.cameras
+    assert told.format == "euroc" and "body" in told.notes[0] and camera.T_camera_lidar is None
+    assert (camera.lens.model, camera.lens.K[0], camera.lens.width) == ("brown_conrady", 458.654, 752)
+    assert camera.lens.D[:4] == [-0.28, 0.07, 0.0002, 1.7e-05]
+
+
+def storage(**matrices) -> str:
+    text = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    for name, values in matrices.items():
+        text.write(name, np.array(values))
+    return text.releaseAndGetString()
+
+
+def test_what_opencvs_stereo_calibration_writes():
+    """By OpenCV itself: two files, which belong together; R and T lead from the first camera into the second."""
+    M, D, turn = (
+        np.array(K).reshape(3, 3),
+        np.array([[-0.1, 0.02, 0.0, 0.0, 0.0]]),
+        cv2.Rodrigues(np.array([0, 0.1, 0]))[0],
+    )
+    files = {
+        "intrinsics.yml": storage(M1=M, D1=D, M2=M, D2=0.5 * D),
+        "extrinsics.yml": storage(R=turn, T=np.array([[-0.12], [0.0], [0.01]]), Q=np.eye(4)),
+    }
+    told = read(files, image_size=(640, 480))
+    assert told.format == "opencv_stereo"
+    assert [camera.name for camera in told.cameras] == ["1", "2"]
+    assert [camera.lens.D[0] for camera in told.cameras] == [-0.1, -0.05]
+    (between,) = told.camera_transforms
+    assert (between.to_frame, between.from_frame, between.translation_m) == ("2", "1", [-0.12, 0.0, 0.01])
+    assert np.allclose(matrix(between)[:3, :3], turn, atol=1e-12)
+
+
+def test_what_sensors_calibration_writes():
+    turned = [[0.0, -1.0, 0.0, 0.1], [0.0, 0.0, -1.0, 0.2], [1.0, 0.0, 0.0, 0.3], [0.0, 0.0, 0.0, 1.0]]
+    between = {"sensor_name": "top_lidar", "target_sensor_name": "front", "param_type": "extrinsic"}
+    lens = {"sensor_name": "front", "target_sensor_name": "front", "param_type": "intrinsic"}
+    rows = [K[:3], K[3:6], K[6:]]
+    files = {
+        "a.json": json.dumps(
+            {"top_lidar-to-front-extrinsic": {**between, "param": {"sensor_calib": {"data": turned}}}}
+        ),
+        "b.json": json.dumps(
+            {
+                "front-intrinsic": {
+                    **lens,
+                    "param": {
+                        "img_dist_w": 640,
+                        "img_dist_h": 480,
+                        "cam_K": {"data": rows},
+                        "cam_dist": {"data": [[-0.1, 0.1, 0.001, 0.002]]},
+                    },
+                }
+            }
+        ),
+    }
+    told = read(files)
+    (camera,) = told.cameras
+    assert (told.format, camera.name, camera.lens.K, camera.lens.width) == ("sensors_calibration", "front", K, 640)
+    assert camera.T_camera_lidar.from_frame == "top_lidar" and (matrix(camera.T_camera_lidar) == turned).all()
 
 
 def test_rectified_cameras_of_kitti_are_where_its_devkit_projects_to():
@@ -225,6 +311,13 @@ def test_a_mount_in_millimetres_is_doubted_and_one_that_mirrors_refused():
         ("a: !!timestamp x", "is no YAML"),
         ("a: 1" + ":1" * 20_000, "has a value of 40001 letters"),
         ("K_00: 5 0 3 0 5 2 0 0 1\nD_00: 0 0 0 0 0\nS_00: 0 0\n", "images of 00 are 0 x 0"),
+        ("camera: {camera_model: plumb_bob, distortion_coeffs: [0, 0, 0, 0, 0]}", "has 0 numbers, not 4"),
+        (DIRECT.format([0.0] * 7), "is no pose"),
+        (DIRECT.format([0.0] * 6), "has 6 numbers, not 7"),
+        ("cam_model: Ocam", "camera model Ocam"),
+        ("cam_model: Pinhole", "has no cam_fx and no cam_fy"),
+        ("x: {param_type: extrinsic, param: {}}", "neither a cam_K nor a sensor_calib"),
+        ("extrin_calib: {Rcl: [1, 0, 0, 0, 2, 0, 0, 0, 1], Pcl: [0, 0, 0]}", "cannot be used"),
         (f"P0:{' 0' * 12}\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n", "no focal length"),
     ],
 )
@@ -249,5 +342,6 @@ def test_a_line_of_blanks_takes_no_time():
     assert time.process_time() - began < 2.0
 
 
-def test_several_files_are_one_calibration_only_of_kitti():
-    assert "only KITTI's are sent together" in refusal({"a.yaml": CAMERA_CALIBRATION, "b.yaml": CAMERA_CALIBRATION})
+def test_several_files_are_one_calibration_only_where_they_belong_together():
+    assert "Two files have camera_matrix" in refusal({"a.yaml": CAMERA_CALIBRATION, "b.yaml": CAMERA_CALIBRATION})
+    assert "Of camera_info 1 belong together" in refusal({"a.yaml": CAMERA_CALIBRATION, "b.yaml": "other: 1"})

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.simulation import Disturbances, SecondPerson, WalkName
+from tests.support.scenes.flawed_lidar import FlawedLidar, Flaws, Mount
+from tests.support.scenes.held_board import BoardHold, HeldWalk
 from tests.support.scenes.street import Street
-from workers.simulation.flaws import Flaws, Mount
-from workers.simulation.lidar import SimulatedLidar, Walks
+from workers.simulation.lidar import Walks
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS, LidarModel
-from workers.simulation.walker import BoardHold, Walk
 from workers.simulation.walks import FIELD_HALF_WIDTH_M, FIELD_X_M, YARD_FAR_M
 
 _SENSORS = ("vlp16", "vlp32c", "alpha-prime", "os0-128", "os1-32", "os1-64", "os2-128", "xt32", "qt64", "pandar40p")
@@ -53,13 +53,13 @@ class DrawnScene:
     plan: WalkName | None
     far_m: float
 
-    def simulated(self, seconds: float) -> tuple[Walks, SimulatedLidar]:
+    def simulated(self, seconds: float) -> tuple[Walks, FlawedLidar]:
         """Who walks where, and the sensor that looks on."""
         ground = self.scene.ground_z
         walk: Walks = (
             Street(self.seed, ground)
             if self.plan is None
-            else Walk(
+            else HeldWalk(
                 self.seed,
                 seconds,
                 ground,
@@ -69,7 +69,7 @@ class DrawnScene:
                 board_m=self.board_m,
             )
         )
-        lidar = SimulatedLidar(
+        lidar = FlawedLidar(
             self.sensor,
             self.scene,
             walk,

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from workers.marks.sights import Sight
-from workers.marks.standing import is_in_one_place
+from workers.marks.sights import Sight, is_in_one_place
 
 
 def sight(index, azimuth_deg, distance_m=5.0):

@@ -7,12 +7,13 @@ import pytest
 from making_recordings import DATA
 from pypcd4 import PointCloud
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.clouds.rings import learn_missing_rings
 from workers.readers.inspection import inspect_recording
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import FrameTable, read_table
-from workers.readers.recording import ReadError, ReadOptions
+from workers.readers.recording import ReadError
 
 BOARD = DATA / "vlp16-diamond-board"
 
@@ -122,7 +123,7 @@ def test_each_recording_with_images_proposes_a_rig(name, lidar, camera, size):
     path = DATA / name
     if not path.exists():
         pytest.skip(f"real data is not here: ../shared/data/{name}")
-    inspection = inspect_recording(path, options=ReadOptions("stamp_only"))
+    inspection = inspect_recording(path, options=ReadOptions(point_times="stamp_only"))
     rig, (question,) = inspection.proposal.rig, inspection.proposal.questions
     assert (rig.lidar.frame, inspection.sensors[0].count) == lidar
     assert (rig.cameras[0].name, rig.cameras[0].frame, inspection.sensors[1].count) == camera
@@ -134,7 +135,7 @@ def test_a_table_of_corners_is_no_second_lidar_of_dense_clouds():
     if not path.exists():
         pytest.skip("real data is not here: ../shared/data/infrared-level-board")
     with pytest.raises(ReadError) as refused:
-        inspect_recording(path, options=ReadOptions("stamp_only"))
+        inspect_recording(path, options=ReadOptions(point_times="stamp_only"))
     assert refused.value.code == "rings_not_separable" and refused.value.message.startswith(
         "clouds has no ring field"
     )

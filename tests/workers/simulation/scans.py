@@ -4,9 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from workers.simulation.lidar import SENSORS, SimulatedLidar
+from tests.support.scenes.flawed_lidar import FlawedLidar
+from tests.support.scenes.held_board import HeldWalk
+from workers.simulation.lidar import SENSORS
 from workers.simulation.scene import Scene
-from workers.simulation.walker import Walk
 
 
 def scanned(
@@ -22,9 +23,9 @@ def scanned(
     starts_s=(1.0, 4.0, 7.0, 10.0),
 ):
     scene = scene or Scene()
-    walk = Walk(5, 60.0, scene.ground_z, plan=plan, disturbances=disturbances, hold=hold)
+    walk = HeldWalk(5, 60.0, scene.ground_z, plan=plan, disturbances=disturbances, hold=hold)
     spoiled = {"noise_m": noise_m, "disturbances": disturbances, "flaws": flaws, "mount": mount}
-    lidar = SimulatedLidar(SENSORS[sensor], scene, walk, sector_deg=60.0, seed=5, **spoiled)
+    lidar = FlawedLidar(SENSORS[sensor], scene, walk, sector_deg=60.0, seed=5, **spoiled)
     sweeps, labels, poses = [], [], []
     for index, start_s in enumerate(starts_s):
         sweep, label = lidar.labelled_sweep(index, start_s, 0)

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from apexcal.documents.simulation import Disturbances
+from tests.support.scenes.flawed_lidar import Flaws, Mount
+from tests.support.scenes.held_board import BoardHold
 from tests.workers.simulation.scans import azimuths_deg, elevations_deg, ranges, scanned
-from workers.simulation.flaws import Flaws, Mount
 from workers.simulation.lidar import BOARD, BOX, GROUND, PERSON, POLE, SECOND_PERSON, SPECKLE, WALL
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS
-from workers.simulation.walker import BOARD_EDGES_M, BoardHold
+from workers.simulation.walker import BOARD_EDGES_M
 
 MINUTE_S = tuple(np.arange(0.5, 59.0, 2.5))
 plain = cache(scanned)

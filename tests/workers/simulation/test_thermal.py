@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from apexcal.documents.readings import ReadOptions
 from apexcal.documents.simulation import SimulationOptions
 from workers.readers.detect import open_recording
 from workers.readers.images.deep_images import depth_of
-from workers.readers.recording import ReadOptions
 from workers.simulation.rig import START_NS, SimulatedRig
 from workers.simulation.simulate import simulate
 from workers.simulation.thermal import ThermalCamera
@@ -45,9 +45,3 @@ def test_seeds_draw_warm_and_cold_boards():
     assert np.abs(contrasts).min() >= 1.0 and np.abs(contrasts).max() <= 4.0
     assert 8 < np.sum(contrasts < 0.0) < 32
     assert blurs.min() >= 0.5 and blurs.max() <= 1.5 and blurs.max() > 1.2
-
-
-@pytest.mark.parametrize("kind", ["folder", "pcap", "video"])
-def test_formats_without_16_bits_are_refused(kind):
-    with pytest.raises(ValueError, match="only bag, db3 and mcap hold images of 16 bits"):
-        SimulationOptions(images="thermal", format=kind)

@@ -14,7 +14,7 @@ from apexcal.documents.results import FitResult
 from tests.workers.solver.rigs import NOMINAL, plain, real_correspondences
 from workers.models.summary import CameraFit, camera_summary
 from workers.reports.contents import contents
-from workers.reports.material import FittedModel, Material
+from workers.reports.material import Material
 from workers.solver.schedule import run_schedule
 from workers.tasks.solving import read_run, solved
 
@@ -122,5 +122,5 @@ def calibrated(document: Json, pairs: Json) -> Iterator[str]:
     fits = [CameraFit(UUID(int=2), fold if fold >= 0 else None, found, 0.1) for fold, found in enumerate(results, -1)]
     yield camera_summary(fits).model_dump_json()
     run = read_run(document, -1, pairs)
-    model = FittedModel(results[0], run.problem, [one.heldout for one in results[1:]])
-    yield json.dumps(contents(Material(model, [model], pairs)), allow_nan=False)
+    heldout = [one.heldout for one in results[1:]]
+    yield json.dumps(contents(Material(results[0], run.problem, pairs, heldout=heldout)), allow_nan=False)

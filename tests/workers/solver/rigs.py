@@ -14,7 +14,7 @@ from apexcal.geometry.se3 import SE3, to_document
 from workers.geometry.projection import project
 from workers.solver.polish import mean_and_rms, polish
 from workers.solver.problem import fit_problem
-from workers.solver.residuals import predict
+from workers.solver.residuals import predict, transform_of
 from workers.solver.solution import solve_finish
 
 NOMINAL = to_document(SE3("camera_front_optical", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
@@ -51,6 +51,15 @@ def simulated(model, seed, pairs=222, mount_deg=15.0, noise_px=1.0, **request):
     problem = fit_problem(fit_request(**document), points[seen], marks)
     w = vector_from_rotation(R @ FORWARD_LIDAR_TO_OPTICAL.T)
     return problem, np.concatenate([w, t, lens])
+
+
+def decentred(problem, truth, terms):
+    """The problem with its marks where a fisheye with tangential terms p1, p2 in the plane of theta puts them."""
+    x, y, z = transform_of(problem, truth).apply(problem.points).T
+    theta, phi = np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
+    around = np.array([np.sin(2 * phi), 2 + np.cos(2 * phi), 2 - np.cos(2 * phi)])
+    bent = np.stack([terms @ around[:2], terms @ around[[2, 0]]], axis=1)
+    return replace(problem, pixels=problem.pixels + (theta**2)[:, None] * bent * truth[6:8])
 
 
 def plain(result):

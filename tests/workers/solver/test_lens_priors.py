@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.workers.solver.rigs import simulated
+from apexcal.geometry.rotations import vector_from_rotation
+from tests.workers.solver.rigs import decentred, simulated
 from tests.workers.solver.walks import finish
-from workers.solver.residuals import predict
+from workers.solver.estimate import estimate
+from workers.solver.residuals import predict, transform_of
 
 LENSES = {"kannala_brandt": ("k1", "k2", "k3", "k4"), "brown_conrady": ("k1", "k2", "k5", "k3", "k4")}
 
@@ -62,3 +64,27 @@ def test_the_papers_preset_and_a_wide_pinhole_have_none():
     problem, _, _ = narrow("brown_conrady", 61, preset="paper")
     assert problem.unstated == frozenset()
     assert finish(*simulated("pinhole", 3))["weak_priors"] == {}
+
+
+@pytest.mark.parametrize("term", [0.0, 0.0015])
+def test_a_fisheye_off_its_axis_turns_the_mount_by_no_more_than_is_stated(term):
+    """Marks of 1 px noise, of lenses with tangential terms in the plane of theta; 0 is a lens on its axis."""
+    scores, turns, stated = [], [], []
+    for seed in range(6):
+        problem, truth = simulated("kannala_brandt", 80 + seed)
+        problem = decentred(problem, truth, term * np.array([np.cos(seed), np.sin(seed)]))
+        fit = estimate(problem, truth)
+        turn = np.degrees(
+            vector_from_rotation(transform_of(problem, fit.parameters).R @ transform_of(problem, truth).R.T)
+        )
+        scores += (turn / fit.spread.std[:3]).tolist()
+        turns.append(np.linalg.norm(turn))
+        stated.append(np.linalg.norm(fit.spread.std[:3]))
+        alone = estimate(replace(problem, locked={"c_x": truth[8], "c_y": truth[9]}), truth)
+        assert np.linalg.norm(alone.spread.std[:3]) < stated[-1], "with a locked centre nothing is added"
+    assert np.abs(scores).max() < 3.0
+    assert np.sqrt(np.mean(np.square(scores))) > 0.4
+    if term:
+        assert np.median(turns) > 0.8
+    else:
+        assert np.median(stated) < 0.8

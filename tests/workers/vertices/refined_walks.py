@@ -5,9 +5,11 @@ from functools import cache
 import numpy as np
 
 from apexcal.documents.simulation import Disturbances
-from workers.simulation.lidar import BOARD, SENSORS, SimulatedLidar, with_rings
+from tests.support.scenes.flawed_lidar import FlawedLidar
+from tests.support.scenes.held_board import HeldWalk
+from workers.simulation.lidar import BOARD, SENSORS, with_rings
 from workers.simulation.scene import WALKER_REGION, scene_with
-from workers.simulation.walker import BOARD_EDGES_M, Walk
+from workers.simulation.walker import BOARD_EDGES_M
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
@@ -38,7 +40,7 @@ def walk(
     scene = scene_with(spoiled.poles, seed)
     way = walker(seed, seconds, plan=plan, disturbances=spoiled, hold=hold)
     model = with_rings(SENSORS[sensor], rings) if rings else SENSORS[sensor]
-    lidar = SimulatedLidar(
+    lidar = FlawedLidar(
         model, scene, way, sector_deg=55, noise_m=noise_m, seed=seed, disturbances=spoiled, mount=mount, flaws=flaws
     )
     sweeps, apexes, moments, counts, corners = [], [], [], [], []
@@ -60,7 +62,9 @@ def walk(
 def walker(seed, seconds, *, plan="field", disturbances=None, hold=None):
     """The person of the walk of this seed."""
     spoiled = disturbances or Disturbances()
-    return Walk(seed, seconds, scene_with(spoiled.poles, seed).ground_z, plan=plan, disturbances=spoiled, hold=hold)
+    return HeldWalk(
+        seed, seconds, scene_with(spoiled.poles, seed).ground_z, plan=plan, disturbances=spoiled, hold=hold
+    )
 
 
 def corners_at(way, second):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.support.scenes.drawn import region_before
+from tests.support.scenes.flawed_lidar import Mount
 from tests.workers.vertices.refined_walks import SIZE, errors, walk
-from workers.simulation.flaws import Mount
 from workers.simulation.scene import WALKER_REGION
 from workers.vertices.detectors import detect_range
 from workers.vertices.gravity import find_up

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.detection.walks import looked_at
-from workers.simulation.lidar import SENSORS, SimulatedLidar
+from tests.support.scenes.flawed_lidar import FlawedLidar
+from tests.support.scenes.held_board import BoardHold, HeldWalk
+from workers.simulation.lidar import SENSORS
 from workers.simulation.scene import WALKER_REGION, scene_with
-from workers.simulation.walker import BOARD_EDGES_M, BoardHold, Walk
+from workers.simulation.walker import BOARD_EDGES_M
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
@@ -45,9 +47,9 @@ class Resting:
 def simulated(seed, seconds, *, share=0.0, plan="field", board_m=BOARD_EDGES_M, hold=None):
     """What a VLP-16 saw, and in which sweeps the board was raised."""
     scene = scene_with(0, seed)
-    walk = Walk(seed, seconds, scene.ground_z, plan=plan, board_m=board_m, hold=hold)
+    walk = HeldWalk(seed, seconds, scene.ground_z, plan=plan, board_m=board_m, hold=hold)
     resting = Resting(walk, share, scene.ground_z)
-    lidar = SimulatedLidar(SENSORS["vlp16"], scene, resting, sector_deg=60.0, noise_m=0.008, seed=seed)
+    lidar = FlawedLidar(SENSORS["vlp16"], scene, resting, sector_deg=60.0, noise_m=0.008, seed=seed)
     walked = looked_at(resting, lidar, seconds)
     return walked, ~resting.rests(0.1 * np.arange(len(walked.sweeps)) + 0.05)
 

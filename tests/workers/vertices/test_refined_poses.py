@@ -7,8 +7,8 @@ import pytest
 
 from apexcal.documents.detectors import DETECTORS
 from benchmarks.detection.real import DATA, RECORDINGS, judge, read, regions, run
+from tests.support.scenes.held_board import BoardHold
 from tests.workers.vertices.refined_walks import REGION, SIZE, START_NS, Recorded, errors, walk
-from workers.simulation.walker import BoardHold
 from workers.vertices.detectors import detect_range
 from workers.vertices.refined.learning import learn
 from workers.vertices.region import Region

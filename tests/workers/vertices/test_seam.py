@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from tests.support.scenes.flawed_lidar import Mount
 from tests.workers.vertices.refined_walks import REGION, SIZE, errors, walk
 from tests.workers.vertices.sweeps import EVERYTHING
-from workers.simulation.flaws import Mount
 from workers.vertices.detectors import detect_range
 from workers.vertices.seam import Pieces, find_cut
 from workers.vertices.sweep_source import Listed

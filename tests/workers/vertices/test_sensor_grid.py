@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.support.scenes.flawed_lidar import Flaws
 from tests.workers.vertices.refined_walks import walk
 from tests.workers.vertices.sweeps import row, sweep
-from workers.simulation.flaws import Flaws
 from workers.simulation.lidar import SENSORS
 from workers.vertices.refined.window import open_window
 from workers.vertices.sensor_grid import learn_grid

@@ -7,8 +7,8 @@ from apexcal.documents.analyses import SuggestionFacts
 from apexcal.documents.errors import InputError
 from apexcal.documents.simulation import Disturbances
 from tests.support.scenes.drawn import draw_street
-from workers.simulation.flaws import Mount
-from workers.simulation.lidar import BOARD, PERSON, SENSORS, SimulatedLidar
+from tests.support.scenes.flawed_lidar import FlawedLidar, Mount
+from workers.simulation.lidar import BOARD, PERSON, SENSORS
 from workers.simulation.scene import scene_with
 from workers.simulation.walker import Walk
 from workers.vertices.region import Region
@@ -24,7 +24,7 @@ def recorded(seed, sweeps=150, plan="field", mount=None, **disturbances):
     scene = scene_with(spoiled.poles, seed)
     way = Walk(seed, sweeps * 0.1, scene.ground_z, plan=plan, disturbances=spoiled)
     how = {"sector_deg": 55, "noise_m": 0.008, "seed": seed, "disturbances": spoiled, "mount": mount or Mount()}
-    lidar = SimulatedLidar(SENSORS["vlp16"], scene, way, **how)
+    lidar = FlawedLidar(SENSORS["vlp16"], scene, way, **how)
     return [lidar.labelled_sweep(i, 0.1 * i, START_NS + 100_000_000 * i) for i in range(sweeps)]
 
 

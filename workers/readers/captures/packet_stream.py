@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.velodyne_models import PACKET, Decoding, find_decoding
-from workers.readers.recording import LidarFacts, ReadError, ReadOptions
+from workers.readers.recording import LidarFacts, ReadError
 
 SAMPLE_PACKETS: Final = 5000
 TURN: Final = 36_000  # azimuth counts hundredths of a degree

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.capture import CaptureFile
 from workers.readers.captures.datagrams import KNOWN_LINKS, Datagrams, endpoint
 from workers.readers.captures.other_makers import instead, maker_of_datagram
 from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, learn_packets
 from workers.readers.captures.velodyne import FIELDS, SweepCutter
 from workers.readers.captures.velodyne_models import is_data_packet
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
 
 _SAMPLE_BYTES: Final = 24_000_000
 _FEW: Final = 20

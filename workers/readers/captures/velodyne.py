@@ -14,10 +14,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.packet_clock import PacketClock
 from workers.readers.captures.packet_stream import TURN, Packet, PacketStream
 from workers.readers.captures.velodyne_models import BLOCKS, DUAL, PACKET
-from workers.readers.recording import ReadError, ReadOptions, Sweep
+from workers.readers.recording import ReadError, Sweep
 
 FIELDS: Final = "x y z intensity ring time"
 _BACK: Final = 1_000

@@ -31,7 +31,7 @@ class VelodyneModel:
 
     Attributes:
         title: as its maker calls it.
-        option: its name in ``ReadOptions.lidar_model``; None: only ever told by its packets.
+        option: its name in ``lidar_model`` of the reading; None: only ever told by its packets.
         library: its name in ``velodyne_decoder.Model``.
         product: last byte of its packets; None where they do not say it.
         rings: number of lasers.

@@ -13,10 +13,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.clouds.point_times import TIME_FIELDS, PointTimes, learn_point_times
 from workers.readers.clouds.ring_spread import check_rings
 from workers.readers.clouds.rings import ComputedRings, RingOrder, learn_missing_rings, learn_rings, ring_ids
-from workers.readers.recording import LidarFacts, ReadError, ReadOptions, Sweep
+from workers.readers.recording import LidarFacts, ReadError, Sweep
 
 Columns = Mapping[str, NDArray[np.generic]]
 

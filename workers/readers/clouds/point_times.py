@@ -13,7 +13,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.recording import ReadOptions, StampConvention, TimeSource
+from apexcal.documents.readings import ReadOptions
+from workers.readers.recording import StampConvention, TimeSource
 
 TIME_FIELDS: Final = ("time", "t", "timestamp", "time_stamp", "offset_time", "time_offset", "timeOffset")
 _UNITS: Final = {"seconds": 1e9, "milliseconds": 1e6, "microseconds": 1e3, "nanoseconds": 1.0}

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Self
+
+from pydantic import TypeAdapter
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +59,7 @@ class Edits:
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Self:
         """From plain data, as the service plans it."""
-        cameras = [replace(CameraEdit(**row), K=_floats(row["K"]), D=_floats(row["D"])) for row in data["cameras"]]
-        names = ("translation_m", "quaternion_xyzw")
-        poses = [replace(PoseEdit(**row), **{name: _floats(row[name]) for name in names}) for row in data["poses"]]
-        return cls(str(data["lidar_frame"]), cameras, poses)
-
-
-def _floats(values: Sequence[Any]) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)
+        return TypeAdapter(cls).validate_python(data)
 
 
 @dataclass(slots=True)

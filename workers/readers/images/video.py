@@ -16,11 +16,12 @@ from av.container import InputContainer
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.images.headers import MAX_PIXELS, check_size
 from workers.readers.images.video_times import FrameTimes, VideoClock
 from workers.readers.output import video_is_decoded
 from workers.readers.progress import beat
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
 
 # On frames of 1920 x 1208 pixels 8 ms and 0.9 MB, 1.6 grey levels RMS off what the video holds; as PNG they take
 # 75 ms and 4 MB. What the video's own compression cost is not undone by either.

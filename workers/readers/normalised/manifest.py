@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
-from apexcal.documents.readings import FrameOrigin, ImageKind
+from pydantic import TypeAdapter
+
+from apexcal.documents.readings import ImageKind
 from workers.readers.output import create
 from workers.readers.recording import StampConvention, StaticTransform, TimeSource
 
@@ -147,34 +149,12 @@ class RecordingManifest:
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Self:
-        """Back from :meth:`to_json`.
-
-        Raises:
-            KeyError, TypeError, ValueError: not the data of a manifest.
-        """
-        for sensor in data["sensors"]:
-            for name in (sensor["file"], sensor["frames"]):
-                if Path(name).name != name:  # the data may come from a process that read a stranger's file
-                    raise ValueError(f"{name!r} is no bare file name")
-        sensors, warnings = [_sensor(row) for row in data["sensors"]], [str(row) for row in data["warnings"]]
-        return cls(str(data["format"]), sensors, warnings, [_fixed(row) for row in data["static_transforms"]])
-
-
-def _fixed(data: dict[str, Any]) -> StaticTransform:
-    offset, turn = (tuple(float(value) for value in data[name]) for name in ("translation_m", "quaternion_xyzw"))
-    if len(offset) != 3 or len(turn) != 4:
-        raise ValueError(f"{data} is no transform")
-    origin: FrameOrigin = "robot_description" if data["origin"] == "robot_description" else "tf_static"
-    return StaticTransform(str(data["parent"]), str(data["child"]), offset, turn, origin)
-
-
-def _sensor(data: dict[str, Any]) -> SensorManifest:
-    return replace(
-        SensorManifest(**data),
-        gaps=[StampGap(**gap) for gap in data["gaps"]],
-        jumps=[StampGap(**jump) for jump in data["jumps"]],
-        sizes=[FrameSize(**size) for size in data["sizes"]],
-    )
+        """Back from :meth:`to_json`. Raises ValueError for what is not the data of a manifest."""
+        manifest = TypeAdapter(cls).validate_python(data)
+        for name in (name for sensor in manifest.sensors for name in (sensor.file, sensor.frames)):
+            if Path(name).name != name:  # the data may come from a process that read a stranger's file
+                raise ValueError(f"{name!r} is no bare file name")
+        return manifest
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.camera_guess import Sizes
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
@@ -32,7 +33,7 @@ from workers.readers.normalised.stamps import (
     sweep_warnings,
 )
 from workers.readers.progress import OnProgress, Pace
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep, legible
+from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep, legible
 
 
 class _Lidar:

@@ -15,9 +15,10 @@ from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.rosbag1.reader import Chunk, Header
 from rosbags.serde import SerdeError
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.damage import damage
 from workers.readers.progress import beat
-from workers.readers.recording import ReadError, ReadOptions
+from workers.readers.recording import ReadError
 from workers.readers.ros.containers import Container, spread
 from workers.readers.ros.topic_messages import BagTopic
 from workers.readers.ros.topics import TopicRecording

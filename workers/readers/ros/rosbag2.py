@@ -7,7 +7,8 @@ from importlib import import_module
 from pathlib import Path, PurePath
 from typing import Any, Final, cast
 
-from workers.readers.recording import ReadError, ReadOptions
+from apexcal.documents.readings import ReadOptions
+from workers.readers.recording import ReadError
 from workers.readers.ros.containers import Container, SplitContainer
 from workers.readers.ros.topics import TopicRecording
 from workers.readers.trees.scratch import Scratch, packing_of

@@ -11,22 +11,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, evened, learn_packets
 from workers.readers.captures.velodyne import SweepCutter
 from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
 from workers.readers.clouds.pointcloud2 import cloud_columns
 from workers.readers.images.still_images import image_frame
 from workers.readers.images.transcode import raw_to_png
-from workers.readers.recording import (
-    Frame,
-    LidarFacts,
-    ReadError,
-    ReadOptions,
-    Recording,
-    Sensor,
-    StaticTransform,
-    Sweep,
-)
+from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, StaticTransform, Sweep
 from workers.readers.ros.camera_info import image_kind, info_document, match_infos
 from workers.readers.ros.containers import Container, SplitContainer
 from workers.readers.ros.static_transforms import static_transforms

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
 from workers.readers.images.still_images import image_frame
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
 from workers.readers.trees.cloud_files import read_cloud
 from workers.readers.trees.file_tree import FileTree, read_file
 from workers.readers.trees.kitti import KittiSpin
@@ -85,7 +85,7 @@ class FileSeries(Recording):
         made_up = self._series.times_from == "index"
         if made_up or self._spin is not None:
             # Made-up times say nothing about when, within a sweep, a point was measured.
-            options = replace(options, point_times="stamp_only")
+            options = options.model_copy(update={"point_times": "stamp_only"})
         numbers: list[int] = np.unique(np.linspace(0, len(paths) - 1, min(SAMPLES, len(paths))).astype(int)).tolist()
         samples = ((self._series.stamps_ns[paths[i]], self._cloud(paths[i])) for i in numbers)
         return learn_clouds(samples, None if made_up else self._period, options, name)

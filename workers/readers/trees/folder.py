@@ -9,8 +9,9 @@ from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Final
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.detect import HEAD_BYTES, TREE, FileFormat, format_of
-from workers.readers.recording import ReadError, ReadOptions, Recording
+from workers.readers.recording import ReadError, Recording
 from workers.readers.trees.cloud_files import is_cloud_table
 from workers.readers.trees.composite import Composite, TreePart
 from workers.readers.trees.file_series import FileSeries

@@ -11,11 +11,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final, Self, cast
+from typing import Any, BinaryIO, Final, cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from workers.readers.images.decode import decoded
 from workers.readers.mcap_io.writer import McapWriter
@@ -60,20 +61,6 @@ class ViewedCamera:
     raw: ViewerLens | None
     pinhole: ViewerLens
 
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Self:
-        """From plain data, as the worker plans it."""
-        return cls(
-            name=data["name"],
-            frame_id=data["frame_id"],
-            file=Path(data["file"]),
-            table=Path(data["table"]),
-            map=Path(data["map"]),
-            clock_offset_ns=int(data["clock_offset_ns"]),
-            raw=ViewerLens(**data["raw"]) if data["raw"] else None,
-            pinhole=ViewerLens(**data["pinhole"]),
-        )
-
 
 FILE_NAME: Final = "recording.mcap"
 _LIDAR: Final = -1
@@ -91,12 +78,14 @@ def write_viewer_file(
 
     Args:
         lidar: the normalised LiDAR.
-        request: ``lidar_frame``, ``cameras`` (see :meth:`ViewedCamera.from_json`), ``poses`` and ``facts`` (texts).
+        request: ``lidar_frame``, ``cameras`` (see :class:`ViewedCamera`), ``poses`` and ``facts`` (texts).
     """
     out_dir.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         sweeps = stack.enter_context(LidarFile(lidar))
-        cameras = [_Camera(ViewedCamera.from_json(item), stack) for item in request["cameras"]]
+        cameras = [
+            _Camera(camera, stack) for camera in TypeAdapter(list[ViewedCamera]).validate_python(request["cameras"])
+        ]
         file = McapWriter(out_dir / FILE_NAME, "", "zstd", _LEVEL)
         stack.callback(file.abandon)
         poses = [StaticTransform(**item) for item in request["poses"]]

@@ -12,6 +12,7 @@ import {
   type Publication,
   type ReadFiles,
   type Result,
+  type SetWithPairs,
   type ResultComparison,
   type StatedComparison,
   type StatedFiles,
@@ -35,6 +36,9 @@ export const importSet = async (rigId: string, camera: string, file: File): Prom
 
 export const correspondenceSets = (rig_id: string): Read<CorrespondenceSet[]> =>
   readAll("/v1/rigs/{rig_id}/correspondence-sets", { rig_id });
+
+export const correspondenceSet = (set_id: string | undefined): Read<SetWithPairs> =>
+  read("/v1/correspondence-sets/{set_id}", { set_id });
 
 export const createCalibration = (vehicle_id: string, body: CalibrationRequest): Promise<{ id: string }> =>
   bodyOf(client.POST("/v1/vehicles/{vehicle_id}/calibrations", { params: { path: { vehicle_id } }, body, ...once() }));

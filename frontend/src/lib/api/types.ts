@@ -101,6 +101,7 @@ export type CropAnswer = Schemas["CropAnswer"];
 export type CropVerdict = Schemas["CropVerdict"];
 
 export type CorrespondenceSet = Schemas["SetView"];
+export type SetWithPairs = Schemas["SetWithPairs"];
 export type CalibrationRequest = Schemas["CalibrationRequest"];
 export type CalibrationTemplate = Schemas["CalibrationTemplate"];
 export type Calibration = Schemas["CalibrationView"];

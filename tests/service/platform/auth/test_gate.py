@@ -14,7 +14,7 @@ import pytest
 from service.platform.auth import access
 from service.platform.auth.credential_actions import new_secret
 from service.platform.auth.gate import Gate
-from service.platform.http.bodies import DOCUMENT
+from service.platform.http.router import DOCUMENT
 from tests.service.platform.auth.test_every_route import OPEN, address, fill, routes
 from tests.support.databases import one_database
 from tests.support.people import Actor, Api

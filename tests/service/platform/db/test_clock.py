@@ -26,7 +26,7 @@ _AHEAD = """
 import json, sys
 from datetime import UTC, datetime
 from sqlalchemy import select
-from service.pairs.actions import keep_set
+from service.pairs.sets import keep_set
 from service.platform.db.models import CorrespondenceSet, Fleet
 from service.platform.db.session import Database
 from service.recordings.retention import delete_overdue

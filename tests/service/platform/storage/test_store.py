@@ -49,7 +49,8 @@ def test_what_was_written_is_read_back(store: Store, tmp_path: Path) -> None:
         assert asyncio.run(joined(store.read_all(key))) == LARGE
         assert asyncio.run(store.size(key)) == len(LARGE)
     assert store.get_range("a/file", 8 * MIB - 5, 10) == LARGE[8 * MIB - 5 : 8 * MIB + 5]
-    assert asyncio.run(store.read("a/bytes", 1, 3)) == b"mal"
+    assert asyncio.run(joined(store.read_all("a/bytes", 1, 3))) == b"mal"
+    assert asyncio.run(joined(store.read_all("a/file", 5, len(LARGE) - 7))) == LARGE[5:-2]
     asyncio.run(store.copy("a/stream", "b/copy"))
     store.put_bytes("a/stream", b"other bytes")
     assert b"".join(store.stream("b/copy")) == LARGE
@@ -63,12 +64,21 @@ def test_what_was_written_is_read_back(store: Store, tmp_path: Path) -> None:
     assert all(abs(one.modified.timestamp() - time.time()) < 60 for one in store.list())
 
 
+def test_no_more_than_a_piece_of_an_object_is_held_at_once(store: Store) -> None:
+    async def sizes() -> list[int]:
+        return [len(piece) async for piece in store.read_all("a/frame", 3, 20 * MIB)]
+
+    store.put_bytes("a/frame", bytes(24 * MIB))
+    assert asyncio.run(sizes()) == [8 * MIB, 8 * MIB, 4 * MIB]
+
+
 def test_what_is_missing_or_cut_is_said_so(store: Store) -> None:
     store.put_bytes("a/short", b"12345")
     looks = (
         lambda: asyncio.run(store.size("a/none")),
         lambda: asyncio.run(store.copy("a/none", "a/copy")),
-        lambda: asyncio.run(store.read("a/none", 0, 1)),
+        lambda: asyncio.run(joined(store.read_all("a/none", 0, 1))),
+        lambda: asyncio.run(joined(store.read_all("a/short", 3, 3))),
         lambda: asyncio.run(joined(store.read_all("a/none"))),
         lambda: list(store.stream("a/none")),
         lambda: store.get_range("a/none", 0, 1),

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from making_packets import PORT, START_NS, captured, datagram, jittered, packets, write_pcap, write_pcapng
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.detect import open_recording
-from workers.readers.recording import ReadError, ReadOptions
+from workers.readers.recording import ReadError
 
 
 def read(path, **options):

@@ -16,10 +16,10 @@ import pytest
 import yaml
 from scipy.spatial import cKDTree
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.velodyne_models import PACKET
 from workers.readers.choose import choose_sensors
 from workers.readers.detect import open_recording
-from workers.readers.recording import ReadOptions
 from workers.readers.ros.ros_types import PACKETS, ros_decoder
 from workers.readers.ros.topic_messages import BagTopic
 

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from making_recordings import START_NS, scattered, scene
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.clouds.model import learn_clouds
-from workers.readers.recording import ReadError, ReadOptions
+from workers.readers.recording import ReadError
 
 
 def learn(*clouds, period_ns=100_000_000):

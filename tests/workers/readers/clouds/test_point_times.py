@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from making_recordings import START_NS, scene
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.clouds.point_times import learn_point_times
-from workers.readers.recording import ReadOptions
 
 PERIOD = 100_000_000
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from tests.support.scenes.flawed_lidar import FlawedLidar, Mount
 from workers.readers.clouds.ring_spread import check_rings
 from workers.readers.recording import ReadError
-from workers.simulation.flaws import Mount
-from workers.simulation.lidar import SimulatedLidar
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS
 from workers.simulation.walker import Walk
@@ -35,7 +34,7 @@ def test_a_livox_s_lines_are_no_rings():
 @pytest.mark.parametrize("mount", [Mount(), Mount(15.0, 20.0)])
 def test_rings_are_rings_also_of_a_cloud_that_was_tilted_or_damaged(sensor, mount):
     walk = Walk(1, 5.0, Scene().ground_z)
-    lidar = SimulatedLidar(SENSORS[sensor], Scene(), walk, sector_deg=60.0, noise_m=0.02, seed=1)
+    lidar = FlawedLidar(SENSORS[sensor], Scene(), walk, sector_deg=60.0, noise_m=0.02, seed=1)
     clouds = [
         ((cloud.xyz @ mount.rotation().T + 0.5).astype(np.float32), cloud.ring.astype(np.int64))
         for cloud in (lidar.sweep(k, 0.1 * k, 0) for k in range(2))

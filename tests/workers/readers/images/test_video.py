@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from making_videos import CREATED_NS, HEIGHT, TIMES_MS, WIDTH, number_of, write_video
 
+from apexcal.documents.readings import ReadOptions
 from workers.readers.detect import open_recording
 from workers.readers.images.headers import read_image_header
 from workers.readers.images.video import VideoRecording
-from workers.readers.recording import ReadError, ReadOptions
+from workers.readers.recording import ReadError
 
 COUNT = len(TIMES_MS)
 

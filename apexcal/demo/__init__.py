@@ -1,1 +1,0 @@
-"""The main job from end to end, driven over HTTP as a client would: ``python -m apexcal.demo``."""

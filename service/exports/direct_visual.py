@@ -1,0 +1,36 @@
+"""``calib.json`` of direct_visual_lidar_calibration: lens and ``T_lidar_camera`` as x y z qx qy qz qw."""
+
+from __future__ import annotations
+
+import json
+
+from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
+from service.exports.format import Files, Format, numbers
+
+
+def _document(camera: CalibratedCamera) -> str:
+    (f_x, _, c_x), (_, f_y, c_y), _ = camera.K
+    pose = camera.T_lidar_camera
+    document = {
+        "camera": {
+            "camera_model": camera.written_as.camera_info,
+            "distortion_coeffs": numbers(camera.D),
+            "intrinsics": numbers([f_x, f_y, c_x, c_y]),
+        },
+        "meta": {"image_topic": camera.topic or ""},
+        "results": {"T_lidar_camera": numbers([*pose.t, *pose.quaternion_xyzw])},
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+
+
+def _files(calibrated: Calibrated) -> Files:
+    return {f"{file_name(camera.name)}/calib.json": _document(camera) for camera in calibrated.cameras}
+
+
+FORMAT = Format(
+    name="direct_visual",
+    title="direct_visual_lidar_calibration",
+    write=_files,
+    kind="zip",
+    direction="T_lidar_camera maps the camera's points into the LiDAR",
+)

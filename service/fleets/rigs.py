@@ -1,0 +1,40 @@
+"""Rigs as the answers show them, and a rig's camera by its name."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from apexcal.documents.fleets import RigOut
+from service.platform.db.fleets import Rig, RigCamera
+from service.platform.http.problems import Problem
+
+
+def rig_camera(session: Session, rig: Rig, name: str) -> RigCamera:
+    """A rig's camera by its name. Raises :class:`Problem` 404 ``unknown_camera`` naming those there are."""
+    cameras = session.scalars(select(RigCamera).where(RigCamera.rig_id == rig.id).order_by(RigCamera.position)).all()
+    for camera in cameras:
+        if camera.name == name:
+            return camera
+    raise Problem(
+        404,
+        "unknown_camera",
+        f"The rig {rig.name!r} has no camera {name!r}.",
+        f"Its cameras are {', '.join(camera.name for camera in cameras)}.",
+        cameras=[camera.name for camera in cameras],
+    )
+
+
+def rig_view(rig: Rig) -> RigOut:
+    """A rig's row as the outside sees it."""
+    names = ("name", "frame", "topic", "serial", "nominal", "joint", "images", "bounds")
+    return RigOut.of(
+        rig,
+        lidar={"frame": rig.lidar_frame, "topic": rig.lidar_topic, "serial": rig.lidar_serial},
+        cameras=[
+            {name: getattr(camera, name) for name in names}
+            | {"image_size": [camera.image_width, camera.image_height]}
+            for camera in rig.cameras
+        ],
+        camera_transforms=rig.camera_transforms or [],
+    )

@@ -1,0 +1,148 @@
+"""From a bag and a URDF to the URDF with the calibrated mount, a person's clicks counted; then another rig for it."""
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from apexcal.client import Client
+from apexcal.documents.machine_marks import MarksView
+from apexcal.geometry.frame_tree import urdf_tree
+from tests.e2e.conftest import Track
+from tests.e2e.looks import assert_looks
+from tests.e2e.marking import Marker
+from tests.e2e.test_crops import Confirmer
+
+MOST_CLICKS = 8
+COUNTING = """addEventListener("click", event => {
+  if (event.isTrusted) sessionStorage.clicks = 1 + Number(sessionStorage.clicks ?? 0);
+}, true)"""
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("whole") / "walk"
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "40"]
+    subprocess.run([*command, "--camera-info", "raw", "--camera-hz", "3"], check=True, stdout=subprocess.DEVNULL)
+    return folder
+
+
+@pytest.fixture
+def owner(served: dict[str, Any]) -> Iterator[Client]:
+    with Client(served["url"], Path(served["owner_token_file"]).read_text().strip()) as client:
+        yield client
+
+
+@pytest.fixture
+def page(browser: Browser, served: dict[str, Any], owner: Client) -> Iterator[Page]:
+    """Of an engineer of a fleet without vehicles."""
+    fleet = owner.fleets.create("First page")
+    context = browser.new_context(viewport={"width": 1280, "height": 900})
+    context.set_default_timeout(15_000)
+    link = owner.fleets.invite(fleet.id, "Runa", "engineer").link
+    assert context.request.post(
+        f"{served['url']}/v1/sign-in", data={"link": link}, headers={"Origin": served["url"]}
+    ).ok
+    page = context.new_page()
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    yield page
+    context.close()
+    assert complaints == []
+
+
+def clicks(page: Page) -> int:
+    return int(page.evaluate("Number(sessionStorage.clicks ?? 0)"))
+
+
+@pytest.mark.timeout(500)
+def test_eight_clicks_lead_from_a_bag_to_a_urdf(
+    page: Page,
+    served: dict[str, Any],
+    owner: Client,
+    walk: Path,
+) -> None:
+    page.context.add_init_script(COUNTING)
+    page.goto(served["url"])
+    assert_looks(page)
+    # Files are dropped or chosen; then come the clicks.
+    page.get_by_label("Recording and URDF").set_input_files([walk / "recording.bag", walk / "vehicle.urdf"])
+    expect(page.get_by_role("heading", level=1)).to_have_text("recording.bag", timeout=60_000)
+    card = page.get_by_role("region", name="Rig")
+    expect(card).to_contain_text("as the URDF says", timeout=90_000)
+    expect(card).to_contain_text("velodyne")
+    expect(card).not_to_contain_text("Assumed")
+    assert_looks(page)
+    card.get_by_role("button", name="Confirm, and find the board").click()
+    confirm = page.get_by_role("link", name=re.compile("^Confirm .* of front"))
+    expect(confirm).to_be_visible(timeout=300_000)
+    (recording,) = [one for one in owner.recordings.list() if str(one.id) in page.url]
+    (detection,) = owner.detections.list(recording.id)
+    (analysis,) = owner.analyses.list(MarksView, recording_id=recording.id)
+    marks = {str(one.vertex_id): one for one in owner.analyses.marks(analysis.id) if one.reason is None}
+    expect(page.get_by_role("link", name="Mark frames of front")).to_be_visible()
+    assert_looks(page)
+    confirm.click()
+    expect(page.get_by_role("heading", name="Mark 5 frames yourself first")).to_be_visible()
+    assert clicks(page) == 2
+
+    # Confirming is not counted. The person's own five marks are wrong; the fit leaves them out.
+    size = owner.vehicles.rig(recording.rig_id).cameras[0].image_size
+    ids = (str(one) for one in (recording.vehicle_id, recording.id, detection.id, recording.rig_id))
+    track = Track(served["url"], owner, str(recording.fleet_id), *ids, {}, (size[0], size[1]))
+    person, marker = Confirmer(page, track, marks), Marker(page, track)
+    person.mark_blind(marker)
+    for _ in range(15):
+        expect(
+            page.get_by_role("button", name="Accept")
+            .and_(page.locator(":enabled"))
+            .or_(page.get_by_text("No mark is left"))
+        ).to_be_visible()
+        if page.get_by_text("No mark is left").is_visible():
+            break
+        for vertex in person.shifted():
+            person.tile(vertex).focus()
+            page.keyboard.press("w")
+        assert person.accept()["accepted"]
+    confirming = clicks(page) - 2
+
+    page.get_by_role("button", name="Calibrate front").click()
+    expect(page.get_by_role("heading", level=1)).to_contain_text("Calibration of")
+    publish = page.get_by_role("button", name="Publish for the vehicle")
+    publish.wait_for(timeout=90_000)
+    expect(page.get_by_text("Verdict: pass.")).to_be_visible()
+    publish.click()
+    page.get_by_text("Into your own URDF").click()
+    page.get_by_label("URDF file").set_input_files(walk / "vehicle.urdf")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Replace and download").click()
+    assert clicks(page) - confirming <= MOST_CLICKS
+
+    before, after = ((walk / "vehicle.urdf").read_bytes(), Path(download.value.path()).read_bytes())
+    truth = json.loads((walk / "truth.json").read_text())["transform"]
+    mount = urdf_tree(after).transform("camera_front_optical", "velodyne")
+    off = np.array(truth["rotation"]["matrix"]) @ mount.R.T
+    assert np.degrees(np.arccos((np.trace(off) - 1.0) / 2.0)) < 0.3
+    assert np.linalg.norm(mount.t - truth["translation_m"]) < 0.03
+    assert before != after and before.count(b"<joint") == after.count(b"<joint")
+
+    # A wrong mount is corrected afterwards, without a new upload; what was detected stays.
+    rig = owner.vehicles.rig(recording.rig_id)
+    assert [camera.name for camera in rig.cameras] == ["front"] and rig.cameras[0].joint is not None
+    assert owner.vehicles.get(recording.vehicle_id).name == "recording"
+    page.goto(f"{served['url']}/recordings/{recording.id}?step=region")
+    expect(card.get_by_role("button", name="Use this rig")).to_be_visible()
+    card.get_by_label("Mount").select_option("looks left")
+    with page.expect_response(lambda answer: answer.request.method == "PATCH") as replaced:
+        card.get_by_role("button", name="Use this rig").click()
+    assert replaced.value.ok
+    other = owner.vehicles.rig(owner.recordings.get(recording.id).rig_id)
+    assert other.id != rig.id and other.cameras[0].joint is None
+    assert len(list(owner.detections.list(recording.id))) == 1
