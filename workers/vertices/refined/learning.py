@@ -112,12 +112,13 @@ def _shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float
     """Whether near sweeps' planes are boards: four that many rings meet, or a large share of the planes.
 
     If many rings meet some planes that fit on the board, only these count. A board of unknown size must be wider than
-    a person, within two standard deviations. Planes that are less even than sensors are show no board.
+    a person, where many rings meet it within two standard deviations. Planes that are less even than sensors are show
+    no board.
     """
-    sigma = model.size.sigma_m[0] if model.size is not None else 0.0
+    telling = [plane for plane in no_taller(planes, edges) if plane.telling]
+    sigma = model.size.sigma_m[0] if model.size is not None and telling else 0.0
     if (not all(edges) and min(model.edges) + 2.0 * sigma < TRUNK_M) or model.bias > 2.0 * BIAS_M:
         return False
-    telling = [plane for plane in no_taller(planes, edges) if plane.telling]
     some = telling or planes
     fixes = [fix for plane in some if (fix := locate(plane, model, coarse=True)) is not None]
     boards = sum(trustworthy(fix) and likelier_than_upright(fix, model) for fix in fixes)
