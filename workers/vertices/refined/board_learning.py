@@ -25,6 +25,7 @@ from workers.vertices.refined.size import SizeEstimate, climb
 
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _SOME, _STARTS = 10, 6
+_FEW = 8  # boards that choose where the climb over all of them starts
 _LEAST_M = 0.1
 _LEAST_GROWTH_RAD = 0.05e-3  # standard deviation, where the growth is stated
 _HOPELESS = -300.0
@@ -214,9 +215,10 @@ def learn_size(
     """
     solid = [plane for plane in planes if plane.telling][:_SOME]
     fitted = replace(model, inset=_INSETS_RAD[-1])
-    ranked = sorted(_table(fitted, edges), key=lambda candidate: -evidence(planes, candidate))
+    few = planes[:: max(1, len(planes) // _FEW)]
+    ranked = sorted(_table(fitted, edges), key=lambda candidate: -evidence(few, candidate))
     open_edges = [index for index in (0, 1) if ranked[0].edges[index] not in edges]
-    fits = [_fit_edges(planes, candidate, open_edges, 1.0) for candidate in ranked[:_STARTS]]
+    fits = [_fit_edges(few, candidate, open_edges, 1.0) for candidate in ranked[:_STARTS]]
     free = [*open_edges, *([2] if is_growth_open else [])]
     for step in (1.0, 0.4):
         best, covariance, _ = max(fits, key=lambda fit: fit[2])
