@@ -122,7 +122,8 @@ export class Marking {
     this.advice = isKept ? "" : "This browser cannot keep the mark: save it before you leave the page.";
   }
 
-  async answer(verdict: VerdictName, at: number): Promise<void> {
+  /** Answers the shown vertex. `sure`: the mark is kept wherever it is; a hand that saves every mark does not say so. */
+  async answer(verdict: VerdictName, at: number, sure = false): Promise<void> {
     const task = this.task;
     if (!task || !this.takes(at)) return;
     const mark = verdict === "confirmed" ? this.mark : null;
@@ -130,7 +131,7 @@ export class Marking {
       this.advice = `Click the board's ${cornerWords(task.vertex.corner)} first, or press R where this is no vertex.`;
       return;
     }
-    if (mark && this.doubts.asks(task, mark)) return;
+    if (mark && !sure && this.doubts.asks(task, mark)) return;
     const { task_id: taskId, vertex, frame, own } = task;
     await this.guarded(async () => {
       const answer = await outbox.add({

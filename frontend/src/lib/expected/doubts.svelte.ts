@@ -21,8 +21,6 @@ export class Doubts {
   private nominal: Mount | null = null;
   private expected: Expectation | null = null;
   private stale = true;
-  /** The task whose mark was asked about: it is asked once. */
-  private asked = "";
 
   /** Reads the rig's mount and what the person marked before. Without them nothing is asked. */
   async start(detectionId: string, camera: string): Promise<void> {
@@ -44,7 +42,6 @@ export class Doubts {
   /** A vertex is shown: an earlier mark of it does not predict its new one. */
   show(task: MarkingTask): void {
     this.dismiss();
-    this.asked = "";
     const others = this.pairs.filter((one) => one.vertexId !== task.vertex.id);
     this.stale ||= others.length < this.pairs.length;
     this.pairs = others;
@@ -57,11 +54,9 @@ export class Doubts {
     this.stale = false;
   }
 
-  /** Whether the person is asked about this mark now. */
+  /** Whether the person is asked about this mark. */
   asks(task: MarkingTask, mark: Pixel): boolean {
-    if (this.asked === task.task_id) return false;
     this.question = this.expected?.doubts(placeOf(task), mark) ?? null;
-    if (this.question) this.asked = task.task_id;
     return this.question !== null;
   }
 
