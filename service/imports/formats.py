@@ -36,9 +36,9 @@ _Member = Mapping[str, Any]
 
 
 class _Kind(NamedTuple):
-    """A format: whether a document is one, and its reader. ``files``: how many belong together."""
+    """A format: whether a document is of it, and its reader. ``files``: how many belong together."""
 
-    is_one: Callable[[_Member], bool]
+    fits: Callable[[_Member], bool]
     read: Callable[[str, _Member], Contents]
     files: int = 1
 
@@ -85,7 +85,7 @@ def _read(name: str, document: _Member, files: int, stated: ImportFormat | None,
     fitting: list[ImportFormat] = [
         format
         for format, kind in _KINDS.items()
-        if kind.is_one(document) and (not storage or format in ("opencv", "opencv_stereo"))
+        if kind.fits(document) and (not storage or format in ("opencv", "opencv_stereo"))
     ]
     if storage:
         fitting.append("opencv")

@@ -98,6 +98,19 @@ class Confirmer:
         assert answered.value.ok, verdict
         return verdict
 
+    def confirm_all(self) -> None:
+        """Go through the pages to the end, and flag each shifted mark."""
+        accept, ended = self.page.get_by_role("button", name="Accept"), self.page.get_by_text("No mark is left")
+        for _ in range(15):
+            expect(accept.and_(self.page.locator(":enabled")).or_(ended)).to_be_visible()
+            if ended.is_visible():
+                return
+            for vertex in self.shifted():
+                self.tile(vertex).focus()
+                self.page.keyboard.press(" ")
+            assert self.accept()["accepted"]
+        raise AssertionError("the pages of crops do not end")
+
 
 @pytest.mark.timeout(400)
 def test_who_accepts_everything_is_told_so_and_who_looks_comes_to_the_end(
@@ -135,18 +148,7 @@ def test_who_accepts_everything_is_told_so_and_who_looks_comes_to_the_end(
     expect(page.get_by_text("Your answer is kept in this browser.")).to_be_visible()
     page.context.set_offline(False)
     assert cora.accept()["accepted"]
-    for _ in range(12):
-        expect(
-            page.get_by_role("button", name="Accept")
-            .and_(page.locator(":enabled"))
-            .or_(page.get_by_text("No mark is left"))
-        ).to_be_visible()
-        if page.get_by_text("No mark is left").is_visible():
-            break
-        for vertex in cora.shifted():
-            cora.tile(vertex).focus()
-            page.keyboard.press(" ")
-        assert cora.accept()["accepted"]
+    cora.confirm_all()
     blind = sum(item["verdict"] == "confirmed" and vertex in marks for vertex, item in marker.own_marks().items())
     progress = track.owner.marking.crop_progress(track.detection_id, "front")
     assert progress.judged == progress.marks == len(marks)

@@ -99,18 +99,7 @@ def test_eight_clicks_lead_from_a_bag_to_a_urdf(
     track = Track(served["url"], owner, str(recording.fleet_id), *ids, {}, (size[0], size[1]))
     person, marker = Confirmer(page, track, marks), Marker(page, track)
     person.mark_blind(marker)
-    for _ in range(15):
-        expect(
-            page.get_by_role("button", name="Accept")
-            .and_(page.locator(":enabled"))
-            .or_(page.get_by_text("No mark is left"))
-        ).to_be_visible()
-        if page.get_by_text("No mark is left").is_visible():
-            break
-        for vertex in person.shifted():
-            person.tile(vertex).focus()
-            page.keyboard.press("w")
-        assert person.accept()["accepted"]
+    person.confirm_all()
     confirming = clicks(page) - 2
 
     page.get_by_role("button", name="Calibrate front").click()

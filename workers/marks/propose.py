@@ -83,7 +83,8 @@ class _TriedMount:
 
     def support(self, scatter: float = 1.0) -> float:
         """The same, each sight by how well its mark agrees, if scores scatter so (MSAC: Torr and Zisserman 2000)."""
-        return sum(max(0.0, 1.0 - (score / (scatter * _OFF_MOUNT)) ** 2) for score in self.scores)
+        limit = scatter * _OFF_MOUNT
+        return sum(1.0 - (score / limit) ** 2 for score in self.scores if score < limit)
 
     def is_rivalled_by(self, other: _TriedMount) -> bool:
         """Whether the other explains as many sights as an accident does not, as sharply as this mount does."""

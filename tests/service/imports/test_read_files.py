@@ -115,8 +115,8 @@ def test_what_we_write_is_read_to_the_same_bits(name, model):
             for camera in calibrated.cameras
         ]
         size = (calibrated.cameras[0].width, calibrated.cameras[0].height)
-        asked = {"image_size": size} if name == "direct_visual" else {}
-        found, order = [read(folder, **asked).cameras[0] for folder in folders], calibrated.cameras
+        stated = {"image_size": size} if name == "direct_visual" else {}
+        found, order = [read(folder, **stated).cameras[0] for folder in folders], calibrated.cameras
     else:
         found = [one for one in read(files).cameras if not one.name.startswith("rect")]
         order = calibrated.cameras
@@ -145,9 +145,9 @@ intrinsics: [458.654, 457.296, 367.215, 248.375] #fu, fv, cu, cv
 distortion_model: radial-tangential
 distortion_coefficients: [-0.28, 0.07, 0.0002, 1.7e-05]
 """
-    told = read(sensor)
-    (camera,) = told.cameras
-    assert told.format == "euroc" and "body" in told.notes[0] and camera.T_camera_lidar is None
+    contents = read(sensor)
+    (camera,) = contents.cameras
+    assert contents.format == "euroc" and "body" in contents.notes[0] and camera.T_camera_lidar is None
     assert (camera.lens.model, camera.lens.K[0], camera.lens.width) == ("brown_conrady", 458.654, 752)
     assert camera.lens.D[:4] == [-0.28, 0.07, 0.0002, 1.7e-05]
 
@@ -170,11 +170,11 @@ def test_what_opencvs_stereo_calibration_writes():
         "intrinsics.yml": storage(M1=M, D1=D, M2=M, D2=0.5 * D),
         "extrinsics.yml": storage(R=turn, T=np.array([[-0.12], [0.0], [0.01]]), Q=np.eye(4)),
     }
-    told = read(files, image_size=(640, 480))
-    assert told.format == "opencv_stereo"
-    assert [camera.name for camera in told.cameras] == ["1", "2"]
-    assert [camera.lens.D[0] for camera in told.cameras] == [-0.1, -0.05]
-    (between,) = told.camera_transforms
+    contents = read(files, image_size=(640, 480))
+    assert contents.format == "opencv_stereo"
+    assert [camera.name for camera in contents.cameras] == ["1", "2"]
+    assert [camera.lens.D[0] for camera in contents.cameras] == [-0.1, -0.05]
+    (between,) = contents.camera_transforms
     assert (between.to_frame, between.from_frame, between.translation_m) == ("2", "1", [-0.12, 0.0, 0.01])
     assert np.allclose(matrix(between)[:3, :3], turn, atol=1e-12)
 
@@ -202,9 +202,14 @@ def test_what_sensors_calibration_writes():
             }
         ),
     }
-    told = read(files)
-    (camera,) = told.cameras
-    assert (told.format, camera.name, camera.lens.K, camera.lens.width) == ("sensors_calibration", "front", K, 640)
+    contents = read(files)
+    (camera,) = contents.cameras
+    assert (contents.format, camera.name, camera.lens.K, camera.lens.width) == (
+        "sensors_calibration",
+        "front",
+        K,
+        640,
+    )
     assert camera.T_camera_lidar.from_frame == "top_lidar" and (matrix(camera.T_camera_lidar) == turned).all()
 
 
