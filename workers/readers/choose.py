@@ -128,7 +128,7 @@ def _lidar(recording: Recording, name: str | None) -> Sensor:
             named = ", ".join([topic for topic, maker in packets.items() if maker is not None][:_MOST_LISTED])
             raise ReadError(
                 "lidar_packets_not_read",
-                f"The recording holds raw packets of a LiDAR by {' and '.join(makers)}, which are not read: {named}.",
+                f"The recording holds packets of a LiDAR by {' and '.join(makers)} that cannot be read: {named}.",
                 instead(makers),
                 {"candidates": []},
             )

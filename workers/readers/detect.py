@@ -13,7 +13,7 @@ from workers.readers.recording import ReadError, Recording
 
 HEAD_BYTES: Final = 1024
 FORMATS: Final = (
-    "a ROS 1 bag, a ROS 2 bag, an MCAP file, a capture of a Velodyne's packets (pcap, pcapng), or a folder, zip or "
+    "a ROS 1 bag, a ROS 2 bag, an MCAP file, a capture of a LiDAR's packets (pcap, pcapng), or a folder, zip or "
     "tar of these, of videos, and of clouds (PCD, PLY, KITTI, .npy, .csv) and images"
 )
 

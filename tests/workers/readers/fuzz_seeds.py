@@ -4,10 +4,11 @@ import zipfile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import making_ouster as ouster
 import numpy as np
 import zstandard
 from formats import csv, named, npy, pcd, ply, table, tar_of, zip_of
-from making_packets import captured, packets, write_pcap, write_pcapng
+from making_packets import captured, datagram, packets, write_pcap, write_pcapng
 from making_recordings import (
     IMAGE,
     PERIOD_NS,
@@ -173,6 +174,14 @@ def video_members():
     }
 
 
+def ouster_members():
+    """A capture of an Ouster's packets, what it says of itself, and images."""
+    with TemporaryDirectory() as folder:
+        frames = [(at, datagram(data, port=7502)) for at, data in ouster.packets("RNG15_RFL8_NIR8", 1.2, rows=16)]
+        capture = write_pcap(Path(folder) / "a.pcap", frames).read_bytes()
+    return {"a.pcap": capture, "a.json": ouster.metadata("RNG15_RFL8_NIR8", rows=16)} | _images()
+
+
 # Where the bytes of a whole file are packed or checked, damage ends at the checksum; so one member of a folder
 # is damaged and packed again. (what packs them, the folder)
 REPACKED = {
@@ -183,6 +192,7 @@ REPACKED = {
     "tables": (tar_of, table_members),
     "PLY": (tar_of, ply_members),
     "bag and video": (tar_of, video_members),
+    "Ouster": (tar_of, ouster_members),
 }
 SEEDS = {
     "rosbag1": rosbag1,

@@ -1,1 +1,1 @@
-"""Network captures of Velodyne sensors: packets in, sweeps out."""
+"""Network captures of LiDARs: packets in, sweeps out. A maker is a folder."""

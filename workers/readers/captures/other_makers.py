@@ -1,4 +1,4 @@
-"""LiDARs whose packets are not read: told by their message types and datagrams, so that a refusal can name them."""
+"""Packets that cannot be read: their maker is told by message types and datagrams, so that a refusal can name it."""
 
 from __future__ import annotations
 
@@ -23,10 +23,13 @@ _ROBOSENSE: Final = (b"\x55\xaa\x05\x0a", b"\x55\xaa\x05\x5a")
 
 # What each maker's driver records instead, as its documentation names it.
 _INSTEAD: Final = {
-    "Hesai": "Record the driver's point cloud (sensor_msgs/PointCloud2, for example /lidar_points or /hesai/pandar).",
-    "Ouster": "Record the driver's point cloud (sensor_msgs/PointCloud2, /ouster/points).",
+    "Hesai": "Play them through the maker's HesaiLidar_ROS_2.0 and record the sensor_msgs/PointCloud2 that it "
+    "publishes (/lidar_points).",
+    "Ouster": "An Ouster's packets are read with its metadata: put the .json that `ouster-cli source SENSOR "
+    "metadata` writes and the capture into one folder or zip; in a bag, record its driver's topic `metadata` too.",
     "Livox": "A Livox's points lie on no rings, which are needed to find the board. Record a spinning LiDAR.",
-    "RoboSense": "Record the driver's point cloud (sensor_msgs/PointCloud2, /rslidar_points).",
+    "RoboSense": "Play them through the maker's rslidar_sdk (msg_source 3 for a capture, 2 for packet messages) and "
+    "record the sensor_msgs/PointCloud2 that it publishes (/rslidar_points).",
 }
 
 

@@ -10,7 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-_HOUR_US: Final = 3_600_000_000
+import numpy as np
+from numpy.typing import NDArray
+
+HOUR_US: Final = 3_600_000_000
+_PACKET_NS: Final = 1_327_104
+_DELAYED_NS: Final = 100_000_000  # a driver may hold packets for a turn and stamp them when it lets them go
 # One part in this: no pair of quartz clocks drifts faster than 100 ppm.
 _DRIFT: Final = 10_000
 _JUMP_NS: Final = 50_000_000
@@ -48,9 +53,9 @@ class PacketClock:
             self._anchor_ns = host_ns - self.packet_ns - self.lead_ns
             self._host_ns, self._device_us = host_ns, device_us
             return self._anchor_ns
-        step_us = (device_us - self._device_us) % _HOUR_US
-        if step_us > _HOUR_US // 2:
-            step_us -= _HOUR_US
+        step_us = (device_us - self._device_us) % HOUR_US
+        if step_us > HOUR_US // 2:
+            step_us -= HOUR_US
         elapsed_ns = step_us * 1000
         host_step_ns = host_ns - self._host_ns
         self._device_us, self._host_ns = device_us, host_ns
@@ -81,3 +86,63 @@ class PacketClock:
         self._anchor_ns = difference
         self._late = 0
         self.jumps += 1
+
+
+@dataclass(frozen=True, slots=True)
+class ClockFacts:
+    """How the stamps of a sensor and of its host go together.
+
+    Attributes:
+        packet_ns, device, lead_ns: as :class:`PacketClock` takes them.
+        elapsed_ns: from the first packet to the last.
+        note: a sentence about it.
+    """
+
+    packet_ns: int
+    device: bool
+    lead_ns: int
+    elapsed_ns: float
+    note: str
+
+    def clock(self) -> PacketClock:
+        """A clock for the sensor's packets, from the first one on."""
+        return PacketClock(self.packet_ns, self.device, self.lead_ns)
+
+
+def learn_clock(host_ns: NDArray[np.int64], device_us: NDArray[np.int64], where: str) -> ClockFacts:
+    """Compare the stamps of a sensor's first packets with the host's.
+
+    Args:
+        host_ns, device_us: (N,) int64, N > 0, in recorded order; the sensor's own modulo an hour.
+        where: names the sensor in messages.
+    """
+    step_us = np.mod(np.diff(device_us) + HOUR_US // 2, HOUR_US) - HOUR_US // 2
+    elapsed = float(host_ns[-1] - host_ns[0])
+    turned = float(step_us.sum()) * 1000
+    device = bool(
+        len(host_ns) > 20
+        and np.mean(step_us > 0) > 0.9
+        and (elapsed <= 0 or abs(turned - elapsed) < 0.05 * elapsed + _DELAYED_NS)
+    )
+    if not device:
+        note = (
+            f"{where}: the sensor's own stamps do not run with the capture's clock; packets have the moments at "
+            "which they were captured."
+        )
+        return ClockFacts(_host_packet_ns(host_ns), False, 0, elapsed, note)
+    late = host_ns - np.r_[0, np.cumsum(step_us)] * 1000
+    first = np.searchsorted(np.cumsum(step_us), 1_000_000) + 1
+    hour = HOUR_US * 1000
+    behind = np.mod(device_us * 1000 - host_ns + hour // 2, hour) - hour // 2
+    note = (
+        f"{where}: times are the capture's (the host's clock), evened by the sensor's own; the sensor's clock reads "
+        f"{float(np.median(behind)) / 1e6:+.1f} ms against the host's, modulo an hour."
+    )
+    packet_ns = round(float(np.median(step_us)) * 1000)
+    return ClockFacts(packet_ns, True, int(late[0] - late[:first].min()), turned, note)
+
+
+def _host_packet_ns(host_ns: NDArray[np.int64]) -> int:
+    steps = np.diff(host_ns)
+    usable = steps[(steps > 10_000) & (steps < 10_000_000)]
+    return int(np.median(usable)) if len(usable) else _PACKET_NS

@@ -1,9 +1,9 @@
-"""Network captures (pcap, pcapng) of Velodyne sensors: every sensor in them a LiDAR."""
+"""Network captures (pcap, pcapng) of LiDARs' packets: every sensor in them a LiDAR."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -12,9 +12,10 @@ from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.capture import CaptureFile
 from workers.readers.captures.datagrams import KNOWN_LINKS, Datagrams, endpoint
 from workers.readers.captures.other_makers import instead, maker_of_datagram
-from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, learn_packets
-from workers.readers.captures.velodyne import FIELDS, SweepCutter
-from workers.readers.captures.velodyne_models import is_data_packet
+from workers.readers.captures.ouster.cutter import OusterSource
+from workers.readers.captures.ouster.metadata import read_metadata
+from workers.readers.captures.packets import FIELDS, SAMPLE_PACKETS, Packet, PacketSource, PacketStream, SweepCutter
+from workers.readers.captures.velodyne.cutter import VelodyneSource
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
 
 _SAMPLE_BYTES: Final = 24_000_000
@@ -26,8 +27,9 @@ _Key = tuple[bytes, int]
 
 @dataclass(slots=True)
 class _Overview:
-    """What the beginning of a capture holds."""
+    """What the beginning of a capture holds; of a sender that is a sensor, whose it is and its first packets."""
 
+    sources: dict[_Key, PacketSource] = field(default_factory=dict[_Key, PacketSource])
     packets: dict[_Key, list[Packet]] = field(default_factory=dict[_Key, list[Packet]])
     others: Counter[tuple[bytes, int, int]] = field(default_factory=Counter[tuple[bytes, int, int]])
     links: set[int] = field(default_factory=set[int])
@@ -36,17 +38,26 @@ class _Overview:
 
 
 class PcapRecording(Recording):
-    """A capture of what Velodyne sensors send; each sender and port is one LiDAR, named ``address:port``.
+    """A capture of what LiDARs send; each sender and port is one LiDAR, named ``address:port``.
+
+    Args:
+        path: the capture.
+        options: what the owner knows.
+        metadata: by their paths, the documents beside it in which Ouster sensors say what they are.
 
     Raises:
-        ReadError: ``capture_damaged``, ``no_lidar_packets``, ``lidar_packets_not_read``, and what
-            :func:`learn_packets` raises.
+        ReadError: ``capture_damaged``, ``no_lidar_packets``, ``lidar_packets_not_read``,
+            ``lidar_metadata_unusable``, and what the makers' sources raise.
     """
 
     format = "pcap"
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
+    def __init__(self, path: Path, options: ReadOptions, metadata: Mapping[str, bytes] | None = None) -> None:
         self._path = path
+        self._sources: list[PacketSource] = [
+            VelodyneSource(),
+            *(OusterSource(read_metadata(data, name)) for name, data in (metadata or {}).items()),
+        ]
         self._options = options
         self._capture = CaptureFile(path)
         self._cutters: dict[str, SweepCutter] = {}
@@ -56,8 +67,9 @@ class PcapRecording(Recording):
         if not overview.packets:
             raise self._nothing(overview)
         self._keys = {key: endpoint(*key) for key in overview.packets}
+        self._of_sender = overview.sources
         self._streams: dict[str, PacketStream] = {
-            self._keys[key]: learn_packets(sample, options, self._keys[key])
+            self._keys[key]: self._of_sender[key].learn(sample, options, self._keys[key])
             for key, sample in overview.packets.items()
         }
         self._other_topics = [
@@ -75,7 +87,9 @@ class PcapRecording(Recording):
             if datagram is None:
                 continue
             sender, _, port, payload = datagram
-            if is_data_packet(payload):
+            source = overview.sources.get((sender, port)) or self._source(payload)
+            if source is not None and source.takes(payload):
+                overview.sources[sender, port] = source
                 sample = overview.packets.setdefault((sender, port), [])
                 if len(sample) < SAMPLE_PACKETS:
                     sample.append((host_ns, payload))
@@ -89,6 +103,9 @@ class PcapRecording(Recording):
             if self._capture.position > _SAMPLE_BYTES and overview.packets:
                 break
         return overview
+
+    def _source(self, payload: bytes) -> PacketSource | None:
+        return next((source for source in self._sources if source.takes(payload)), None)
 
     def _nothing(self, overview: _Overview) -> ReadError:
         if not overview.frames:
@@ -112,16 +129,17 @@ class PcapRecording(Recording):
             makers = sorted(overview.makers)
             return ReadError(
                 "lidar_packets_not_read",
-                f"{self._path.name} holds the packets of a LiDAR by {' and '.join(makers)}, which are not read: "
+                f"{self._path.name} holds packets of a LiDAR by {' and '.join(makers)} that cannot be read: "
                 f"{listed}.",
                 instead(makers),
             )
         return ReadError(
             "no_lidar_packets",
-            f"{self._path.name} holds no packets of a Velodyne sensor among {overview.frames}"
+            f"{self._path.name} holds no packets of a LiDAR that is read among {overview.frames}"
             + (f"; its datagrams: {listed}." if listed else " and no whole UDP datagram."),
-            "Captures of Velodyne sensors are read (UDP, 1206 bytes a packet, port 2368 unless set otherwise). "
-            "For another maker's sensor, record its driver's point cloud.",
+            "Captures of Velodyne sensors are read (UDP, 1206 bytes a packet, port 2368 unless set otherwise), and "
+            "those of Ouster sensors together with their metadata (.json). For another maker's sensor, record its "
+            "driver's point cloud.",
         )
 
     @property
@@ -133,7 +151,7 @@ class PcapRecording(Recording):
                 name,
                 "",
                 None,
-                {"fields": FIELDS, "model": stream.decoding.model.title, "rate_hz": f"{1e9 / stream.sweep_ns:.3g}"},
+                {"fields": FIELDS, "model": stream.title, "rate_hz": f"{1e9 / stream.sweep_ns:.3g}"},
             )
             for name, stream in self._streams.items()
         ]
@@ -171,10 +189,14 @@ class PcapRecording(Recording):
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """All chosen sensors in one pass, each sweep when it is whole."""
         chosen = {sensor.name: sensor for sensor in sensors}
-        cutters = {name: SweepCutter(self._streams[name], self._options, name) for name in chosen}
+        cutters: dict[str, SweepCutter] = {name: self._streams[name].cutter(self._options) for name in chosen}
         self._cutters |= cutters
         self._strangers.clear()
-        by_sender = {key: (chosen[name], cutters[name]) for key, name in self._keys.items() if name in chosen}
+        by_sender = {
+            key: (chosen[name], self._of_sender[key].takes, cutters[name])
+            for key, name in self._keys.items()
+            if name in chosen
+        }
         datagrams = Datagrams()
         for host_ns, link, frame in self._capture.frames():
             datagram = datagrams.take(link, frame)
@@ -183,16 +205,18 @@ class PcapRecording(Recording):
             sender, _, port, payload = datagram
             of_sender = by_sender.get((sender, port))
             if of_sender is None:
-                if is_data_packet(payload) and (sender, port) not in self._keys and len(self._strangers) < _FEW:
+                is_silent_at_first = (sender, port) not in self._keys and len(self._strangers) < _FEW
+                if is_silent_at_first and self._source(payload) is not None:
                     self._strangers[endpoint(sender, port)] += 1
                 continue
-            if not is_data_packet(payload):
+            sensor, takes, cutter = of_sender
+            if not takes(payload):
                 continue
-            sweep = of_sender[1].add(host_ns, payload)
+            sweep = cutter.add(host_ns, payload)
             if sweep is not None:
-                yield of_sender[0], sweep
+                yield sensor, sweep
         self._fragments = datagrams.fragments
-        for sensor, cutter in by_sender.values():
+        for sensor, _, cutter in by_sender.values():
             sweep = cutter.finish()
             if sweep is not None:
                 yield sensor, sweep

@@ -13,7 +13,7 @@ from typing import Any, Final
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from workers.readers.captures.velodyne_models import is_data_packet
+from workers.readers.captures.velodyne.models import is_data_packet
 from workers.readers.clouds.pointcloud2 import PointCloud2, PointField
 from workers.readers.recording import ReadError
 from workers.readers.ros.camera_info import camera_info
@@ -34,6 +34,8 @@ IMAGE: Final = "sensor_msgs/msg/Image"
 COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"
 INFO: Final = "sensor_msgs/msg/CameraInfo"
 PACKETS: Final = "velodyne_msgs/msg/VelodyneScan"
+# One packet a message, of the LiDAR or of its inertial unit, by the name of the driver's package.
+OUSTER_PACKETS: Final = ("ouster_ros/msg/PacketMsg", "ouster_sensor_msgs/msg/PacketMsg")
 TRANSFORM: Final = "tf2_msgs/msg/TFMessage"
 TEXT: Final = "std_msgs/msg/String"
 # By its name in ROS 2 and in ROS 1, and by that of tf before it.
@@ -69,6 +71,7 @@ _USUAL: Final[Mapping[str, str]] = {
     PACKETS: "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n"
     + _NEXT
     + "MSG: velodyne_msgs/VelodynePacket\nbuiltin_interfaces/Time stamp\nuint8[1206] data\n",
+    **dict.fromkeys(OUSTER_PACKETS, "uint8[] buf\n"),
     "foxglove_msgs/msg/PointCloud": _STAMP
     + "geometry_msgs/Pose pose\nuint32 point_stride\nfoxglove_msgs/PackedElementField[] fields\nuint8[] data\n"
     + _NEXT
@@ -193,7 +196,11 @@ def _read_info(message: Any) -> CameraInfo:
 def _read_packets(message: Any) -> Message:
     stamp_ns, frame_id = _head(message)
     packets = ((_stamp(packet.stamp) or stamp_ns, packet.data.tobytes()) for packet in message.packets)
-    return PacketMessage(stamp_ns, frame_id, [packet for packet in packets if is_data_packet(packet[1])])
+    return PacketMessage(stamp_ns, frame_id, [packet for packet in packets if is_data_packet(packet[1])], "Velodyne")
+
+
+def _read_ouster_packet(message: Any) -> Message:
+    return PacketMessage(0, "", [(0, message.buf.tobytes())], "Ouster")
 
 
 _READERS: Final = {
@@ -202,5 +209,6 @@ _READERS: Final = {
     COMPRESSED: _read_compressed,
     INFO: _read_info,
     PACKETS: _read_packets,
+    **dict.fromkeys(OUSTER_PACKETS, _read_ouster_packet),
     **{f"foxglove_msgs/msg/{name}": read for name, read in FOXGLOVE_MESSAGES.items()},
 }

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.captures.velodyne import FIELDS
+from workers.readers.captures.packets import FIELDS
 from workers.readers.clouds.pointcloud2 import PointCloud2
 from workers.readers.images.headers import read_image_header
 from workers.readers.recording import ReadError, Sensor
@@ -79,9 +79,10 @@ class RawImage(StampedMessage):
 
 @dataclass(frozen=True, slots=True)
 class PacketMessage(StampedMessage):
-    """Packets of a Velodyne sensor, each with the host's stamp."""
+    """Packets of a LiDAR by ``maker``, each with the host's stamp, 0 where the driver states none."""
 
     packets: Sequence[tuple[int, bytes]]
+    maker: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +130,7 @@ def topic_sensor(topic: BagTopic, first: Message | None) -> Sensor:
     name, count = topic.name, topic.count
     frame_id = "" if first is None else first.frame_id
     if isinstance(first, PacketMessage):
-        return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": FIELDS, "model": "Velodyne"})
+        return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": FIELDS, "model": first.maker})
     if isinstance(first, CloudMessage):
         fields = " ".join(field.name for field in first.cloud.fields)
         return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": fields})

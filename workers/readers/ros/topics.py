@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.readings import ReadOptions
-from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, evened, learn_packets
-from workers.readers.captures.velodyne import SweepCutter
+from workers.readers.captures.packets import SAMPLE_PACKETS, Packet, PacketSource, PacketStream, SweepCutter
 from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
 from workers.readers.clouds.pointcloud2 import cloud_columns
 from workers.readers.images.still_images import image_frame
@@ -21,6 +20,7 @@ from workers.readers.images.transcode import raw_to_png
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, StaticTransform, Sweep
 from workers.readers.ros.camera_info import image_kind, info_document, match_infos
 from workers.readers.ros.containers import Container, SplitContainer
+from workers.readers.ros.packet_topics import is_stampless, packet_source, stamped_packets
 from workers.readers.ros.static_transforms import static_transforms
 from workers.readers.ros.topic_messages import (
     BagTopic,
@@ -61,6 +61,7 @@ class TopicRecording(Recording):
         self._container = container
         self._options = options
         self._models: dict[str, CloudModel] = {}
+        self._sources: dict[str, PacketSource] = {}
         self._streams: dict[str, PacketStream] = {}
         self._cutters: dict[str, SweepCutter] = {}
         self._videos: dict[str, MessageVideo] = {}
@@ -84,6 +85,10 @@ class TopicRecording(Recording):
                 self._other_topics.append(f"{described(topic)}: {error.message}")
                 continue
             first = None if decoder is None else self._first(topic, decoder)
+            if isinstance(first, PacketMessage):
+                source = packet_source(self._container, topic, first)
+                decoder = decoder if source else None
+                self._sources |= {topic.name: source} if source else {}
             if decoder is None or isinstance(first, CameraInfo) or (first is None and topic.type.endswith(_INFOS)):
                 self._other_topics.append(described(topic))
                 if isinstance(first, CameraInfo):
@@ -151,7 +156,7 @@ class TopicRecording(Recording):
                 yield log_ns, stamp_ns
 
     def _is_packets(self, sensor: Sensor) -> bool:
-        return "model" in sensor.notes
+        return sensor.name in self._sources
 
     def _model(self, sensor: Sensor) -> CloudModel:
         if sensor.name not in self._models:
@@ -176,17 +181,16 @@ class TopicRecording(Recording):
                 for packet in self._packets(sensor, log_ns, raw)
             )
             sample = list(islice(packets, SAMPLE_PACKETS))
-            self._streams[sensor.name] = learn_packets(sample, self._options, sensor.name)
+            self._streams[sensor.name] = self._sources[sensor.name].learn(sample, self._options, sensor.name)
         return self._streams[sensor.name]
 
     def _packets(self, sensor: Sensor, log_ns: int, raw: bytes) -> Sequence[Packet]:
         message = self._decoders[sensor.name](raw)
         if not isinstance(message, PacketMessage):
             return ()
-        if any(host_ns == 0 for host_ns, _ in message.packets):
+        if is_stampless(message):
             self._stampless.add(sensor.name)
-            return evened(log_ns, [data for _, data in message.packets])
-        return message.packets
+        return stamped_packets(message, self._sources[sensor.name], log_ns)
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """All chosen topics in one pass, in recorded order."""
@@ -195,7 +199,7 @@ class TopicRecording(Recording):
         self._cutters.clear()
         for sensor in sensors:  # what is not usable is said before anything is read
             if self._is_packets(sensor):
-                self._cutters[sensor.name] = SweepCutter(self._stream(sensor), self._options, sensor.name)
+                self._cutters[sensor.name] = self._stream(sensor).cutter(self._options)
             elif sensor.kind == "lidar":
                 self._model(sensor)
         for name, log_ns, raw in self._container.messages(by_name) if by_name else ():

@@ -10,6 +10,8 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from apexcal.documents.readings import ReadOptions
+from workers.readers.captures.ouster.metadata import METADATA_BYTES, is_ouster_metadata
+from workers.readers.captures.pcap import PcapRecording
 from workers.readers.detect import HEAD_BYTES, TREE, FileFormat, format_of
 from workers.readers.recording import ReadError, Recording
 from workers.readers.trees.cloud_files import is_cloud_table
@@ -32,6 +34,7 @@ from workers.readers.trees.series import Series, find_series, is_sensor_file, st
 _BAG_FOLDER: Final = "metadata.yaml"
 _BAG_FILES: Final = {".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
 _VIDEO: Final = "workers.readers.images.video"
+_CAPTURE: Final = "workers.readers.captures.pcap"
 _TIMES: Final = frozenset({CSV_NAME, KITTI_NAME, KITTI_STARTS, KITTI_ENDS})
 _MAX_SOURCES: Final = 256
 _MAX_LISTED: Final = 20
@@ -45,12 +48,14 @@ class TreeContents:
         sources: bags, captures and videos, files or folders, by path.
         series: sensors whose every message is a file.
         tables: paths of ``timestamps.csv`` and of others with its columns.
+        metadata: paths of what Ouster sensors say of themselves.
         others: paths of what nobody reads.
     """
 
     sources: dict[str, FileFormat] = field(default_factory=dict[str, FileFormat])
     series: list[Series] = field(default_factory=list[Series])
     tables: list[str] = field(default_factory=list[str])
+    metadata: list[str] = field(default_factory=list[str])
     others: list[str] = field(default_factory=list[str])
 
 
@@ -159,6 +164,8 @@ def _look_inside(tree: FileTree, path: str, contents: TreeContents, sensor_files
         contents.tables.append(path)
     elif path.lower().endswith(".csv") and is_cloud_table(head):
         sensor_files.append(path)
+    elif path.lower().endswith(".json") and is_ouster_metadata(read_head(tree, path, METADATA_BYTES)):
+        contents.metadata.append(path)
     else:
         contents.others.append(path)
 
@@ -179,6 +186,9 @@ def _open_parts(
     for path, format_ in contents.sources.items():
         if format_.module == _VIDEO:
             recording = _open_video(tree, path, options, tables)
+        elif format_.module == _CAPTURE:
+            metadata = {name: read_file(tree, name) for name in contents.metadata}
+            recording = PcapRecording(tree.on_disk(path), options, metadata)
         else:
             recording = format_.open(tree.on_disk(path), options)
         parts.append(TreePart(recording, _below(path, top)))

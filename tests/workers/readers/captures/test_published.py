@@ -17,7 +17,7 @@ import yaml
 from scipy.spatial import cKDTree
 
 from apexcal.documents.readings import ReadOptions
-from workers.readers.captures.velodyne_models import PACKET
+from workers.readers.captures.velodyne.models import PACKET
 from workers.readers.choose import choose_sensors
 from workers.readers.detect import open_recording
 from workers.readers.ros.ros_types import PACKETS, ros_decoder

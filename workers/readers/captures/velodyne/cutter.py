@@ -7,6 +7,8 @@ once, so that no point is in two sweeps and none is lost.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from itertools import pairwise
 from typing import Any, Final
@@ -15,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.readings import ReadOptions
-from workers.readers.captures.packet_clock import PacketClock
-from workers.readers.captures.packet_stream import TURN, Packet, PacketStream
-from workers.readers.captures.velodyne_models import BLOCKS, DUAL, PACKET
-from workers.readers.recording import ReadError, Sweep
+from workers.readers.captures.packets import Packet
+from workers.readers.captures.velodyne.models import BLOCKS, DUAL, PACKET, is_data_packet
+from workers.readers.captures.velodyne.stream import TURN, TurnFacts, learn_turns
+from workers.readers.recording import LidarFacts, ReadError, Sweep
 
-FIELDS: Final = "x y z intensity ring time"
 _BACK: Final = 1_000
 # Less than the time from one laser to the next, 1.2 us at least, and more than float32 seconds lose.
 _MARGIN_NS: Final = 200
@@ -35,10 +36,10 @@ _UNFINISHED: Final = "times the sensor did not finish a turn in time; the sweep 
 _CLOCK_SET: Final = "times the sensor's clock and the host's were set against each other"
 
 
-class SweepCutter:
-    """Takes the packets of one sensor in recorded order and gives its sweeps."""
+class VelodyneCutter:
+    """The sweeps of one sensor, as :class:`workers.readers.captures.packets.SweepCutter` says."""
 
-    def __init__(self, stream: PacketStream, options: ReadOptions, where: str) -> None:
+    def __init__(self, stream: TurnFacts, options: ReadOptions, where: str) -> None:
         velodyne: Any = import_module("velodyne_decoder")
         library: Any = import_module("velodyne_decoder.velodyne_decoder_pylib")
         self._time_pair: Any = library.TimePair
@@ -48,7 +49,7 @@ class SweepCutter:
         self._stream = stream
         self._where = where
         self._stamp_only = options.point_times == "stamp_only"
-        self._clock = PacketClock(stream.packet_ns, stream.device, stream.lead_ns)
+        self._clock = stream.clock.clock()
         self._usual = (0xEEFF,) * BLOCKS  # of most sensors, told faster than by the set
         self._held: list[Packet] = []
         self._lead: Packet | None = None  # the packet before the held ones
@@ -98,7 +99,7 @@ class SweepCutter:
         """
         self._counts[_SPLIT] += 1
         width = self._width(data)
-        step = TURN * self._stream.packet_ns * width / (self._stream.sweep_ns * BLOCKS)
+        step = TURN * self._stream.clock.packet_ns * width / (self._stream.sweep_ns * BLOCKS)
         last = phases[jump - 1]
         even = [round(last + (k // width - (jump - 1) // width) * step) for k in range(jump, BLOCKS)]
         blocks = [data[100 * k : 100 * k + 100] for k in range(BLOCKS)]
@@ -117,8 +118,8 @@ class SweepCutter:
     def _cut(self, moment: int, data: bytes, phases: list[int], gap_ns: int) -> Sweep | None:
         """Hold a packet, and close the sweep where it crosses the seam or comes too late to belong to it."""
         stream = self._stream
-        if gap_ns > 1.5 * stream.packet_ns and phases[0] > self._phase:
-            self._counts[_LOST] += round(gap_ns / stream.packet_ns) - 1
+        if gap_ns > 1.5 * stream.clock.packet_ns and phases[0] > self._phase:
+            self._counts[_LOST] += round(gap_ns / stream.clock.packet_ns) - 1
         if not self._held:
             self._start_ns = moment - stream.decoding.model.early_ns
         crossing = None
@@ -171,7 +172,7 @@ class SweepCutter:
         lead, self._lead = self._lead, packets[-2] if len(packets) > 1 else None
         # At the first packet that it is given, the decoder does not know yet how fast the sensor turns: a VLS-128's
         # azimuths would be off by up to 0.16 degrees.
-        if lead is None or packets[0][0] - lead[0] >= 1.5 * self._stream.packet_ns:
+        if lead is None or packets[0][0] - lead[0] >= 1.5 * self._stream.clock.packet_ns:
             lead = self._led(packets)
         if lead is not None:
             packets = [lead, *packets]
@@ -202,7 +203,7 @@ class SweepCutter:
 
     def _led(self, packets: list[Packet]) -> Packet | None:
         """A packet without returns before the first one, as fast as the next one comes; None where that is far."""
-        if len(packets) < 2 or packets[1][0] - packets[0][0] >= 1.5 * self._stream.packet_ns:
+        if len(packets) < 2 or packets[1][0] - packets[0][0] >= 1.5 * self._stream.clock.packet_ns:
             return None
         (first_ns, first), (next_ns, following) = packets[:2]
         turned = int.from_bytes(following[2:4], "little") - int.from_bytes(first[2:4], "little")
@@ -236,6 +237,48 @@ class SweepCutter:
         """Sentences about what was met while reading."""
         counts = {**self._counts, _CLOCK_SET: self._clock.jumps}
         return [f"{self._where}: {count} {sentence}." for sentence, count in counts.items() if count]
+
+
+@dataclass(frozen=True, slots=True)
+class VelodyneStream:
+    """See :class:`workers.readers.captures.packets.PacketStream`."""
+
+    turns: TurnFacts
+    where: str
+
+    @property
+    def title(self) -> str:
+        """The sensor as its maker calls it."""
+        return self.turns.decoding.model.title
+
+    @property
+    def sweep_ns(self) -> int:
+        """Duration of a turn."""
+        return self.turns.sweep_ns
+
+    def facts(self, options: ReadOptions) -> LidarFacts:
+        """What holds for the whole recording."""
+        source = "stamp_only" if options.point_times == "stamp_only" else "per_point"
+        rings = self.turns.decoding.model.rings
+        return LidarFacts(rings, self.turns.sweep_ns, "start", source, tuple(self.turns.notes))
+
+    def cutter(self, options: ReadOptions) -> VelodyneCutter:
+        """Cut the sensor's packets, from the first one on."""
+        return VelodyneCutter(self.turns, options, self.where)
+
+
+class VelodyneSource:
+    """All of Velodyne's sensors; see :class:`workers.readers.captures.packets.PacketSource`."""
+
+    maker = "Velodyne"
+
+    def takes(self, payload: bytes) -> bool:
+        """Whether a payload looks like the measurements of a Velodyne sensor."""
+        return is_data_packet(payload)
+
+    def learn(self, sample: Sequence[Packet], options: ReadOptions, where: str) -> VelodyneStream:
+        """Learn from the first packets of a sensor how all of them become sweeps."""
+        return VelodyneStream(learn_turns(sample, options, where), where)
 
 
 def _kept(points: NDArray[np.void], keep: NDArray[np.bool_]) -> NDArray[np.void]:
