@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 _MAX_TOPICS: Final = 10_000
 _INFOS: Final = ("CameraInfo", "CameraCalibration")
+# What is wrong with one topic's own description is no reason to refuse the others.
+_OWN: Final = frozenset({"type_not_understood", "lidar_metadata_unusable"})
 
 
 class TopicRecording(Recording):
@@ -81,14 +83,16 @@ class TopicRecording(Recording):
         for topic in self._container.topics[:_MAX_TOPICS]:
             try:
                 decoder = self._container.decoder(topic)
-            except ReadError as error:  # a type of the file's own is no reason to refuse the other topics
+                first = None if decoder is None else self._first(topic, decoder)
+                if isinstance(first, PacketMessage):
+                    source = packet_source(self._container, topic, first)
+                    decoder = decoder if source else None
+                    self._sources |= {topic.name: source} if source else {}
+            except ReadError as error:
+                if error.code not in _OWN:
+                    raise
                 self._other_topics.append(f"{described(topic)}: {error.message}")
                 continue
-            first = None if decoder is None else self._first(topic, decoder)
-            if isinstance(first, PacketMessage):
-                source = packet_source(self._container, topic, first)
-                decoder = decoder if source else None
-                self._sources |= {topic.name: source} if source else {}
             if decoder is None or isinstance(first, CameraInfo) or (first is None and topic.type.endswith(_INFOS)):
                 self._other_topics.append(described(topic))
                 if isinstance(first, CameraInfo):
