@@ -198,16 +198,30 @@ def _poses(detection: DetectionView) -> str:
 
 
 def _size(detection: DetectionView) -> str:
-    """That the board does not look as large as it was said to be; empty where it does."""
+    """The board's size as its sweeps show it, beside the stated one; empty where they do not tell."""
     shown = detection.counts.size
     if shown is None:
         return ""
-    stated = sorted(float(detection.options[f"board_{edge}_m"]) for edge in ("width", "height"))
+    looks = f"\nThe board looks like {_edges(shown.seen_m)} m (+- {max(shown.sigma_m):.3f})"
+    if not _states_size(detection):
+        return f"{looks}. No size was stated: measure the edges and state them with --board to get the other corners."
+    stated = _edges(sorted(float(detection.options[f"board_{edge}_m"]) for edge in ("width", "height")))
+    if not shown.contradicts:
+        return f"{looks}; the stated {stated} m agree with that and were used."
+    if not shown.replaces:
+        return (
+            f"{looks}; you said {stated} m, which only unusual blooming of the edges would explain. The stated "
+            "size was used: measure the board's edges, and detect again if they differ."
+        )
     return (
-        f"\nThe board looks like {_edges(shown.seen_m)} m (+- {max(shown.sigma_m):.3f}); you said {_edges(stated)} "
-        "m. The detection used the size that the board shows. To get the other corners, measure its edges and detect "
-        "again."
+        f"{looks}; you said {stated} m. The detection used the size that the board shows. To get the other corners, "
+        "measure its edges and detect again."
     )
+
+
+def _states_size(detection: DetectionView) -> bool:
+    """Whether both edges of the board were stated."""
+    return all(float(detection.options.get(f"board_{edge}_m", 0.0)) > 0.0 for edge in ("width", "height"))
 
 
 def _edges(lengths: Sequence[float]) -> str:
@@ -232,6 +246,11 @@ def _advice(detection: DetectionView) -> str:
         return ""
     if detection.detector == "strict":
         return "\nHint: strict accepts few sweeps by its nature; --detector tolerant or refined accepts more."
+    if detection.detector == "refined" and not _states_size(detection):
+        return (
+            "\nHint: hardly any sweep was accepted, and the board's size was not stated. Measure its edges and state "
+            "them with --board: more sweeps count then (docs/detecting.md)."
+        )
     return (
         "\nHint: hardly any sweep was accepted. Something else in the region is as high or as wide as the board: "
         "narrow it (docs/detecting.md)."

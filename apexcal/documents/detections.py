@@ -64,13 +64,17 @@ class RollFacts(Document):
 
 
 class SizeSeen(Document):
-    """A board that does not look as large as it was said to be.
+    """The board's size as the near sweeps show it.
 
-    ``seen_m``: its edges as its boards show them, the shorter one first; ``sigma_m``: their standard deviations.
+    ``seen_m``: its edges, the shorter one first; ``sigma_m``: their standard deviations. ``contradicts``: boards
+    whose edges bloom as usual are not of the stated size. ``replaces``: no blooming explains the stated size, so the
+    detection used ``seen_m``; otherwise it used the stated size.
     """
 
     seen_m: tuple[float, float]
     sigma_m: tuple[float, float]
+    contradicts: bool = False
+    replaces: bool = False
 
 
 class DetectionCounts(Document):
@@ -80,8 +84,8 @@ class DetectionCounts(Document):
     another vertex is nearer to it in time. ``refused_sweeps`` holds, by reason, the first and the last number of each
     run of sweeps that were rejected for it. ``poses``: how many still poses the recording has, each of which gives
     one vertex at most; 0 for a walk. ``poses_stated``: its owner said so; otherwise it was noticed. ``poses_walked``:
-    its owner said so, but somebody walks in it. ``size`` is null unless the board does not look as large as the
-    options say. ``roll`` is null if the detector does not tell it.
+    its owner said so, but somebody walks in it. ``size`` is null where the near sweeps do not tell it. ``roll`` is
+    null if the detector does not tell it.
     """
 
     sweeps: int = 0

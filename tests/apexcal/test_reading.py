@@ -124,13 +124,22 @@ def test_reasons_say_what_to_change():
 
 
 def test_what_is_not_as_the_owner_said_is_said():
-    seen = SizeSeen(seen_m=(0.88, 1.199), sigma_m=(0.011, 0.011))
+    seen = SizeSeen(seen_m=(0.88, 1.199), sigma_m=(0.011, 0.011), contradicts=True, replaces=True)
     counts = DetectionCounts(sweeps=8, accepted=2, paired=2, poses=8, poses_stated=True, size=seen)
     options = {"board_width_m": 1.2, "board_height_m": 0.9}
     detection = DetectionView.model_construct(id="d", counts=counts, options=options, detector="refined")
     said = _detected(detection)
     assert "looks like 0.880 x 1.199 m (+- 0.011); you said 0.900 x 1.200 m" in said
     assert "somebody walks" not in said
+    assert "used the size that the board shows" in said
+    detection.counts = counts.model_copy(update={"size": seen.model_copy(update={"replaces": False})})
+    assert "you said 0.900 x 1.200 m, which only" in _detected(detection)
+    assert "The stated size was used" in _detected(detection)
+    agrees = seen.model_copy(update={"contradicts": False, "replaces": False})
+    detection.counts = counts.model_copy(update={"size": agrees})
+    assert "0.880 x 1.199 m (+- 0.011); the stated 0.900 x 1.200 m agree" in _detected(detection)
+    detection.options = {"board_width_m": 0.0, "board_height_m": 0.0}
+    assert "No size was stated" in _detected(detection)
     detection.counts = counts.model_copy(update={"size": None, "poses_walked": True})
     said = _detected(detection)
     assert "looks like" not in said

@@ -96,23 +96,27 @@ class PoseFacts:
 
 @dataclass(frozen=True, slots=True)
 class SizeFacts:
-    """A board that does not look as large as it was said to be.
+    """The board's size as its near sweeps show it.
 
     Attributes:
-        seen_m: its edges as its boards show them, the shorter one first.
+        seen_m: its edges, the shorter one first.
         sigma_m: their standard deviations.
+        contradicts: whether the boards, with edges that bloom as usual, disagree with the stated size.
+        replaces: whether no blooming explains the stated size; then vertices are of the size seen.
     """
 
     seen_m: tuple[float, float]
     sigma_m: tuple[float, float]
+    contradicts: bool = False
+    replaces: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """What a detector answers for a range of sweeps, in their order, and what it says of the board's given size.
+    """What a detector answers for a range of sweeps, in their order, and what it says of the board's size.
 
     Attributes:
-        size: where the board does not look as large as it was said to be; else None.
+        size: as the boards show it; None where they do not tell.
     """
 
     found: Sequence[Vertex | Rejection]
@@ -131,7 +135,7 @@ class Detections:
             the range's ends.
         refused: reason of each sweep without a vertex, by the sweep's number, in sweep order.
         poses: of a recording of still poses, whose vertices form no track; else None.
-        size: if the board does not look as large as it was said to be; else None.
+        size: as the boards show it; None where they do not tell.
     """
 
     vertices: list[Vertex]

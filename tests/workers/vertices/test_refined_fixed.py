@@ -106,7 +106,7 @@ def test_a_person_with_arms_forward_is_no_board(arms_forward, edges):
     size = {"board_width_m": edges[0], "board_height_m": edges[1]}
     found = detect_range(arms_forward, region, "refined", size, indices=range(70))
     assert not found.vertices
-    assert found.rejected["never_shown"] >= 5
+    assert found.rejected["never_shown"] >= 1
 
 
 def test_a_board_that_no_more_than_three_rings_meet_is_found():

@@ -1,8 +1,6 @@
-"""How far inside of an edge beams still meet the body, and what follows for the size."""
+"""How far inside of an edge beams still meet the body."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import pytest
 
@@ -11,7 +9,6 @@ from benchmarks.detection.walks import looked_at
 from tests.support.scenes.drawn import draw
 from workers.vertices.detectors import without_fixed
 from workers.vertices.refined.learning import learn
-from workers.vertices.refined.size import doubtful
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
@@ -33,15 +30,3 @@ def test_the_inset_is_the_beam_and_the_growth_is_much_less(drawn, learned):
     half_rad = 0.5e-3 * drawn.disturbances.beam_mrad
     assert learned.inset == pytest.approx(half_rad, rel=0.35)
     assert learned.growth < 0.25 * half_rad
-
-
-def test_a_growth_within_the_beam_is_no_doubt_of_the_size(learned):
-    class Board:
-        telling = True
-
-    boards = [Board(), Board(), Board(), Board()]
-    far_m = 30.0  # here the same growth is several hundredths of the edges
-    sharp = replace(learned, growth=0.5 * learned.inset, soft=learned.inset)
-    assert not doubtful(boards, sharp, far_m)
-    assert doubtful(boards, replace(sharp, growth=2.0 * learned.inset), far_m)
-    assert doubtful(boards, replace(sharp, inset=None), far_m)

@@ -3,59 +3,52 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workers.vertices.refined.board import inside_of, locate, weigh
-from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, any_roll
+from workers.vertices.refined.board_model import BEAM_M, EDGE_M, BoardModel, Floats, Plane, any_roll
 from workers.vertices.refined.growth import (
     BEAM_SIGMA_RAD,
     GROWTH_RAD,
     SOFT_DEG,
     any_growth,
-    likely_growth,
     usual_steps,
 )
 from workers.vertices.refined.holding import learn_roll
 from workers.vertices.refined.plane_learning import ENOUGH
 from workers.vertices.refined.rays import WRONG
+from workers.vertices.refined.size import SizeEstimate, climb
 
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
-_FIRST, _SOME = 5, 10
+_SOME, _STARTS = 10, 6
+_FEW = 8  # boards that choose where the climb over all of them starts
+_LEAST_M = 0.1
+_LEAST_GROWTH_RAD = 0.05e-3  # standard deviation, where the growth is stated
 _HOPELESS = -300.0
 _WIDE_ROLL = math.radians(12.0)  # the grid reaches 2.8 deviations: 34 degrees
-_GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
 _INSETS_RAD = (0.25e-3 * np.arange(1, 21)).tolist()  # beams are up to 10 mrad wide
 _MOST_WRONG = 0.45  # from one half on, a return would speak for the other side of an edge
 
 
-def learn_board(
-    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float
-) -> BoardModel:
-    """The board's edges where they are not given, their growth, which edge is where, and the roll."""
-    planes = no_taller(planes, edges)
+def learn_board(planes: Sequence[Plane], model: BoardModel, is_growth_open: bool) -> BoardModel:
+    """Return the model of a board with these edges: where they answer, which edge is where, and the roll."""
+    planes = no_taller(planes, model.edges)
     if len(planes) < ENOUGH:
         return model
     solid = [plane for plane in planes if plane.telling]
     enough = len(solid) >= ENOUGH
     steps = usual_steps()
-    if not all(edges):
-        model = _first_edges(planes, model, edges)
-    elif enough and growth_mrad < 0.0:
-        model = _first_growth(solid, model)
     for step in (1.0, 0.4):
-        if enough and all(edges):
-            model, steps = _learn_step(solid[:_SOME], model)
-        model = _refine(planes, model, edges, growth_mrad, step, steps)
-        if enough and all(edges):
-            model = _learn_inset(solid[:_SOME], model)
-        elif enough:
-            model = _learn_blur(solid[:_SOME], model)
         if enough:
-            model = _learn_wrong(solid[:_SOME], model)
+            model, steps = _learn_step(solid[:_SOME], model)
+        if is_growth_open:
+            model = _learn_growth(planes, model, step, steps)
+        if enough:
+            model = _learn_wrong(solid[:_SOME], _learn_inset(solid[:_SOME], model))
         # Growth and roll are told by the same edges, so each is learned again with the other.
         model = _learn_roll(planes, model)
     return model
@@ -72,12 +65,6 @@ def no_taller(planes: Sequence[Plane], edges: tuple[float, float]) -> Sequence[P
         if p.hits.size and np.ptp(p.hits[1]) < most + 2.0 * GROWTH_RAD[1] * float(np.median(p.reach))
     ]
     return fit if len(fit) >= ENOUGH else planes
-
-
-def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> BoardModel:
-    """Of a coarse table of lengths those that explain the best seen boards best."""
-    best = max(_table(model, edges), key=lambda candidate: evidence(planes[:_FIRST], candidate))
-    return replace(best, slack=0.0)
 
 
 def _table(model: BoardModel, edges: tuple[float, float]) -> list[BoardModel]:
@@ -106,22 +93,6 @@ def some_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, f
     half_step = 0.5 * (_LENGTHS_M[1] / _LENGTHS_M[0] - 1.0) * other
     slack = min(2.0 * float(spread.max()) + half_step, model.slack)
     return replace(model, edges=(first, other), slack=slack, sizes_tried=len(tried))
-
-
-def _first_growth(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
-    """Of a coarse table of growths and widths of the step at an edge those that explain the best seen boards best."""
-    tried = [
-        replace(model, growth=growth, inset=max(growth, BEAM_SIGMA_RAD), soft=math.radians(deg))
-        for growth in _GROWTHS_RAD
-        for deg in SOFT_DEG
-    ]
-    return max(tried, key=lambda candidate: evidence(planes[:_FIRST], candidate))
-
-
-def _learn_blur(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
-    """How gradually the hits end at an edge: what explains the near sweeps best."""
-    widths = [replace(model, soft=math.radians(width)) for width in SOFT_DEG]
-    return max(widths, key=lambda tried: evidence(planes, tried))
 
 
 def _learn_step(planes: Sequence[Plane], model: BoardModel) -> tuple[BoardModel, Floats]:
@@ -207,66 +178,85 @@ def evidence(planes: Sequence[Plane], model: BoardModel) -> float:
     return learn_roll(grids, any_roll(model.edges)).evidence + _HOPELESS * max(-few, 0)
 
 
-def _refine(
-    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float, step: float,
-    widths: Floats,
-) -> BoardModel:  # fmt: skip
-    """Whatever is open of edge lengths and growth, by the evidence of the near sweeps, one after the other.
+def _fit_edges(
+    planes: Sequence[Plane], model: BoardModel, free: Sequence[int], step: float
+) -> tuple[Floats, Floats, float]:
+    """Return the optimum (3,) of edge lengths (m) and growth (rad), its covariance (3, 3), and the evidence there.
 
     A growth makes a board larger by twice the growth times its distance; so the lengths are varied as they appear at
     the planes' mean distance, which hardly depends on the growth. With the lengths open, only boards at several
-    distances tell the growth, and each of them no better than to `EDGE_M`.
-    """
-    reach = mean_reach(planes)
-    free = [index for index in (0, 1) if not all(edges) and model.edges[index] not in edges]
-    state = np.array([*model.edges, model.growth])
-    state[free] += 2.0 * reach * state[2]
+    distances tell the growth.
 
-    def modelled(x: Floats) -> BoardModel:
-        lengths = [float(x[i] - 2.0 * reach * x[2] * (i in free)) for i in (0, 1)]
-        return replace(model, edges=(lengths[0], lengths[1]), growth=float(x[2]))
+    Args:
+        free: which of these numbers are open.
+    """
+    towards = np.eye(3)
+    towards[[axis for axis in free if axis < 2], 2] = -2.0 * _mean_reach(planes)
 
     def explains(x: Floats) -> float:
-        return evidence(planes, modelled(x))
+        first, other, growth = (towards @ x).tolist()
+        lengths = max(first, _LEAST_M), max(other, _LEAST_M)
+        # A growth is even over `GROWTH_RAD`; a normal prior as wide keeps it there where no board tells it.
+        unusual = (growth - sum(GROWTH_RAD) / 2.0) / (GROWTH_RAD[1] - GROWTH_RAD[0])
+        return evidence(planes, replace(model, edges=lengths, growth=growth, slack=0.0)) - 2.0 * unusual**2
 
-    open_growth = growth_mrad < 0.0
-    sigmas = np.zeros(3)
-    steps = [0.02, 0.02, 0.5e-3]
-    for index in [*free, *([2] if open_growth else [])]:
-        state, sigmas[index] = _climb(explains, state, index, steps[index] * step)
-    if open_growth:
-        reaches = np.array([np.median(plane.reach) for plane in planes])
-        lever = float(np.std(reaches) if free else np.mean(reaches)) * math.sqrt(len(planes))
-        boards = state[2], math.hypot(sigmas[2], EDGE_M / max(lever, 1e-3))
-        state[2], sigmas[2] = likely_growth(*boards, model.soft) if free else any_growth(*boards, widths)
-    slack = 2.0 * float(max([sigmas[index] for index in free], default=0.0))
-    return replace(modelled(state), slack=slack, growth_sigma=float(sigmas[2]))
+    start: Floats = np.asarray(np.linalg.solve(towards, [*model.edges, model.growth]), np.float64)
+    optimum, inverse, highest = climb(explains, start, free, step * np.array([0.02, 0.02, 1.0e-3]))
+    return towards @ optimum, towards @ inverse @ towards.T, highest
 
 
-def mean_reach(planes: Sequence[Plane]) -> float:
+def learn_size(
+    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], is_growth_open: bool
+) -> tuple[BoardModel, SizeEstimate]:
+    """Return the model with the open edges and the growth that all boards together show, and their estimate.
+
+    A beam on an edge and a body behind it returns from between them: as far inside of the edge as the widest beams
+    reach, such returns tell neither size nor growth.
+    """
+    solid = [plane for plane in planes if plane.telling][:_SOME]
+    fitted = replace(model, inset=_INSETS_RAD[-1])
+    few = planes[:: max(1, len(planes) // _FEW)]
+    ranked = sorted(_table(fitted, edges), key=lambda candidate: -evidence(few, candidate))
+    open_edges = [index for index in (0, 1) if ranked[0].edges[index] not in edges]
+    fits = [_fit_edges(few, candidate, open_edges, 1.0) for candidate in ranked[:_STARTS]]
+    free = [*open_edges, *([2] if is_growth_open else [])]
+    for step in (1.0, 0.4):
+        best, covariance, _ = max(fits, key=lambda fit: fit[2])
+        fitted = replace(fitted, edges=(float(best[0]), float(best[1])), growth=float(best[2]), slack=0.0)
+        if step < 1.0 and len(solid) >= ENOUGH:
+            fitted = _learn_wrong(solid, _learn_step(solid, fitted)[0])
+        fits = [_fit_edges(planes, fitted, free, step)]
+    best, covariance, _ = fits[0]
+    fixed = covariance - np.outer(covariance[2], covariance[2]) / max(covariance[2, 2], 1e-12)
+    # The cut and the place where beams answer are the same on all boards.
+    spread = covariance + np.diag([EDGE_M**2 + BEAM_M**2, EDGE_M**2 + BEAM_M**2, _LEAST_GROWTH_RAD**2])
+    if is_growth_open:
+        # Hands and bends move each board's edges by `EDGE_M`, so boards tell the growth by their lever only.
+        lever = max(float(np.std([np.median(plane.reach) for plane in planes])) * math.sqrt(len(planes)), 1e-3)
+        towards = np.array([-2.0 * _mean_reach(planes) * (axis in free) for axis in (0, 1)] + [1.0])
+        spread += (EDGE_M / lever) ** 2 * np.outer(towards, towards)
+    size = SizeEstimate(best, spread)
+    (first, other, growth), usual = size.usual()
+    model = replace(fitted, inset=model.inset, edges=(float(first), float(other)), growth=float(growth))
+    slack, sigma = 2.0 * np.sqrt(np.diag(fixed)[:2].clip(0.0).max()), math.sqrt(usual[2, 2]) * is_growth_open
+    return replace(model, slack=float(slack), growth_sigma=sigma), size
+
+
+def _learn_growth(planes: Sequence[Plane], model: BoardModel, step: float, widths: Floats) -> BoardModel:
+    """Return the model with the growth that the near sweeps tell of a board of known size."""
+    best, covariance, _ = _fit_edges(planes, model, [2], step)
+    sigma = math.hypot(math.sqrt(covariance[2, 2]), EDGE_M / (_mean_reach(planes) * math.sqrt(len(planes))))
+    growth, sigma = any_growth(float(best[2]), sigma, widths)
+    return replace(model, growth=growth, growth_sigma=sigma)
+
+
+def first_growth(planes: Sequence[Plane], model: BoardModel, open_size: BoardModel) -> BoardModel:
+    """Return the model with the growth that makes its board look as large as that of ``open_size``."""
+    growth = open_size.growth + (sum(open_size.edges) - sum(model.edges)) / (4.0 * _mean_reach(planes))
+    growth = min(max(growth, GROWTH_RAD[0]), GROWTH_RAD[1])
+    return replace(model, growth=growth, inset=max(growth, BEAM_SIGMA_RAD), soft=open_size.soft)
+
+
+def _mean_reach(planes: Sequence[Plane]) -> float:
     """Metres, mean distance of planes."""
     return float(np.mean([np.median(plane.reach) for plane in planes]))
-
-
-def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float) -> tuple[Floats, float]:
-    """Along one coordinate in even steps to the highest value, then to the parabola's top; with its width."""
-
-    def along(k: int) -> float:
-        x = at.copy()
-        x[index] += k * step
-        return value(x)
-
-    values: dict[int, float] = {k: along(k) for k in (-1, 0, 1)}
-    for _ in range(8):
-        top = max(values, key=values.__getitem__)
-        missing = [k for k in (top - 1, top + 1) if k not in values]
-        if not missing:
-            break
-        values |= {k: along(k) for k in missing}
-    top = max(values, key=values.__getitem__)
-    moved = at.copy()
-    before, after = values.get(top - 1), values.get(top + 1)
-    bend = 2.0 * values[top] - before - after if before is not None and after is not None else 0.0
-    shift = 0.5 * (after - before) / bend if bend > 0.0 and before is not None and after is not None else 0.0
-    moved[index] += (top + min(max(shift, -0.5), 0.5)) * step
-    return moved, step / math.sqrt(bend) if bend > 1e-9 else step

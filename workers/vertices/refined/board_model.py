@@ -66,7 +66,7 @@ class BoardModel:
         poses: whether the board jumps between sweeps: nobody walks so far in the time between their stamps.
         sizes_tried: from how many sizes the edges were chosen, by the same rays that then tell whether it is a board.
         shown: whether the near sweeps show a board, on as many rings as meet it there.
-        size: of the board, if it does not look as large as it was said to be; then the edges are as it looks.
+        size: of the board as boards show it; if it replaces the stated one, the edges are these. None: not told.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
         wrong_below: the same below the board's widest ring, where hands and body answer in the board's plane.
     """

@@ -14,7 +14,7 @@ import numpy as np
 from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.board_learning import evidence, learn_board, mean_reach, no_taller, some_edges
+from workers.vertices.refined.board_learning import first_growth, learn_board, learn_size, no_taller, some_edges
 from workers.vertices.refined.board_model import TRUNK_M, BoardModel, Plane, Sighting, any_roll
 from workers.vertices.refined.growth import BEAM_SIGMA_RAD
 from workers.vertices.refined.plane_learning import (
@@ -25,12 +25,12 @@ from workers.vertices.refined.plane_learning import (
     best_sightings,
     learn_planes,
 )
-from workers.vertices.refined.size import doubtful, growth_spread, other_size
 from workers.vertices.refined.track import trustworthy
 from workers.vertices.refined.upright import likelier_than_upright
 from workers.vertices.refined.window import RangeImage
 from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, SweepSource
+from workers.vertices.vertex import SizeFacts
 
 _GRID_SWEEPS = 24
 _SWEEPS = 96
@@ -45,7 +45,9 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     some = (source.sweep(index) for index in _spread(len(source), _GRID_SWEEPS))
     grid = learn_grid(some, up if up.any() else None)
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
-    model = _given(BoardModel(grid, sigma=FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
+    is_growth_open = float(options["edge_growth_mrad"]) < 0.0
+    default = BoardModel(grid)
+    model = _given(replace(default, sigma=FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
     near: list[tuple[int, int, RangeImage]] = []
     places: list[tuple[int, float, float]] = []
     for index in _spread(len(source), _SWEEPS):
@@ -62,49 +64,61 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[: _NEAR if all(edges) else _NEAR_OPEN]
     ]
     if len(windows) < ENOUGH:
-        open_growth = BEAM_SIGMA_RAD if float(options["edge_growth_mrad"]) < 0.0 else 0.0
-        model = replace(model, sigma=BoardModel(grid).sigma, bias=BIAS_M, growth_sigma=open_growth)
+        model = replace(model, sigma=default.sigma, bias=BIAS_M, growth_sigma=is_growth_open * BEAM_SIGMA_RAD)
         if not all(edges):
             model = some_edges(_planes(windows, model), model, edges)
         return replace(model, shown=_shown(_planes(windows, model), model, edges))
     model, sightings = learn_planes(windows, model)
     planes = [sighting.plane for sighting in sightings]
-    growth_mrad = float(options["edge_growth_mrad"])
-    learned = learn_board(planes, model, edges, growth_mrad)
-    learned = replace(learned, shown=_shown(planes, learned, edges))
-    if len(planes) < ENOUGH or not all(edges) or not doubtful(planes, learned, mean_reach(planes)):
-        return learned
-    default = BoardModel(model.grid)
-    as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
-    open_size = learn_board(planes, as_seen, (0.0, 0.0), growth_mrad)
-    open_size = replace(open_size, shown=_shown(planes, open_size, (0.0, 0.0)))
-    # Doors and cars are no boards of another size.
-    size = other_size(edges, open_size, mean_reach(planes)) if open_size.shown else None
-    if size is None or _likelihood(planes, open_size) < _likelihood(planes, learned):
-        return learned
-    # Apexes that are found with a wrong size are wrong by decimetres.
-    return replace(open_size, size=size)
+    if not all(edges):
+        model, estimate = learn_size(planes, model, edges, is_growth_open)
+        return _with_board(planes, model, edges, False, estimate.facts(edges))
+    solid = [plane for plane in planes if plane.telling]
+    size: SizeFacts | None = None
+    # On few rings a plane may be a board and a body.
+    if len(solid) >= ENOUGH:
+        as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
+        as_seen, estimate = learn_size(solid, as_seen, (0.0, 0.0), is_growth_open)
+        size = estimate.facts(edges)
+        # Apexes that are measured with a wrong size are wrong by decimetres; doors are no boards of another size.
+        if size.replaces:
+            as_seen = _with_board(planes, as_seen, (0.0, 0.0), False, size)
+            if as_seen.shown:
+                return as_seen
+            size = None
+        elif is_growth_open:
+            model = first_growth(solid, model, as_seen)
+    return _with_board(planes, model, edges, is_growth_open, size)
+
+
+def _with_board(
+    planes: Sequence[Plane],
+    model: BoardModel,
+    edges: tuple[float, float],
+    is_growth_open: bool,
+    size: SizeFacts | None,
+) -> BoardModel:
+    """Return the model with all that is learned of a board of its edges, and its size if boards are shown."""
+    learned = replace(learn_board(planes, model, is_growth_open), size=size)
+    shown = _shown(planes, learned, edges)
+    return replace(learned, shown=shown, size=size if shown else None)
 
 
 def _planes(windows: Sequence[RangeImage], model: BoardModel) -> list[Plane]:
     return [sighting.plane for sighting in best_sightings(windows, model)]
 
 
-def _likelihood(planes: Sequence[Plane], model: BoardModel) -> float:
-    """Log evidence of a model, whose growth is as likely as the step at the edges makes it."""
-    unusual = (model.growth - model.soft) / growth_spread(model.soft)
-    return evidence(planes, model) - 0.5 * unusual**2
-
-
 def _shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> bool:
     """Whether near sweeps' planes are boards: four that many rings meet, or a large share of the planes.
 
     If many rings meet some planes that fit on the board, only these count. A board of unknown size must be wider than
-    a person. Planes that are less even than sensors are show no board.
+    a person, where many rings meet it within two standard deviations. Planes that are less even than sensors are show
+    no board.
     """
-    if (not all(edges) and min(model.edges) < TRUNK_M) or model.bias > 2.0 * BIAS_M:
-        return False
     telling = [plane for plane in no_taller(planes, edges) if plane.telling]
+    sigma = model.size.sigma_m[0] if model.size is not None and telling else 0.0
+    if (not all(edges) and min(model.edges) + 2.0 * sigma < TRUNK_M) or model.bias > 2.0 * BIAS_M:
+        return False
     some = telling or planes
     fixes = [fix for plane in some if (fix := locate(plane, model, coarse=True)) is not None]
     boards = sum(trustworthy(fix) and likelier_than_upright(fix, model) for fix in fixes)

@@ -171,4 +171,5 @@ def _vertex(
 
 
 def _size_known(options: Options, model: BoardModel) -> bool:
-    return options["board_width_m"] > 0.0 and options["board_height_m"] > 0.0 and model.size is None
+    is_stated = options["board_width_m"] > 0.0 and options["board_height_m"] > 0.0
+    return is_stated and not (model.size is not None and model.size.replaces)

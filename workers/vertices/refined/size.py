@@ -1,73 +1,86 @@
-"""Whether a board looks as large as it was said to be."""
+"""The estimate of the board's size with its covariance, and whether it contradicts a size that was stated."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from workers.vertices.refined.board import locate
-from workers.vertices.refined.board_model import BEAM_M, EDGE_M, TRUNK_M, BoardModel, Plane
+from workers.vertices.refined.growth import BEAM_SIGMA_RAD, GROWTH_RAD, Floats
 from workers.vertices.vertex import SizeFacts
 
-Edges = tuple[float, float]
-_TELLING: Final = 2  # boards on four rings or more; any one may be a board and a body
-_HIDDEN: Final = 0.03  # of the edges; smaller errors do not show (`_DIFFERS`)
-_CONTRADICT: Final = 0.01  # of a board's returns; five times as many as a sensor gets wrong
-# Two edges, each to either side: 4 * 0.0013 = 0.5 % of the sizes that are right.
-_DIFFERS: Final = 3.0
-_GROWTH_SIGMA_RAD: Final = 0.5e-3
+TOLERANCE_M: Final = 0.003  # of a stated edge: read from a tape
+_TURNS, _FARTHEST = 8, 2.0  # of the joint climb, and how many steps each may go
+_LEAST_BEND, _NO_GAIN = 0.05, 0.05  # log likelihood: less than chance
+_CONTRADICTS: Final = 13.8  # chi-square of two edges: by chance 0.001
 
 
-def doubtful(planes: Sequence[Plane], model: BoardModel, reach: float) -> bool:
-    """Whether what was learned may hide that the given size is wrong, or contradicts it.
+@dataclass(frozen=True, slots=True, eq=False)
+class SizeEstimate:
+    """Both edges (m) and the growth (rad) as boards show them, together.
 
-    If a board is larger than it was said to be, its edges seem to lie farther out; if it is smaller, the step at its
-    edges seems to be wide, or rays contradict it. Otherwise the size is right. Learning it anew would tell nothing,
-    and takes as long as all other learning. On two or three rings legs and bodies look like a part of the board, so
-    boards on these alone tell no size. A beam reaches outside of an edge by at most half of its width (`inset`). So a
-    growth between zero and the inset is no sign of another size.
-
-    Args:
-        reach: metres, mean distance of the boards.
+    Attributes:
+        measured: (3,) from the boards alone; spread: (3, 3) its covariance, in which size and growth are one sum
+            where all boards are equally far.
     """
-    if sum(plane.telling for plane in planes) < _TELLING:
-        return False
-    if (
-        model.inset is not None
-        and -model.growth_sigma < model.growth < model.inset
-        and model.soft < 2.0 * model.inset
-    ):
-        return False
-    if 2.0 * reach * max(abs(model.growth), model.soft) > _HIDDEN * 0.5 * sum(model.edges):
-        return True
-    if model.growth > 0.0:
-        # The edges fit: what contradicts is a head or hands.
-        return False
-    fixes = [(locate(plane, model, coarse=True), plane.points) for plane in planes]
-    return float(np.median([1.0 if fix is None else fix.against / points for fix, points in fixes])) > _CONTRADICT
+
+    measured: Floats
+    spread: Floats
+
+    def usual(self) -> tuple[Floats, Floats]:
+        """Return mean (3,) and covariance (3, 3) with a growth as data sheets tell it: half of a beam."""
+        gain = self.spread[:, 2] / (self.spread[2, 2] + BEAM_SIGMA_RAD**2)
+        mean = self.measured + gain * (BEAM_SIGMA_RAD - self.measured[2])
+        return mean, self.spread - np.outer(gain, self.spread[2])
+
+    def facts(self, stated: tuple[float, float]) -> SizeFacts:
+        """Return what is reported of the size; ``stated``: metres, 0 for an edge that is open."""
+        mean, covariance = self.usual()
+        sigmas = np.sqrt(np.diag(covariance)).tolist()
+        (short, sigma), (long, other) = sorted(zip(mean[:2].tolist(), sigmas[:2], strict=True))
+        orders = [np.array(order) for order in (stated, stated[::-1])] if all(stated) else []
+        contradicts = min((_chi2(order, mean, covariance) for order in orders), default=0.0) > _CONTRADICTS
+        replaces = contradicts and min(_chi2(order, self.measured, self.spread) for order in orders) > _CONTRADICTS
+        return SizeFacts((short, long), (sigma, other), contradicts, replaces)
 
 
-def other_size(edges: Edges, learned: BoardModel, reach: float) -> SizeFacts | None:
-    """The size of a board whose edges are not those ``edges``; None if they may be.
+def _chi2(stated: Floats, mean: Floats, covariance: Floats) -> float:
+    """Return chi-square of edges (2,) as a tape measures them, with the growth in `GROWTH_RAD` that suits best."""
+    precision = np.linalg.inv(covariance + np.diag([TOLERANCE_M**2, TOLERANCE_M**2, 0.0]))
+    growth = mean[2] - float(precision[2, :2] @ (stated - mean[:2])) / precision[2, 2]
+    off = np.append(stated, min(max(growth, GROWTH_RAD[0]), GROWTH_RAD[1])) - mean
+    return float(off @ precision @ off)
 
-    Args:
-        learned: what was learned with the size open.
-        reach: metres, mean distance of the boards.
+
+def climb(
+    value: Callable[[Floats], float], start: Floats, axes: Sequence[int], steps: Floats
+) -> tuple[Floats, Floats, float]:
+    """Maximise by Newton's method with a quadratic through points one step aside (Conn, Scheinberg and Vicente 2009).
+
+    Returns:
+        The optimum (N,); (N, N) inverse of the negative curvature there, 0 along all but ``axes``; the value.
     """
-    sigma = math.sqrt(
-        (0.5 * learned.slack) ** 2 + (2.0 * reach * learned.growth_sigma) ** 2 + 2.0 * (EDGE_M**2 + BEAM_M**2)
-    )
-    (short, long), stated = sorted(learned.edges), sorted(edges)
-    if short < TRUNK_M:
-        return None
-    if max(abs(short - stated[0]), abs(long - stated[1])) < _DIFFERS * sigma:
-        return None
-    return SizeFacts((short, long), (sigma, sigma))
-
-
-def growth_spread(soft: float) -> float:
-    """Radians, standard deviation of the growth about the step's half width ``soft``, before boards tell."""
-    return math.hypot(_GROWTH_SIGMA_RAD, 0.5 * soft)
+    best, highest, inverse = start.copy(), value(start), np.zeros((start.size, start.size))
+    unit = np.diag(steps)[list(axes)]
+    for _ in range(_TURNS):
+        beside = np.array([[value(best + sign * u) for sign in (1.0, -1.0)] for u in unit])
+        slope = 0.5 * (beside[:, 0] - beside[:, 1])
+        bend = np.diag(2.0 * highest - beside.sum(axis=1))
+        for a in range(len(unit)):
+            for b in range(a):
+                corner = value(best + unit[a] + unit[b])
+                bend[a, b] = bend[b, a] = beside[a, 0] + beside[b, 0] - corner - highest
+        curvature, axis = np.linalg.eigh(bend)
+        inverse = unit.T @ (axis / np.maximum(curvature, _LEAST_BEND)) @ axis.T @ unit
+        move = axis @ np.clip((axis.T @ slope) / np.maximum(curvature, _LEAST_BEND), -_FARTHEST, _FARTHEST)
+        points = [best + move @ unit, *(best + s * u for u in unit for s in (1.0, -1.0))]
+        values = [value(points[0]), *beside.ravel().tolist()]
+        top = int(np.argmax(values))
+        before = highest
+        if values[top] > highest:
+            best, highest = points[top], values[top]
+        if highest < before + _NO_GAIN:
+            break
+    return best, inverse, highest
