@@ -24,8 +24,8 @@ from workers.vertices.refined.rays import WRONG
 from workers.vertices.refined.size import SizeEstimate, climb
 
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
-_SOME, _STARTS = 10, 6
-_FEW = 8  # boards that choose where the climb over all of them starts
+_SOME, _STARTS = 10, 2
+_RANKING, _FEW, _MANY = 4, 8, 20  # boards that rank the table, climb first, and climb last
 _LEAST_M = 0.1
 _LEAST_GROWTH_RAD = 0.05e-3  # standard deviation, where the growth is stated
 _HOPELESS = -300.0
@@ -206,26 +206,38 @@ def _fit_edges(
 
 
 def learn_size(
-    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], is_growth_open: bool
+    planes: Sequence[Plane],
+    model: BoardModel,
+    edges: tuple[float, float],
+    is_growth_open: bool,
+    stated: tuple[float, float] | None = None,
 ) -> tuple[BoardModel, SizeEstimate]:
     """Return the model with the open edges and the growth that all boards together show, and their estimate.
+
+    The climb starts at the stated size, and at the best of a table that explain the boards better.
 
     A beam on an edge and a body behind it returns from between them: as far inside of the edge as the widest beams
     reach, such returns tell neither size nor growth.
     """
     solid = [plane for plane in planes if plane.telling][:_SOME]
     fitted = replace(model, inset=_INSETS_RAD[-1])
-    few = planes[:: max(1, len(planes) // _FEW)]
-    ranked = sorted(_table(fitted, edges), key=lambda candidate: -evidence(few, candidate))
-    open_edges = [index for index in (0, 1) if ranked[0].edges[index] not in edges]
-    fits = [_fit_edges(few, candidate, open_edges, 1.0) for candidate in ranked[:_STARTS]]
+    planes, few, ranking = (planes[:: -(-len(planes) // count)] for count in (_MANY, _FEW, _RANKING))
+    starts = sorted(_table(fitted, edges), key=lambda start: -evidence(ranking, start))[:_STARTS]
+    open_edges = [index for index in (0, 1) if starts[0].edges[index] not in edges]
+    fits = []
+    if stated is not None:
+        fits = [_fit_edges(few, replace(fitted, edges=stated, slack=0.0), open_edges, 1.0)]
+        first, other, _ = fits[0][0].tolist()
+        near = evidence(ranking, replace(fitted, edges=(first, other), slack=0.0))
+        starts = [start for start in starts if evidence(ranking, start) > near]
+    fits += [_fit_edges(few, start, open_edges, 1.0) for start in starts]
     free = [*open_edges, *([2] if is_growth_open else [])]
-    for step in (1.0, 0.4):
+    for step, counted in ((1.0, few), (0.4, planes)):
         best, covariance, _ = max(fits, key=lambda fit: fit[2])
         fitted = replace(fitted, edges=(float(best[0]), float(best[1])), growth=float(best[2]), slack=0.0)
         if step < 1.0 and len(solid) >= ENOUGH:
             fitted = _learn_wrong(solid, _learn_step(solid, fitted)[0])
-        fits = [_fit_edges(planes, fitted, free, step)]
+        fits = [_fit_edges(counted, fitted, free, step)]
     best, covariance, _ = fits[0]
     fixed = covariance - np.outer(covariance[2], covariance[2]) / max(covariance[2, 2], 1e-12)
     # The cut and the place where beams answer are the same on all boards.

@@ -78,7 +78,7 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     # On few rings a plane may be a board and a body.
     if len(solid) >= ENOUGH:
         as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
-        as_seen, estimate = learn_size(solid, as_seen, (0.0, 0.0), is_growth_open)
+        as_seen, estimate = learn_size(solid, as_seen, (0.0, 0.0), is_growth_open, edges)
         size = estimate.facts(edges)
         # Apexes that are measured with a wrong size are wrong by decimetres; doors are no boards of another size.
         if size.replaces:
