@@ -2,7 +2,7 @@
 
 import { mount } from "svelte";
 import "./app.css";
-import Report from "./pages/Report.svelte";
+import Report from "./pages/calibration/Report.svelte";
 import type { ReportDocument } from "./lib/report.ts";
 
 /** The document as a worker wrote it: JSON, gzipped, in base64, which no name in it can leave. */

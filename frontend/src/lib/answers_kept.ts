@@ -1,7 +1,8 @@
 /** The answers that this browser keeps until the service has them: one IndexedDB for all tabs and all people. */
 
 import { openDB, type DBSchema, type IDBPDatabase } from "idb";
-import type { NewAnswer, ProblemDocument } from "./api/types.ts";
+import type { NewAnswer } from "./api/types.ts";
+import type { ProblemView } from "./api/schema.ts";
 
 /** An answer with what is needed to send it, and to tell its person which one it is. */
 export interface KeptAnswer extends NewAnswer {
@@ -15,7 +16,7 @@ export interface KeptAnswer extends NewAnswer {
   vertexId: string;
   frameIndex: number;
   /** Why the service does not take it, until its person decides. */
-  refused: ProblemDocument | null;
+  refused: ProblemView | null;
 }
 
 interface Schema extends DBSchema {

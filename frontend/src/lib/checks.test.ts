@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Check } from "./api/types.ts";
+import type { Check } from "./api/schema.ts";
 import { failing } from "./checks.ts";
 
 const check = (name: string, verdict: Check["verdict"], scope: Check["scope"] = "mount_with_lens"): Check => ({

@@ -1,6 +1,7 @@
 /** The checks of a result, as pages show them. */
 
-import type { CameraSummary, Check, CheckVerdict, Result } from "./api/types.ts";
+import type { CheckVerdict } from "./api/types.ts";
+import type { CameraSummary, Check, ResultView } from "./api/schema.ts";
 import { fixed } from "./format.ts";
 
 /** What does not pass, the gravest first, what concerns the mount alone last. */
@@ -17,7 +18,10 @@ export const VERDICT_WORDS: Record<CheckVerdict, string> = {
 };
 
 /** What a result's verdict asks for, and how far it errs: held out if pairs were, and at 20 m in the image's middle. */
-export function verdictLine({ verdict, model, polished, prediction }: Result, summary: CameraSummary | null): string {
+export function verdictLine(
+  { verdict, model, polished, prediction }: ResultView,
+  summary: CameraSummary | null,
+): string {
   const heldOut = summary?.models[model]?.heldout_mean_px;
   const off = heldOut == null ? `${fixed(polished.mean_px)} px on the fitted pairs` : `${fixed(heldOut)} px held out`;
   const middle = prediction?.points[Math.floor(prediction.points.length / 2)];

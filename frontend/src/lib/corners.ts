@@ -1,8 +1,8 @@
 /** The corners of the board, as the LiDAR sees it: their names in words and their places in a small drawing. */
 
-import type { Vertex } from "./api/types.ts";
+import type { VertexSummary } from "./api/schema.ts";
 
-export type Corner = Vertex["corner"] & string;
+export type Corner = VertexSummary["corner"] & string;
 
 /** In the service's order. */
 export const CORNERS: readonly Corner[] = ["top", "left", "right", "bottom"];

@@ -2,7 +2,7 @@
 
 import * as crops from "./api/crops.ts";
 import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
-import type { CropProgress, CropSheet, CropVerdict } from "./api/types.ts";
+import type { CropProgress, CropSheet, CropVerdict } from "./api/schema.ts";
 import { cache } from "./cache.svelte.ts";
 import { outbox } from "./outbox.svelte.ts";
 

@@ -4,7 +4,7 @@
  */
 
 import { randomKey } from "./api/http.ts";
-import type { MarkingTask } from "./api/types.ts";
+import type { TaskView } from "./api/schema.ts";
 import type { Pixel } from "./pixels.ts";
 
 const PREFIX = "apexcal.draft.";
@@ -22,10 +22,10 @@ function tab(): string {
   return made;
 }
 
-const ofVertex = (person: string, task: MarkingTask): string => `${PREFIX}${person}.${task.vertex.id}.${task.camera}.`;
+const ofVertex = (person: string, task: TaskView): string => `${PREFIX}${person}.${task.vertex.id}.${task.camera}.`;
 
 /** Keeps the mark of a vertex, or that there is none any more. Returns whether the browser could. */
-export function keepDraft(person: string, task: MarkingTask, mark: Pixel | null): boolean {
+export function keepDraft(person: string, task: TaskView, mark: Pixel | null): boolean {
   try {
     const key = ofVertex(person, task) + tab();
     if (mark) localStorage.setItem(key, JSON.stringify({ u: mark.u, v: mark.v, at: Date.now() } satisfies Draft));
@@ -38,7 +38,7 @@ export function keepDraft(person: string, task: MarkingTask, mark: Pixel | null)
 }
 
 /** The mark to show: this tab's draft, else that of the own answer, else the last draft of another tab. */
-export function shownMark(person: string, task: MarkingTask): Pixel | null {
+export function shownMark(person: string, task: TaskView): Pixel | null {
   const prefix = ofVertex(person, task);
   const own = localStorage.getItem(prefix + tab());
   const found = own ? (JSON.parse(own) as Draft) : (task.own.mark ?? drafts(prefix).at(-1)?.[1]);

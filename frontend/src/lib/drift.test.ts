@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { DriftStep } from "./api/types.ts";
+import type { DriftStep } from "./api/schema.ts";
 import { ticks, timeTicks } from "./axes.ts";
 import { driftLines, jumpsOf } from "./drift.ts";
 

@@ -1,6 +1,6 @@
 /** How a camera's results moved over time, as lines to draw. */
 
-import type { DriftStep } from "./api/types.ts";
+import type { DriftStep } from "./api/schema.ts";
 
 export interface DriftPoint {
   /** Milliseconds since 1970. */

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { ApiProblem } from "./api/http.ts";
-import type { Counts, DryRun } from "./api/types.ts";
+import type { Counts } from "./api/types.ts";
+import type { DryRunView } from "./api/schema.ts";
 import {
   countsInWords,
   dryRunInWords,
@@ -18,7 +19,7 @@ const counts = (some: Partial<Counts>): Counts => ({
   ...{ matched: 0, queued: 0, running: 0, done: 0, failed: 0, cancelled: 0, skipped: 0 },
   ...some,
 });
-const found = (some: Partial<DryRun>): DryRun => ({
+const found = (some: Partial<DryRunView>): DryRunView => ({
   ...{ matched: 0, calibrations: 0, runs: 0, processor_seconds: 0, skipped: 0, skipped_vehicles: [] },
   ...some,
 });

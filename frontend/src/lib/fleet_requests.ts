@@ -1,14 +1,8 @@
 /** Fleet requests as they are typed into the form, and as people read them. */
 
 import type { ApiProblem } from "./api/http.ts";
-import {
-  VEHICLE_STATES,
-  type CameraOutcome,
-  type Counts,
-  type DryRun,
-  type FleetRequest,
-  type VehicleFilter,
-} from "./api/types.ts";
+import { VEHICLE_STATES, type Counts } from "./api/types.ts";
+import type { CameraOutcome, DryRunView, FleetRequestView, VehicleFilter } from "./api/schema.ts";
 import { compact, counted, fixed, moment } from "./format.ts";
 
 export interface FilterDraft {
@@ -35,7 +29,7 @@ export function filterOf(draft: FilterDraft): VehicleFilter {
   };
 }
 
-export function filterInWords(asked: FleetRequest["asked"]["vehicles"]): string {
+export function filterInWords(asked: FleetRequestView["asked"]["vehicles"]): string {
   const picked = asked.vehicle_ids?.length ?? 0;
   const conditions = [
     ...(asked.name ? [`named ${asked.name}`] : []),
@@ -56,7 +50,7 @@ export function countsInWords(counts: Counts): string {
 }
 
 /** "published for 2 of 4": of those that are done; empty where nobody asked for it, or it is not known yet. */
-export function publishedInWords({ published, counts }: Pick<FleetRequest, "published" | "counts">): string {
+export function publishedInWords({ published, counts }: Pick<FleetRequestView, "published" | "counts">): string {
   return typeof published === "number" ? `published for ${compact(published)} of ${compact(counts.done)}` : "";
 }
 
@@ -66,7 +60,7 @@ function processorTime(seconds: number): string {
 }
 
 /** What a dry run says, in a sentence. */
-export function dryRunInWords(found: DryRun): string {
+export function dryRunInWords(found: DryRunView): string {
   if (found.matched === 0) return "No vehicle is due: the filter leaves nobody now.";
   const skipped = found.skipped > 0 ? `; ${compact(found.skipped)} would be skipped` : "";
   const work = `${counted(found.runs, "run")} (at most ${processorTime(found.processor_seconds)})`;
@@ -82,7 +76,7 @@ export interface Reason {
 }
 
 /** The vehicles that would be skipped, by what is wrong with them; what most share comes first. */
-export function skippedByReason(skipped: DryRun["skipped_vehicles"]): Reason[] {
+export function skippedByReason(skipped: DryRunView["skipped_vehicles"]): Reason[] {
   const reasons = new Map<string, Reason>();
   for (const { vehicle, problem } of skipped) {
     const detail = problem.detail ?? problem.code ?? "";

@@ -1,6 +1,7 @@
 /** The states of cameras as the fleet's page shows them: each by a shape, a word and a colour. */
 
-import type { CameraState, HealthOrder } from "./api/types.ts";
+import type { HealthOrder } from "./api/types.ts";
+import type { CameraState } from "./api/schema.ts";
 import type { CameraFilter } from "./router.svelte.ts";
 
 interface Look {

@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Detection, VertexDetails } from "./api/types.ts";
+import type { DetectionView, VertexView } from "./api/schema.ts";
 import { digitsOf, ticks } from "./axes.ts";
 import { board, ellipsoid, judgedSweeps, kindsOf, nextOf, runsOf, sigmasMm } from "./judging.ts";
 
-const vertex = (sweep_index: number, flags: string[] = []): VertexDetails =>
+const vertex = (sweep_index: number, flags: string[] = []): VertexView =>
   ({
     sweep_index,
     x: 6,
@@ -16,7 +16,7 @@ const vertex = (sweep_index: number, flags: string[] = []): VertexDetails =>
       [1e-6, 9e-6, 2e-6],
       [0, 2e-6, 1e-4],
     ],
-  }) as unknown as VertexDetails;
+  }) as unknown as VertexView;
 const detection = {
   reasons: { no_points: "no point lies in the region" },
   counts: {
@@ -28,7 +28,7 @@ const detection = {
       too_uncertain: [[3, 3]],
     },
   },
-} as unknown as Detection;
+} as unknown as DetectionView;
 
 test("each sweep has its verdict and reason", () => {
   const judged = judgedSweeps(detection, [vertex(2), vertex(4, ["head_above", "occluded"])], 7);
@@ -126,9 +126,9 @@ test("the board is drawn between the corners that are known", () => {
     ...tip,
     corners: [corner("left", -1.6, 0.3), corner("right", -2.4, 0.3), corner("bottom", -2, -0.1)],
   };
-  assert.equal(board(whole as unknown as VertexDetails, "red")?.ends.length, 3 * crossed + 4 * edge);
+  assert.equal(board(whole as unknown as VertexView, "red")?.ends.length, 3 * crossed + 4 * edge);
   const half = { ...tip, corners: [corner("left", -1.6, 0.3), corner("bottom", -2, -0.1)] };
-  const lines = board(half as unknown as VertexDetails, "red")?.ends ?? [];
+  const lines = board(half as unknown as VertexView, "red")?.ends ?? [];
   assert.equal(lines.length, 2 * crossed + 2 * edge);
   assert.deepEqual(lines.slice(-edge), [6, -1.6, 0.3, 6, -2, 0.7]);
 });

@@ -1,6 +1,6 @@
 /** What became of each sweep of a detection, and the corner that a vertex states. */
 
-import type { Detection, Vertex, VertexDetails } from "./api/types.ts";
+import type { DetectionView, VertexSummary, VertexView } from "./api/schema.ts";
 import { words } from "./format.ts";
 import type { Extent } from "./points/cloud.ts";
 import type { Lines } from "./points/scene.ts";
@@ -17,11 +17,11 @@ export interface Judged {
   reason: string;
   /** The reason in a sentence; empty where there is none. */
   sentence: string;
-  vertex: Vertex | null;
+  vertex: VertexSummary | null;
 }
 
 /** Every sweep of a detection in order: `count` of them. A vertex is uncertain if it is flagged. */
-export function judgedSweeps(detection: Detection, vertices: readonly Vertex[], count: number): Judged[] {
+export function judgedSweeps(detection: DetectionView, vertices: readonly VertexSummary[], count: number): Judged[] {
   const judged = Array.from({ length: count }, (_, index): Judged => ({
     index,
     verdict: "refused",
@@ -95,7 +95,7 @@ interface Place {
 }
 
 /** The axes of a vertex's errors, in metres: the columns of a root of its covariance over x, y, z. */
-function rootOf({ x, y, z, covariance }: VertexDetails): Vector[] | null {
+function rootOf({ x, y, z, covariance }: VertexView): Vector[] | null {
   if (!covariance) return null;
   const level = Math.hypot(x, y);
   const range = Math.hypot(level, z);
@@ -126,7 +126,7 @@ function rootOf({ x, y, z, covariance }: VertexDetails): Vector[] | null {
 const STEPS = 48;
 
 /** Three closed curves on the ellipsoid of so many standard deviations around a vertex; null if it states none. */
-export function ellipsoid(vertex: VertexDetails, sigmas: number, colour: string): Lines | null {
+export function ellipsoid(vertex: VertexView, sigmas: number, colour: string): Lines | null {
   const root = rootOf(vertex);
   if (!root) return null;
   const centre: Vector = [vertex.x, vertex.y, vertex.z];
@@ -158,7 +158,7 @@ export function cross({ x, y, z }: Place, colour: string): Lines {
 }
 
 /** A cross at each of the board's other corners, and the board's edges between those that are known. */
-export function board(vertex: VertexDetails, colour: string): Lines | null {
+export function board(vertex: VertexView, colour: string): Lines | null {
   const corners = vertex.corners ?? [];
   if (corners.length === 0) return null;
   const known = new Map<string, Place>([["top", vertex], ...corners.map((one): [string, Place] => [one.corner, one])]);
@@ -180,7 +180,7 @@ export function closeTo({ x, y, z }: Place): Extent {
 }
 
 /** Standard deviations of a vertex across the ray, up and along it, millimetres; null if it states none. */
-export function sigmasMm({ x, y, z, covariance }: VertexDetails): [number, number, number] | null {
+export function sigmasMm({ x, y, z, covariance }: VertexView): [number, number, number] | null {
   if (!covariance) return null;
   const sigma = (i: number): number => 1000 * Math.sqrt(covariance[i]?.[i] ?? 0);
   const level = Math.hypot(x, y);

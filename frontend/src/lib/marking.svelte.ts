@@ -6,7 +6,8 @@
 import * as annotations from "./api/annotations.ts";
 import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
 import * as people from "./api/people.ts";
-import type { MarkingProgress, MarkingTask, Me, VerdictName } from "./api/types.ts";
+import type { MarkingProgress, VerdictName } from "./api/types.ts";
+import type { Me, TaskView } from "./api/schema.ts";
 import { cache } from "./cache.svelte.ts";
 import { cornerWords } from "./corners.ts";
 import { keepDraft, shownMark } from "./drafts.ts";
@@ -32,11 +33,11 @@ const REACTION_MS = 200;
 /** An answer that was given here and is not known to have arrived, with the task that it answers. */
 interface Given {
   answer: KeptAnswer;
-  task: MarkingTask;
+  task: TaskView;
 }
 
 export class Marking {
-  task = $state.raw<MarkingTask | null>(null);
+  task = $state.raw<TaskView | null>(null);
   image = $state.raw<HTMLImageElement | null>(null);
   mark = $state.raw<Pixel | null>(null);
   progress = $state.raw<MarkingProgress | null>(null);
@@ -60,7 +61,7 @@ export class Marking {
   private readonly camera: string;
   private asked = 0;
   /** What comes next, leased. */
-  ahead = $state.raw<readonly MarkingTask[]>([]);
+  ahead = $state.raw<readonly TaskView[]>([]);
   private given: readonly Given[] = [];
   /** By task: the version of the own answer that an answer given here replaces. */
   private answeredOn: Readonly<Record<string, number>> = {};
@@ -328,7 +329,7 @@ export class Marking {
   }
 
   /** The tasks of this person that no answer on its way answers. Null where the browser has become somebody else's. */
-  private async ask(skip: string | null): Promise<readonly MarkingTask[] | null> {
+  private async ask(skip: string | null): Promise<readonly TaskView[] | null> {
     this.asked += 1;
     // The service may still count those as held whose answers are on their way.
     const ahead = Math.min(MOST_AHEAD, AHEAD + this.given.length);
@@ -342,11 +343,11 @@ export class Marking {
     return task ? [task, ...(task.ahead ?? [])].filter((one) => this.isOpen(one)) : [];
   }
 
-  private isOpen(task: MarkingTask): boolean {
+  private isOpen(task: TaskView): boolean {
     return task.own.version > (this.answeredOn[task.task_id] ?? -1);
   }
 
-  private async show(task: MarkingTask | null): Promise<void> {
+  private async show(task: TaskView | null): Promise<void> {
     if (!task) {
       this.clear();
       this.finished = true;
@@ -366,7 +367,7 @@ export class Marking {
   }
 
   /** Waits until the frame is on the screen and could have been seen. */
-  private async watch(task: MarkingTask): Promise<void> {
+  private async watch(task: TaskView): Promise<void> {
     await painted();
     if (this.task !== task) return;
     this.seenFrom = performance.now() + REACTION_MS;

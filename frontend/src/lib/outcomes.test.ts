@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { ModelSummary } from "./api/types.ts";
+import type { ModelSummary } from "./api/schema.ts";
 import { caution, errorOf, mergedNotes, outcomesOf } from "./outcomes.ts";
 
 const ERRORS = { mean_px: 2, rms_px: 3 };

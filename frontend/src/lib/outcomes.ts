@@ -1,6 +1,7 @@
 /** What a calibration came to, in a line. */
 
-import type { CalibrationSummary, CameraSummary, CheckVerdict, ModelSummary } from "./api/types.ts";
+import type { CalibrationSummary, CheckVerdict } from "./api/types.ts";
+import type { CameraSummary, ModelSummary } from "./api/schema.ts";
 import { fixed, words } from "./format.ts";
 
 export interface Outcome {

@@ -1,13 +1,13 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Result } from "./api/types.ts";
+import type { ResultView } from "./api/schema.ts";
 import { columnsOf, coverageOf, residualsOf, ringsOf, type Residuals } from "./report.ts";
 
 // The LiDAR looks along x, the camera along z: a quarter turn about each of two axes.
 const result = {
   transform: { rotation: { quaternion_xyzw: [0.5, -0.5, 0.5, 0.5] }, translation_m: [0, 0, 0] },
   intrinsics: { model: "pinhole", f_x: 100, f_y: 100, c_x: 50, c_y: 40, image_size: [100, 80] },
-} as unknown as Result;
+} as unknown as ResultView;
 
 test("a pair's residual is its mark minus its projection; behind the camera there is none", () => {
   const rows = [

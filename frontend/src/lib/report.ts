@@ -1,6 +1,6 @@
 /** What a worker writes into a report (`workers/reports/contents.py`), and the pairs of a result as columns. */
 
-import type { CameraSummary, OffsetCurve, Result, SetWithPairs } from "./api/types.ts";
+import type { CameraSummary, OffsetCurve, ResultView, SetWithPairs } from "./api/schema.ts";
 import { mountOf, projectionOf } from "./overlay/projection.ts";
 
 type Column = readonly (number | string | null)[];
@@ -34,7 +34,7 @@ export interface OtherData {
 export interface ReportDocument {
   names: { vehicle: string; rig: string; camera: string };
   made_at: string;
-  result: Result;
+  result: ResultView;
   summary: CameraSummary | null;
   pairs: PairColumns;
   /** Of each person: the pairs' numbers and the marks. */
@@ -57,7 +57,7 @@ export interface Residuals {
 }
 
 /** Each pair under a result's mount and lens. */
-export function residualsOf({ transform, intrinsics }: Result, pairs: PairColumns): Residuals {
+export function residualsOf({ transform, intrinsics }: ResultView, pairs: PairColumns): Residuals {
   const { rotation, translation } = mountOf(transform);
   const project = projectionOf(intrinsics);
   const [width = 0, height = 0] = intrinsics.image_size;

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Rig, RigRequest } from "./api/types.ts";
+import type { NewRig, RigOut } from "./api/schema.ts";
 import { rigFromFile, sameRig } from "./rigs.ts";
 
 test("the same mounts are the same rig, whatever its name and the order of members", () => {
@@ -8,13 +8,13 @@ test("the same mounts are the same rig, whatever its name and the order of membe
   const camera = { name: "front", frame: "c", topic: null, image_size: [640, 480], nominal, bounds: {} };
   const rig = { name: "one", lidar: { frame: "l", topic: "/points" }, cameras: [camera], camera_transforms: [] };
   const same = { ...rig, name: "other", T_vehicle_lidar: null, cameras: [{ ...camera, joint: null, serial: "1" }] };
-  assert.ok(sameRig(rig as unknown as RigRequest, JSON.parse(JSON.stringify(same)) as Rig));
+  assert.ok(sameRig(rig as unknown as NewRig, JSON.parse(JSON.stringify(same)) as RigOut));
   const rounded = { ...nominal, translation_m: [1e-17, -0, 1] };
   assert.ok(
-    sameRig(rig as unknown as RigRequest, { ...rig, cameras: [{ ...camera, nominal: rounded }] } as unknown as Rig),
+    sameRig(rig as unknown as NewRig, { ...rig, cameras: [{ ...camera, nominal: rounded }] } as unknown as RigOut),
   );
   const moved = { ...camera, nominal: { ...nominal, translation_m: [0, 0, 2] } };
-  assert.ok(!sameRig(rig as unknown as RigRequest, { ...rig, cameras: [moved] } as unknown as Rig));
+  assert.ok(!sameRig(rig as unknown as NewRig, { ...rig, cameras: [moved] } as unknown as RigOut));
 });
 
 test("a rig file goes to the service as it is, with a name where it has none", () => {

@@ -1,23 +1,23 @@
 /** Rigs as files hold them, and whether two describe the same mounts. */
 
-import type { Rig, RigRequest } from "./api/types.ts";
+import type { NewRig, RigOut } from "./api/schema.ts";
 
 /**
  * A rig as people keep it in files, the simulator's rig.json among them: the body of the request, checked by the
  * service. Throws an Error where the file describes no rig.
  */
-export function rigFromFile(text: string, name: string): RigRequest {
+export function rigFromFile(text: string, name: string): NewRig {
   const file = record(JSON.parse(text), "the top");
   if (!("lidar" in file) || !Array.isArray(file.cameras)) throw new Error("A rig file has a lidar and cameras.");
-  return { name, ...file } as unknown as RigRequest;
+  return { name, ...file } as unknown as NewRig;
 }
 
 /** Whether a rig would read and begin as another does: the same topics, frames, sizes, mounts and joints. */
-export function sameRig(one: RigRequest, other: Rig): boolean {
+export function sameRig(one: NewRig, other: RigOut): boolean {
   return canonical(one) === canonical(other);
 }
 
-function canonical({ lidar, cameras, T_vehicle_lidar }: RigRequest | Rig): string {
+function canonical({ lidar, cameras, T_vehicle_lidar }: NewRig | RigOut): string {
   const mounts = cameras.map(({ name, frame, topic, image_size, nominal, joint }) => {
     return { name, frame, topic, image_size, nominal, joint };
   });

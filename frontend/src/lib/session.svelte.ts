@@ -3,7 +3,8 @@
 import { ApiProblem, asProblem, onSignedOut } from "./api/http.ts";
 import * as people from "./api/people.ts";
 import { cache } from "./cache.svelte.ts";
-import { ROLES, type Me, type Role } from "./api/types.ts";
+import { ROLES, type Role } from "./api/types.ts";
+import type { Me } from "./api/schema.ts";
 
 class Session {
   me = $state.raw<Me | null>(null);

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { CalibrationTemplate } from "./api/types.ts";
+import type { CalibrationTemplate } from "./api/schema.ts";
 import { locksOf, newTemplate, templateInWords } from "./templates.ts";
 
 test("what is as usual is not said, but models and folds are", () => {

@@ -1,6 +1,7 @@
 /** What a calibration is asked to fit: as a form begins, and as people read it. */
 
-import { MODELS, type CalibrationTemplate, type ModelName } from "./api/types.ts";
+import { MODELS, type ModelName } from "./api/types.ts";
+import type { CalibrationTemplate } from "./api/schema.ts";
 import { counted, words } from "./format.ts";
 
 /** What a fit makes of a lens that the recording states. */

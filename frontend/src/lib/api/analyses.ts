@@ -2,7 +2,8 @@
 
 import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import { isUnderWay, type Analysis, type AnalysisPage, type AnalysisRequest } from "./types.ts";
+import { isUnderWay, type Analysis, type AnalysisRequest } from "./types.ts";
+import type { AnalysisPage } from "./schema.ts";
 
 const POLL_MS = 400;
 

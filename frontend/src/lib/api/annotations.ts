@@ -2,7 +2,8 @@
 
 import { bodyOf, client } from "./http.ts";
 import { read, type Read } from "./reads.ts";
-import type { MarkingProgress, MarkingTally, MarkingTask, NewAnswer, OwnPairs, TakenAnswer } from "./types.ts";
+import type { MarkingProgress, MarkingTally, NewAnswer } from "./types.ts";
+import type { AnswerView, OwnPairs, TaskView } from "./schema.ts";
 
 /**
  * The next task for this person, or the one that they hold, with `ahead` that follow; null when nothing is left.
@@ -14,7 +15,7 @@ export const nextTask = async (
   skip: string | null,
   ahead: number,
   vertex_id: string | null,
-): Promise<MarkingTask | null> =>
+): Promise<TaskView | null> =>
   (await bodyOf(
     client.POST("/v1/detections/{detection_id}/tasks/next", {
       params: { path: { detection_id: id } },
@@ -23,11 +24,11 @@ export const nextTask = async (
   )) ?? null;
 
 /** The same answer sent again is the same: its id says so. */
-export const answerTask = (id: string, answer: NewAnswer, signal: AbortSignal): Promise<TakenAnswer> =>
+export const answerTask = (id: string, answer: NewAnswer, signal: AbortSignal): Promise<AnswerView> =>
   bodyOf(client.POST("/v1/tasks/{task_id}/answer", { params: { path: { task_id: id } }, body: answer, signal }));
 
 /** Takes the answer of this version back. The task is this person's again; the same id twice does it once. */
-export const undoAnswer = (taskId: string, id: string, version: number): Promise<MarkingTask> =>
+export const undoAnswer = (taskId: string, id: string, version: number): Promise<TaskView> =>
   bodyOf(client.POST("/v1/tasks/{task_id}/undo", { params: { path: { task_id: taskId } }, body: { id, version } }));
 
 export const progress = (id: string, camera: string): Read<MarkingProgress> =>

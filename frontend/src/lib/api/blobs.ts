@@ -1,7 +1,7 @@
 /** Bytes straight to and from the service's blob store, at addresses that the service hands out. */
 
 import { ApiProblem, bodyOf, client, send } from "./http.ts";
-import type { BlobAddress } from "./types.ts";
+import type { BlobAddress } from "./schema.ts";
 
 /** Puts one part into the store and says so; `sha256` is its digest in hexadecimal. */
 export async function putIntoStore(

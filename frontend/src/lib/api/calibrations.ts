@@ -2,23 +2,23 @@
 
 import { bodyOf, client, once, send, type Page } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import {
-  isUnderWay,
-  type Calibration,
-  type CalibrationRequest,
-  type CorrespondenceSet,
-  type CurrentCalibration,
-  type Drift,
-  type Publication,
-  type ReadFiles,
-  type Result,
-  type SetWithPairs,
-  type ResultComparison,
-  type StatedComparison,
-  type StatedFiles,
-} from "./types.ts";
+import { isUnderWay } from "./types.ts";
+import type {
+  CalibrationFiles,
+  CalibrationRequest,
+  CalibrationView,
+  CurrentCalibration,
+  Drift,
+  PublicationView,
+  ReadFiles,
+  ResultComparison,
+  ResultView,
+  SetView,
+  SetWithPairs,
+  StatedComparison,
+} from "./schema.ts";
 
-export const buildSet = (detection_id: string, camera: string, exclude_flagged: boolean): Promise<CorrespondenceSet> =>
+export const buildSet = (detection_id: string, camera: string, exclude_flagged: boolean): Promise<SetView> =>
   bodyOf(
     client.POST("/v1/detections/{detection_id}/correspondence-sets", {
       params: { path: { detection_id } },
@@ -34,7 +34,7 @@ export const importSet = async (rigId: string, camera: string, file: File): Prom
   return send(new Request(address, { method: "POST", body: await file.text(), headers }));
 };
 
-export const correspondenceSets = (rig_id: string): Read<CorrespondenceSet[]> =>
+export const correspondenceSets = (rig_id: string): Read<SetView[]> =>
   readAll("/v1/rigs/{rig_id}/correspondence-sets", { rig_id });
 
 export const correspondenceSet = (set_id: string | undefined): Read<SetWithPairs> =>
@@ -43,10 +43,10 @@ export const correspondenceSet = (set_id: string | undefined): Read<SetWithPairs
 export const createCalibration = (vehicle_id: string, body: CalibrationRequest): Promise<{ id: string }> =>
   bodyOf(client.POST("/v1/vehicles/{vehicle_id}/calibrations", { params: { path: { vehicle_id } }, body, ...once() }));
 
-export const calibrations = (vehicle_id: string | undefined): Read<Calibration[]> =>
+export const calibrations = (vehicle_id: string | undefined): Read<CalibrationView[]> =>
   readAll("/v1/vehicles/{vehicle_id}/calibrations", { vehicle_id }, {}, undefined, 200);
 
-export const calibration = (calibration_id: string): Read<Calibration> =>
+export const calibration = (calibration_id: string): Read<CalibrationView> =>
   read("/v1/calibrations/{calibration_id}", { calibration_id }, {}, isUnderWay);
 
 export const cancelCalibration = (calibration_id: string): Promise<unknown> =>
@@ -55,7 +55,7 @@ export const cancelCalibration = (calibration_id: string): Promise<unknown> =>
 export const deleteCalibration = (calibration_id: string): Promise<unknown> =>
   client.DELETE("/v1/calibrations/{calibration_id}", { params: { path: { calibration_id } } });
 
-export const result = (result_id: string): Read<Result> => read("/v1/results/{result_id}", { result_id });
+export const result = (result_id: string): Read<ResultView> => read("/v1/results/{result_id}", { result_id });
 
 /** How far a result is from another one of its camera. */
 export const comparison = (result_id: string, other: string): Read<ResultComparison> =>
@@ -67,7 +67,7 @@ export const drift = (vehicle_id: string, camera: string, after: string | undefi
   read("/v1/vehicles/{vehicle_id}/drift", { vehicle_id }, { camera, after, limit: DRIFT_PER_PAGE });
 
 /** Asks for a result's calibration again, without those of its pairs that have these numbers. */
-export async function calibrateWithout(found: Result, pairs: number[]): Promise<{ id: string }> {
+export async function calibrateWithout(found: ResultView, pairs: number[]): Promise<{ id: string }> {
   const fewer = await bodyOf(
     client.POST("/v1/correspondence-sets/{set_id}/selections", {
       params: { path: { set_id: found.set_id } },
@@ -105,15 +105,19 @@ export const withdraw = (publication_id: string, reason: string): Promise<unknow
   });
 
 /** Where each alias of a camera leads. */
-export const aliases = (vehicle_id: string, camera: string): Read<Page<Publication>> =>
+export const aliases = (vehicle_id: string, camera: string): Read<Page<PublicationView>> =>
   read("/v1/vehicles/{vehicle_id}/cameras/{camera}/aliases", { vehicle_id, camera });
 
 /** What calibration files of other programs hold. Nothing is stored. */
-export const readFiles = (body: StatedFiles): Promise<ReadFiles> =>
+export const readFiles = (body: CalibrationFiles): Promise<ReadFiles> =>
   bodyOf(client.POST("/v1/calibration-files/reading", { body }));
 
 /** How far a result is from the camera of that name in the files. */
-export const compareWithFiles = (result_id: string, files: StatedFiles, camera: string): Promise<StatedComparison> =>
+export const compareWithFiles = (
+  result_id: string,
+  files: CalibrationFiles,
+  camera: string,
+): Promise<StatedComparison> =>
   bodyOf(
     client.POST("/v1/results/{result_id}/comparison", { params: { path: { result_id } }, body: { files, camera } }),
   );
@@ -125,7 +129,7 @@ export const publications = (
   camera: string,
   alias: string,
   after: string | undefined,
-): Read<Page<Publication>> =>
+): Read<Page<PublicationView>> =>
   read(
     "/v1/vehicles/{vehicle_id}/cameras/{camera}/publications",
     { vehicle_id, camera },

@@ -2,7 +2,7 @@
 
 import { bodyOf, client } from "./http.ts";
 import { read, type Read } from "./reads.ts";
-import type { CropAnswer, CropProgress, CropSheet, CropVerdict } from "./types.ts";
+import type { CropAnswer, CropProgress, CropSheet, CropVerdict } from "./schema.ts";
 
 export const progress = (detection_id: string, camera: string): Read<CropProgress> =>
   read("/v1/detections/{detection_id}/crops", { detection_id }, { camera });

@@ -1,9 +1,10 @@
-/** Detection runs and their vertices. */
+/** DetectionView runs and their vertices. */
 
 import { client, once } from "./http.ts";
 import type { Corner } from "../corners.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import { isUnderWay, type Detection, type DetectionRequest, type Vertex, type VertexDetails } from "./types.ts";
+import { isUnderWay } from "./types.ts";
+import type { DetectionRequest, DetectionView, VertexSummary, VertexView } from "./schema.ts";
 
 export const createDetection = (recording_id: string, body: DetectionRequest): Promise<unknown> =>
   client.POST("/v1/recordings/{recording_id}/detections", {
@@ -13,16 +14,16 @@ export const createDetection = (recording_id: string, body: DetectionRequest): P
   });
 
 /** The detections of a recording that is ready. */
-export const detections = (recording_id: string | undefined): Read<Detection[]> =>
+export const detections = (recording_id: string | undefined): Read<DetectionView[]> =>
   readAll("/v1/recordings/{recording_id}/detections", { recording_id }, {}, (found) =>
     found.some((one) => isUnderWay(one) || areCornersUnderWay(one)),
   );
 
 /** Whether jobs still make the vertices of corners that were asked for after the detection. */
-export const areCornersUnderWay = ({ state, job }: Detection): boolean =>
+export const areCornersUnderWay = ({ state, job }: DetectionView): boolean =>
   state === "done" && job !== null && isUnderWay(job);
 
-export const detection = (detection_id: string): Read<Detection> =>
+export const detection = (detection_id: string): Read<DetectionView> =>
   read("/v1/detections/{detection_id}", { detection_id });
 
 export const cancelDetection = (detection_id: string): Promise<unknown> =>
@@ -36,9 +37,9 @@ export const askCorners = (detection_id: string, marked_corners: Corner[]): Prom
   client.PATCH("/v1/detections/{detection_id}", { params: { path: { detection_id } }, body: { marked_corners } });
 
 /** A detection's vertices; no answer of a person changes them. */
-export const vertices = (detection_id: string): Read<Vertex[]> =>
+export const vertices = (detection_id: string): Read<VertexSummary[]> =>
   readAll("/v1/detections/{detection_id}/vertices", { detection_id }, { limit: 5000 }, undefined, 200_000);
 
 /** A vertex with its covariance, its frames and the board's other corners. */
-export const vertex = (detection_id: string, vertex_id: string | undefined): Read<VertexDetails> =>
+export const vertex = (detection_id: string, vertex_id: string | undefined): Read<VertexView> =>
   read("/v1/detections/{detection_id}/vertices/{vertex_id}", { detection_id, vertex_id });

@@ -2,14 +2,8 @@
 
 import { bodyOf, client, once, type Page } from "./http.ts";
 import { read, type Read } from "./reads.ts";
-import {
-  isUnderWay,
-  type DryRun,
-  type FleetRequest,
-  type FleetRequestBody,
-  type RequestVehicle,
-  type VehicleState,
-} from "./types.ts";
+import { isUnderWay, type VehicleState } from "./types.ts";
+import type { DryRunView, FleetRequestBody, FleetRequestView, RequestVehicleView } from "./schema.ts";
 
 export const REQUESTS_PER_PAGE = 50;
 export const VEHICLES_PER_PAGE = 100;
@@ -22,21 +16,21 @@ export const createFleetRequest = (fleetId: string, body: FleetRequestBody): Pro
   ) as Promise<{ id: string }>;
 
 /** What the request would come to; nothing is made. */
-export const dryRun = (fleetId: string, body: FleetRequestBody): Promise<DryRun> =>
+export const dryRun = (fleetId: string, body: FleetRequestBody): Promise<DryRunView> =>
   bodyOf(
     client.POST("/v1/fleets/{id}/fleet-requests", {
       params: { path: { id: fleetId } },
       body: { ...body, dry_run: true },
     }),
-  ) as Promise<DryRun>;
+  ) as Promise<DryRunView>;
 
 /** Newest first. */
-export const fleetRequests = (fleetId: string, after: string | undefined): Read<Page<FleetRequest>> =>
+export const fleetRequests = (fleetId: string, after: string | undefined): Read<Page<FleetRequestView>> =>
   read("/v1/fleets/{id}/fleet-requests", { id: fleetId }, { after, limit: REQUESTS_PER_PAGE }, ({ items }) =>
     items.some(isUnderWay),
   );
 
-export const fleetRequest = (fleet_request_id: string): Read<FleetRequest> =>
+export const fleetRequest = (fleet_request_id: string): Read<FleetRequestView> =>
   read("/v1/fleet-requests/{fleet_request_id}", { fleet_request_id }, {}, isUnderWay);
 
 /** By name; of one state, or of all. */
@@ -44,7 +38,7 @@ export const requestVehicles = (
   fleet_request_id: string,
   state: VehicleState | undefined,
   after: string | undefined,
-): Read<Page<RequestVehicle>> =>
+): Read<Page<RequestVehicleView>> =>
   read(
     "/v1/fleet-requests/{fleet_request_id}/vehicles",
     { fleet_request_id },

@@ -2,13 +2,13 @@
 
 import createClient from "openapi-fetch";
 import type { paths } from "./schema.ts";
-import type { ProblemDocument } from "./types.ts";
+import type { ProblemView } from "./schema.ts";
 
 export class ApiProblem extends Error {
   readonly status: number;
   readonly code: string;
   readonly hint: string;
-  readonly document: ProblemDocument;
+  readonly document: ProblemView;
 
   /** What is wrong with each field of an invalid request. */
   get fields(): { field: string; message: string }[] {
@@ -16,7 +16,7 @@ export class ApiProblem extends Error {
     return Array.isArray(errors) ? (errors as { field: string; message: string }[]) : [];
   }
 
-  constructor(status: number, document: ProblemDocument) {
+  constructor(status: number, document: ProblemView) {
     super(document.detail ?? `The service answered ${status}.`);
     this.status = status;
     this.code = document.code ?? "unknown";
@@ -79,7 +79,7 @@ function unreachable(): ApiProblem {
 
 async function problemOf(response: Response): Promise<ApiProblem> {
   const unexplained = `The service answered ${response.status} without saying why.`;
-  const document = await (response.json() as Promise<ProblemDocument>).catch(() => ({
+  const document = await (response.json() as Promise<ProblemView>).catch(() => ({
     detail: unexplained,
     hint: "Try again in a moment.",
   }));

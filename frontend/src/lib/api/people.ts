@@ -2,7 +2,8 @@
 
 import { bodyOf, client, once } from "./http.ts";
 import { readAll, type Read } from "./reads.ts";
-import type { ChangedMember, Invitation, Me, Member, Role } from "./types.ts";
+import type { Role } from "./types.ts";
+import type { ChangedMember, Invitation, Me, Member } from "./schema.ts";
 
 export const signIn = (secret: string): Promise<Me> => bodyOf(client.POST("/v1/sign-in", { body: { link: secret } }));
 

@@ -5,15 +5,12 @@ import { read, readAll, type Read } from "./reads.ts";
 import {
   isUnderWay,
   type FramePlace,
-  type NewRecording,
   type ProposalRequest,
-  type Recording,
-  type RecordingChange,
-  type RecordingSummary,
   type RigProposal,
   type SweepPlace,
   type UploadedParts,
 } from "./types.ts";
+import type { NewRecording, RecordingEdit, RecordingSummary, RecordingView } from "./schema.ts";
 
 const of = (id: string) => ({ params: { path: { id } } });
 
@@ -22,7 +19,7 @@ export const recordings = (of: { fleet_id?: string | undefined; vehicle_id?: str
   enabled: Object.values(of).every((id) => id !== undefined),
 });
 
-export const recording = (id: string | undefined): Read<Recording> =>
+export const recording = (id: string | undefined): Read<RecordingView> =>
   read("/v1/recordings/{id}", { id }, {}, isUnderWay);
 
 export const createRecording = (vehicleId: string, body: NewRecording): Promise<{ id: string }> =>
@@ -49,7 +46,7 @@ export const completeUpload = (id: string, parts: number, size: number): Promise
 
 export const retryRecording = (id: string): Promise<unknown> => client.POST("/v1/recordings/{id}/retry", of(id));
 
-export const changeRecording = ({ id, version }: Recording, body: RecordingChange): Promise<unknown> =>
+export const changeRecording = ({ id, version }: RecordingView, body: RecordingEdit): Promise<unknown> =>
   client.PATCH("/v1/recordings/{id}", { ...of(id), body, headers: { "If-Match": `"v${version}"` } });
 
 /** The rig that a recording proposes, with a URDF and what a person answers. Nothing is stored. */

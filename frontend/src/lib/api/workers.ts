@@ -1,7 +1,7 @@
 /** Whether workers answer: those that take a kind of job. */
 
 import { read, type Read } from "./reads.ts";
-import type { WorkerStanding } from "./types.ts";
+import type { WorkerStanding } from "./schema.ts";
 
 const POLL_MS = 1000;
 

@@ -4,7 +4,7 @@ import * as annotations from "../api/annotations.ts";
 import * as detections from "../api/detections.ts";
 import * as fleets from "../api/fleets.ts";
 import * as recordings from "../api/recordings.ts";
-import type { MarkingTask } from "../api/types.ts";
+import type { TaskView } from "../api/schema.ts";
 import { cache } from "../cache.svelte.ts";
 import { mountOf, type Mount } from "../overlay/projection.ts";
 import type { Pixel } from "../pixels.ts";
@@ -40,7 +40,7 @@ export class Doubts {
   }
 
   /** A vertex is shown: an earlier mark of it does not predict its new one. */
-  show(task: MarkingTask): void {
+  show(task: TaskView): void {
     this.dismiss();
     const others = this.pairs.filter((one) => one.vertexId !== task.vertex.id);
     this.stale ||= others.length < this.pairs.length;
@@ -48,14 +48,14 @@ export class Doubts {
   }
 
   /** Fits the camera to the marks so far; takes milliseconds. */
-  learn({ frame }: MarkingTask): void {
+  learn({ frame }: TaskView): void {
     if (!this.stale || !this.nominal) return;
     this.expected = expectationOf(this.pairs, this.nominal, frame);
     this.stale = false;
   }
 
   /** Whether the person is asked about this mark. */
-  asks(task: MarkingTask, mark: Pixel): boolean {
+  asks(task: TaskView, mark: Pixel): boolean {
     this.question = this.expected?.doubts(placeOf(task), mark) ?? null;
     return this.question !== null;
   }
@@ -65,14 +65,14 @@ export class Doubts {
   }
 
   /** Notes a mark that was given. */
-  note(task: MarkingTask, { u, v }: Pixel): void {
+  note(task: TaskView, { u, v }: Pixel): void {
     this.pairs = [...this.pairs, { ...placeOf(task), u, v, vertexId: task.vertex.id }];
     this.stale = true;
   }
 }
 
 /** Where the vertex was when the camera saw it. */
-function placeOf({ moved, vertex }: MarkingTask): { x: number; y: number; z: number } {
+function placeOf({ moved, vertex }: TaskView): { x: number; y: number; z: number } {
   const { x, y, z } = moved ?? vertex;
   return { x, y, z };
 }
