@@ -1,24 +1,9 @@
-/** The states of cameras as the fleet's page shows them: each by a shape, a word and a colour. */
+/** The table of a fleet's health: what it is sorted and filtered by. */
 
 import type { HealthOrder } from "./api/types.ts";
 import type { CameraState } from "./api/schema.ts";
 import type { CameraFilter } from "./router.svelte.ts";
-
-interface Look {
-  shape: string;
-  word: string;
-  tone: "good" | "caution" | "bad" | "muted";
-}
-
-/** In the order of the tiles. */
-export const STATES: Record<CameraState, Look> = {
-  published: { shape: "●", word: "published", tone: "good" },
-  look: { shape: "▲", word: "to look at", tone: "caution" },
-  none: { shape: "○", word: "none", tone: "muted" },
-  withdrawn: { shape: "✕", word: "withdrawn", tone: "bad" },
-  sensor_swapped: { shape: "◆", word: "sensor swapped", tone: "bad" },
-  unknown: { shape: "?", word: "unknown", tone: "caution" },
-};
+import { CAMERA_STATES } from "./states.ts";
 
 /** What can be sorted by; the first click shows the largest error, the oldest and the gravest first. */
 export const COLUMNS: { name: string; order: HealthOrder; turned: HealthOrder; number?: true }[] = [
@@ -39,7 +24,7 @@ export function healthQuery({ name, state, order }: CameraFilter): {
   const sorted = orders.find((one) => one === order);
   return {
     ...(name && { name }),
-    ...(state in STATES && { state: [state as CameraState] }),
+    ...(state in CAMERA_STATES && { state: [state as CameraState] }),
     ...(sorted && { order: sorted }),
   };
 }
