@@ -22,7 +22,7 @@ class Marker:
 
     def open(self) -> None:
         """Go to the recording and follow its link."""
-        self.page.goto(f"{self.track.url}/recordings/{self.track.recording_id}")
+        self.page.goto(f"{self.track.url}/recordings/{self.track.recording_id}?detection={self.track.detection_id}")
         self._responses.clear()
         self.link().click()
         self.frame().wait_for()

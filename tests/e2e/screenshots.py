@@ -20,7 +20,7 @@ from tests.e2e.test_calibrating import pairs_of_truth
 from tests.e2e.test_crops import Confirmer, marked  # noqa: F401
 from tests.e2e.test_marking import ask_marks
 from tests.e2e.test_marking_beside import ASIDE_PX, click_corner
-from tests.e2e.test_workspace import STEPS
+from tests.e2e.test_workspace import DRAWERS
 
 ROOT = Path(__file__).parents[2]
 SIZES = {390: 844, 1280: 900, 1920: 1080}
@@ -54,7 +54,8 @@ def paths(track: Track) -> dict[str, str]:
         "fleet-requests": f"/fleets/{track.fleet_id}/requests",
         "fleet-request": f"/fleet-requests/{request.id}",
         "vehicle": f"/vehicles/{track.vehicle_id}",
-        **{step: f"/recordings/{track.recording_id}?step={step}" for step in STEPS},
+        "recording": f"/recordings/{track.recording_id}",
+        **{step: f"/recordings/{track.recording_id}?step={step}" for step in DRAWERS},
         "result": f"/calibrations/{calibration.id}",
         "comparison": f"/calibrations/{calibration.id}",
     }

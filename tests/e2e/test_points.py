@@ -73,7 +73,7 @@ def open_points(page: Page, track: Track, recording_id: str) -> Locator:
     page.goto(f"{track.url}/recordings/{recording_id}?step=facts")
     stage = page.get_by_role("application")
     expect(stage).to_have_attribute("data-pictures", re.compile("[1-9]"))
-    expect(stage).to_have_attribute("data-sweeps", "0")
+    expect(stage).to_have_attribute("data-sweeps", re.compile("[0-9]"))
     return stage
 
 
@@ -146,7 +146,7 @@ def test_everything_is_done_by_keys(sign_in: SignIn, track: Track, dense: str) -
         page.get_by_label("Colour").select_option(name)
         if name != "height":
             expect(stage).not_to_have_attribute("data-pictures", str(before))
-    slider = page.get_by_role("slider", name="Sweep")
+    slider = page.get_by_role("slider", name="Sweep", exact=True)
     slider.focus()
     page.keyboard.press("ArrowRight")
     expect(stage).to_have_attribute("data-sweeps", "1")

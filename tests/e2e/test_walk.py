@@ -46,8 +46,7 @@ def upload(page: Page, recording: Path) -> None:
     page.get_by_role("button", name="Upload").click()
     expect(page.get_by_role("heading", level=1)).to_have_text(recording.name, timeout=30_000)
     expect(page.get_by_text("ready", exact=True).first).to_be_visible(timeout=60_000)
-    # The page says what comes next.
-    page.get_by_role("link", name="Next: Region").click()
+    page.get_by_text("Say yourself where the board is").click()
 
 
 def draw(page: Page) -> None:
@@ -77,12 +76,11 @@ def judge(page: Page) -> None:
     expect(page.get_by_role("status").filter(has_text="Corner at x")).to_be_visible()
     expect(page.get_by_role("application")).to_have_attribute("data-pictures", re.compile("[1-9]"))
     expect(page.get_by_role("img", name=re.compile("^Frame"))).to_be_visible()
-    page.get_by_role("link", name="Next: Marking").click()
 
 
 def mark(page: Page, apexes: list[list[float]]) -> None:
     """Click where the camera sees the board's corner, frame by frame. No good mark is asked about."""
-    page.get_by_role("link", name="Mark", exact=True).click()
+    page.get_by_role("link", name="Mark frames of front").click()
     stage = page.locator(".stage")
     for number in range(1, MARKS + 1):
         expect(page.get_by_test_id("mine")).to_contain_text(re.compile(rf"^{number - 1} of"))
@@ -98,7 +96,7 @@ def mark(page: Page, apexes: list[list[float]]) -> None:
     page.get_by_role("link", name="Back").click()
     page.get_by_role("button", name="Build correspondences").click()
     expect(page.get_by_text(f"{MARKS} correspondences")).to_be_visible()
-    page.get_by_role("link", name="Next: Calibration").click()
+    page.get_by_text("Calibrate with other options").click()
 
 
 def place_of(image: Locator, pixel: list[float]) -> tuple[float, float]:

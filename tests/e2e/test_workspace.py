@@ -10,7 +10,7 @@ from tests.e2e.conftest import Track
 from tests.e2e.looks import CROSSED, ONCE, View, assert_accessible, assert_fits, show
 
 SignIn = Callable[[str, str], Page]
-STEPS = ("facts", "region", "detection", "marking", "calibration")
+DRAWERS = ("facts", "region", "calibration")
 DROP = """([name, where]) => {
   const data = new DataTransfer();
   data.items.add(new File(["This is no bag.\\n".repeat(50)], name));
@@ -21,32 +21,29 @@ DROP = """([name, where]) => {
 }"""
 
 
-def test_the_steps_are_links_and_each_role_starts_at_its_own(sign_in: SignIn, track: Track) -> None:
+def test_the_next_step_is_at_the_top_and_all_else_in_drawers(sign_in: SignIn, track: Track) -> None:
     page = sign_in("Cora", "engineer")
     page.goto(f"{track.url}/recordings/{track.recording_id}")
-    steps = page.get_by_role("navigation", name="Steps")
-    # Vertices were found already: they wait to be judged.
-    expect(steps.locator("[aria-current=step]")).to_contain_text("Detection")
+    # Vertices were found already: their frames are to be marked, and how many more is said at the top.
+    step = page.get_by_role("region", name="Next step")
+    expect(step).to_contain_text(re.compile(r"Mark \d+ more frames?: 33 marks are enough|Enough for a calibration"))
+    expect(step.get_by_role("link", name="Mark frames of front")).to_be_in_viewport()
     for name, there in (
-        ("Recording", page.get_by_role("heading", name="What it holds")),
-        ("Region", page.get_by_role("heading", name="Find vertices")),
-        ("Marking", page.get_by_role("link", name="Mark", exact=True)),
-        ("Calibration", page.get_by_role("heading", name="Calibrate", exact=True)),
+        ("What the recording holds", page.get_by_role("heading", name="What it holds")),
+        ("It found the wrong thing", page.get_by_role("heading", name="Find vertices")),
+        ("Calibrate with other options", page.get_by_role("heading", name="Calibrate", exact=True)),
     ):
-        step = steps.get_by_role("link", name=re.compile(f"^(?!Next).*{name}"))
-        step.focus()
+        expect(there).to_have_count(0)
+        drawer = page.locator("summary").filter(has_text=name)
+        drawer.focus()
         page.keyboard.press("Enter")
-        expect(there.first).to_be_visible()
-        expect(steps.locator("[aria-current=step]")).to_contain_text(name)
-        expect(step).to_be_focused()  # a step keeps the focus where it was
-    page.go_back()
-    expect(steps.locator("[aria-current=step]")).to_contain_text("Marking")
+        expect(there).to_be_visible()
+        expect(drawer).to_be_focused()
 
     annotator = sign_in("Dag", "annotator")
     annotator.goto(f"{track.url}/recordings/{track.recording_id}")
-    expect(annotator.get_by_role("link", name="Mark", exact=True).first).to_be_visible()
-    steps = annotator.get_by_role("navigation", name="Steps")
-    expect(steps.get_by_role("link", name="Region")).to_have_count(0)
+    expect(annotator.get_by_role("link", name="Mark frames of front")).to_be_in_viewport()
+    expect(annotator.get_by_text("It found the wrong thing")).to_have_count(0)
 
 
 def until(page: Page, condition: str) -> None:
@@ -97,8 +94,7 @@ def test_an_empty_vehicle_asks_for_what_comes_first(sign_in: SignIn, track: Trac
     page.evaluate(DROP, ["dropped.bag", "h1"])
     expect(page.get_by_role("heading", level=1)).to_have_text("dropped.bag")
     expect(page.get_by_role("alert")).to_contain_text("text file", timeout=20_000)
-    steps = page.get_by_role("navigation", name="Steps")
-    expect(steps.get_by_role("link")).to_have_count(1)  # nothing else can be done with it
+    expect(page.get_by_role("region", name="Next step")).to_have_count(0)  # nothing else can be done with it
 
 
 def test_a_file_is_dropped_anywhere(sign_in: SignIn, track: Track) -> None:
@@ -132,7 +128,7 @@ def test_a_file_is_dropped_anywhere(sign_in: SignIn, track: Track) -> None:
 
 
 def pages_of(track: Track) -> list[str]:
-    paths = [f"/recordings/{track.recording_id}?step={step}" for step in STEPS]
+    paths = [f"/recordings/{track.recording_id}?step={step}" for step in DRAWERS]
     return [
         *paths,
         f"/fleets/{track.fleet_id}",

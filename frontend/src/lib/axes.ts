@@ -11,10 +11,6 @@ export function ticks(low: number, high: number, most: number): number[] {
   return Array.from({ length: count }, (_, i) => Number(((first + i) * step).toPrecision(12)));
 }
 
-/** As many digits behind the point as tell the ticks apart. */
-export const digitsOf = (shown: number[]): number =>
-  Math.max(0, ...shown.map((value) => String(value).split(".")[1]?.length ?? 0));
-
 export type Range = [number, number];
 export type Scale = (value: number) => number;
 

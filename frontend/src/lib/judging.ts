@@ -10,6 +10,13 @@ export const CORNER = "#e0007a";
 
 export type Verdict = "found" | "uncertain" | "refused";
 
+/** How each is drawn: by shape and height, not by colour alone. */
+export const VERDICTS = {
+  found: { shape: "●", tone: "good", colour: "var(--ok)", height: 1 },
+  uncertain: { shape: "▲", tone: "caution", colour: "var(--warn)", height: 0.55 },
+  refused: { shape: "✕", tone: "bad", colour: "var(--bad)", height: 0.2 },
+} as const;
+
 export interface Judged {
   index: number;
   verdict: Verdict;
@@ -84,6 +91,12 @@ export function nextOf(judged: readonly Judged[], { verdict, reason }: Omit<Kind
   const is = (one: Judged): boolean => one.verdict === verdict && one.reason === reason;
   const next = judged.findIndex((one, place) => place > after && is(one));
   return next >= 0 ? next : judged.findIndex(is);
+}
+
+/** The place of the number that is nearest to one in a list; 0 in an empty one. */
+export function nearestTo(numbers: readonly number[], wanted: number): number {
+  const away = numbers.map((one) => Math.abs(one - wanted));
+  return Math.max(0, away.indexOf(Math.min(...away)));
 }
 
 type Vector = [number, number, number];

@@ -6,7 +6,7 @@ export type Route =
   | { page: "home"; fleet: string | null; cameras: CameraFilter }
   | { page: "sign-in" }
   | { page: "vehicle"; id: string }
-  | { page: "recording"; id: string; step: string | null }
+  | { page: "recording"; id: string; step: string | null; detection: string | null }
   | { page: "marking"; detection: string; camera: string; vertex: string | null; crops: number }
   | { page: "crops"; detection: string; camera: string }
   | { page: "calibration"; id: string; show: string | null }
@@ -48,7 +48,10 @@ export function routeOf(url: URL): Route {
   if (third) return { page: "unknown" };
   if (first === "fleets") return { page: "home", fleet: second, cameras: filterOf(url) };
   if (first === "vehicles") return { page: "vehicle", id: second };
-  if (first === "recordings") return { page: "recording", id: second, step: url.searchParams.get("step") };
+  if (first === "recordings") {
+    const [step, detection] = [url.searchParams.get("step"), url.searchParams.get("detection")];
+    return { page: "recording", id: second, step, detection };
+  }
   if (first === "calibrations") return { page: "calibration", id: second, show: url.searchParams.get("show") };
   if (first === "fleet-requests") return { page: "fleet-request", id: second, state: url.searchParams.get("state") };
   return { page: "unknown" };
@@ -134,11 +137,11 @@ export function markingPath(
 export const cropsPath = (detection: string, camera: string): string =>
   `/detections/${detection}/crops?camera=${encodeURIComponent(camera)}`;
 
-/** The steps of a recording's page, in the order of the work. */
-export const STEPS = ["facts", "region", "detection", "marking", "calibration"] as const;
-export type Step = (typeof STEPS)[number];
-
-export const recordingPath = (id: string, step?: Step): string => `/recordings/${id}${step ? `?step=${step}` : ""}`;
+/** `step`: the drawer of a recording's page that is open. */
+export function recordingPath(id: string, step?: "facts" | "region" | "calibration", detection?: string): string {
+  const query = (step ? `?step=${step}` : "") + (detection ? `?detection=${detection}` : "");
+  return `/recordings/${id}${query}`;
+}
 
 /** What a calibration's page shows where it is no camera: no camera has a name with a slash. */
 export const RIG = "/rig";

@@ -1,10 +1,10 @@
 /** Which of a recording's sweeps are shown, and their points. */
 
-import { asProblem, type ApiProblem } from "../api/http.ts";
+import type { ApiProblem } from "../api/http.ts";
 import * as recordings from "../api/recordings.ts";
 import type { SweepPlace } from "../api/types.ts";
 import { reading } from "../cache.svelte.ts";
-import { stepped } from "../stepping.ts";
+import { Latest } from "../latest.svelte.ts";
 import { cloudOf, type Cloud } from "./cloud.ts";
 import { loadSweep, spreadOver } from "./load.ts";
 
@@ -14,9 +14,8 @@ export class ShownSweeps {
   number = $state(0);
   /** Many at once, spread over the recording. */
   together = $state(false);
-  cloud = $state.raw<Cloud | null>(null);
   readonly #found: { data: SweepPlace[] | undefined; error: ApiProblem | null };
-  #problem = $state.raw<ApiProblem | null>(null);
+  readonly #loaded: Latest<number[], Cloud>;
   readonly sweeps = $derived.by(() => this.#found.data ?? []);
   readonly at = $derived(this.sweeps[this.number]);
   readonly last = $derived(Math.max(0, this.sweeps.length - 1));
@@ -27,7 +26,16 @@ export class ShownSweeps {
 
   constructor(recordingId: () => string) {
     this.#found = reading(() => recordings.sweeps(recordingId()));
-    $effect(() => this.#load(recordingId(), this.wanted));
+    const url = (index: number): string => recordings.sweepUrl(recordingId(), index);
+    this.#loaded = new Latest(
+      () => (this.wanted.length > 0 ? this.wanted : null),
+      async (wanted) => {
+        const next = this.together ? undefined : this.sweeps[this.number + 1];
+        const loaded = await Promise.all(wanted.map((index) => loadSweep(url(index))));
+        if (next) loadSweep(url(next.index)).catch(() => undefined);
+        return cloudOf(loaded);
+      },
+    );
   }
 
   get isPacked(): boolean {
@@ -35,26 +43,10 @@ export class ShownSweeps {
   }
 
   get problem(): ApiProblem | null {
-    return this.#found.error ?? this.#problem;
+    return this.#found.error ?? this.#loaded.problem;
   }
 
-  #load(recordingId: string, wanted: number[]): void {
-    if (wanted.length === 0) return;
-    const url = (index: number): string => recordings.sweepUrl(recordingId, index);
-    Promise.all(wanted.map((index) => loadSweep(url(index))))
-      .then((loaded) => {
-        if (wanted !== this.wanted) return;
-        this.cloud = cloudOf(loaded);
-        this.#problem = null;
-        const next = this.together ? undefined : this.sweeps[this.number + 1];
-        if (next) loadSweep(url(next.index)).catch(() => undefined);
-      })
-      .catch((error: unknown) => {
-        if (wanted === this.wanted) this.#problem = asProblem(error);
-      });
-  }
-
-  step(event: KeyboardEvent): void {
-    this.number = stepped(event, this.number, this.last);
+  get cloud(): Cloud | null {
+    return this.#loaded.value;
   }
 }
