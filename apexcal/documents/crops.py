@@ -113,3 +113,15 @@ class CropVerdict(Sent):
     rejected: int
     sentence: str
     progress: CropProgress
+
+
+class ExpectedCorner(Sent):
+    """Where to look for a vertex in its frame: the corner lies within ``within_px`` of (``u``, ``v``), pixels.
+
+    It is the machine's mark, moved at random by up to a quarter of a crop's side: it says where, not what to mark.
+    """
+
+    vertex_id: UUID
+    u: float
+    v: float
+    within_px: float

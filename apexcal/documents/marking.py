@@ -98,7 +98,6 @@ class TaskView(Sent):
     frame: TaskFrame
     gap_ns: int
     moved: Moved | None = None
-    predicted: Pixel | None
     own: Own
     ahead: list[TaskView] = Field(default_factory=list["TaskView"])
 
@@ -151,23 +150,6 @@ class AnswerView(Sent):
     mark: Pixel | None
     reviewed: bool
     progress: Progress | None
-
-
-class OwnPair(Sent):
-    """A vertex that the person confirmed, in metres in the LiDAR frame at the frame's time, and the person's mark."""
-
-    vertex_id: UUID
-    x: float
-    y: float
-    z: float
-    u: float
-    v: float
-
-
-class OwnPairs(Sent):
-    """The newest pairs, in the order in which they were marked."""
-
-    items: list[OwnPair]
 
 
 class GivenMark(Sent):

@@ -9,15 +9,12 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, and_, case, func, or_, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.marking import OwnPair, PersonAnswers, Tally
+from apexcal.documents.marking import PersonAnswers, Tally
 from service.annotations.answer_queries import MARK, VERDICT, answers_of, answers_of_others, has_answered
 from service.annotations.consensus import Opinion
 from service.platform.db.annotations import Disclosure
 from service.platform.db.detections import Vertex, VertexFrame
 from service.platform.db.people import Person
-
-# The pages fit a camera to so many.
-_MOST_PAIRS = 100
 
 
 def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
@@ -43,21 +40,6 @@ def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
         reviewed=sum(int(row[3]) for row in answers),
         people=[PersonAnswers(name=name, answers=people[person]) for person, name in names],
     )
-
-
-def own_pairs(session: Session, detection_id: UUID, camera_id: UUID, person_id: UUID) -> list[OwnPair]:
-    """A person's newest marks with the vertices that they confirmed by them, the oldest first."""
-    statement = (
-        answers_of(detection_id, camera_id, Vertex, VertexFrame, MARK)
-        .where(VERDICT.person_id == person_id, VERDICT.verdict == "confirmed")
-        .order_by(MARK.created_at.desc(), MARK.id)
-        .limit(_MOST_PAIRS)
-    )
-    return [
-        OwnPair(vertex_id=vertex.id, x=at.x, y=at.y, z=at.z, u=mark.u, v=mark.v)
-        for vertex, frame, mark in reversed(session.execute(statement).all())
-        for at in (frame if frame.x is not None else vertex,)
-    ]
 
 
 def opinions_of(session: Session, detection_id: UUID, camera_id: UUID) -> dict[UUID, list[Opinion]]:

@@ -13,7 +13,6 @@ from apexcal.documents.marking import (
     AnswerView,
     GivenMark,
     NextTask,
-    OwnPairs,
     Progress,
     Tally,
     TaskView,
@@ -25,7 +24,7 @@ from service.annotations.answer_queries import VERDICT
 from service.annotations.disclosure_actions import DisclosureKey, answered_by_others, tell
 from service.annotations.locks import lock_person
 from service.annotations.progress_actions import read_progress
-from service.annotations.progress_queries import own_pairs, tally, visible_answers
+from service.annotations.progress_queries import tally, visible_answers
 from service.annotations.task_actions import next_tasks
 from service.annotations.views import Subject, find_subject, mark_view, task_view
 from service.detections.queries import done_detection, find_camera
@@ -102,14 +101,6 @@ def read_tally(detection_id: UUID, access: ReadAccess, camera: CameraQuery, requ
     others = answered_by_others(access.session, detection.id, sensor.id, access.person.id)
     tell(access, request.app.state.database, sensor, others, "tally")
     return counts
-
-
-@router.get("/detections/{detection_id}/own-pairs")
-def list_own_pairs(detection_id: UUID, access: ReadAccess, camera: CameraQuery) -> OwnPairs:
-    """One's own marks in one camera with the vertices that they are of. Nothing of others is told."""
-    detection = access.find(Detection, detection_id)
-    sensor = find_camera(access.session, detection.recording_id, camera)
-    return OwnPairs(items=own_pairs(access.session, detection.id, sensor.id, access.person.id))
 
 
 @router.get("/detections/{detection_id}/marks")

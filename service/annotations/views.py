@@ -182,7 +182,6 @@ def task_view(subject: Subject) -> TaskView:
             height=frame.height,
             url=f"{address}/frames/{frame.frame_index}",
         ),
-        predicted=None,
         own=own_answer(subject),
         ahead=[],
     )

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass
+from random import Random
 from uuid import UUID
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.crops import LEAST_MARKS, CropProgress
+from apexcal.documents.crops import LEAST_MARKS, SHIFT_SHARES, CropProgress, ExpectedCorner, side_of
 from service.annotations.consensus import Opinion
 from service.annotations.progress_queries import opinions_of
 from service.crops.shifts import MOST_MISSED
@@ -21,6 +23,10 @@ from service.platform.db.recordings import Sensor
 
 # The mean of so many differences is known to 0.45 of one difference's deviation, 1 / sqrt(5).
 LEAST_BLIND = 5
+# Errors of two Gaussian coordinates are longer than so many deviations once in a thousand.
+_ONCE_IN_A_THOUSAND = math.sqrt(-2.0 * math.log(1e-3))
+# Nobody's marks are assumed to be better, pixels.
+_LEAST_SIGMA_PX = 1.0
 
 
 def newest_marks(session: Session, detection_id: UUID, camera: str) -> Analysis | None:
@@ -37,6 +43,26 @@ def marks_of(analysis: Analysis) -> list[Json]:
     """All that an analysis says of vertices, marks and reasons; empty until it is done."""
     columns: Json = (analysis.result or {}).get("marks", {})
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def expected_corners(session: Session, detection_id: UUID, camera: str) -> list[ExpectedCorner]:
+    """Return where to look for each vertex that the machine marked: its mark, moved at random, always alike."""
+    analysis = newest_marks(session, detection_id, camera)
+    return [] if analysis is None else [_expected(mark) for mark in marks_of(analysis) if not mark["reason"]]
+
+
+def _expected(mark: Json) -> ExpectedCorner:
+    # Who does not know the mark cannot undo what its own digits make.
+    random = Random(str(mark))
+    most_px = SHIFT_SHARES[1] * side_of(mark["edge_px"])
+    length, angle = most_px * math.sqrt(random.random()), math.tau * random.random()
+    sigma_px = math.hypot(_LEAST_SIGMA_PX, max(mark["sigma_u"], mark["sigma_v"]))
+    return ExpectedCorner(
+        vertex_id=mark["vertex_id"],
+        u=mark["u"] + length * math.cos(angle),
+        v=mark["v"] + length * math.sin(angle),
+        within_px=most_px + _ONCE_IN_A_THOUSAND * sigma_px,
+    )
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from uuid import UUID
 from fastapi import Depends, Path, Query, Request, Response
 
 from apexcal.documents.base import Sought
-from apexcal.documents.crops import CropAnswer, CropProgress, CropSheet, CropVerdict, NextCrops
+from apexcal.documents.crops import CropAnswer, CropProgress, CropSheet, CropVerdict, ExpectedCorner, NextCrops
 from service.crops.actions import find_page, judge, next_page, sheet_of
 from service.crops.pictures import tile_of
-from service.crops.queries import newest_marks, progress_of
+from service.crops.queries import expected_corners, newest_marks, progress_of
 from service.detections.queries import done_detection, find_camera
 from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
@@ -34,6 +34,14 @@ def get_crop_progress(detection_id: UUID, access: ReadAccess, camera: CameraQuer
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera)
     return progress_of(access.session, newest_marks(access.session, detection.id, sensor.name), sensor)
+
+
+@router.get("/detections/{detection_id}/expected-corners")
+def list_expected_corners(detection_id: UUID, access: ReadAccess, camera: CameraQuery) -> list[ExpectedCorner]:
+    """Where to look for each corner that the machine marked in one camera. Nothing of what people said is told."""
+    detection = access.find(Detection, detection_id)
+    sensor = find_camera(access.session, detection.recording_id, camera)
+    return expected_corners(access.session, detection.id, sensor.name)
 
 
 @router.post(

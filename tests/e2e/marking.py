@@ -62,10 +62,21 @@ class Marker:
         width, height = self.track.image_size
         return (x - box["x"]) / box["width"] * width - 0.5, (y - box["y"]) / box["height"] * height - 0.5
 
-    def click(self, across: float, down: float) -> tuple[float, float]:
-        """Click at a fraction of the viewport, and return the pixel that lies there."""
+    def whole(self) -> None:
+        """Show the whole frame."""
+        frame, view = self.frame().bounding_box(), self.view().bounding_box()
+        if frame["width"] > 1.01 * view["width"] or frame["height"] > 1.01 * view["height"]:
+            self.page.keyboard.press("0")
+
+    def click(self, across: float, down: float, *, exact: bool = False) -> tuple[float, float]:
+        """Click at a fraction of the viewport, and return the pixel that lies there.
+
+        A frame that opened about an expected corner is clicked near it unless ``exact``, so that nothing is asked.
+        """
         box = self.view().bounding_box()
         assert box is not None
+        if not exact and self.view().get_attribute("data-near"):
+            across, down = 0.5 + 0.1 * (across - 0.5), 0.5 + 0.1 * (down - 0.5)
         x, y = math.floor(box["x"] + across * box["width"]), math.floor(box["y"] + down * box["height"])
         self.page.mouse.click(x, y)
         return self.pixel(x, y)

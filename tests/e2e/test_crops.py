@@ -68,7 +68,7 @@ class Confirmer:
                 marker.frame().wait_for()
                 marker.ready()
                 shown = marker.vertex
-                marker.click(0.4, 0.4)
+                marker.click(0.5, 0.5)
                 with self.page.expect_response("**/answer") as answered:
                     self.page.keyboard.press("Enter")
                 assert answered.value.ok and not answered.value.json()["reviewed"]

@@ -1,15 +1,18 @@
 """What stands beside the marking: a question about a mark that is far from the others, and the LiDAR's sweep."""
 
+import math
 import re
 from collections.abc import Callable
 
 import pytest
 from playwright.sync_api import Page, expect
 
+from apexcal.documents.machine_marks import MachineMark
 from tests.e2e.conftest import Track
 from tests.e2e.looks import View, assert_looks, each_view
 from tests.e2e.marking import Marker
-from tests.e2e.test_marking import ask_marks
+from tests.e2e.test_crops import marked  # noqa: F401
+from tests.e2e.test_marking import ask_marks, narrow_to
 
 SignIn = Callable[[str, str], Page]
 ASIDE_PX = 60
@@ -20,41 +23,59 @@ def everybody_gets_every_vertex(track: Track) -> None:
     ask_marks(track, 50)
 
 
-def click_corner(marker: Marker, aside_px: float = 0) -> tuple[float, float]:
-    """Click where the camera sees the board's corner, or so far beside it; the pixel that was clicked."""
+def true_corner(marker: Marker) -> tuple[float, float]:
+    """Where the camera sees the board's corner in the shown frame."""
     said = re.search(r"frame (\d+)", marker.view().get_attribute("aria-label") or "")
     assert said
     u, v = marker.track.truth["frames"]["apex_uv"][int(said[1])]
+    return u, v
+
+
+def click_corner(marker: Marker, aside_px: float = 0) -> tuple[float, float]:
+    """Click where the camera sees the board's corner, or so far beside it; the pixel that was clicked."""
+    u, v = true_corner(marker)
     width, height = marker.track.image_size
     u += aside_px if u < width / 2 else -aside_px
     frame, view = marker.frame().bounding_box(), marker.view().bounding_box()
     assert frame and view
     x = frame["x"] + (u + 0.5) * frame["width"] / width
     y = frame["y"] + (v + 0.5) * frame["height"] / height
-    return marker.click((x - view["x"]) / view["width"], (y - view["y"]) / view["height"])
+    return marker.click((x - view["x"]) / view["width"], (y - view["y"]) / view["height"], exact=True)
 
 
-def test_a_mark_far_from_the_others_is_asked_about_and_kept_as_it_is(sign_in: SignIn, track: Track) -> None:
+def test_a_frame_opens_about_the_corner_and_a_far_mark_is_asked_about(
+    sign_in: SignIn,
+    marked: tuple[Track, dict[str, MachineMark]],  # noqa: F811
+) -> None:
+    track, marks = marked
+    ask_marks(track, 50)
     june = Marker(sign_in("June", "annotator"), track)
     june.open()
     question = june.page.get_by_role("alert").filter(has_text="Is this the corner?")
-    for _ in range(14):
+    off: list[float] = []
+    for _ in range(8):
+        if june.vertex in marks:
+            # Close enough to see the corner, and not at the machine's mark.
+            assert june.pixel(700, 0)[0] - june.pixel(0, 0)[0] < 400
+            view = june.view().bounding_box()
+            middle = june.pixel(view["x"] + view["width"] / 2, view["y"] + view["height"] / 2)
+            mark = marks[june.vertex]
+            off.append(math.dist(middle, (mark.u or 0, mark.v or 0)))
         click_corner(june)
         june.save()  # no good mark is asked about
+    assert len(off) > 4 and max(off) < 40 and sorted(off)[len(off) // 2] > 3, off
 
-    # What was marked before the page was loaded counts.
-    june.reload()
-    june.page.wait_for_load_state("networkidle")
+    while june.vertex not in marks:
+        june.save("u")
     vertex = june.vertex
     far = click_corner(june, ASIDE_PX)
     expect(question).to_have_count(0)
     june.page.keyboard.press("Enter")
     expect(question).to_be_visible()
-    said = re.search(r"(\d+) px from here. Good marks are within (\d+) px", question.inner_text())
-    assert said and abs(int(said[1]) - ASIDE_PX) < 15 and int(said[2]) < ASIDE_PX / 2
+    said = re.search(r"(\d+) px from here. Good\s+marks are within (\d+) px", question.inner_text())
+    assert said and abs(int(said[1]) - ASIDE_PX) < 30 and int(said[2]) < ASIDE_PX / 2
     assert vertex not in june.own_marks()
     assert june.shown() == 1  # the mark, and nothing of where it is expected
-    expect(june.view().locator(".predicted")).to_have_count(0)
     # The key that saves every mark does not keep it, however often it is pressed.
     for _ in range(3):
         june.page.keyboard.press("Enter")
@@ -64,6 +85,8 @@ def test_a_mark_far_from_the_others_is_asked_about_and_kept_as_it_is(sign_in: Si
     assert (mark["u"], mark["v"]) == pytest.approx(far, abs=0.51)
 
     # Or it is set again.
+    while june.vertex not in marks:
+        june.save("u")
     vertex = june.vertex
     click_corner(june, -ASIDE_PX)
     june.page.keyboard.press("Enter")
@@ -75,6 +98,94 @@ def test_a_mark_far_from_the_others_is_asked_about_and_kept_as_it_is(sign_in: Si
     june.save()
     mark = june.own_marks()[vertex]["mark"]
     assert (mark["u"], mark["v"]) == pytest.approx(good, abs=0.51)
+
+
+def test_six_keys_of_a_keypad_mark_a_corner(
+    sign_in: SignIn,
+    marked: tuple[Track, dict[str, MachineMark]],  # noqa: F811
+) -> None:
+    track, marks = marked
+    nora = Marker(sign_in("Nora", "annotator"), track)
+    nora.open()
+    off: list[float] = []
+    keys: list[int] = []
+    while len(off) < 7:
+        if nora.vertex not in marks:
+            nora.save("u")
+            continue
+        vertex, corner = nora.vertex, true_corner(nora)
+        keys.append(narrow_to(nora, corner, 2.5) + 1)
+        nora.save()
+        mark = nora.own_marks()[vertex]["mark"]
+        off.append(math.dist(corner, (mark["u"], mark["v"])))
+    print("keys a mark:", keys, "off by, px:", [round(one, 2) for one in sorted(off)])
+    assert max(keys) <= 6 and sorted(off)[len(off) // 2] < 1.5
+
+
+def test_two_taps_mark_a_corner_on_a_phone(
+    sign_in: SignIn,
+    marked: tuple[Track, dict[str, MachineMark]],  # noqa: F811
+) -> None:
+    track, marks = marked
+    page = sign_in("Paul", "annotator")
+    page.set_viewport_size({"width": 390, "height": 844})
+    session = page.context.new_cdp_session(page)
+    session.send("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 5})
+    paul = Marker(page, track)
+    paul.open()
+
+    def touch(kind: str, *at: tuple[float, float]) -> None:
+        points = [{"x": x, "y": y, "id": index} for index, (x, y) in enumerate(at)]
+        session.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+
+    while paul.vertex not in marks:
+        paul.save("u")
+    vertex, corner = paul.vertex, true_corner(paul)
+    frame = paul.frame().bounding_box()
+    x = frame["x"] + (corner[0] + 0.5) / track.image_size[0] * frame["width"]
+    y = frame["y"] + (corner[1] + 0.5) / track.image_size[1] * frame["height"]
+    save = page.get_by_role("button", name="Save mark")
+    expect(save).to_be_in_viewport(ratio=1)
+    touch("Start", (x, y))
+    touch("End")
+    assert paul.shown() == 1
+    button = save.bounding_box()
+    assert button
+    with page.expect_response("**/answer") as answered:
+        page.wait_for_timeout(250)
+        touch("Start", (button["x"] + 40, button["y"] + 15))
+        touch("End")
+    assert answered.value.ok
+    mark = paul.own_marks()[vertex]["mark"]
+    assert math.dist(corner, (mark["u"], mark["v"])) < 1.5
+
+    # Two fingers zoom, and mark nothing; one drags the crosshair beside itself; taps nudge.
+    paul.ready()
+    view = paul.view()
+    box, before = view.bounding_box(), float(view.get_attribute("data-scale") or 0)
+    assert box
+    cx, cy = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    touch("Start", (cx - 30, cy))
+    touch("Start", (cx - 30, cy), (cx + 30, cy))
+    for step in range(1, 7):
+        touch("Move", (cx - 30 - 5 * step, cy), (cx + 30 + 5 * step, cy))
+    touch("End")
+    assert paul.shown() == 0
+    assert float(view.get_attribute("data-scale") or 0) == pytest.approx(2 * before, rel=0.1)
+    touch("Start", (cx, cy + 80))
+    touch("Move", (cx, cy + 70))
+    touch("Move", (cx + 10, cy + 60))
+    touch("End")
+    ink = view.locator("g.ink circle").bounding_box()
+    assert ink and ink["y"] + ink["height"] / 2 < cy + 60 - 40  # above the finger
+    page.get_by_role("button", name="right", exact=True).click()
+    moved = view.locator("g.ink circle").bounding_box()
+    assert moved and moved["x"] - ink["x"] == pytest.approx(1.0, abs=0.2)
+    # Save stays in reach with the LiDAR beside the frame, on its side, and at 200 %.
+    page.get_by_role("button", name="LiDAR").first.click()
+    for width, height in ((390, 844), (844, 390), (640, 400)):
+        page.set_viewport_size({"width": width, "height": height})
+        expect(save).to_be_in_viewport(ratio=1)
 
 
 def test_the_sweep_stands_beside_the_frame(sign_in: SignIn, track: Track) -> None:

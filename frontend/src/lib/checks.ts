@@ -10,6 +10,12 @@ export function failing(checks: readonly Check[]): Check[] {
   return checks.filter((check) => check.verdict !== "pass").toSorted((a, b) => rank(a) - rank(b));
 }
 
+/**
+ * Marks that let the check of pairs pass: 50 degrees of freedom beside the 16 parameters of the largest model, two
+ * coordinates a mark (docs/checks.md).
+ */
+export const ENOUGH_MARKS = 33;
+
 /** What a verdict asks for. */
 export const VERDICT_WORDS: Record<CheckVerdict, string> = {
   pass: "It passes its checks.",

@@ -7,11 +7,10 @@ import * as annotations from "./api/annotations.ts";
 import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
 import * as people from "./api/people.ts";
 import type { MarkingProgress, VerdictName } from "./api/types.ts";
-import type { Me, TaskView } from "./api/schema.ts";
+import type { ExpectedCorner, Me, TaskView } from "./api/schema.ts";
 import { cache } from "./cache.svelte.ts";
 import { cornerWords } from "./corners.ts";
 import { keepDraft, shownMark } from "./drafts.ts";
-import { Doubts } from "./expected/doubts.svelte.ts";
 import type { KeptAnswer } from "./answers_kept.ts";
 import { History } from "./history.svelte.ts";
 import { loadImage, preload } from "./images.ts";
@@ -53,8 +52,11 @@ export class Marking {
   readonly history: History;
   /** The last marks that were given on this page, to compare by eye. */
   readonly strip = new Strip();
-  /** Whether a mark is near the place that the others predict. */
-  readonly doubts = new Doubts();
+  /** Where to look for the shown corner; null where nothing says it. */
+  readonly expected = $derived.by(() => this.#expected[this.task?.vertex.id ?? ""] ?? null);
+  /** Asked about a mark that is far from there: pixels between them, and up to how many are usual. */
+  question = $state.raw<{ distance: number; usual: number } | null>(null);
+  #expected = $state.raw<Readonly<Record<string, ExpectedCorner>>>({});
 
   private readonly me: Me;
   private readonly detectionId: string;
@@ -89,14 +91,19 @@ export class Marking {
 
   async start(): Promise<void> {
     await this.guarded(async () => {
+      await this.look();
       await outbox.start();
       // Until the service has these, it would hand out the very vertices that they answer.
       this.waiting = outbox.unsent.some((one) => this.isOfThisPage(one));
       if (!this.waiting) await this.advance(null);
     });
     void this.count();
-    await this.doubts.start(this.detectionId, this.camera).catch(() => undefined);
-    if (this.task) this.doubts.learn(this.task);
+  }
+
+  /** Reads where the corners are expected. Without it frames are shown as they come, and nothing is asked. */
+  private async look(): Promise<void> {
+    const corners = await cache.query(annotations.expectedCorners(this.detectionId, this.camera)).catch(() => []);
+    this.#expected = Object.fromEntries(corners.map((one) => [one.vertex_id, one]));
   }
 
   /** Keeps the leases while their person is there, and follows the outbox. Returns the end of it. */
@@ -118,7 +125,7 @@ export class Marking {
     const task = this.task;
     if (!task || !this.takes(at)) return;
     this.mark = mark;
-    this.doubts.dismiss();
+    this.question = null;
     const isKept = keepDraft(this.me.id, task, mark);
     this.advice = isKept ? "" : "This browser cannot keep the mark: save it before you leave the page.";
   }
@@ -132,7 +139,7 @@ export class Marking {
       this.advice = `Click the board's ${cornerWords(task.vertex.corner)} first, or press R where this is no vertex.`;
       return;
     }
-    if (mark && !sure && this.doubts.asks(task, mark)) return;
+    if (mark && !sure && this.asksAbout(mark)) return;
     const { task_id: taskId, vertex, frame, own } = task;
     await this.guarded(async () => {
       const answer = await outbox.add({
@@ -146,7 +153,6 @@ export class Marking {
       this.answeredOn = { ...this.answeredOn, [taskId]: own.version };
       this.answered += 1;
       if (mark && this.image) this.strip.add(taskId, this.image, mark);
-      if (mark) this.doubts.note(task, mark);
       const [next, ...ahead] = this.ahead;
       this.ahead = ahead;
       if (next) {
@@ -159,6 +165,14 @@ export class Marking {
         await this.goOn();
       }
     });
+  }
+
+  private asksAbout(mark: Pixel): boolean {
+    if (!this.expected) return false;
+    const { u, v, within_px: usual } = this.expected;
+    const distance = Math.hypot(mark.u - u, mark.v - v);
+    this.question = distance > usual ? { distance, usual } : null;
+    return this.question !== null;
   }
 
   /** Where the next frame fails to come, the answered vertex is shown no longer: it must not take another answer. */
@@ -361,7 +375,7 @@ export class Marking {
     this.image = image;
     this.task = task;
     this.mark = mark;
-    this.doubts.show(task);
+    this.question = null;
     if (mark) this.advice = "Your mark from before is shown again. Enter saves it.";
     void this.watch(task);
   }
@@ -371,7 +385,6 @@ export class Marking {
     await painted();
     if (this.task !== task) return;
     this.seenFrom = performance.now() + REACTION_MS;
-    this.doubts.learn(task);
     setTimeout(() => {
       if (this.task === task) this.fresh = false;
     }, REACTION_MS);

@@ -54,7 +54,7 @@ def everything_readable(person, seed, **ids):
     detection, recording = f"/detections/{seed.detection_id}", f"/recordings/{seed.recording_id}"
     addresses = [
         *(f"{detection}{end}" for end in ("", "/vertices", "/progress?camera=front", "/tally?camera=front")),
-        f"{detection}/own-pairs?camera=front",
+        f"{detection}/expected-corners?camera=front",
         *(f"{detection}/marks?camera=front", f"{detection}/marks?camera=front&limit=1"),
         *(f"{recording}{end}" for end in ("", "/detections", "/cameras/front/frames")),
         f"/analyses?recording_id={seed.recording_id}",

@@ -3,7 +3,7 @@
 import { bodyOf, client } from "./http.ts";
 import { read, type Read } from "./reads.ts";
 import type { MarkingProgress, MarkingTally, NewAnswer } from "./types.ts";
-import type { AnswerView, OwnPairs, TaskView } from "./schema.ts";
+import type { AnswerView, ExpectedCorner, TaskView } from "./schema.ts";
 
 /**
  * The next task for this person, or the one that they hold, with `ahead` that follow; null when nothing is left.
@@ -40,10 +40,6 @@ export const tally = (id: string, camera: string): Promise<MarkingTally> =>
     client.GET("/v1/detections/{detection_id}/tally", { params: { path: { detection_id: id }, query: { camera } } }),
   );
 
-/** The person's own marks with their vertices. Unlike `marks` it tells nothing of others. */
-export const ownPairs = (id: string, camera: string): Promise<OwnPairs> =>
-  bodyOf(
-    client.GET("/v1/detections/{detection_id}/own-pairs", {
-      params: { path: { detection_id: id }, query: { camera } },
-    }),
-  );
+/** Where to look for each corner that the machine marked. */
+export const expectedCorners = (detection_id: string, camera: string): Read<ExpectedCorner[]> =>
+  read("/v1/detections/{detection_id}/expected-corners", { detection_id }, { camera });
