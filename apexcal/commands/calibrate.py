@@ -38,7 +38,9 @@ def _locked(texts: list[str] | None) -> dict[str, float]:
 
 def calibrate(
     session: Session,
-    detection: Annotated[str, typer.Option(help="Id of a detection whose vertices people have marked.")] = "",
+    detection: Annotated[
+        str, typer.Option(help="A marked detection: its id, or the recording whose newest it is, by name or @last.")
+    ] = "",
     pairs: Annotated[
         list[str] | None,
         typer.Option(
@@ -183,7 +185,7 @@ def calibrate(
     text += [] if session.as_json else _publications(client, calibration, publish=publish)
     summaries = calibration.summary.cameras.values() if calibration.summary else ()
     is_withheld = publish and not all(summary.published for summary in summaries)
-    return Reply(calibration, text, WITHHELD if is_withheld else 0)
+    return Reply(calibration, text, WITHHELD if is_withheld else 0, f"apexcal open calibration {calibration.id}")
 
 
 def _publications(client: Client, calibration: CalibrationView, *, publish: bool) -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from apexcal.client import ApiError, Client, InputError
-from apexcal.commands.named import check_id, find_camera, find_rig, find_vehicle
+from apexcal.commands.named import find_camera, find_detection, find_rig, find_vehicle
 from apexcal.commands.stated_files import read_lens
 from apexcal.commands.terminal import note, usage
 from apexcal.documents.correspondence_sets import SetView
@@ -56,11 +56,11 @@ def pairs_of_marks(
     client: Client, detection_id: str, cameras: Sequence[str], *, machine_marks: bool
 ) -> list[PairsOf]:
     """Each camera, and what makes pairs of the marks in it."""
-    detection = client.detections.get(check_id(detection_id, "detection"))
+    detection = find_detection(client, detection_id)
     recording = client.recordings.get(detection.recording_id)
     with_rig = client.vehicles.rig(recording.rig_id)
     of = [find_camera([with_rig], camera) for camera in cameras or [""]]
-    build = partial(client.correspondence_sets.build, detection_id, machine_marks=machine_marks)
+    build = partial(client.correspondence_sets.build, detection.id, machine_marks=machine_marks)
     return [PairsOf(camera, partial(build, camera)) for camera in of]
 
 

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from apexcal.commands.named import check_id, find_camera
-from apexcal.commands.options import CameraOption, check_model
+from apexcal.commands.named import find_camera, find_detection
+from apexcal.commands.options import CameraOption, DetectionArgument, check_model
 from apexcal.commands.session import Reply, Session
 from apexcal.documents.analyses import ClockOffset
 from apexcal.documents.camera_models import MODELS
@@ -22,7 +22,7 @@ _REGION = "REGION.json is the file of the region that this detection was given."
 
 def clock_offset(
     session: Session,
-    detection: Annotated[str, typer.Argument(help="Id of a detection whose vertices people have marked.")],
+    detection: DetectionArgument,
     camera: CameraOption = "",
     model: Annotated[
         str,
@@ -39,10 +39,10 @@ def clock_offset(
     again: `apexcal detect RECORDING ... --offset-ms OFFSET`, with the same options. Marks are kept.
     """
     client = session.client
-    of = client.detections.get(check_id(detection, "detection"))
+    of = find_detection(client, detection)
     recording = client.recordings.get(of.recording_id)
     name = find_camera([client.vehicles.rig(recording.rig_id)], camera)
-    request = client.analyses.estimate_offset(detection, name, model=model)
+    request = client.analyses.estimate_offset(of.id, name, model=model)
     view = session.wait(request, "Estimating the offset")
     assert view.result is not None
     return Reply(view, _outcome(view.result, of, name))

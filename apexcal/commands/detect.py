@@ -53,7 +53,8 @@ def suggest(
     view = session.wait(request, "Looking for what moves")
     assert view.result is not None
     write_content(out, json.dumps(view.result.region, indent=2) + "\n")
-    return Reply(view, f"{_suggestion(view.result.facts)}\nThe region is in {out}.")
+    after = f"apexcal detect {view.recording_id} --region {out}"
+    return Reply(view, f"{_suggestion(view.result.facts)}\nThe region is in {out}.", next=after)
 
 
 def detect(
@@ -117,7 +118,8 @@ def detect(
         mode="auto" if interpolate is None else "interpolate" if interpolate else "nearest",
     )
     detection = session.wait(request, "Detecting")
-    return Reply(detection, _outcome(detection))
+    after = f"apexcal open recording {of.id}, mark; then apexcal calibrate --detection {detection.id}"
+    return Reply(detection, _outcome(detection), next=after)
 
 
 def _suggestion(facts: SuggestionFacts) -> str:

@@ -12,7 +12,7 @@ import typer
 
 from apexcal.archives import read_archive
 from apexcal.client import ApiError
-from apexcal.commands.named import check_id, find_vehicle_camera
+from apexcal.commands.named import find_result, find_vehicle_camera
 from apexcal.commands.options import AliasOption, CameraOption, FleetOption, ForceOption, TargetOption, VehicleOption
 from apexcal.commands.session import Session, as_document
 from apexcal.commands.terminal import check_target, complain, note, usage, write_content
@@ -60,7 +60,7 @@ def export(
     if output and format == "json":
         check_target(output, force)
     client = session.client
-    result_id = check_id(result, "result") if result else ""
+    result_id = find_result(session.client, result) if result else ""
     vehicle_id, name = "", ""
     if not result_id:
         on, name = find_vehicle_camera(client, fleet, vehicle, camera)

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
 
-import typer
 from rich.table import Table
 
-from apexcal.commands.named import check_id, find_camera
-from apexcal.commands.options import CameraOption
+from apexcal.commands.named import find_camera, find_detection
+from apexcal.commands.options import CameraOption, DetectionArgument
 from apexcal.commands.session import Reply, Session
 from apexcal.documents.machine_marks import MachineMark, MarksFacts, MarksView
 
 
 def marks(
     session: Session,
-    detection: Annotated[str, typer.Argument(help="Id of a finished detection.")],
+    detection: DetectionArgument,
     camera: CameraOption = "",
 ) -> Reply:
     """Have the machine mark a detection's corners in a camera's frames, or read its marks if it has.
@@ -24,7 +22,7 @@ def marks(
     `apexcal calibrate --detection DETECTION --machine-marks` uses them.
     """
     client = session.client
-    of = client.detections.get(check_id(detection, "detection"))
+    of = find_detection(client, detection)
     name = find_camera([client.vehicles.rig(client.recordings.get(of.recording_id).rig_id)], camera)
     analyses = client.analyses.list(MarksView, recording_id=of.recording_id)
     analysis = next((each for each in analyses if (each.detection_id, each.camera) == (of.id, name)), None)

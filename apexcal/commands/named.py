@@ -8,11 +8,15 @@ from uuid import UUID
 
 from apexcal.client import Client, ClientError
 from apexcal.commands.terminal import usage
+from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleets import FleetOut, RigOut, VehicleOut
 from apexcal.documents.recordings import RecordingSummary
 
 Named = TypeVar("Named", FleetOut, VehicleOut, RigOut, RecordingSummary)
 
+LAST = "@last"
+"""The newest thing of its kind, instead of a name or an id."""
 _SHOWN = 20
 _MADE_BY_RIG = "apexcal rig rig.json --fleet F --vehicle V"
 
@@ -39,10 +43,7 @@ _RESOURCES = {
     ),
 }
 _WHERE_IDS_ARE = {
-    "detection": "`apexcal detect` prints it, and it stands in the address of its marking page",
     "fleet request": "`apexcal calibrate-fleet` prints it, and it stands in the address of the request's page",
-    "recording": "`apexcal upload` prints it",
-    "result": "`apexcal calibrate --json` prints it",
     "correspondence set": "`apexcal calibrate --json` prints it",
 }
 
@@ -53,6 +54,8 @@ def pick(client: Client, things: Iterable[Named], what: str, name: str) -> Named
     Where the command should have named one of several it was called wrongly, and ends as such.
     """
     things = list(things)
+    if name == LAST and things:
+        return max(things, key=lambda thing: thing.created_at)
     matching = [thing for thing in things if not name or name in (str(thing.id), thing.name)]
     if len(matching) != 1:
         _refuse_to_pick(client, things, matching, what, name)
@@ -96,6 +99,54 @@ def find_recording(client: Client, name: str) -> RecordingSummary:
     if not name.strip():
         usage("the recording's name is empty", "Give its id or name; `apexcal upload` prints both")
     return client.recordings.get(name) if is_id(name) else pick(client, client.recordings.list(), "recording", name)
+
+
+def find_detection(client: Client, name: str) -> DetectionView:
+    """A detection by id, or the newest of a recording by the recording's name; ``@last``: of the newest recording."""
+    if is_id(name):
+        return client.detections.get(name)
+    recording = find_recording(client, name)
+    newest = next(iter(client.detections.list(recording.id)), None)
+    if newest is None:
+        raise ClientError(f"{recording.name!r} has no detection yet", f"Make one: `apexcal suggest {recording.id}`.")
+    return newest
+
+
+def find_calibration(client: Client, name: str, fleet: str = "", vehicle: str = "") -> CalibrationView:
+    """A calibration by id, or the newest of a vehicle by the vehicle's name; ``@last``: of all vehicles."""
+    if is_id(name):
+        return client.calibrations.get(name)
+    if name == LAST and not vehicle:
+        fleets = [find_fleet(client, fleet)] if fleet else list(client.fleets.list())
+        on = [each for of in fleets for each in client.vehicles.list(of.id)]
+    else:
+        on = [find_vehicle(client, fleet, vehicle if name == LAST else name)]
+    newest = [each for of in on if (each := next(client.calibrations.list(of.id), None))]
+    if not newest:
+        raise ClientError("there is no calibration yet", "Make one first: `apexcal calibrate --detection @last`.")
+    return max(newest, key=lambda each: each.created_at)
+
+
+def find_result(client: Client, name: str, camera: str = "") -> str:
+    """The id of a result: given as such, or what the calibration of this name recommends for a camera.
+
+    ``name``: a result's id, a vehicle's name (its newest calibration), or ``@last``.
+    """
+    if is_id(name):
+        return name
+    calibration = find_calibration(client, name)
+    cameras = calibration.summary.cameras if calibration.summary else {}
+    recommended = {
+        of: summary.models[summary.recommended].result_id
+        for of, summary in cameras.items()
+        if summary.recommended is not None
+    }
+    if not recommended:
+        raise ClientError(f"the calibration {calibration.id} recommends no result", f"It is {calibration.state}.")
+    of = camera or next(iter(recommended))
+    if of not in recommended or (not camera and len(recommended) > 1):
+        usage(f"the calibration has results of {', '.join(recommended)}", "Say of which camera with --camera")
+    return str(recommended[of])
 
 
 def find_camera(rigs: Iterable[RigOut], name: str) -> str:

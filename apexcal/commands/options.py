@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from apexcal.client import Client, ClientError
+from apexcal.commands.named import LAST
+from apexcal.commands.session import Session
 from apexcal.commands.terminal import usage
 from apexcal.documents.camera_models import MODELS, parse_model
 from apexcal.documents.errors import DocumentError
@@ -37,15 +42,69 @@ def check_reason(reason: str, sentence: str = "the reason is empty") -> str:
     return reason.strip()
 
 
-FleetOption = Annotated[str, typer.Option(help="Fleet, by name or id; needed where there are several.")]
-VehicleOption = Annotated[str, typer.Option(help="Vehicle, by name or id; needed where there are several.")]
+def _completing(list_names: Callable[[Client], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Offer names of the service that the environment names, or of the one on this machine; none if it is silent."""
+
+    def complete(incomplete: str) -> list[str]:
+        try:
+            with Session(os.environ.get("APEXCAL_URL", ""), os.environ.get("APEXCAL_TOKEN", "")).connect(
+                2.0
+            ) as client:
+                return [name for name in (*list_names(client), LAST) if name.startswith(incomplete)]
+        except (OSError, ClientError, typer.Exit):
+            return []
+
+    return complete
+
+
+def _vehicles(client: Client) -> Iterator[str]:
+    return (vehicle.name for fleet in client.fleets.list() for vehicle in client.vehicles.list(fleet.id))
+
+
+_complete_vehicle = _completing(_vehicles)
+_complete_recording = _completing(lambda client: (recording.name for recording in client.recordings.list()))
+complete_name = _completing(
+    lambda client: [*_vehicles(client), *(recording.name for recording in client.recordings.list())]
+)
+FleetOption = Annotated[
+    str,
+    typer.Option(
+        help="Fleet, by name or id; needed where there are several.",
+        autocompletion=_completing(lambda client: (fleet.name for fleet in client.fleets.list())),
+    ),
+]
+VehicleOption = Annotated[
+    str,
+    typer.Option(
+        help="Vehicle, by name, id or @last; needed where there are several.", autocompletion=_complete_vehicle
+    ),
+]
 RigOption = Annotated[str, typer.Option(help="Rig, by name or id; needed where there are several.")]
 CameraOption = Annotated[str, typer.Option(help="Camera; needed where there are several.")]
 CamerasOption = Annotated[list[str] | None, typer.Option(help="Only this camera; may be given several times.")]
-VehicleArgument = Annotated[str, typer.Argument(help="Vehicle, by id or by name.")]
-RecordingArgument = Annotated[str, typer.Argument(help="Recording, by id (`apexcal upload` prints it) or by name.")]
-ResultArgument = Annotated[str, typer.Argument(help="Id of a result; `apexcal calibrate --json` prints them.")]
-ResultOption = Annotated[str, typer.Option(help="Id of a result; otherwise the camera's current calibration.")]
+VehicleArgument = Annotated[
+    str, typer.Argument(help="Vehicle, by name, id or @last.", autocompletion=_complete_vehicle)
+]
+RecordingArgument = Annotated[
+    str, typer.Argument(help="Recording, by name, id or @last.", autocompletion=_complete_recording)
+]
+DetectionArgument = Annotated[
+    str,
+    typer.Argument(
+        help="Detection: its id, or the recording whose newest it is, by name or @last.",
+        autocompletion=_complete_recording,
+    ),
+]
+ResultArgument = Annotated[
+    str,
+    typer.Argument(
+        help="Result: its id, or the vehicle whose newest calibration recommends it, by name or @last.",
+        autocompletion=_complete_vehicle,
+    ),
+]
+ResultOption = Annotated[
+    str, typer.Option(help="Result, by id, vehicle's name or @last; otherwise the current calibration.")
+]
 AliasOption = Annotated[str, typer.Option(help="The alias to follow, such as canary.")]
 ReasonOption = Annotated[str, typer.Option(help="Why; kept with the publication.")]
 OverrideOption = Annotated[

@@ -1,4 +1,4 @@
-"""What a camera's aliases lead to: ``publish``, ``publications``, ``withdraw``, ``rollback``, ``alias``."""
+"""What a camera's aliases lead to: ``publish``, ``withdraw``, ``rollback``, ``alias``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 
 from apexcal.client import ApiError, ClientError
 from apexcal.commands.calibrated import line_of
-from apexcal.commands.named import check_id, find_vehicle_camera
+from apexcal.commands.named import find_result, find_vehicle_camera
 from apexcal.commands.options import (
     CameraOption,
     FleetOption,
@@ -30,30 +30,22 @@ from apexcal.documents.publications import PublicationView
 
 
 def publish(
-    session: Session, result: ResultArgument, reason: ReasonOption = "", override: OverrideOption = False
+    session: Session,
+    result: ResultArgument,
+    reason: ReasonOption = "",
+    override: OverrideOption = False,
+    camera: CameraOption = "",
 ) -> Reply:
     """Make a result its camera's current calibration. Against a check of `stop` this takes --override."""
-    check_id(result, "result")
+    client = session.client
     if override:
         check_reason(reason, "--override needs a reason")
     with _saying_checks():
-        publication = session.client.calibrations.publish(result, reason.strip() or None, override=override)
-    vehicle = session.client.vehicles.get(publication.vehicle_id).name
-    return Reply(publication, _is_current(publication, vehicle))
-
-
-def publications(
-    session: Session,
-    vehicle: VehicleOption = "",
-    camera: CameraOption = "",
-    fleet: FleetOption = "",
-    limit: LimitOption = 20,
-) -> Reply:
-    """List a camera's publications, newest first. `apexcal publish RESULT --reason WHY` publishes one again."""
-    on, of = find_vehicle_camera(session.client, fleet, vehicle, camera)
-    moves = list(islice(session.client.calibrations.publications(on.id, of), limit))
-    listed = [line for publication in moves for line in _lines(publication)]
-    return Reply(moves, "\n".join(listed) or f"Nothing was published for {of} of {on.name} yet.")
+        chosen = find_result(client, result, camera)
+        publication = client.calibrations.publish(chosen, reason.strip() or None, override=override)
+    vehicle = client.vehicles.get(publication.vehicle_id)
+    after = f"apexcal export --vehicle {vehicle.id} --camera {publication.camera} -o {publication.camera}.json"
+    return Reply(publication, _is_current(publication, vehicle.name), next=after)
 
 
 def withdraw(
@@ -87,7 +79,7 @@ def rollback(
 ) -> Reply:
     """Restore the result that a camera had before the current one. Nothing is deleted.
 
-    A second call goes back one further. `apexcal publications` lists all results, `apexcal publish` publishes any.
+    A second call goes back one further. `apexcal ls publications` lists all results, `apexcal publish` publishes any.
     """
     reason = check_reason(reason)
     on, of = find_vehicle_camera(session.client, fleet, vehicle, camera)
@@ -95,7 +87,7 @@ def rollback(
     if previous is None:
         raise ClientError(
             f"{of} of {on.name} had no result before the current one",
-            "`apexcal publications` lists what it was given.",
+            "`apexcal ls publications` lists what it was given.",
         )
     with _saying_checks():
         publication = session.client.calibrations.publish(previous, reason, override=override)
@@ -130,7 +122,7 @@ def alias(
             raise ClientError(f"{of} of {on.name} has no alias {name}", "`apexcal alias` lists those that it has.")
         moves = calibrations.withdraw(newest.id, reason)
     elif result:
-        target = calibrations.result(check_id(result, "result"))
+        target = calibrations.result(result := find_result(session.client, result, of))
         if (target.vehicle_id, target.camera) != (on.id, of):
             raise ClientError("this result is of another camera or vehicle", f"Take one of {of} of {on.name}.")
         with _saying_checks():
@@ -141,7 +133,7 @@ def alias(
         moves = calibrations.aliases(on.id, of)
     listed = moves if isinstance(moves, list) else [moves]
     lines = [
-        "\n".join([f"{move.alias} of {move.camera}", *(f"  {line}" for line in _lines(move))]) for move in listed
+        "\n".join([f"{move.alias} of {move.camera}", *(f"  {line}" for line in lines_of(move))]) for move in listed
     ]
     return Reply(moves, "\n".join(lines) or f"{of} of {on.name} has no such alias yet.")
 
@@ -179,7 +171,7 @@ def _is_current(publication: PublicationView, vehicle: str) -> str:
     return "\n".join([sentence, *_against(publication)])
 
 
-def _lines(publication: PublicationView) -> list[str]:
+def lines_of(publication: PublicationView) -> list[str]:
     """Where the alias leads since when, by whom, why, and against which checks."""
     by = f" by {publication.published_by}" if publication.published_by else ""
     current = ", current" if publication.is_current else ""

@@ -195,7 +195,7 @@ def _when_read(session: Session, recording: RecordingSummary) -> Reply:
     except FailedError as error:
         error.hint += candidates_of(error.problem).replace("RECORDING", str(recording.id))
         raise
-    return Reply(view, _summary(view))
+    return Reply(view, _summary(view), next=f"apexcal suggest {view.id}")
 
 
 def _summary(recording: RecordingSummary) -> str:

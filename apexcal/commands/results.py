@@ -8,7 +8,14 @@ from typing import Annotated
 import typer
 
 from apexcal.commands.calibrated import tables
-from apexcal.commands.named import check_id, find_camera, find_recording, find_vehicle, find_vehicle_camera
+from apexcal.commands.named import (
+    check_id,
+    find_camera,
+    find_recording,
+    find_result,
+    find_vehicle,
+    find_vehicle_camera,
+)
 from apexcal.commands.options import (
     CameraOption,
     FleetOption,
@@ -30,12 +37,16 @@ CameraNameOption = Annotated[str, typer.Option("--camera", help="Camera, by its 
 
 
 def report(
-    session: Session, result: ResultArgument, output: OutputOption = Path("report.html"), force: ForceOption = False
+    session: Session,
+    result: ResultArgument,
+    output: OutputOption = Path("report.html"),
+    force: ForceOption = False,
+    camera: CameraOption = "",
 ) -> Reply:
     """Save a result's page as one file: verdict, expected errors, residuals. It opens without a network."""
     check_target(output, force)
     analyses = session.client.analyses
-    view = session.wait(analyses.report(check_id(result, "result")), "Making the report")
+    view = session.wait(analyses.report(find_result(session.client, result, camera)), "Making the report")
     assert view.result is not None
     write_content(output, analyses.read_file(view.id))
     return Reply(view, f"The report is in {output}. Its verdict: {view.result.verdict}.")
@@ -63,12 +74,12 @@ def compare(
         usage("a result belongs to one camera already", "Leave out --vehicle and --camera, or leave out --result")
     client = session.client
     if result:
-        result_id = check_id(result, "result")
+        result_id = find_result(client, result)
     else:
         on, name = find_vehicle_camera(client, fleet, vehicle, camera)
         result_id = str(client.calibrations.current(on.id, name).result_id)
     if other:
-        both = client.calibrations.compare(result_id, check_id(other, "result"))
+        both = client.calibrations.compare(result_id, find_result(client, other, camera))
         return Reply(both, "\n".join(_result_lines(both)))
     texts = read_texts(files or [])
     stated = client.imports.compare(result_id, files=texts, camera=of or None, image_size=image_size)
@@ -89,7 +100,7 @@ def validate(
     `pairs` compares the errors with what the calibration states. `lanes` asks whether the ground's bright points lie
     on bright pixels. `edges` asks whether depth steps lie on image gradients, and finds a camera that was knocked.
     """
-    client, result_id = session.client, check_id(result, "result") if result else None
+    client, result_id = session.client, find_result(session.client, result, camera) if result else None
     if kind == "pairs":
         request = client.analyses.validate_on_pairs(check_id(data_of, "correspondence set"), result_id=result_id)
     elif kind in ("lanes", "edges"):
@@ -124,6 +135,7 @@ def recalibrate(
     session: Session,
     result: ResultArgument,
     leave_out: Annotated[str, typer.Option(help="Numbers of the pairs to leave out, from 0: 3,17,40.")],
+    camera: CameraOption = "",
 ) -> Reply:
     """Repeat a result's calibration without some of its pairs. Its report shows which to leave out."""
     try:
@@ -132,9 +144,9 @@ def recalibrate(
         usage(f"{leave_out!r} is no list of numbers", "Give them as 3,17,40")
     if min(numbers) < 0:
         usage("pairs are counted from 0", "Give numbers of 0 and above")
-    request = session.client.calibrations.create_without(check_id(result, "result"), numbers)
+    request = session.client.calibrations.create_without(find_result(session.client, result, camera), numbers)
     calibration = session.wait(request, "Calibrating")
-    return Reply(calibration, tables(calibration))
+    return Reply(calibration, tables(calibration), next=f"apexcal open calibration {calibration.id}")
 
 
 def _result_lines(comparison: ResultComparison) -> list[str]:

@@ -21,7 +21,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from apexcal.cli import FAILED, UNREACHABLE, USAGE
 from apexcal.client import ApiError, Client, ClientError, InputError, TokenError, UnreachableError, Work
-from apexcal.commands.terminal import complain, console, usage, visible
+from apexcal.commands.terminal import complain, console, note, usage, visible
 from apexcal.documents.served_folder import is_served, read_status
 from apexcal.embedded.folder import DEFAULT
 
@@ -33,11 +33,14 @@ TOKEN_HINT = "An engineer makes one with `apexcal token NAME --role ROLE --link 
 
 
 class Reply(NamedTuple):
-    """What a command answers: the document for programs, sentences and tables for people, and the exit code."""
+    """What a command answers: the document for programs, sentences and tables for people, the exit code, and the
+    command that comes ``next``, with real ids.
+    """
 
     document: Any
     text: str | list[RenderableType]
     exit_code: int = 0
+    next: str = ""
 
     def print(self, *, as_json: bool) -> None:
         """Print one of the two on standard output."""
@@ -46,6 +49,8 @@ class Reply(NamedTuple):
             return
         for part in [self.text] if isinstance(self.text, str) else self.text:
             console().print(escape(part) if isinstance(part, str) else part, soft_wrap=isinstance(part, str))
+        if self.next:
+            note(f"Next: {self.next}")
 
 
 @dataclass

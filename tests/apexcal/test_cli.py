@@ -115,7 +115,7 @@ _NONSENSE = (
     (["publish", "the-best"], ""),
     (["publish", _ID, "--override"], ""),
     (["rollback", "--reason", " "], ""),
-    (["publications", "--limit", "0"], ""),
+    (["ls", "publications", "--limit", "0"], ""),
 )
 
 

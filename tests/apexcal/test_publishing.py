@@ -1,4 +1,4 @@
-"""`apexcal publish`, `publications` and `rollback`, against a service that calibrates."""
+"""`apexcal publish`, `ls publications` and `rollback`, against a service that calibrates."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_the_commands_publish_list_and_go_back(car: Car, owner: Client):
     assert further.exit_code == 0, further.stderr
     none = car.apexcal("rollback", "--vehicle", car.id, "--reason", "Further.")
     assert none.exit_code == 1 and "had no result before" in none.stderr
-    listed = car.apexcal("publications", "--vehicle", car.id).stdout.splitlines()
+    listed = car.apexcal("ls", "publications", "--vehicle", car.id).stdout.splitlines()
     results = [line.split("result ")[1] for line in listed if "result " in line and not line.startswith(" ")]
     assert results == [f"{car.edge}, current", car.good[0], car.good[1], car.good[0], car.edge]
     assert "  It leaves at noon." in listed

@@ -1,4 +1,4 @@
-"""`apexcal ls` and `apexcal --version`, against a service."""
+"""`apexcal ls`, `show`, `open`, `rm` and `--version`, against a service."""
 
 from __future__ import annotations
 
@@ -60,3 +60,47 @@ def test_the_cameras_of_one_vehicle_by_its_name_or_id(embedded: Embedded, fleet:
     bus = next(each for each in every if each["vehicle"] == "Bus 2")
     for word in ("Bus 2", bus["vehicle_id"]):
         assert json.loads(ls(embedded, "--fleet", fleet, "--vehicle", word, "--json")) == [bus]
+
+
+def run(embedded: Embedded, *words: str, exit_code: int = 0):
+    ran = CliRunner().invoke(app, [*words, "--url", embedded.url, "--token", embedded.token])
+    assert ran.exit_code == exit_code, ran.stderr
+    return ran
+
+
+def test_a_thing_by_name_or_as_the_last_one(embedded: Embedded, fleet: str):
+    of = ("--fleet", fleet)
+    (calibration,) = json.loads(ls(embedded, "calibrations", "Bus 2", *of, "--json"))
+    for name in (calibration["id"], "Bus 2", "@last"):
+        shown = run(embedded, "show", "calibration", name, *of)
+        assert calibration["id"] in shown.stdout and "front pinhole: result " in shown.stdout
+        assert shown.stderr.strip() == f"Next: apexcal open calibration {calibration['id']}"
+        opened = run(embedded, "open", "calibration", name, *of).stdout.strip()
+        assert opened == f"{embedded.url.rstrip('/')}/calibrations/{calibration['id']}"
+    bus = run(embedded, "show", "vehicle", "Bus 2", *of).stdout
+    assert "front: none, waits for look" in bus and calibration["id"] in bus
+    assert "no recording" in run(embedded, "show", "recording", "@last", exit_code=1).stderr
+
+
+def test_a_result_is_named_by_its_vehicle(embedded: Embedded, fleet: str, tmp_path):
+    report = tmp_path / "report.html"
+    made = run(embedded, "report", "Bus 2", "-o", str(report))
+    assert report.stat().st_size > 10_000 and "Its verdict: " in made.stdout
+    assert "There is: " in run(embedded, "report", "Bus 3", "-o", str(tmp_path / "b.html"), exit_code=1).stderr
+
+
+def test_names_are_completed(embedded: Embedded, fleet: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("APEXCAL_URL", embedded.url)
+    monkeypatch.setenv("APEXCAL_TOKEN", embedded.token)
+    said = {"_APEXCAL_COMPLETE": "complete_bash", "COMP_WORDS": "apexcal show vehicle Bus", "COMP_CWORD": "3"}
+    completed = CliRunner().invoke(app, [], env=said, prog_name="apexcal")
+    assert {"Bus 2", "Bus 10"} <= set(completed.stdout.splitlines())
+    monkeypatch.setenv("APEXCAL_URL", "http://127.0.0.1:9")
+    assert CliRunner().invoke(app, [], env=said, prog_name="apexcal").stdout.strip() == ""
+
+
+def test_a_thing_is_deleted_when_it_is_meant(embedded: Embedded, fleet: str):
+    run(embedded, "rm", "vehicle", "Bus 10", "--fleet", fleet, exit_code=2)
+    assert "Bus 10" in ls(embedded, "--fleet", fleet)
+    assert "Deleted the vehicle Bus 10" in run(embedded, "rm", "vehicle", "Bus 10", "--fleet", fleet, "--yes").stdout
+    assert "Bus 10" not in ls(embedded, "--fleet", fleet)
