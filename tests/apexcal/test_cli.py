@@ -177,7 +177,7 @@ def test_a_file_that_goes_away_meanwhile_and_a_name_of_stray_bytes_are_said(tmp_
 def test_an_id_that_is_none_reaches_no_other_address(embedded):
     for words, printed_by, code in (
         (("detect", "../../fleets", "--keep", "x > 0"), "apexcal upload", 1),
-        (("calibrate", "--detection", "../../fleets"), "apexcal detect", 2),
+        (("calibrate", "--detection", "../../fleets"), "apexcal upload", 1),
     ):
         refused = apexcal(*words, "--data", embedded.data)
         assert refused.returncode == code

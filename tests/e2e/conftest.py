@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,11 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from apexcal.client import Client
+from apexcal.documents.machine_marks import MachineMark, MarksView
 from apexcal.rigs import read_rig
 from tests.e2e.chromium import find_chromium
 from tests.support.processes import start, stop
+from workers.simulation.walker import BOARD_EDGES_M
 
 WEB = Path(__file__).parents[2] / "service" / "web" / "index.html"
 SECONDS = 12
@@ -110,6 +112,25 @@ def track(served: dict[str, Any], simulated: Callable[[], Path]) -> Iterator[Tra
             json.loads((folder / "truth.json").read_text()),
             (width, height),
         )
+
+
+@pytest.fixture(scope="package")
+def marked(track: Track, simulated: Callable[[], Path]) -> tuple[Track, dict[str, MachineMark]]:
+    """A recording of its own whose vertices the machine has marked, and its marks by vertex."""
+    owner = track.owner
+    vehicle = owner.vehicles.create(track.fleet_id, "Cart with marks of the machine")
+    folder = simulated()
+    rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
+    recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=120)
+    size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
+    region = owner.detections.get(track.detection_id).region
+    detection = owner.wait(owner.detections.create(recording.id, region, options=size), timeout_s=120)
+    (analysis,) = owner.analyses.list(MarksView, recording_id=recording.id)
+    analysis = owner.wait(analysis, timeout_s=240)
+    marks = {str(one.vertex_id): one for one in owner.analyses.marks(analysis.id) if one.reason is None}
+    assert len(marks) >= 30, analysis.result
+    own = {"vehicle_id": vehicle.id, "rig_id": rig.id, "recording_id": recording.id, "detection_id": detection.id}
+    return replace(track, **{name: str(id) for name, id in own.items()}), marks
 
 
 @pytest.fixture(scope="package")

@@ -17,7 +17,7 @@ from apexcal.documents.machine_marks import MachineMark
 from tests.e2e.conftest import Track
 from tests.e2e.marking import Marker
 from tests.e2e.test_calibrating import pairs_of_truth
-from tests.e2e.test_crops import Confirmer, marked  # noqa: F401
+from tests.e2e.test_crops import Confirmer
 from tests.e2e.test_marking import ask_marks
 from tests.e2e.test_marking_beside import ASIDE_PX, click_corner
 from tests.e2e.test_workspace import DRAWERS
@@ -115,7 +115,7 @@ def test_marking(sign_in: SignIn, track: Track, scheme: str) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_crops(sign_in: SignIn, marked: tuple[Track, dict[str, MachineMark]], scheme: str) -> None:  # noqa: F811
+def test_crops(sign_in: SignIn, marked: tuple[Track, dict[str, MachineMark]], scheme: str) -> None:
     track, marks = marked
     page = sign_in(f"Cora {scheme}", "annotator")
     page.emulate_media(color_scheme=scheme)  # pyright: ignore[reportArgumentType]

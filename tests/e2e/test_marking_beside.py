@@ -11,7 +11,6 @@ from apexcal.documents.machine_marks import MachineMark
 from tests.e2e.conftest import Track
 from tests.e2e.looks import View, assert_looks, each_view
 from tests.e2e.marking import Marker
-from tests.e2e.test_crops import marked  # noqa: F401
 from tests.e2e.test_marking import ask_marks, narrow_to
 
 SignIn = Callable[[str, str], Page]
@@ -45,7 +44,7 @@ def click_corner(marker: Marker, aside_px: float = 0) -> tuple[float, float]:
 
 def test_a_frame_opens_about_the_corner_and_a_far_mark_is_asked_about(
     sign_in: SignIn,
-    marked: tuple[Track, dict[str, MachineMark]],  # noqa: F811
+    marked: tuple[Track, dict[str, MachineMark]],
 ) -> None:
     track, marks = marked
     ask_marks(track, 50)
@@ -102,7 +101,7 @@ def test_a_frame_opens_about_the_corner_and_a_far_mark_is_asked_about(
 
 def test_six_keys_of_a_keypad_mark_a_corner(
     sign_in: SignIn,
-    marked: tuple[Track, dict[str, MachineMark]],  # noqa: F811
+    marked: tuple[Track, dict[str, MachineMark]],
 ) -> None:
     track, marks = marked
     nora = Marker(sign_in("Nora", "annotator"), track)
@@ -124,7 +123,7 @@ def test_six_keys_of_a_keypad_mark_a_corner(
 
 def test_two_taps_mark_a_corner_on_a_phone(
     sign_in: SignIn,
-    marked: tuple[Track, dict[str, MachineMark]],  # noqa: F811
+    marked: tuple[Track, dict[str, MachineMark]],
 ) -> None:
     track, marks = marked
     page = sign_in("Paul", "annotator")

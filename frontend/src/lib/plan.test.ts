@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { cornersOf, frameOf, outlinesOf, ticksOf } from "./plan.ts";
+import { cornersOf, outlinesOf } from "./plan.ts";
 
 test("a box turned by a quarter has its sides exchanged", () => {
   const corners = cornersOf({ min: [4, -1, 0], max: [8, 1, 2], yaw_deg: 90 });
@@ -22,16 +22,4 @@ test("shapes are found wherever they stand, inequalities have none", () => {
   assert.deepEqual(found[0], triangle);
   assert.equal(found.length, 2);
   assert.deepEqual(outlinesOf(inequality), []);
-});
-
-test("the LiDAR and every corner lie in the frame", () => {
-  const frame = frameOf([
-    [
-      [10, 3],
-      [20, -4],
-      [12, 0],
-    ],
-  ]);
-  assert.deepEqual(frame, { left: -1, top: -4, width: 22, height: 9 });
-  assert.deepEqual(ticksOf(frame), [0, 5, 10, 15, 20]);
 });

@@ -27,28 +27,3 @@ export function cornersOf({ min, max, yaw_deg = 0 }: Box["box"]): Corner[] {
   ];
   return signs.map(([i, j]) => [x + i * dx * cos - j * dy * sin, y + i * dx * sin + j * dy * cos]);
 }
-
-export interface Frame {
-  left: number;
-  top: number;
-  width: number;
-  height: number;
-}
-
-/** What to show, in the drawing's own axes (to the right: x, down: -y), so that the LiDAR and all outlines are in it. */
-export function frameOf(outlines: readonly Corner[][]): Frame {
-  const corners: Corner[] = [[0, 0], ...outlines.flat()];
-  const across = corners.map(([x]) => x);
-  const down = corners.map(([, y]) => -y);
-  const margin = 1;
-  const [left, top] = [Math.min(...across) - margin, Math.min(...down) - margin];
-  return { left, top, width: Math.max(...across) + margin - left, height: Math.max(...down) + margin - top };
-}
-
-/** Distances ahead at which to draw a line: round ones, and not too many. */
-export function ticksOf({ left, width }: Frame): number[] {
-  const step = [1, 2, 5, 10, 20, 50, 100].find((each) => width / each <= 8) ?? 1000;
-  const first = Math.ceil(left / step);
-  const count = Math.floor((left + width) / step) - first + 1;
-  return Array.from({ length: count }, (_, i) => (first + i) * step);
-}

@@ -1,7 +1,8 @@
 /** Analyses: each is asked for, and read until it has ended. */
 
-import { bodyOf, client, once } from "./http.ts";
+import { bodyOf, client } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
+import { create, remove } from "./writes.ts";
 import { isUnderWay, type Analysis, type AnalysisRequest } from "./types.ts";
 import type { AnalysisPage } from "./schema.ts";
 
@@ -12,8 +13,7 @@ type AnalysisOf<K extends Kind> = Extract<Analysis, { kind: K }>;
 /** What analyses are of. */
 type Subject = { recording_id: string } | { result_id: string };
 
-export const ask = (body: AnalysisRequest): Promise<Analysis> =>
-  bodyOf(client.POST("/v1/analyses", { body, ...once() }));
+export const ask = (body: AnalysisRequest) => create<"/v1/analyses">("/v1/analyses", {}, body);
 
 /** Asks, reads until the analysis has ended, and tells of each reading. */
 export async function analyse<K extends Kind>(
@@ -55,7 +55,6 @@ export const validations = (vehicle_id: string, after: string | undefined): Read
     (page) => page.items.some(isUnderWay),
   );
 
-export const deleteAnalysis = (analysis_id: string): Promise<unknown> =>
-  client.DELETE("/v1/analyses/{analysis_id}", { params: { path: { analysis_id } } });
+export const deleteAnalysis = (analysis_id: string) => remove("/v1/analyses/{analysis_id}", { analysis_id });
 
 export const fileUrl = (id: string): string => `/v1/analyses/${id}/file`;

@@ -2,34 +2,31 @@
 
 import { bodyOf, client } from "./http.ts";
 import { read, type Read } from "./reads.ts";
+import { post } from "./writes.ts";
 import type { MarkingProgress, MarkingTally, NewAnswer } from "./types.ts";
-import type { AnswerView, ExpectedCorner, TaskView } from "./schema.ts";
+import type { ExpectedCorner, TaskView } from "./schema.ts";
 
 /**
  * The next task for this person, or the one that they hold, with `ahead` that follow; null when nothing is left.
  * `vertex_id` comes first.
  */
 export const nextTask = async (
-  id: string,
+  detection_id: string,
   camera: string,
   skip: string | null,
   ahead: number,
   vertex_id: string | null,
 ): Promise<TaskView | null> =>
-  (await bodyOf(
-    client.POST("/v1/detections/{detection_id}/tasks/next", {
-      params: { path: { detection_id: id } },
-      body: { camera, skip, ahead, vertex_id },
-    }),
-  )) ?? null;
+  (await post("/v1/detections/{detection_id}/tasks/next", { detection_id }, { camera, skip, ahead, vertex_id })) ??
+  null;
 
 /** The same answer sent again is the same: its id says so. */
-export const answerTask = (id: string, answer: NewAnswer, signal: AbortSignal): Promise<AnswerView> =>
-  bodyOf(client.POST("/v1/tasks/{task_id}/answer", { params: { path: { task_id: id } }, body: answer, signal }));
+export const answerTask = (task_id: string, answer: NewAnswer, signal: AbortSignal) =>
+  post("/v1/tasks/{task_id}/answer", { task_id }, answer, { signal });
 
 /** Takes the answer of this version back. The task is this person's again; the same id twice does it once. */
-export const undoAnswer = (taskId: string, id: string, version: number): Promise<TaskView> =>
-  bodyOf(client.POST("/v1/tasks/{task_id}/undo", { params: { path: { task_id: taskId } }, body: { id, version } }));
+export const undoAnswer = (task_id: string, id: string, version: number) =>
+  post("/v1/tasks/{task_id}/undo", { task_id }, { id, version });
 
 export const progress = (id: string, camera: string): Read<MarkingProgress> =>
   read("/v1/detections/{detection_id}/progress", { detection_id: id }, { camera });

@@ -2,6 +2,7 @@
 
 import { bodyOf, client, once, send, type Page } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
+import { create, post, remove } from "./writes.ts";
 import { isUnderWay } from "./types.ts";
 import type {
   CalibrationFiles,
@@ -10,22 +11,14 @@ import type {
   CurrentCalibration,
   Drift,
   PublicationView,
-  ReadFiles,
   ResultComparison,
   ResultView,
   SetView,
   SetWithPairs,
-  StatedComparison,
 } from "./schema.ts";
 
-export const buildSet = (detection_id: string, camera: string, exclude_flagged: boolean): Promise<SetView> =>
-  bodyOf(
-    client.POST("/v1/detections/{detection_id}/correspondence-sets", {
-      params: { path: { detection_id } },
-      body: { camera, exclude_flagged },
-      ...once(),
-    }),
-  );
+export const buildSet = (detection_id: string, camera: string, exclude_flagged: boolean) =>
+  create("/v1/detections/{detection_id}/correspondence-sets", { detection_id }, { camera, exclude_flagged });
 
 export const importSet = async (rigId: string, camera: string, file: File): Promise<unknown> => {
   const type = file.name.toLowerCase().endsWith(".json") ? "application/json" : "text/csv";
@@ -40,8 +33,8 @@ export const correspondenceSets = (rig_id: string): Read<SetView[]> =>
 export const correspondenceSet = (set_id: string | undefined): Read<SetWithPairs> =>
   read("/v1/correspondence-sets/{set_id}", { set_id });
 
-export const createCalibration = (vehicle_id: string, body: CalibrationRequest): Promise<{ id: string }> =>
-  bodyOf(client.POST("/v1/vehicles/{vehicle_id}/calibrations", { params: { path: { vehicle_id } }, body, ...once() }));
+export const createCalibration = (vehicle_id: string, body: CalibrationRequest) =>
+  create("/v1/vehicles/{vehicle_id}/calibrations", { vehicle_id }, body);
 
 export const calibrations = (vehicle_id: string | undefined): Read<CalibrationView[]> =>
   readAll("/v1/vehicles/{vehicle_id}/calibrations", { vehicle_id }, {}, undefined, 200);
@@ -49,11 +42,11 @@ export const calibrations = (vehicle_id: string | undefined): Read<CalibrationVi
 export const calibration = (calibration_id: string): Read<CalibrationView> =>
   read("/v1/calibrations/{calibration_id}", { calibration_id }, {}, isUnderWay);
 
-export const cancelCalibration = (calibration_id: string): Promise<unknown> =>
-  client.POST("/v1/calibrations/{calibration_id}/cancel", { params: { path: { calibration_id } } });
+export const cancelCalibration = (calibration_id: string) =>
+  post("/v1/calibrations/{calibration_id}/cancel", { calibration_id });
 
-export const deleteCalibration = (calibration_id: string): Promise<unknown> =>
-  client.DELETE("/v1/calibrations/{calibration_id}", { params: { path: { calibration_id } } });
+export const deleteCalibration = (calibration_id: string) =>
+  remove("/v1/calibrations/{calibration_id}", { calibration_id });
 
 export const result = (result_id: string): Read<ResultView> => read("/v1/results/{result_id}", { result_id });
 
@@ -68,13 +61,8 @@ export const drift = (vehicle_id: string, camera: string, after: string | undefi
 
 /** Asks for a result's calibration again, without those of its pairs that have these numbers. */
 export async function calibrateWithout(found: ResultView, pairs: number[]): Promise<{ id: string }> {
-  const fewer = await bodyOf(
-    client.POST("/v1/correspondence-sets/{set_id}/selections", {
-      params: { path: { set_id: found.set_id } },
-      body: { leave_out: pairs },
-      ...once(),
-    }),
-  );
+  const path = { set_id: found.set_id };
+  const fewer = await create("/v1/correspondence-sets/{set_id}/selections", path, { leave_out: pairs });
   const params = { path: { calibration_id: found.calibration_id } };
   const { request } = await bodyOf(client.GET("/v1/calibrations/{calibration_id}", { params }));
   const ids = (request.correspondence_set_ids ?? []).map((one) => (one === found.set_id ? fewer.id : one));
@@ -89,38 +77,27 @@ export const resultUrl = (id: string): string => `/v1/results/${id}`;
 export const CURRENT = "current";
 
 /** Lets an alias lead to a result. With `override` the reason says why, although a check says stop. */
-export const publish = (result_id: string, reason?: string, override = false, alias = CURRENT): Promise<unknown> =>
-  client.POST("/v1/results/{result_id}/publication", {
-    params: { path: { result_id } },
-    body: { alias, ...(override && reason ? { override: { reason } } : { reason: reason ?? null }) },
-    ...once(),
-  });
+export const publish = (result_id: string, reason?: string, override = false, alias = CURRENT) =>
+  create(
+    "/v1/results/{result_id}/publication",
+    { result_id },
+    { alias, ...(override && reason ? { override: { reason } } : { reason: reason ?? null }) },
+  );
 
 /** Withdraws what an alias leads to. The camera is given nothing under it until something is published. */
-export const withdraw = (publication_id: string, reason: string): Promise<unknown> =>
-  client.POST("/v1/publications/{publication_id}/withdrawal", {
-    params: { path: { publication_id } },
-    body: { reason },
-    ...once(),
-  });
+export const withdraw = (publication_id: string, reason: string) =>
+  create("/v1/publications/{publication_id}/withdrawal", { publication_id }, { reason });
 
 /** Where each alias of a camera leads. */
 export const aliases = (vehicle_id: string, camera: string): Read<Page<PublicationView>> =>
   read("/v1/vehicles/{vehicle_id}/cameras/{camera}/aliases", { vehicle_id, camera });
 
 /** What calibration files of other programs hold. Nothing is stored. */
-export const readFiles = (body: CalibrationFiles): Promise<ReadFiles> =>
-  bodyOf(client.POST("/v1/calibration-files/reading", { body }));
+export const readFiles = (body: CalibrationFiles) => post("/v1/calibration-files/reading", {}, body);
 
 /** How far a result is from the camera of that name in the files. */
-export const compareWithFiles = (
-  result_id: string,
-  files: CalibrationFiles,
-  camera: string,
-): Promise<StatedComparison> =>
-  bodyOf(
-    client.POST("/v1/results/{result_id}/comparison", { params: { path: { result_id } }, body: { files, camera } }),
-  );
+export const compareWithFiles = (result_id: string, files: CalibrationFiles, camera: string) =>
+  post("/v1/results/{result_id}/comparison", { result_id }, { files, camera });
 
 export const PUBLICATIONS_PER_PAGE = 10;
 

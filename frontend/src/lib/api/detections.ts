@@ -1,17 +1,13 @@
 /** DetectionView runs and their vertices. */
 
-import { client, once } from "./http.ts";
 import type { Corner } from "../corners.ts";
 import { read, readAll, type Read } from "./reads.ts";
+import { change, create, post, remove } from "./writes.ts";
 import { isUnderWay } from "./types.ts";
 import type { DetectionRequest, DetectionView, VertexSummary, VertexView } from "./schema.ts";
 
-export const createDetection = (recording_id: string, body: DetectionRequest): Promise<unknown> =>
-  client.POST("/v1/recordings/{recording_id}/detections", {
-    params: { path: { recording_id } },
-    body,
-    ...once(),
-  });
+export const createDetection = (recording_id: string, body: DetectionRequest) =>
+  create("/v1/recordings/{recording_id}/detections", { recording_id }, body);
 
 /** The detections of a recording that is ready. */
 export const detections = (recording_id: string | undefined): Read<DetectionView[]> =>
@@ -26,15 +22,13 @@ export const areCornersUnderWay = ({ state, job }: DetectionView): boolean =>
 export const detection = (detection_id: string): Read<DetectionView> =>
   read("/v1/detections/{detection_id}", { detection_id });
 
-export const cancelDetection = (detection_id: string): Promise<unknown> =>
-  client.POST("/v1/detections/{detection_id}/cancel", { params: { path: { detection_id } } });
+export const cancelDetection = (detection_id: string) => post("/v1/detections/{detection_id}/cancel", { detection_id });
 
-export const deleteDetection = (detection_id: string): Promise<unknown> =>
-  client.DELETE("/v1/detections/{detection_id}", { params: { path: { detection_id } } });
+export const deleteDetection = (detection_id: string) => remove("/v1/detections/{detection_id}", { detection_id });
 
 /** Says which corners of the board people are to mark. */
-export const askCorners = (detection_id: string, marked_corners: Corner[]): Promise<unknown> =>
-  client.PATCH("/v1/detections/{detection_id}", { params: { path: { detection_id } }, body: { marked_corners } });
+export const askCorners = (detection_id: string, marked_corners: Corner[]) =>
+  change("patch", "/v1/detections/{detection_id}", { detection_id }, { marked_corners });
 
 /** A detection's vertices; no answer of a person changes them. */
 export const vertices = (detection_id: string): Read<VertexSummary[]> =>

@@ -1,28 +1,20 @@
 /** Fleet requests: calibrations of all vehicles that a filter names, in one call. */
 
-import { bodyOf, client, once, type Page } from "./http.ts";
+import type { Page } from "./http.ts";
 import { read, type Read } from "./reads.ts";
+import { create, post } from "./writes.ts";
 import { isUnderWay, type VehicleState } from "./types.ts";
 import type { DryRunView, FleetRequestBody, FleetRequestView, RequestVehicleView } from "./schema.ts";
 
 export const REQUESTS_PER_PAGE = 50;
 export const VEHICLES_PER_PAGE = 100;
 
-const of = (fleet_request_id: string) => ({ params: { path: { fleet_request_id } } });
-
-export const createFleetRequest = (fleetId: string, body: FleetRequestBody): Promise<{ id: string }> =>
-  bodyOf(
-    client.POST("/v1/fleets/{id}/fleet-requests", { params: { path: { id: fleetId } }, body, ...once() }),
-  ) as Promise<{ id: string }>;
+export const createFleetRequest = (id: string, body: FleetRequestBody) =>
+  create("/v1/fleets/{id}/fleet-requests", { id }, body) as Promise<{ id: string }>;
 
 /** What the request would come to; nothing is made. */
-export const dryRun = (fleetId: string, body: FleetRequestBody): Promise<DryRunView> =>
-  bodyOf(
-    client.POST("/v1/fleets/{id}/fleet-requests", {
-      params: { path: { id: fleetId } },
-      body: { ...body, dry_run: true },
-    }),
-  ) as Promise<DryRunView>;
+export const dryRun = (id: string, body: FleetRequestBody) =>
+  post("/v1/fleets/{id}/fleet-requests", { id }, { ...body, dry_run: true }) as Promise<DryRunView>;
 
 /** Newest first. */
 export const fleetRequests = (fleetId: string, after: string | undefined): Read<Page<FleetRequestView>> =>
@@ -45,8 +37,8 @@ export const requestVehicles = (
     { state, after, limit: VEHICLES_PER_PAGE },
   );
 
-export const cancelFleetRequest = (id: string): Promise<unknown> =>
-  client.POST("/v1/fleet-requests/{fleet_request_id}/cancel", of(id));
+export const cancelFleetRequest = (fleet_request_id: string) =>
+  post("/v1/fleet-requests/{fleet_request_id}/cancel", { fleet_request_id });
 
-export const retryFleetRequest = (id: string): Promise<unknown> =>
-  client.POST("/v1/fleet-requests/{fleet_request_id}/retry", of(id));
+export const retryFleetRequest = (fleet_request_id: string) =>
+  post("/v1/fleet-requests/{fleet_request_id}/retry", { fleet_request_id });

@@ -1,7 +1,7 @@
 /** Fleets, vehicles and rigs. */
 
-import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
+import { change, create, remove } from "./writes.ts";
 import type { HealthOrder } from "./types.ts";
 import type {
   CameraState,
@@ -16,8 +16,7 @@ import type {
 
 export const fleet = (id: string | undefined): Read<FleetOut> => read("/v1/fleets/{id}", { id });
 
-export const createFleet = (name: string): Promise<FleetOut> =>
-  bodyOf(client.POST("/v1/fleets", { body: { name }, ...once() }));
+export const createFleet = (name: string) => create("/v1/fleets", {}, { name });
 
 /** As many vehicles as the pages list; larger fleets are named by patterns. */
 export const MOST_VEHICLES = 1000;
@@ -34,44 +33,26 @@ export const health = (
 
 export const vehicle = (id: string | undefined): Read<VehicleOut> => read("/v1/vehicles/{id}", { id });
 
-export const createVehicle = (fleetId: string, name: string): Promise<VehicleOut> =>
-  bodyOf(client.POST("/v1/fleets/{id}/vehicles", { params: { path: { id: fleetId } }, body: { name }, ...once() }));
+export const createVehicle = (id: string, name: string) => create("/v1/fleets/{id}/vehicles", { id }, { name });
 
 export const rigs = (vehicleId: string): Read<RigOut[]> => readAll("/v1/vehicles/{id}/rigs", { id: vehicleId });
 
 export const rig = (id: string): Read<RigOut> => read("/v1/rigs/{id}", { id });
 
-export const createRig = (vehicleId: string, body: NewRig): Promise<{ id: string }> =>
-  bodyOf(client.POST("/v1/vehicles/{id}/rigs", { params: { path: { id: vehicleId } }, body, ...once() }));
+export const createRig = (id: string, body: NewRig) => create("/v1/vehicles/{id}/rigs", { id }, body);
 
-export const deleteVehicle = (id: string): Promise<unknown> =>
-  client.DELETE("/v1/vehicles/{id}", { params: { path: { id } } });
+export const deleteVehicle = (id: string) => remove("/v1/vehicles/{id}", { id });
 
-export const deleteRig = (id: string): Promise<unknown> => client.DELETE("/v1/rigs/{id}", { params: { path: { id } } });
-
-const asRead = (version: number) => ({ "If-Match": `"v${version}"` });
+export const deleteRig = (id: string) => remove("/v1/rigs/{id}", { id });
 
 /** States what results must show to be published; no limit at all states nothing. */
-export const putPolicy = (
-  of: "fleets" | "rigs",
-  id: string,
-  version: number,
-  body: PublicationPolicy,
-): Promise<unknown> => {
-  const options = { params: { path: { id } }, body, headers: asRead(version) };
-  return of === "fleets" ? client.PUT("/v1/fleets/{id}/policy", options) : client.PUT("/v1/rigs/{id}/policy", options);
-};
+export const putPolicy = (of: "fleets" | "rigs", id: string, version: number, body: PublicationPolicy) =>
+  change("put", of === "fleets" ? "/v1/fleets/{id}/policy" : "/v1/rigs/{id}/policy", { id }, body, version);
 
 /** Corrects whether a camera's images are raw or rectified; null lets the next recording tell it. */
-export const patchImages = (
-  { id, version }: RigOut,
-  name: string,
-  kind: "raw" | "rectified" | null,
-): Promise<unknown> => {
-  const body = { cameras: { [name]: kind && { kind } } };
-  return client.PATCH("/v1/rigs/{id}/images", { params: { path: { id } }, body, headers: asRead(version) });
-};
+export const patchImages = ({ id, version }: RigOut, name: string, kind: "raw" | "rectified" | null) =>
+  change("patch", "/v1/rigs/{id}/images", { id }, { cameras: { [name]: kind && { kind } } }, version);
 
 /** Corrects serial numbers; those left out stay. */
-export const patchSerials = ({ id, version }: RigOut, body: SensorSerials): Promise<unknown> =>
-  client.PATCH("/v1/rigs/{id}/serials", { params: { path: { id } }, body, headers: asRead(version) });
+export const patchSerials = ({ id, version }: RigOut, body: SensorSerials) =>
+  change("patch", "/v1/rigs/{id}/serials", { id }, body, version);

@@ -1,7 +1,8 @@
 /** Recordings, their upload in parts, and their camera frames. */
 
-import { bodyOf, client, once, send } from "./http.ts";
+import { bodyOf, client, send } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
+import { change, create, post } from "./writes.ts";
 import {
   isUnderWay,
   type FramePlace,
@@ -22,8 +23,7 @@ export const recordings = (of: { fleet_id?: string | undefined; vehicle_id?: str
 export const recording = (id: string | undefined): Read<RecordingView> =>
   read("/v1/recordings/{id}", { id }, {}, isUnderWay);
 
-export const createRecording = (vehicleId: string, body: NewRecording): Promise<{ id: string }> =>
-  bodyOf(client.POST("/v1/vehicles/{id}/recordings", { ...of(vehicleId), body, ...once() }));
+export const createRecording = (id: string, body: NewRecording) => create("/v1/vehicles/{id}/recordings", { id }, body);
 
 /** Which parts the service holds, and how the others go. */
 export const uploadedParts = (id: string): Promise<UploadedParts> =>
@@ -41,19 +41,17 @@ export const putPart = (
   return send(new Request(`/v1/recordings/${id}/parts/${number}`, { method: "PUT", body, headers, signal }));
 };
 
-export const completeUpload = (id: string, parts: number, size: number): Promise<unknown> =>
-  client.POST("/v1/recordings/{id}/complete", { ...of(id), body: { parts, size }, ...once() });
+export const completeUpload = (id: string, parts: number, size: number) =>
+  create("/v1/recordings/{id}/complete", { id }, { parts, size });
 
-export const retryRecording = (id: string): Promise<unknown> => client.POST("/v1/recordings/{id}/retry", of(id));
+export const retryRecording = (id: string) => post("/v1/recordings/{id}/retry", { id });
 
-export const changeRecording = ({ id, version }: RecordingView, body: RecordingEdit): Promise<unknown> =>
-  client.PATCH("/v1/recordings/{id}", { ...of(id), body, headers: { "If-Match": `"v${version}"` } });
+export const changeRecording = ({ id, version }: RecordingView, body: RecordingEdit) =>
+  change("patch", "/v1/recordings/{id}", { id }, body, version);
 
 /** The rig that a recording proposes, with a URDF and what a person answers. Nothing is stored. */
-export async function proposeRig(recording_id: string, body: ProposalRequest): Promise<RigProposal> {
-  const asked = { params: { path: { recording_id } }, body };
-  return (await bodyOf(client.POST("/v1/recordings/{recording_id}/rig-proposals", asked))) as unknown as RigProposal;
-}
+export const proposeRig = async (recording_id: string, body: ProposalRequest) =>
+  (await post("/v1/recordings/{recording_id}/rig-proposals", { recording_id }, body)) as unknown as RigProposal;
 
 export const deleteRecording = (id: string, with_published: boolean): Promise<unknown> =>
   client.DELETE("/v1/recordings/{id}", { params: { path: { id }, query: { with_published } } });

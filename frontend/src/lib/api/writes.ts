@@ -1,0 +1,60 @@
+/** Changing the service: what is sent to one of its addresses, typed by the service's own description. */
+
+import { client, once } from "./http.ts";
+import type { paths } from "./schema.ts";
+
+type Verb = "post" | "put" | "patch" | "delete";
+type Sent<P extends keyof paths, V extends Verb> = NonNullable<paths[P][V]>;
+/** The addresses that take this verb. */
+type Writable<V extends Verb> = { [P in keyof paths]: [Sent<P, V>] extends [never] ? never : P }[keyof paths];
+type PathOf<P extends keyof paths, V extends Verb> =
+  Sent<P, V> extends { parameters: { path: infer T } } ? T : Record<string, never>;
+type BodyOf<P extends keyof paths, V extends Verb> =
+  Sent<P, V> extends { requestBody?: { content: { "application/json": infer T } } } ? T : undefined;
+type Content<T> = T extends { content: { "application/json": infer Answer } } ? Answer : never;
+type AnswerOf<P extends keyof paths, V extends Verb> =
+  Sent<P, V> extends { responses: infer R }
+    ? Content<R[keyof R & (200 | 201 | 202)]> | (204 extends keyof R ? undefined : never)
+    : never;
+
+async function write<V extends Verb, P extends Writable<V>>(
+  verb: V,
+  address: P,
+  path: PathOf<P, V>,
+  body?: BodyOf<P, V>,
+  more: object = {},
+): Promise<AnswerOf<P, V>> {
+  // The types above say what this address takes and answers; TypeScript cannot follow them for an address of any kind.
+  const send = client[verb.toUpperCase() as "POST"] as (address: P, options: object) => Promise<{ data: unknown }>;
+  return (await send(address, { params: { path }, body, ...more })).data as AnswerOf<P, V>;
+}
+
+/** Creates something: repeating the request creates nothing twice. */
+export const create = <P extends Writable<"post">>(
+  address: P,
+  path: PathOf<P, "post">,
+  body?: BodyOf<P, "post">,
+): Promise<AnswerOf<P, "post">> => write("post", address, path, body, once());
+
+/** Has something done; `signal` ends the wait for it. */
+export const post = <P extends Writable<"post">>(
+  address: P,
+  path: PathOf<P, "post">,
+  body?: BodyOf<P, "post">,
+  more: { signal?: AbortSignal } = {},
+): Promise<AnswerOf<P, "post">> => write("post", address, path, body, more);
+
+/** Changes the version that was read, where one is stated. */
+export const change = <V extends "put" | "patch", P extends Writable<V>>(
+  verb: V,
+  address: P,
+  path: PathOf<P, V>,
+  body: BodyOf<P, V>,
+  version?: number,
+): Promise<AnswerOf<P, V>> =>
+  write(verb, address, path, body, version === undefined ? {} : { headers: { "If-Match": `"v${version}"` } });
+
+export const remove = <P extends Writable<"delete">>(
+  address: P,
+  path: PathOf<P, "delete">,
+): Promise<AnswerOf<P, "delete">> => write("delete", address, path);
