@@ -1,4 +1,4 @@
-import { readdirSync, readFileSync, writeFileSync } from "node:fs";
+import { copyFileSync, mkdirSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { brotliCompressSync, gzipSync } from "node:zlib";
 import { svelte } from "@sveltejs/vite-plugin-svelte";
 import { defineConfig, type Plugin, type Rolldown } from "vite";
@@ -23,6 +23,11 @@ function compressed(): Plugin {
       chunks.push(...Object.values(bundle).filter((one) => one.type === "chunk"));
     },
     closeBundle() {
+      // Each page has a link to its document, which a browser shows as text.
+      mkdirSync(`${OUT}/docs`, { recursive: true });
+      for (const name of readdirSync("../docs").filter((one) => one.endsWith(".md"))) {
+        copyFileSync(`../docs/${name}`, `${OUT}/docs/${name.replace(".md", ".txt")}`);
+      }
       const gzipped = new Map<string, number>();
       for (const name of readdirSync(OUT, { recursive: true, encoding: "utf8" })) {
         if (!/\.(html|js|css|svg)$/.test(name)) continue;

@@ -39,7 +39,7 @@ def sized(track: Track, simulated: Callable[[], Path]) -> Track:
 def test_two_corners_of_a_frame_are_marked_one_after_the_other(sign_in: SignIn, sized: Track) -> None:
     ida = Marker(sign_in("Ida", "engineer"), sized)
     page = ida.page
-    page.goto(f"{sized.url}/recordings/{sized.recording_id}?step=marking")
+    page.goto(f"{sized.url}/recordings/{sized.recording_id}?detection={sized.detection_id}")
     panel = page.locator("section.panel", has=ida.link())
     left = panel.get_by_label("left corner")
     expect(panel.get_by_label("top vertex")).to_be_checked()

@@ -74,8 +74,9 @@ def judge(page: Page) -> None:
     plot.click(position={"x": 0.5 * box["width"], "y": 0.4 * box["height"]})
     found.click()
     expect(page.get_by_role("status").filter(has_text="Corner at x")).to_be_visible()
-    expect(page.get_by_role("application")).to_have_attribute("data-pictures", re.compile("[1-9]"))
-    expect(page.get_by_role("img", name=re.compile("^Frame"))).to_be_visible()
+    axis = page.locator("section[data-sweep]")
+    expect(axis.get_by_role("application")).to_have_attribute("data-pictures", re.compile("[1-9]"))
+    expect(axis.get_by_role("img", name=re.compile("^Frame"))).to_be_visible()
 
 
 def mark(page: Page, apexes: list[list[float]]) -> None:

@@ -124,6 +124,17 @@ function internalTarget(event: MouseEvent): string | null {
 
 export const router = new Router();
 
+const DOCUMENTS: Partial<Record<Route["page"], string>> = {
+  vehicle: "rigs",
+  recording: "detecting",
+  marking: "annotators",
+  crops: "annotators",
+  calibration: "judging",
+};
+
+/** The document of a page, as the service has it. */
+export const documentPath = (page: Route["page"]): string => `/docs/${DOCUMENTS[page] ?? "operators"}.txt`;
+
 /** `vertex` comes first. After `crops` answers the page leads to the crops. */
 export function markingPath(
   detection: string,
