@@ -118,7 +118,7 @@ def track(served: dict[str, Any], simulated: Callable[[], Path]) -> Iterator[Tra
 def marked(track: Track, simulated: Callable[[], Path]) -> tuple[Track, dict[str, MachineMark]]:
     """A recording of its own whose vertices the machine has marked, and its marks by vertex."""
     owner = track.owner
-    vehicle = owner.vehicles.create(track.fleet_id, "Cart with marks of the machine")
+    vehicle = owner.vehicles.create(track.fleet_id, "Marked by the machine")
     folder = simulated()
     rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
     recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=120)
