@@ -60,7 +60,7 @@ bench-paper: setup  ## the paper's two recordings, simulated, beside the errors 
 bench-accuracy: setup  ## how often the solver ends on the optimum, and whether its error bars hold; RIGS=50 for a short form
 	$(BIN)/python -m benchmarks.accuracy
 
-bench-coverage: setup  ## whether what is published holds, on data with blunders and shared errors; RUNS=1 for a short form
+bench-coverage: setup  ## whether what is published holds, on data with blunders and shared errors; DRAWS=40 RUNS=1 for a short form
 	$(BIN)/python -m benchmarks.coverage
 
 bench-judge: setup  ## whether what is published by itself is right, and which check finds what; DRAWS=30 for a short form

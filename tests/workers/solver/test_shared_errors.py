@@ -169,7 +169,16 @@ def test_stated_common_errors_enter_by_what_they_move():
     K = np.concatenate([again.by_pairs(turned), np.tile([0.0, 1.0], len(x))[:, None]], axis=1)
     S = np.diag(np.array([0.02, 0.04, 0.5]) ** 2)
     arm = np.linalg.solve(again.J.T @ again.J, again.J.T @ K)
-    grown = before.covariance + arm @ S @ arm.T
+    # The noise is what is left beside the common errors, as unknowns with their deviations for priors.
+    beside = np.concatenate([again.J, K @ np.sqrt(S)], axis=1) / without["sigma_px"]
+    left = np.concatenate([again.residuals / without["sigma_px"], np.zeros(3)])
+    rows = np.concatenate([beside, np.eye(3, beside.shape[1], 10)])
+    step = np.linalg.lstsq(rows, -left, rcond=None)[0]
+    taken = np.trace(np.linalg.solve(rows.T @ rows, beside.T @ beside)) - 10
+    squares = np.sum((left[:-3] + beside @ step) ** 2) / np.sum(left**2)
+    share = squares / (1.0 - taken / (2 * len(x) - 10))
+    assert 0.98 < share < 1.01 and abs(share - 1.0) > 1e-4
+    grown = share * before.covariance + arm @ S @ arm.T
     scale = np.sqrt(np.outer(np.diag(grown), np.diag(grown)))
     np.testing.assert_allclose(again.covariance / scale, grown / scale, atol=1e-4)
     assert document["common_errors"] == stated
