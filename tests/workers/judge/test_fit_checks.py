@@ -198,7 +198,7 @@ def test_precision_is_judged_where_points_are_used():
     """A free lens leaves the mount alone open, and points where the marks are well placed."""
     many = checked(*rig())
     assert many["precision"].verdict == "pass" and many["precision"].figures["half_width_at_20_m_px"] < 2.0
-    few = checked(*rig(pairs=24))["precision"]
+    few = checked(*rig(pairs=24, noise_px=2.0))["precision"]
     assert few.verdict == "look" and "times what 2 px, 1.5 mrad or 14.6 mm allow" in few.sentence
     assert checked(*rig(pairs=24, noise_px=6.0))["precision"].verdict == "stop"
 
