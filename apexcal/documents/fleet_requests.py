@@ -38,10 +38,20 @@ class FleetRequestBody(Received):
     dry_run: bool = False
 
 
+class AskedVehicles(Document):
+    """A filter as it was asked. ``named`` is how many vehicles it named by id, null where it named none."""
+
+    named: int | None
+    name: Name | None
+    rig: Name | None
+    not_calibrated_since: AwareDatetime | None
+    new_pairs: bool
+
+
 class AskedOfFleet(Document):
     """What was asked: the filter, and the calibration of each vehicle."""
 
-    vehicles: VehicleFilter
+    vehicles: AskedVehicles
     calibration: CalibrationTemplate
 
 

@@ -32,9 +32,7 @@ router = Router(tags=["calibrations"])
 
 
 @router.post("/vehicles/{vehicle_id}/calibrations", status_code=202, response_model=CalibrationView)
-def ask_calibration(
-    vehicle_id: UUID, body: CalibrationRequest, access: WriteAccess, request: Request
-) -> JSONResponse:
+def ask_calibration(vehicle_id: UUID, body: CalibrationRequest, access: WriteAccess) -> JSONResponse:
     """Fit models to a vehicle's correspondences: one set for each camera, all of one rig. [engineer]"""
     vehicle = access.find(Vehicle, vehicle_id, "engineer")
     rig, sources = _sources(access, vehicle, body.correspondence_set_ids)
@@ -46,7 +44,6 @@ def ask_calibration(
         farm=body.farm,
         publish=body.publish,
         person_id=access.person.id,
-        workers=request.app.state.settings.workers,
     )
     hint(access.session, calibration.fleet_id, "calibration", calibration.id)
     return access.answer(calibration_views(access.session, [calibration])[0], 202)

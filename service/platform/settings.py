@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 from dataclasses import dataclass, field
@@ -74,7 +73,6 @@ class Settings(BaseSettings):
     audit_hours: float = Field(default=24.0, gt=0, description="period of that audit")
     orphan_hours: float = Field(default=24.0, ge=1, description="younger objects are left alone by it")
 
-    workers: int = Field(default_factory=lambda: max(2, os.cpu_count() or 2), description="pool processes, all hosts")
     lease_s: float = Field(default=10.0, description="how long a silent worker keeps its job")
     renew_s: float = Field(default=3.0, description="how often a worker renews its lease")
     resend_s: float = Field(default=10.0, description="first resend of an unclaimed job; doubles each time")
@@ -145,6 +143,8 @@ class Settings(BaseSettings):
         description="of those, from one address (IPv6: one network of 64 bits); loopback has no limit",
     )
     job_days: int = Field(default=90, ge=1, description="ended jobs and their history go after this many days")
+
+    audit_days: int = Field(default=400, ge=1, description="what the audit says of people's actions goes after this")
 
     session_days: int = Field(default=30, description="a browser session ends after this many days")
     invitation_hours: int = Field(default=72, description="an unused sign-in link ends after this many hours")

@@ -42,7 +42,6 @@ class Fleet:
             "APEXCAL_DATA_DIR": str(root),
             "APEXCAL_DATABASE_URL": database_url,
             "APEXCAL_BROKER_URL": self.broker.url,
-            "APEXCAL_WORKERS": "2",
             "APEXCAL_MIN_FREE_BYTES": "0",
             "APEXCAL_DRAIN_S": str(DRAIN_S),
             "OPENBLAS_NUM_THREADS": "1",

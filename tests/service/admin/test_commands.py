@@ -32,9 +32,12 @@ from service.platform.jobs.claims import claim, finishing
 from service.platform.jobs.history import tally
 from service.platform.jobs.queue import enqueue, enqueue_all
 from service.platform.settings import get_settings
+from tests.faults.jobs import pairs
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.platform.jobs.support import make_calibration, make_fleet, make_jobs
+from tests.support.asking import bring_pairs
 from tests.support.people import Api
+from tests.support.uploads import new_vehicle
 
 FAILED = {"code": "worker_lost", "detail": "", "hint": ""}
 
@@ -117,6 +120,25 @@ def test_people_and_tokens(run, api: Api) -> None:
     with api.database.reading() as session:
         assert session.scalars(select(BrowserSession)).all() == []
         assert session.scalar(select(ApiToken.revoked_at).where(ApiToken.person_id == ada.person_id))
+
+
+def test_the_audit_says_who_took_gave_and_deleted_what(run, api: Api) -> None:
+    """What was refused is not in it."""
+    fleet = api.fleet("north")
+    ada, bo = api.member(fleet, "admin", "Ada"), api.member(fleet, "viewer", "Bo")
+    made = new_vehicle(ada, fleet)
+    pair_set = bring_pairs(ada, made["rig"], pairs(5, 1))
+    assert bo.get(f"/correspondence-sets/{pair_set}", headers={"X-Request-ID": "taken"}).is_success
+    assert bo.delete(f"/rigs/{made['rig']}").status_code == 403
+    assert ada.patch(f"/fleets/{fleet}/members/{bo.person_id}", {"role": "engineer"}).is_success
+    assert ada.delete(f"/rigs/{made['rig']}").status_code == 204
+    entries = said(run("audit", "--json"))
+    assert [(entry["person"], entry["what"].split("/")[0:3:2]) for entry in entries] == [
+        ("Bo", ["GET ", "correspondence-sets"]), ("Ada", ["PATCH ", "fleets"]), ("Ada", ["DELETE ", "rigs"]),
+    ]  # fmt: skip
+    assert entries[0]["request"] == "taken" and entries[0]["address"] and entries[0]["token"]
+    assert [entry["person"] for entry in said(run("audit", made["rig"], "--person", "Ada", "--json"))] == ["Ada"]
+    assert "Bo" in run("audit").stdout
 
 
 def test_a_jobs_history_is_shown(run, database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
