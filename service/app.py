@@ -65,7 +65,7 @@ from service.recordings import (
     upload_routes,
 )
 from service.recordings import routes as recordings
-from service.recordings.retention import delete_overdue, expire_uploads
+from service.recordings.retention import delete_old_imports, delete_overdue, expire_uploads, remove_old_layers
 
 ROUTERS: tuple[APIRouter, ...] = (
     # First, because every vehicle asks it at every start.
@@ -102,6 +102,10 @@ _UPKEEP_S = 600.0
 _PARTS_S = 1.0
 _UPKEEP_CONNECTIONS = 2
 _CANCEL_AGAIN_S = 0.1
+_UPKEEP = (
+    *(delete_overdue, remove_old_layers, delete_old_imports, expire_uploads),
+    *(remove_ended, forget_jobs, count_rows),
+)
 # Below what clients and proxies wait for an answer.
 _WAIT_S = 30.0
 
@@ -119,7 +123,7 @@ async def _keep_house(database: Database, store: Store, settings: Settings) -> N
 
     while True:
         await asyncio.sleep(_UPKEEP_S)
-        for task in (delete_overdue, expire_uploads, remove_ended, forget_jobs, count_rows, audit_store):
+        for task in (*_UPKEEP, audit_store):
             try:
                 await run_in_threadpool(task, database)
             except Exception:

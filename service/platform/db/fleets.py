@@ -16,7 +16,8 @@ class Fleet(Base):
     """What roles are bound to: every row below belongs to exactly one fleet.
 
     ``quota_bytes`` is what it may take; None: what the settings say. ``row_bytes`` is what its rows took when they
-    were counted last, and what was added since. ``policy`` says what its results
+    were counted last, and what was added since. ``retention`` has the days
+    after which each layer of its recordings, and its imported pairs, go. ``policy`` says what its results
     must show to be published.
     """
 
@@ -27,6 +28,7 @@ class Fleet(Base):
     quota_bytes: Mapped[int | None] = mapped_column(BigInteger)
     row_bytes: Mapped[Bytes] = mapped_column(default=0)
     policy: Mapped[Json | None]
+    retention: Mapped[Json | None]
     version: Mapped[Version]
     created_at: Mapped[Created]
 

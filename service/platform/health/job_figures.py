@@ -103,7 +103,7 @@ def _queues(session: Session) -> Iterator[Metric]:
     depth: dict[str, int] = dict.fromkeys(QUEUES, 0)
     oldest: dict[str, float] = dict.fromkeys(QUEUES, 0.0)
     for queue, _, state, sends, count, resent_at, moment in rows:
-        if state == WorkState.QUEUED and sends:
+        if state == WorkState.QUEUED and sends and resent_at:
             depth[queue] += count
             to_come_s = (resent_at - moment).total_seconds()
             oldest[queue] = max(oldest[queue], resent_after_s(sends) - to_come_s)

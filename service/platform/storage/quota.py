@@ -156,7 +156,8 @@ def counted(session: Session, recording: Recording, *, besides: int | None) -> i
         session.scalar(packed.where(Sensor.recording_id == recording.id)),
         session.scalar(writing),
     )
-    return recording.size + copied(session, recording.id) + sum(int(total or 0) for total in sums)
+    size = 0 if recording.layers_gone else recording.size
+    return size + copied(session, recording.id) + sum(int(total or 0) for total in sums)
 
 
 @contextmanager
