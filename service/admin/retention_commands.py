@@ -100,8 +100,8 @@ def set_layers(
         if row is None:
             raise AdminError(f"there is no fleet called {fleet!r}", f"{command('retention show')} lists the fleets.")
         row.retention = {layer: count for layer, count in days.items() if count} or None
-    said = ", ".join(f"{layer} after {count} days" for layer, count in days.items() if count)
-    print(f"Of {fleet} go: {said or 'no layers'}.")
+    ends_in_words = ", ".join(f"{layer} after {count} days" for layer, count in days.items() if count)
+    print(f"Of {fleet} go: {ends_in_words or 'no layers'}.")
 
 
 @retention.command("run")

@@ -43,11 +43,11 @@ def ask(session: Session, fleet: Fleet, body: FleetRequestBody, person_id: UUID)
     """
     chosen = _choose(session, fleet.id, body)
     named = body.vehicles.vehicle_ids
-    asked = body.model_dump(mode="json", include={"vehicles": {"name", "rig", "not_calibrated_since", "new_pairs"}})
+    filter_ = body.vehicles.model_dump(mode="json", exclude={"vehicle_ids"})
     row = FleetRequest(
         fleet_id=fleet.id,
         asked={
-            "vehicles": asked["vehicles"] | {"named": None if named is None else len(set(named))},
+            "vehicles": filter_ | {"named": None if named is None else len(set(named))},
             "calibration": body.calibration.model_dump(mode="json"),
         },
         state=RequestState.RUNNING,

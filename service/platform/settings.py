@@ -14,6 +14,8 @@ from pydantic import AliasChoices, Field, SecretStr, ValidationError, field_vali
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MIB = 1024 * 1024
+# Files named after variables, as container engines mount secrets; the environment goes before them.
+_SECRETS = Path("/run/secrets")
 _DATABASE = re.compile(r"(postgresql|sqlite)(\+\w+)?://")
 
 
@@ -36,10 +38,18 @@ class S3Options:
 class Settings(BaseSettings):
     """Every variable is prefixed ``APEXCAL_``, for example ``APEXCAL_DATABASE_URL``."""
 
-    model_config = SettingsConfigDict(env_prefix="APEXCAL_", extra="ignore", populate_by_name=True)
+    model_config = SettingsConfigDict(
+        env_prefix="APEXCAL_",
+        extra="ignore",
+        populate_by_name=True,
+        secrets_dir=_SECRETS if _SECRETS.is_dir() else None,
+    )
 
     data_dir: Path = Field(default=Path("var/apexcal"), description="scratch space and, embedded, everything else")
     database_url: str = Field(default="", description="empty: SQLite in data_dir")
+    database_roles: dict[str, SecretStr] = Field(
+        default={}, description="for migrations alone: roles of PostgreSQL to make, as JSON, with their passwords"
+    )
     broker_url: str = Field(default="", description="empty: the embedded broker's socket in data_dir")
     blob_url: str = Field(default="", description="s3://bucket/prefix; empty: the folder `blobs` in data_dir")
     public_url: str = Field(default="http://127.0.0.1:8000", description="where people's browsers find the service")

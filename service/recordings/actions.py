@@ -94,12 +94,12 @@ def remove_layers(session: Session, row: Recording, count: int) -> None:
             )
         ).all()
         packed = PackedSweeps.sensor_id.in_([sensor.id for sensor in sensors])
-        made = AnalysisFile.analysis_id.in_(select(Analysis.id).where(Analysis.recording_id == row.id))
+        of_analyses = AnalysisFile.analysis_id.in_(select(Analysis.id).where(Analysis.recording_id == row.id))
         keys = [sensor.blob_key for sensor in sensors]
-        for table, which in ((PackedSweeps, packed), (AnalysisFile, made)):
+        for table, which in ((PackedSweeps, packed), (AnalysisFile, of_analyses)):
             keys += session.scalars(select(table.blob_key).where(which)).all()
         session.execute(update(PackedSweeps).where(packed).values(blob_key=EXPIRED))
-        session.execute(delete(AnalysisFile).where(made).execution_options(synchronize_session=False))
+        session.execute(delete(AnalysisFile).where(of_analyses).execution_options(synchronize_session=False))
         condemn(session, keys)
         for sensor in sensors:
             sensor.blob_key = EXPIRED

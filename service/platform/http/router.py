@@ -137,8 +137,8 @@ class Route(APIRoute):
                 for name, one in values.items()
             }
             answer = endpoint(**opened)
-            for name, one in values.items():
-                if entry and isinstance(one, Transaction) and one.writes:
+            for name, value in values.items():
+                if entry and isinstance(value, Transaction) and value.writes:
                     opened[name].session.add(AuditEntry(**entry))
             return answer if isinstance(answer, Response) else self._rendered(answer, injected)
 

@@ -19,12 +19,14 @@ from service.admin.context import GIVEN_FOLDER, command
 from service.platform.db.clock import now, utc_now
 from service.platform.db.models import (
     ApiToken,
+    Blob,
     BrowserSession,
     Calibration,
     CalibrationRun,
     Detection,
     Job,
     Recording,
+    Sensor,
     Slot,
 )
 from service.platform.db.session import Database
@@ -139,6 +141,28 @@ def test_the_audit_says_who_took_gave_and_deleted_what(run, api: Api) -> None:
     assert entries[0]["request"] == "taken" and entries[0]["address"] and entries[0]["token"]
     assert [entry["person"] for entry in said(run("audit", made["rig"], "--person", "Ada", "--json"))] == ["Ada"]
     assert "Bo" in run("audit").stdout
+
+
+def test_a_forecast_tells_a_year_with_retention_and_without(run, database: Database) -> None:
+    rig = seed_rig(database, make_fleet(database, "north"))
+    seed_recording(database, rig, 10)
+    with database.writing() as session:
+        session.execute(update(Recording).values(size=3_000_000))
+        camera = session.scalars(select(Sensor).where(Sensor.kind == "lidar")).first()
+        assert camera
+        session.execute(update(Blob).where(Blob.key == camera.blob_key).values(size=6_000_000))
+    assert run("retention", "layers", "north", "--original", "30", "--images", "10").exit_code == 2
+    assert "original after 30 days" in run("retention", "layers", "north", "--original", "30").stdout
+
+    def north(*words: str) -> dict[str, Any]:
+        return next(line for line in said(run("forecast", *words, "--json")) if line["fleet"] == "north")
+
+    month = north()
+    assert month["bytes_a_year"] == round(365 * 9_000_000 / 30)
+    assert month["with_retention"] == (30 * 100_000 + 365 * 200_000)
+    assert month["rows_a_year"] > 0 and north("--days", "60")["bytes_a_year"] == round(365 * 9_000_000 / 60)
+    assert "36 MB" not in run("forecast").stdout and "110 MB" in run("forecast").stdout
+    refused(run("retention", "layers", "south", "--original", "3"), "no fleet called 'south'")
 
 
 def test_a_jobs_history_is_shown(run, database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
