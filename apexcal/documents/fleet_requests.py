@@ -41,11 +41,11 @@ class FleetRequestBody(Received):
 class AskedVehicles(Document):
     """A filter as it was asked. ``named`` is how many vehicles it named by id, null where it named none."""
 
-    named: int | None
-    name: Name | None
-    rig: Name | None
-    not_calibrated_since: AwareDatetime | None
-    new_pairs: bool
+    named: int | None = None
+    name: Name | None = None
+    rig: Name | None = None
+    not_calibrated_since: AwareDatetime | None = None
+    new_pairs: bool = False
 
 
 class AskedOfFleet(Document):
