@@ -16,7 +16,7 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers bench-annotators bench-marks faults check lock clean
+.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-readers bench-annotators bench-marks faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -60,7 +60,7 @@ bench-paper: setup  ## the paper's two recordings, simulated, beside the errors 
 bench-accuracy: setup  ## how often the solver ends on the optimum, and whether its error bars hold; RIGS=50 for a short form
 	$(BIN)/python -m benchmarks.accuracy
 
-bench-coverage: setup  ## whether what is published holds, on data with blunders and shared errors; RUNS=1 for a short form
+bench-coverage: setup  ## whether what is published holds, on data with blunders and shared errors; DRAWS=40 RUNS=1 for a short form
 	$(BIN)/python -m benchmarks.coverage
 
 bench-judge: setup  ## whether what is published by itself is right, and which check finds what; DRAWS=30 for a short form
@@ -77,6 +77,9 @@ bench-worth: $(STAMPS)/bench  ## where the genetic algorithm helps and where not
 
 bench-fleet: setup  ## one request for a thousand vehicles beside the bare solver on the same cores; VEHICLES=50 for a short form
 	$(BIN)/python -m benchmarks.fleet
+
+bench-growth: setup  ## how costs grow with recordings, pairs, vehicles and history, as exponents; SHORT=1 for a short form
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.growth
 
 bench-farm: setup  ## what the farm costs beside the bare solver: calibrations, single trips, slots, more workers; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.farm

@@ -38,10 +38,7 @@ class House:
         root: Path,
         processes: int = 2,
         database: Literal["postgresql", "sqlite"] = "postgresql",
-        largest_pool: int = 2,
     ) -> None:
-        # What the API thinks that there are: a fleet's window of sent jobs has room for so many pool processes.
-        self._largest_pool = largest_pool
         self.folder = folder = DataFolder(root)
         folder.logs.mkdir(parents=True)
         self.postgres = Postgres(synced=True) if database == "postgresql" else None
@@ -136,7 +133,7 @@ class House:
             self.postgres.close()
 
     def _environment(self, folder: DataFolder, url: str) -> dict[str, str]:
-        environment = plans.environment(folder, public_url=self._address, workers=self._largest_pool)
+        environment = plans.environment(folder, public_url=self._address, workers=2)
         del environment["APEXCAL_SUPERVISOR_STATUS"]
         return environment | {"APEXCAL_DATABASE_URL": url, "APEXCAL_MIN_FREE_BYTES": "0"}
 

@@ -22,6 +22,7 @@ from service.crops import routes as crops
 from service.detections import routes as detections
 from service.exports import routes as exports
 from service.fleet_requests import routes as fleet_requests
+from service.fleet_requests.actions import make_parts
 from service.fleets import routes as fleets
 from service.imports import routes as imports
 from service.pairs import routes as pairs
@@ -49,6 +50,7 @@ from service.platform.observability import logs
 from service.platform.settings import Settings, settings_or_exit
 from service.platform.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
 from service.platform.storage.audit import audit_if_due
+from service.platform.storage.quota import count_rows
 from service.platform.storage.room import Room
 from service.platform.storage.store import Store, open_store
 from service.publications import routes as publications
@@ -63,7 +65,7 @@ from service.recordings import (
     upload_routes,
 )
 from service.recordings import routes as recordings
-from service.recordings.retention import delete_overdue, expire_uploads
+from service.recordings.retention import delete_old_imports, delete_overdue, expire_uploads, remove_old_layers
 
 ROUTERS: tuple[APIRouter, ...] = (
     # First, because every vehicle asks it at every start.
@@ -97,8 +99,13 @@ ROUTERS: tuple[APIRouter, ...] = (
 )
 
 _UPKEEP_S = 600.0
+_PARTS_S = 1.0
 _UPKEEP_CONNECTIONS = 2
 _CANCEL_AGAIN_S = 0.1
+_UPKEEP = (
+    *(delete_overdue, remove_old_layers, delete_old_imports, expire_uploads),
+    *(remove_ended, forget_jobs, count_rows),
+)
 # Below what clients and proxies wait for an answer.
 _WAIT_S = 30.0
 
@@ -116,11 +123,21 @@ async def _keep_house(database: Database, store: Store, settings: Settings) -> N
 
     while True:
         await asyncio.sleep(_UPKEEP_S)
-        for task in (delete_overdue, expire_uploads, remove_ended, forget_jobs, audit_store):
+        for task in (*_UPKEEP, audit_store):
             try:
                 await run_in_threadpool(task, database)
             except Exception:
                 log.exception("%s failed; it is tried again", task.__name__)
+
+
+async def _make_parts(database: Database) -> None:
+    """Go on with fleet requests, every second. Several services doing it at once share the vehicles."""
+    while True:
+        await asyncio.sleep(_PARTS_S)
+        try:
+            await run_in_threadpool(make_parts, database)
+        except Exception:
+            log.exception("parts of fleet requests could not be made; they are tried again")
 
 
 async def _end(tasks: Collection[asyncio.Task[None]]) -> None:
@@ -161,7 +178,11 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         upkeep_database.couriers = app.state.database.couriers
         fanout = app.state.fanout = Fanout(settings.events, app.state.database, drain)
         current_default_thread_limiter().total_tokens = threads.OTHERS
-        tasks = (keep_adopting(upkeep_database, store), _keep_house(upkeep_database, store, settings))
+        tasks = (
+            keep_adopting(upkeep_database, store),
+            _keep_house(upkeep_database, store, settings),
+            _make_parts(upkeep_database),
+        )
         upkeep = [asyncio.create_task(task) for task in (*tasks, fanout.feed(), fanout.watch())]
         with drain.before_stopping():
             yield

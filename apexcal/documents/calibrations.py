@@ -46,6 +46,14 @@ class CommonErrors(Received):
     elevation_deg: (
         Annotated[float, Field(ge=0, le=10, description="of all vertices, as the LiDAR sees them")] | None
     ) = None
+    tip_across_mm: (
+        Annotated[float, Field(ge=0, le=1000, description="of the board's edges: all tips lie to one side")] | None
+    ) = None
+    tip_up_mm: (
+        Annotated[float, Field(ge=0, le=1000, description="of the board's edges and its worn tip: all lie too high")]
+        | None
+    ) = None
+    range_mm: Annotated[float, Field(ge=0, le=1000, description="of the LiDAR's range")] | None = None
     mark_u_px: Annotated[float, Field(ge=0, le=1000, description="of all marks, to the right")] | None = None
     mark_v_px: Annotated[float, Field(ge=0, le=1000, description="of all marks, down")] | None = None
     clock_ms: Annotated[float, Field(ge=0, le=1000, description="of the offset between the clocks")] | None = None

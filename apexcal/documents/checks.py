@@ -59,6 +59,10 @@ class CheckTopic:
         )
 
 
+ALONE_LIMIT_DEG: Final = 0.4
+ALONE_LIMIT_MM: Final = 40.0
+"""95 % half-widths that a mount may have if it is used with another lens: at 5 m 0.4 degrees are 35 mm, as much as
+the offset."""
 # Made by the workers, and looked up by the policy.
 MARKS_CONFIRMED: Final = CheckTopic("marks_confirmed", "Marks seen by people")
 

@@ -38,10 +38,20 @@ class FleetRequestBody(Received):
     dry_run: bool = False
 
 
+class AskedVehicles(Document):
+    """A filter as it was asked. ``named`` is how many vehicles it named by id, null where it named none."""
+
+    named: int | None = None
+    name: Name | None = None
+    rig: Name | None = None
+    not_calibrated_since: AwareDatetime | None = None
+    new_pairs: bool = False
+
+
 class AskedOfFleet(Document):
     """What was asked: the filter, and the calibration of each vehicle."""
 
-    vehicles: VehicleFilter
+    vehicles: AskedVehicles
     calibration: CalibrationTemplate
 
 

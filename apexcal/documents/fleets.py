@@ -37,12 +37,13 @@ class Named(Received):
 
 
 class FleetOut(Sent):
-    """A fleet. Its recordings take ``taken_bytes`` of the ``quota_bytes`` that they may."""
+    """A fleet. It takes ``taken_bytes`` of the ``quota_bytes`` that it may, ``row_bytes`` of them in the database."""
 
     id: UUID
     name: str
     role: Role | None
     taken_bytes: int
+    row_bytes: int
     quota_bytes: int
     policy: Stored[PublicationPolicy | None] = None
     version: int

@@ -13,6 +13,15 @@ MODEL_OF: Final[dict[str, ModelName]] = {
 }
 """Our camera model by the distortion model of a CameraInfo, of camera_calibration or of Kalibr."""
 
+# Standard deviations of a calibration that was made elsewhere: focal lengths as a share of themselves, the centre as
+# a share of the image's width, and of a coefficient so much and a tenth of itself. The five calibrations that KITTI
+# publishes of each colour camera (Geiger et al. 2013, 26 September to 3 October 2011) spread by 0.15 to 0.25 % in f,
+# 0.1 % of the width in c_x and 0.5 % in c_y. Five tell a deviation to a factor of two, hence f twice as wide.
+_FOCAL_SIGMA: Final = 0.005
+_CENTRE_SIGMA: Final = 0.005
+_COEFFICIENT_SIGMA: Final = 0.02
+_TANGENTIAL_SIGMA: Final = 0.002
+
 
 def model_stated(distortion_model: str) -> ModelName | None:
     """Our camera model of a stated distortion model, however its letters are written; None where there is none."""
@@ -34,3 +43,13 @@ def lens_of_images(stated: Mapping[str, Any], kind: ImageKind | None) -> dict[st
         return dict(stated)
     P = stated.get("P")
     return P and {**stated, "model": "brown_conrady", "K": [*P[:3], *P[4:7], *P[8:11]], "D": [0.0] * 5}
+
+
+def stated_deviation(model: ModelName, name: str, value: float, width: float) -> float:
+    """Return the standard deviation of a stated lens's parameter, for images of that width, px."""
+    if name in ("f_x", "f_y"):
+        return _FOCAL_SIGMA * value
+    if name in ("c_x", "c_y"):
+        return _CENTRE_SIGMA * float(width)
+    small = name == "skew" or name in CAMERA_MODELS[model].tangential
+    return (_TANGENTIAL_SIGMA if small else _COEFFICIENT_SIGMA) + 0.1 * abs(value)

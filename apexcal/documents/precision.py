@@ -123,6 +123,30 @@ class RollingShutter(Document):
     shown: bool
 
 
+StepKind = Literal["clock", "lens", "board", "person", "marks"]
+
+
+class NextStep(Document):
+    """A step that narrows the mount's 95 % interval, and the largest half widths to expect after it."""
+
+    kind: StepKind
+    words: str
+    half_width_deg: float
+    half_width_mm: float
+
+
+class NextSteps(Document):
+    """What the mount's widest 95 % interval is made of, and what to do next, the best step first.
+
+    ``parts``: the half width with each error alone, in degrees, or in mm if the shifts are wider over their limit.
+    """
+
+    half_width_deg: float
+    half_width_mm: float
+    parts: dict[str, float]
+    steps: list[NextStep]
+
+
 class PredictedPixel(Document):
     """Deviations of a point that projects to this pixel, by distance; null if the lens has no ray there."""
 

@@ -21,6 +21,7 @@ from apexcal.documents.precision import (
     Field,
     FitPrecision,
     Halves,
+    NextSteps,
     PersonBias,
     Precision,
     Prediction,
@@ -188,9 +189,9 @@ class FitResult(FitPrecision):
     stated ``line_time_us``.
 
     Of a fit to all pairs ``heldout`` is null. Of one that holds pairs out these are null: ``stated_lens``,
-    ``rolling_shutter``, ``prediction``, ``explained_px``, ``marks_outside``, ``field`` and both baselines.
-    ``provenance`` and ``finish_seconds`` are those of the job; ``residuals_px`` is null for who may not know the
-    marks.
+    ``rolling_shutter``, ``prediction``, ``next_steps``, ``explained_px``, ``marks_outside``, ``field`` and both
+    baselines. ``provenance`` and ``finish_seconds`` are those of the job; ``residuals_px`` is null for who may not
+    know the marks.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -230,6 +231,7 @@ class FitResult(FitPrecision):
     weak_priors: dict[str, float]
     halves: list[Halves]
     prediction: Prediction | None
+    next_steps: NextSteps | None
     explained_px: float | None
     marks_outside: int | None
     field: Field | None

@@ -15,8 +15,17 @@ LensUse = Literal["free", "bounds", "prior", "locked"]
 LensOrigin = Literal["fitted", "stated", "stated, refined"]
 Farm = Literal["auto", "slots", "runs"]
 CommonError = Literal[
-    "azimuth_deg", "elevation_deg", "mark_u_px", "mark_v_px", "clock_ms", "line_time_us", "person_px"
+    "azimuth_deg",
+    "elevation_deg",
+    "tip_across_mm",
+    "tip_up_mm",
+    "range_mm",
+    "mark_u_px",
+    "mark_v_px",
+    "clock_ms",
+    "line_time_us",
+    "person_px",
 ]
 COMMON_ERRORS: Final[tuple[CommonError, ...]] = get_args(CommonError)
-"""Errors that all pairs share: of the vertices' direction, of the marks, of the offset between the clocks, of the
-camera's line time; and those that all marks of one person share."""
+"""Errors that all pairs share: of the vertices' direction, of the tip in the board's plane, of the range, of the
+marks, of the offset between the clocks, of the camera's line time; and those that all marks of one person share."""

@@ -32,7 +32,6 @@ def environment(folder: DataFolder, *, public_url: str, workers: int) -> dict[st
         "APEXCAL_DATA_DIR": str(folder.root),
         "APEXCAL_BROKER_URL": f"redis+socket://{folder.socket}?virtual_host=0",
         "APEXCAL_PUBLIC_URL": public_url,
-        "APEXCAL_WORKERS": str(workers),
         "APEXCAL_SUPERVISOR_STATUS": str(folder.status),
         "PYTHONUNBUFFERED": "1",
     }

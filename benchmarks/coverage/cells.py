@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.camera_models import MODELS
 from benchmarks.coverage.calibrations import Seen
 from benchmarks.coverage.marks import Errors
@@ -21,8 +20,6 @@ RULES: Final[dict[str, dict[str, Any]]] = {
     "saturating": {"loss": "saturating", "outliers": "keep"},
 }
 _PRIOR_M: Final = 0.02
-_ELEVATION_DEG: Final = 0.03
-_LINE_TIME_US: Final = 30.0
 _POSE_M: Final = 0.01
 _POSE_DEG: Final = 1.5
 _TURN_DEG: Final = 0.08
@@ -59,17 +56,8 @@ def cells(rig: SimulatedRig, draw: int) -> Iterator[Cell]:
     priors = {f"t_{axis}": {"mean": float(mean), "sigma": _PRIOR_M} for axis, mean in zip("xyz", offset, strict=True)}
     yield Cell("prior_t", seen, Errors(), {"priors": priors})
     yield Cell("weights", seen, Errors(noises_px=(0.5, 2.0)), {})
-    elevation = Errors(elevation_deg=float(random.normal(0.0, _ELEVATION_DEG)))
-    yield Cell("common_vertex", seen, elevation, _stated("common_errors", {"elevation_deg": _ELEVATION_DEG}))
     yield Cell("four_a_pose", seen, Errors(pose_m=_POSE_M), {})
-    shutter = Errors(line_time_us=_LINE_TIME_US)
-    yield Cell("rolling_shutter", seen, shutter, _stated("line_time_us", _LINE_TIME_US))
     turned = Errors(second_half_deg=_TURN_DEG)
     yield Cell("second_half", Seen(lens, finer=_AUTOMOTIVE), turned, {})
     yield Cell("second_half_960", seen, turned, {})
     yield Cell("six_poses", Seen(lens, still=True), Errors(pose_m=_POSE_M, pose_deg=_POSE_DEG), {})
-
-
-def _stated(name: str, value: Any) -> dict[str, Any]:
-    """Nothing where requests cannot say it."""
-    return {name: value} if name in CalibrationTemplate.model_fields else {}

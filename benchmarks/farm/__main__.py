@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from benchmarks.farm.calibration import beside_bare
-from benchmarks.farm.scaling import WORKERS, scaling
+from benchmarks.farm.scaling import scaling
 from benchmarks.farm.trips import trips
 from benchmarks.house import House
 
@@ -49,7 +49,7 @@ def measure(*, short: bool, seed: int) -> dict[str, Any]:
 @contextmanager
 def _house(database: Literal["postgresql", "sqlite"]) -> Iterator[tuple[House, Path]]:
     with tempfile.TemporaryDirectory(prefix="apexcal-farm-") as folder:
-        house = House(Path(folder) / "data", 2, database, max(WORKERS))
+        house = House(Path(folder) / "data", 2, database)
         try:
             yield house, Path(folder)
         finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,7 @@ NOISE_PX: Final = (0.6, 1.4)
 """Noise of a person's marks per coordinate, px."""
 
 
-@dataclass(frozen=True, eq=False)
-class Draw:
+class Draw(NamedTuple):
     """Pairs as a correspondence set has them (`known`), what is asked, and how far the mount turned halfway."""
 
     paired: Paired
@@ -42,7 +41,7 @@ class Case:
     has_trace: bool = True
 
 
-def _drawn(paired: Paired, errors: Errors, random: Random, model: str | None = None, **request: Any) -> Draw:
+def drawn(paired: Paired, errors: Errors, random: Random, model: str | None = None, **request: Any) -> Draw:
     noises = tuple(random.uniform(*NOISE_PX, size=2).tolist())
     known = columns(paired, replace(errors, noises_px=noises), random)
     known.pop("sigma_px", None)  # people do not state how well they mark
@@ -51,25 +50,25 @@ def _drawn(paired: Paired, errors: Errors, random: Random, model: str | None = N
     return Draw(paired, known, {"models": [model or paired.camera.model], **request})
 
 
-def _lens(random: Random) -> ModelName:
+def random_lens(random: Random) -> ModelName:
     return MODELS[int(random.integers(len(MODELS)))]
 
 
 def _walk(errors: Errors) -> Callable[[int, Random], Draw]:
-    return lambda seed, random: _drawn(draw_pairs(seed, _lens(random)), errors, random)
+    return lambda seed, random: drawn(draw_pairs(seed, random_lens(random)), errors, random)
 
 
 def _wrong_model(seed: int, random: Random) -> Draw:
     lens: ModelName = MODELS[1 + int(random.integers(len(MODELS) - 1))]
-    return _drawn(draw_pairs(seed, lens), Errors(), random, "pinhole")
+    return drawn(draw_pairs(seed, lens), Errors(), random, "pinhole")
 
 
 def _decentred(seed: int, random: Random) -> Draw:
-    return _drawn(draw_pairs(seed, "brown_conrady", decentring=0.001), Errors(), random, "kannala_brandt")
+    return drawn(draw_pairs(seed, "brown_conrady", decentring=0.001), Errors(), random, "kannala_brandt")
 
 
 def _wrong_prior(seed: int, random: Random) -> Draw:
-    paired = draw_pairs(seed, _lens(random))
+    paired = draw_pairs(seed, random_lens(random))
     if random.integers(2):
         axis, sigma = int(random.integers(3)), 0.02
         true = float(paired.camera.T_camera_lidar.t[axis])
@@ -78,13 +77,13 @@ def _wrong_prior(seed: int, random: Random) -> Draw:
         true, name = float(paired.camera.intrinsics["f_x"]), "f_x"
         sigma = 0.01 * true
         off = float(random.uniform(0.03, 0.1) * random.choice([-1.0, 1.0])) * true
-    return _drawn(paired, Errors(), random, priors={name: {"mean": true + off, "sigma": sigma}})
+    return drawn(paired, Errors(), random, priors={name: {"mean": true + off, "sigma": sigma}})
 
 
 def _six_pairs(seed: int, random: Random) -> Draw:
     paired = draw_pairs(seed, "brown_conrady")
     rows = np.sort(random.choice(len(paired.xyz), 6, replace=False))
-    draw = _drawn(paired, Errors(), random)
+    draw = drawn(paired, Errors(), random)
     known = {name: [values[i] for i in rows] for name, values in draw.known.items()}
     return Draw(paired, known, {"models": ["brown_conrady"], "locked": dict(paired.camera.intrinsics)})
 
@@ -92,24 +91,24 @@ def _six_pairs(seed: int, random: Random) -> Draw:
 def _two_poses(seed: int, random: Random) -> Draw:
     paired = still(draw_pairs(seed, "brown_conrady"), poses=2)
     locked = dict(paired.camera.intrinsics) if random.integers(2) else {}
-    return _drawn(paired, Errors(pose_m=0.005), random, locked=locked)
+    return drawn(paired, Errors(pose_m=0.005), random, locked=locked)
 
 
 def _turned(seed: int, random: Random) -> Draw:
     turn = float(np.exp(random.uniform(np.log(0.15), np.log(1.5))))
-    draw = _drawn(draw_pairs(seed, _lens(random)), Errors(second_half_deg=turn), random)
-    return replace(draw, turned_deg=turn)
+    draw = drawn(draw_pairs(seed, random_lens(random)), Errors(second_half_deg=turn), random)
+    return draw._replace(turned_deg=turn)
 
 
 def _shutter(seed: int, random: Random) -> Draw:
-    paired = draw_pairs(seed, _lens(random))
+    paired = draw_pairs(seed, random_lens(random))
     readout_ms = float(random.uniform(16.6, 33.3))
-    return _drawn(paired, Errors(line_time_us=1e3 * readout_ms / paired.camera.image_size[1]), random)
+    return drawn(paired, Errors(line_time_us=1e3 * readout_ms / paired.camera.image_size[1]), random)
 
 
 def _clock(seed: int, random: Random) -> Draw:
     late_ms = float(random.uniform(15.0, 60.0) * random.choice([-1.0, 1.0]))
-    return _drawn(draw_pairs(seed, _lens(random), late_ms=late_ms), Errors(), random)
+    return drawn(draw_pairs(seed, random_lens(random), late_ms=late_ms), Errors(), random)
 
 
 def _other_lens(seed: int, random: Random) -> Draw:
@@ -121,18 +120,18 @@ def _other_lens(seed: int, random: Random) -> Draw:
     D = [k["k1"] * random.uniform(0.6, 1.4), k["k2"] * random.uniform(0.6, 1.4), k["k3"], k["k4"], k["k5"]]
     stated = {"width": width, "height": height, "distortion_model": "plumb_bob", "K": K, "D": D}
     way = ("prior", "locked")[int(random.integers(2))]
-    return _drawn(paired, Errors(), random, intrinsics={FRONT: stated}, intrinsics_as=way)
+    return drawn(paired, Errors(), random, intrinsics={FRONT: stated}, intrinsics_as=way)
 
 
 def _worn_tip(seed: int, random: Random) -> Draw:
     """The marks show the worn tip; the vertex is where the edges would meet, above it."""
-    draw = _drawn(draw_pairs(seed, _lens(random)), Errors(), random)
+    draw = drawn(draw_pairs(seed, random_lens(random)), Errors(), random)
     draw.known["z"] = [z + float(random.uniform(0.005, 0.008)) for z in draw.known["z"]]
     return draw
 
 
 def _lasting(seed: int, random: Random) -> Draw:
-    return _drawn(draw_pairs(seed, _lens(random)), Errors(elevation_deg=float(random.normal(0.0, 0.04))), random)
+    return drawn(draw_pairs(seed, random_lens(random)), Errors(elevation_deg=float(random.normal(0.0, 0.04))), random)
 
 
 CASES: Final = (

@@ -24,17 +24,26 @@ _ACROSS_RAD: Final = (0.0002, 0.0006)
 _RANGE_M: Final = (0.004, 0.010)
 # Of a walk's vertices 0.1 s apart 0.94 of the azimuth's error is common (SPEC, third look); half of it all here.
 _LAG: Final = 0.94
-_COMMON: Final = 0.5
+_LASTING: Final = 0.5
 _SWEEP_NS: Final = 100_000_000
 CLOCK_SIGMA_MS: Final = 1.5
 """What an estimated clock offset is good to (SPEC: 1.0 to 1.2 ms)."""
 
 
-def draw_pairs(seed: int, lens: ModelName, decentring: float = 0.0, late_ms: float = 0.0) -> Paired:
-    """Draw a rig, its camera, a walk of two to three minutes, and 200 to 260 pairs of it.
+def draw_pairs(
+    seed: int,
+    lens: ModelName,
+    decentring: float = 0.0,
+    late_ms: float = 0.0,
+    lasting: float = _LASTING,
+    pairs: tuple[int, int] = (200, 260),
+    heights_m: float = np.inf,
+) -> Paired:
+    """Draw a rig, its camera, a walk of two to three minutes, and pairs of it.
 
     decentring: deviation of the tangential terms of a `brown_conrady` lens; late_ms: of the frames beyond what the
-    clocks' estimated offset misses.
+    clocks' estimated offset misses; lasting: share of the vertices' variance that lasts; pairs: the fewest and the
+    most; heights_m: within which the tips lie.
     """
     random = np.random.default_rng([seed, 61])
     settings = SimulationOptions(
@@ -48,13 +57,15 @@ def draw_pairs(seed: int, lens: ModelName, decentring: float = 0.0, late_ms: flo
     camera = _camera(rig, lens, random, decentring)
     frames = rig.cameras[0].times_ns
     walked = Walked(rig, [])
-    seen = np.flatnonzero(_inside(camera, camera.project(walked.poses(frames).apex)))
-    count = min(int(random.integers(200, 261)), len(seen))
+    apex = walked.poses(frames).apex
+    is_low = np.abs(apex[:, 2] - np.median(apex[:, 2])) <= 0.5 * heights_m
+    seen = np.flatnonzero(_inside(camera, camera.project(apex)) & is_low)
+    count = min(int(random.integers(pairs[0], pairs[1] + 1)), len(seen))
     taken = seen[np.round(np.linspace(0, len(seen) - 1, count)).astype(np.int64)]
     off_ns = np.int64(round(1e6 * (late_ms + random.normal(0.0, CLOCK_SIGMA_MS))))
     stamps = frames[taken] + off_ns  # where the vertices are said to be at the frames' moments
     apex = walked.poses(stamps).apex
-    sigmas, noise = _errors(apex, stamps, random)
+    sigmas, noise = _errors(apex, stamps, random, lasting)
     return Paired(
         walked,
         camera,
@@ -88,7 +99,9 @@ def _inside(camera: SimulatedCamera, pixels: Floats) -> NDArray[np.bool_]:
     return camera.sees(pixels) & camera.sees(pixels + 4.0) & camera.sees(pixels - 4.0)
 
 
-def _errors(apex: Floats, stamps: NDArray[np.int64], random: np.random.Generator) -> tuple[Floats, Floats]:
+def _errors(
+    apex: Floats, stamps: NDArray[np.int64], random: np.random.Generator, lasting: float
+) -> tuple[Floats, Floats]:
     """Stated deviations (N, 3) of azimuth, elevation (rad) and range (m), and errors of that size, alike in time."""
     distance = np.linalg.norm(apex, axis=1)
     across = np.hypot(random.uniform(*_ACROSS_M) / distance, random.uniform(*_ACROSS_RAD))
@@ -99,4 +112,4 @@ def _errors(apex: Floats, stamps: NDArray[np.int64], random: np.random.Generator
     for i in range(1, len(apex)):
         alike[i] = rho[i - 1] * alike[i - 1] + np.sqrt(1.0 - rho[i - 1] ** 2) * random.normal(size=3)
     own = random.normal(size=sigmas.shape)
-    return sigmas, sigmas * (np.sqrt(_COMMON) * alike + np.sqrt(1.0 - _COMMON) * own)
+    return sigmas, sigmas * (np.sqrt(lasting) * alike + np.sqrt(1.0 - lasting) * own)

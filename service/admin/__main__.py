@@ -15,9 +15,10 @@ import typer
 from apexcal.documents.served_folder import is_served
 from service.admin.backup import back_up
 from service.admin.context import FAILED, GIVEN_FOLDER, AdminError, opened, program, spoken
+from service.admin.forecast_commands import forecast
 from service.admin.job_commands import job, jobs, requeue
 from service.admin.manifest import Manifest, verify
-from service.admin.people_commands import tokens, users
+from service.admin.people_commands import audit, tokens, users
 from service.admin.quota_commands import quota
 from service.admin.restore import restore as bring_back
 from service.admin.retention_commands import retention
@@ -38,7 +39,7 @@ app.add_typer(users, name="users")
 app.add_typer(tokens, name="tokens")
 app.add_typer(retention, name="retention")
 app.add_typer(quota, name="quota")
-for command in (jobs, job, requeue):
+for command in (jobs, job, requeue, audit, forecast):
     app.command(command.__name__)(command)
 
 

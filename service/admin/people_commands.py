@@ -16,14 +16,44 @@ from apexcal.documents.served_folder import is_served, read_status
 from service.admin.context import AdminError, JsonOption, as_id, command, opened, spoken, table
 from service.platform.auth.credential_actions import end_credentials, revoke
 from service.platform.auth.session_actions import make_link
-from service.platform.db.clock import utc_now
+from service.platform.db.clock import now, utc_now
 from service.platform.db.fleets import Fleet
-from service.platform.db.people import ApiToken, Membership, Person
+from service.platform.db.people import ApiToken, AuditEntry, Membership, Person
 from service.platform.observability.logs import visible
 from service.platform.settings import Settings
 
 users = typer.Typer(no_args_is_help=True, help="List people, make sign-in links, shut somebody out.")
 tokens = typer.Typer(no_args_is_help=True, help="List and revoke the API tokens of programs.")
+
+
+def audit(
+    path: Annotated[str, typer.Argument(help="Part of an address, such as a recording's id.")] = "",
+    person: Annotated[str, typer.Option(help="Name or id, as `users list` shows it.")] = "",
+    days: Annotated[int, typer.Option(help="How far back.", min=1)] = 30,
+    as_json: JsonOption = False,
+) -> None:
+    """Show who downloaded, deleted or published something, or changed roles, tokens and policies."""
+    with opened() as service, service.database.reading() as session:
+        rows = select(AuditEntry, Person.name).outerjoin(Person, Person.id == AuditEntry.person_id)
+        rows = rows.where(
+            AuditEntry.created_at > now(-86400.0 * days), AuditEntry.path.contains(path, autoescape=True)
+        )
+        if person:
+            rows = rows.where(AuditEntry.person_id == find_person(session, person).id)
+        entries: list[dict[str, Any]] = [
+            {
+                "at": f"{entry.created_at:%Y-%m-%d %H:%M:%S}",
+                "person": visible(name or str(entry.person_id)),
+                "token": str(entry.token_id or ""),
+                "address": entry.address,
+                "what": f"{entry.method} {visible(entry.path)}",
+                "request": entry.request_id,
+            }
+            for entry, name in session.execute(rows.order_by(AuditEntry.created_at, AuditEntry.id))
+        ]
+    print(
+        json.dumps(entries, indent=2) if as_json else table(entries, ("at", "person", "address", "what", "request"))
+    )
 
 
 @users.command("list")

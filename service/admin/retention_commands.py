@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import json
 from datetime import timedelta
+from math import inf
 from typing import Annotated, Any
 
 import typer
 from sqlalchemy import func, select
 
-from service.admin.context import AdminError, JsonOption, as_id, command, opened, spoken, table
+from service.admin.context import AdminError, JsonOption, WrongUsageError, as_id, command, opened, spoken, table
 from service.platform.auth.retention import remove_ended
 from service.platform.db.clock import utc_now
 from service.platform.db.fleets import Fleet
-from service.platform.db.recordings import Recording
+from service.platform.db.recordings import LAYERS, Recording
 from service.platform.jobs.retention import forget_jobs, overdue_jobs
-from service.recordings.retention import delete_overdue, expire_uploads
+from service.recordings.retention import delete_old_imports, delete_overdue, expire_uploads, remove_old_layers
 
 retention = typer.Typer(
     no_args_is_help=True, help="Show and set when recordings are deleted, and delete what is due."
@@ -78,13 +79,41 @@ def set_end(
     print(f"{count} recordings {f'are deleted after {end:%Y-%m-%d %H:%M} UTC' if end else 'are kept'}.")
 
 
+@retention.command("layers")
+@spoken
+def set_layers(
+    fleet: Annotated[str, typer.Argument(help="Name of the fleet.")],
+    original: Annotated[int, typer.Option(help="Days for the file as it came; 0 for no end.", min=0)] = 0,
+    images: Annotated[int, typer.Option(help="Days for the cameras' images, and copies.", min=0)] = 0,
+    sweeps: Annotated[int, typer.Option(help="Days for the LiDAR's sweeps.", min=0)] = 0,
+    pairs: Annotated[int, typer.Option(help="Days for imported pairs of which nothing was published.", min=0)] = 0,
+) -> None:
+    """Set after how many days layers of a fleet's recordings go. Pairs, results and publications of them stay."""
+    days = {"original": original, "images": images, "sweeps": sweeps, "pairs": pairs}
+    ends = [days[layer] or inf for layer in LAYERS]
+    if ends != sorted(ends):
+        raise WrongUsageError(
+            "layers go in one order", "Give the original the fewest days, then images, then sweeps."
+        )
+    with opened() as service, service.database.writing() as session:
+        row = session.scalars(select(Fleet).where(Fleet.name == fleet).with_for_update()).one_or_none()
+        if row is None:
+            raise AdminError(f"there is no fleet called {fleet!r}", f"{command('retention show')} lists the fleets.")
+        row.retention = {layer: count for layer, count in days.items() if count} or None
+    ends_in_words = ", ".join(f"{layer} after {count} days" for layer, count in days.items() if count)
+    print(f"Of {fleet} go: {ends_in_words or 'no layers'}.")
+
+
 @retention.command("run")
 @spoken
 def run() -> None:
     """Delete now what is overdue, as the service does every ten minutes. The sweep removes the bytes later."""
     with opened() as service:
         recordings = delete_overdue(service.database)
+        layers = remove_old_layers(service.database)
+        pairs = delete_old_imports(service.database)
         uploads = expire_uploads(service.database)
         jobs = forget_jobs(service.database)
         remove_ended(service.database)
-    print(f"{recordings} recordings and {jobs} jobs deleted, {uploads} unfinished uploads ended.")
+    print(f"{recordings} recordings, {pairs} sets of imported pairs and {jobs} jobs deleted, ", end="")
+    print(f"{uploads} unfinished uploads ended, layers of {layers} recordings removed.")

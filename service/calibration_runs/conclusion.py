@@ -32,7 +32,7 @@ def end_calibration(
 
 
 # Each is a column that counts the vehicles which came to it.
-_ENDED = (VehicleState.DONE, VehicleState.FAILED, VehicleState.CANCELLED)
+_ENDED = (VehicleState.DONE, VehicleState.FAILED, VehicleState.CANCELLED, VehicleState.SKIPPED)
 # Built once, as those of :mod:`service.platform.jobs.claims`.
 _END_VEHICLES = (
     update(FleetRequestVehicle)
@@ -59,8 +59,8 @@ def drop_calibrations(session: Session, calibration_ids: Iterable[UUID]) -> None
 def count_ended(session: Session, request_id: UUID, ended: Mapping[str, int]) -> None:
     """Take vehicles off the request's remaining ones; the last one ends it. One statement.
 
-    ``ended``: how many came to each of done, failed, cancelled. A cancelled request that has nothing cancelled is
-    one whose vehicles were all done before the cancel reached them.
+    ``ended``: how many came to each of done, failed, cancelled, skipped. A cancelled request that has nothing
+    cancelled is one whose vehicles were all done before the cancel reached them.
     """
     counts = {name: getattr(FleetRequest, name) + ended.get(name, 0) for name in _ENDED}
     left = FleetRequest.remaining - sum(ended.values())
@@ -70,6 +70,7 @@ def count_ended(session: Session, request_id: UUID, ended: Mapping[str, int]) ->
         .values(
             **counts,
             remaining=left,
+            wave=FleetRequest.wave - ended.get(VehicleState.SKIPPED, 0),
             state=case(
                 (left > 0, RequestState.RUNNING),
                 else_=_end_state(counts),

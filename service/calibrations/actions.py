@@ -16,15 +16,14 @@ from service.platform.db.base import state_literal
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun
 from service.platform.db.fleets import Rig
 from service.platform.jobs.bundles import choose_farming
-from service.platform.jobs.queue import cancel
+from service.platform.jobs.queue import cancel, live_processes
 
 
 def create(
-    session: Session, rig: Rig, plan: CalibrationPlan, farm: str, publish: str, person_id: UUID, workers: int
+    session: Session, rig: Rig, plan: CalibrationPlan, farm: str, publish: str, person_id: UUID
 ) -> Calibration:
     """Insert a calibration with all its runs and their first jobs. Fits to all pairs are worked on first."""
-    waiting = waiting_runs(session, workers) + plan.runs
-    return create_all(session, [(rig, plan)], farm, publish, person_id, workers, waiting)[0]
+    return create_all(session, [(rig, plan)], farm, publish, person_id, plan.runs)[0]
 
 
 def waiting_runs(session: Session, enough: int) -> int:
@@ -38,14 +37,15 @@ def create_all(
     plans: Sequence[tuple[Rig, CalibrationPlan]],
     farm: str,
     publish: str,
-    person_id: UUID,
-    workers: int,
-    waiting: int,
+    person_id: UUID | None,
+    coming: int,
 ) -> list[Calibration]:
     """Insert many calibrations of one fleet as :func:`create` does, in as few statements as one takes.
 
-    ``waiting``: how many runs there are to be worked on, these included.
+    ``coming``: how many runs there will be to be worked on beside those that wait already.
     """
+    workers = live_processes(session, "solve")
+    waiting = waiting_runs(session, workers) + coming
     calibrations = [_calibration(rig, plan, publish, person_id) for rig, plan in plans]
     session.add_all(calibrations)
     session.flush()
@@ -80,7 +80,7 @@ def _runs(plan: CalibrationPlan) -> Iterator[tuple[FitPlan, int]]:
         yield from ((fit, fold) for fold in range(FULL, fit.request.folds))
 
 
-def _calibration(rig: Rig, plan: CalibrationPlan, publish: str, person_id: UUID) -> Calibration:
+def _calibration(rig: Rig, plan: CalibrationPlan, publish: str, person_id: UUID | None) -> Calibration:
     return Calibration(
         fleet_id=rig.fleet_id,
         vehicle_id=rig.vehicle_id,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
-from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated
+from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated, stated_deviation
 from apexcal.documents.rules import LensUse
 from service.platform.db.base import Json
 from service.platform.db.fleets import RigCamera
@@ -21,14 +21,6 @@ from service.platform.http.problems import Problem
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
 _FOCAL_SHARE = 0.10
 _CENTRE_SHARE = 0.05
-# Standard deviations of a calibration that was made elsewhere: focal lengths as a share of themselves, the centre as
-# a share of the image's width, and of a coefficient so much and a tenth of itself. The five calibrations that KITTI
-# publishes of each colour camera (Geiger et al. 2013, 26 September to 3 October 2011) spread by 0.15 to 0.25 % in f,
-# 0.1 % of the width in c_x and 0.5 % in c_y. Five tell a deviation to a factor of two, hence f twice as wide.
-_FOCAL_SIGMA = 0.005
-_CENTRE_SIGMA = 0.005
-_COEFFICIENT_SIGMA = 0.02
-_TANGENTIAL_SIGMA = 0.002
 
 
 @dataclass(frozen=True)
@@ -185,7 +177,8 @@ def _known_of(stated: Json, model: ModelName, use_as: LensUse) -> Known | None:
     if values.get("skew") == 0.0:
         del values["skew"]  # as every lens without one
     priors: dict[str, Json] = {
-        name: {"mean": value, "sigma": _sigma(name, value, stated)} for name, value in values.items()
+        name: {"mean": value, "sigma": stated_deviation(stated["model"], name, value, stated["width"])}
+        for name, value in values.items()
     }
     return Known(priors=priors)
 
@@ -214,12 +207,3 @@ def _values(stated: Json, model: ModelName) -> dict[str, float] | None:
     if s and "skew" not in INTRINSICS[model]:
         return None
     return {name: float(values[name]) for name in INTRINSICS[model]}
-
-
-def _sigma(name: str, value: float, stated: Json) -> float:
-    if name in ("f_x", "f_y"):
-        return _FOCAL_SIGMA * value
-    if name in ("c_x", "c_y"):
-        return _CENTRE_SIGMA * float(stated["width"])
-    small = name == "skew" or name in CAMERA_MODELS[stated["model"]].tangential
-    return (_TANGENTIAL_SIGMA if small else _COEFFICIENT_SIGMA) + 0.1 * abs(value)

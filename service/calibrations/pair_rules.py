@@ -11,6 +11,10 @@ from service.platform.http.problems import Problem
 # Mean elevation error of a recording's vertices, the largest that was measured (docs/decisions/0008): of the refined
 # detector with the board's size open, and of the ring rules, which state no deviations and place the apex low.
 _ELEVATION_DEG = {"refined": 0.01, "ring_rules": 0.1}
+# Of a recording's board and LiDAR. Its edges lie off by 3.5 mm (EN 315), which moves the tip alike along both axes of
+# its plane. A tip is worn by anything up to 8 mm: 4.6 mm about none (JCGM 100:2008, 4.3.7). A range is right to 30 mm
+# (data sheet of the VLP-16).
+_BOARD_MM = {"tip_across_mm": 3.5, "tip_up_mm": 5.8, "range_mm": 17.3}
 # A habit of aiming anywhere within the pixel that shows the corner, alike likely: half a pixel over the root of three
 # (JCGM 100:2008, 4.3.7).
 _PERSON_PX = 0.289
@@ -56,7 +60,7 @@ def common_errors(pairs: CorrespondenceSet, deviations: Json) -> Json:
     if pairs.source == "annotations":
         refined = all(name in pairs.columns for name in SIGMAS)
         defaults["elevation_deg"] = _ELEVATION_DEG["refined" if refined else "ring_rules"]
-        defaults["person_px"] = _PERSON_PX
+        defaults |= {"person_px": _PERSON_PX, **_BOARD_MM}
         if CLOCK_SIGMA in pairs.columns and "stamp_ns" in pairs.columns:
             defaults["clock_ms"] = pairs.columns[CLOCK_SIGMA][0]
     return {name: value for name, value in (defaults | deviations).items() if value}

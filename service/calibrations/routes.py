@@ -32,9 +32,7 @@ router = Router(tags=["calibrations"])
 
 
 @router.post("/vehicles/{vehicle_id}/calibrations", status_code=202, response_model=CalibrationView)
-def ask_calibration(
-    vehicle_id: UUID, body: CalibrationRequest, access: WriteAccess, request: Request
-) -> JSONResponse:
+def ask_calibration(vehicle_id: UUID, body: CalibrationRequest, access: WriteAccess) -> JSONResponse:
     """Fit models to a vehicle's correspondences: one set for each camera, all of one rig. [engineer]"""
     vehicle = access.find(Vehicle, vehicle_id, "engineer")
     rig, sources = _sources(access, vehicle, body.correspondence_set_ids)
@@ -46,7 +44,6 @@ def ask_calibration(
         farm=body.farm,
         publish=body.publish,
         person_id=access.person.id,
-        workers=request.app.state.settings.workers,
     )
     hint(access.session, calibration.fleet_id, "calibration", calibration.id)
     return access.answer(calibration_views(access.session, [calibration])[0], 202)
@@ -86,23 +83,28 @@ def _sources(access: Access, vehicle: Vehicle, set_ids: list[UUID]) -> tuple[Rig
 
 @router.get("/vehicles/{vehicle_id}/calibrations")
 def list_calibrations(vehicle_id: UUID, access: ReadAccess, window: Paging) -> Page[CalibrationView]:
-    """A vehicle's calibrations, newest first."""
+    """A vehicle's calibrations, newest first. Their notes for reviewers."""
     vehicle = access.find(Vehicle, vehicle_id)
+    with_notes = _sees_answers(access, vehicle.fleet_id)
     statement = select(Calibration).where(Calibration.vehicle_id == vehicle.id)
     rows, following = fetch(access.session, statement, Calibration.id, window, newest_first=True)
-    return Page(items=calibration_views(access.session, rows), next=following)
+    return Page(items=calibration_views(access.session, rows, with_notes=with_notes), next=following)
+
+
+def _sees_answers(access: Access, fleet_id: UUID) -> bool:
+    return rank(access.role(fleet_id) or "") >= rank("reviewer")
 
 
 @router.get("/calibrations/{calibration_id}")
 def read_calibration(calibration_id: UUID, access: ReadAccess, request: Request) -> CalibrationView:
     """A calibration: how far it is, and when it is done its models side by side.
 
-    Reviewers see which vertices two cameras put apart. Where these were marked here, what a reviewer answers on them
-    afterwards counts as reviewed.
+    Reviewers see its notes, and which vertices two cameras put apart. Where these were marked here, what a reviewer
+    answers on them afterwards counts as reviewed.
     """
     calibration = access.find(Calibration, calibration_id)
-    with_pairs = rank(access.role(calibration.fleet_id) or "") >= rank("reviewer")
-    view = calibration_views(access.session, [calibration], with_pairs=with_pairs)[0]
+    with_pairs = _sees_answers(access, calibration.fleet_id)
+    view = calibration_views(access.session, [calibration], with_pairs=with_pairs, with_notes=with_pairs)[0]
     if with_pairs and vertices_apart(calibration.summary):
         runs = select(CalibrationRun.set_id).where(CalibrationRun.calibration_id == calibration.id)
         for pairs in access.session.scalars(select(CorrespondenceSet).where(CorrespondenceSet.id.in_(runs))).all():

@@ -25,14 +25,22 @@ from service.platform.http.problems import Problem
 
 
 def calibration_views(
-    session: Session, rows: Sequence[Calibration], *, with_pairs: bool = False
+    session: Session, rows: Sequence[Calibration], *, with_pairs: bool = False, with_notes: bool = True
 ) -> list[CalibrationView]:
-    """Calibrations with their runs; ``with_pairs`` also with the vertices that two cameras put apart."""
+    """Calibrations with their runs; ``with_pairs`` also with the vertices that two cameras put apart.
+
+    ``with_notes``: notes repeat those of the sets, which say what people answered.
+    """
     runs: dict[UUID, list[CalibrationRun]] = defaultdict(list)
     statement = select(CalibrationRun).order_by(CalibrationRun.camera, CalibrationRun.model, CalibrationRun.fold)
     for run in session.scalars(statement.where(CalibrationRun.calibration_id.in_([row.id for row in rows]))):
         runs[run.calibration_id].append(run)
-    return [_calibration_view(row, runs[row.id], with_pairs=with_pairs) for row in rows]
+    return [
+        _calibration_view(row, runs[row.id], with_pairs=with_pairs).model_copy(
+            update={} if with_notes else {"notes": []}
+        )
+        for row in rows
+    ]
 
 
 def _best_loss(run: CalibrationRun) -> float | None:

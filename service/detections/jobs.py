@@ -18,17 +18,17 @@ from service.platform.db.jobs import Job
 from service.platform.db.recordings import Recording, Sensor
 from service.platform.jobs.bundles import cut, shards
 from service.platform.jobs.kinds import CannotRetryError, Kind, failed_subject
-from service.platform.jobs.queue import enqueue_all
+from service.platform.jobs.queue import enqueue_all, live_processes
 
 AT_ONCE = 250
 """Tips whose corners one transaction makes. With three corners and two cameras these are 3000 rows: about half a
 second on a busy machine, in which SQLite lets nobody else write."""
 
 
-def queue_detection(session: Session, row: Detection, workers: int) -> list[Job]:
+def queue_detection(session: Session, row: Detection) -> list[Job]:
     """Queue a detection's shards, which are together all sweeps of its recording."""
     lidar = select(Sensor.count).where(Sensor.recording_id == row.recording_id, Sensor.kind == "lidar")
-    parts = shards(max(session.scalar(lidar) or 0, 1), workers)
+    parts = shards(max(session.scalar(lidar) or 0, 1), live_processes(session, "detect"))
     row.remaining = len(parts)
     payloads = [{"first": part.start, "stop": part.stop} for part in parts]
     jobs = enqueue_all(session, kind="detect", fleet_id=row.fleet_id, subject_id=row.id, payloads=payloads)

@@ -47,14 +47,14 @@ Joint = Annotated[bool, Query(description="with the covariance that the corners 
     response_model=DetectionView,
     max_body_size=DOCUMENT,
 )
-def ask_detection(recording_id: UUID, body: DetectionRequest, access: WriteAccess, request: Request) -> JSONResponse:
+def ask_detection(recording_id: UUID, body: DetectionRequest, access: WriteAccess) -> JSONResponse:
     """Find the board's vertices in a recording. [engineer]"""
     recording = ready_recording(access, recording_id, "engineer")
     rig = access.session.get_one(Rig, recording.rig_id)
     detection = new_detection(recording, rig, body, access.person.id)
     access.session.add(detection)
     access.session.flush()
-    jobs = queue_detection(access.session, detection, request.app.state.settings.workers)
+    jobs = queue_detection(access.session, detection)
     return access.answer(detection_view(detection, jobs[0]), 202)
 
 

@@ -1,75 +1,106 @@
-"""Makes, cancels and retries fleet requests, each with all its calibrations in one transaction."""
+"""Makes, cancels and retries fleet requests. Their calibrations follow in parts, each a transaction of its own."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import datetime
 from uuid import UUID
 
-from sqlalchemy import select, update
+from sqlalchemy import insert, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.base import stored
 from apexcal.documents.calibrations import CalibrationTemplate
-from apexcal.documents.fleet_requests import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
+from apexcal.documents.fleet_requests import DryRunView, FleetRequestBody, SkippedView
 from apexcal.documents.states import RequestState, VehicleState
-from service.calibrations.actions import ask_to_end, create_all, waiting_runs
-from service.calibrations.work_rules import check_fleet_total
-from service.fleet_requests.plan import VehiclePlan, check_template, plan_vehicles
-from service.fleet_requests.vehicle_queries import Chosen, choose
-from service.platform.db.base import new_id
-from service.platform.db.clock import utc_now
+from service.calibration_runs.conclusion import count_ended
+from service.calibrations.actions import ask_to_end, create_all
+from service.fleet_requests.plan import VehiclePlan, check_template, check_total, plan_vehicles, too_large
+from service.fleet_requests.vehicle_queries import Chosen, choose, with_newest_sets
+from service.platform.db.base import new_id, state_literal
+from service.platform.db.clock import now, utc_now
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
-from service.platform.db.fleets import Fleet
-from service.platform.http.problems import Problem
+from service.platform.db.fleets import Fleet, Vehicle
+from service.platform.db.session import Database
+from service.platform.observability import request_ids
 
-# More at once would hold the database for longer than a lease (docs/decisions/0018).
+# Their rows are inserted in the transaction that makes the request (docs/decisions/0018).
 _MOST_VEHICLES = 5000
-_MOST_RUNS = 20_000
-# Rows that they may leave, of 465 bytes each: five gigabytes. So many runs with the schedule `paper` come to 6
-# million at most.
-_MOST_SLOTS = 10_000_000
+# Vehicles whose calibrations one transaction makes: 50 ms, in which SQLite lets nobody else write.
+_PART = 50
 _SHOWN = 100
 
+# Asked for, and without a calibration yet.
+_IS_DUE = (FleetRequestVehicle.state == state_literal(VehicleState.QUEUED)) & (
+    FleetRequestVehicle.calibration_id.is_(None)
+)
 
-def ask(session: Session, fleet: Fleet, body: FleetRequestBody, person_id: UUID, workers: int) -> FleetRequest:
-    """Insert a request, its vehicles and their calibrations.
+
+def ask(session: Session, fleet: Fleet, body: FleetRequestBody, person_id: UUID) -> FleetRequest:
+    """Insert a request with its vehicles, and the calibrations of the first part of them.
 
     Raises:
         Problem: 422 of the filter, of the template, or ``fleet_request_too_large``.
     """
     chosen = _choose(session, fleet.id, body)
+    named = body.vehicles.vehicle_ids
+    filter_ = body.vehicles.model_dump(mode="json", exclude={"vehicle_ids"})
     row = FleetRequest(
         fleet_id=fleet.id,
-        asked=body.model_dump(mode="json", include={"vehicles", "calibration"}),
+        asked={
+            "vehicles": filter_ | {"named": None if named is None else len(set(named))},
+            "calibration": body.calibration.model_dump(mode="json"),
+        },
         state=RequestState.RUNNING,
         matched=len(chosen),
-        remaining=0,
-        wave=0,
+        remaining=len(chosen),
+        wave=len(chosen),
+        request_id=request_ids.current(),
         created_by=person_id,
     )
     session.add(row)
     session.flush()
+    if not chosen:
+        row.state, row.finished_at = RequestState.DONE, utc_now()
+        return row
     # Ids sort by time, but not within a millisecond.
-    ids = dict(zip((vehicle.id for vehicle in chosen), sorted(new_id() for _ in chosen), strict=True))
-    total = _Total()
-    for planned in plan_vehicles(session, body.calibration, chosen):
-        total.add(planned)
-        calibrations = _calibrate(session, planned, body.calibration, person_id, workers, len(chosen))
-        session.add_all(_vehicle(row, ids[plan.vehicle.id], plan, calibrations) for plan in planned)
-        row.skipped += sum(plan.plan is None for plan in planned)
-    _begin(row, row.matched - row.skipped)
+    ids = sorted(new_id() for _ in chosen)
+    values = [
+        {"id": id, "fleet_request_id": row.id, "vehicle_id": vehicle.id, "state": VehicleState.QUEUED}
+        for id, vehicle in zip(ids, chosen, strict=True)
+    ]
+    session.execute(insert(FleetRequestVehicle), values)
+    _insert_part(session, row, _plan_part(session, row))
     return row
+
+
+def make_parts(database: Database) -> None:
+    """Make the calibrations that fleet requests still lack: a part of each request at a time."""
+    due = select(FleetRequestVehicle.id).where(_IS_DUE, FleetRequestVehicle.fleet_request_id == FleetRequest.id)
+    waits = select(FleetRequest.id).where(FleetRequest.state == state_literal(RequestState.RUNNING), due.exists())
+    while True:
+        with database.reading() as session:
+            requests = session.scalars(waits.order_by(FleetRequest.id)).all()
+        if not requests:
+            return
+        for request_id in requests:
+            with database.reading() as session:
+                planned = _plan_part(session, session.get_one(FleetRequest, request_id))
+            # Planning takes most of the time, and nobody waits for it: SQLite has one writer.
+            with database.writing() as session:
+                row = session.get_one(FleetRequest, request_id)
+                with request_ids.working_for(row.request_id):
+                    _insert_part(session, row, planned)
 
 
 def preview(session: Session, fleet: Fleet, body: FleetRequestBody) -> DryRunView:
     """The prediction of :func:`ask`, which makes nothing. Raises as it does."""
     chosen = _choose(session, fleet.id, body)
     skipped: list[SkippedView] = []
-    total = _Total()
+    runs, seconds = 0, 0.0
     for planned in plan_vehicles(session, body.calibration, chosen):
-        total.add(planned)
+        plans = [vehicle.plan for vehicle in planned if vehicle.plan]
+        runs += sum(plan.runs for plan in plans)
+        seconds += sum(plan.predicted_s for plan in plans)
         skipped += [
             SkippedView(vehicle_id=plan.vehicle.id, vehicle=plan.vehicle.name, problem=stored(plan.problem))
             for plan in planned
@@ -78,8 +109,8 @@ def preview(session: Session, fleet: Fleet, body: FleetRequestBody) -> DryRunVie
     return DryRunView(
         matched=len(chosen),
         calibrations=len(chosen) - len(skipped),
-        runs=total.runs,
-        processor_seconds=round(total.seconds),
+        runs=runs,
+        processor_seconds=round(seconds),
         skipped=len(skipped),
         skipped_vehicles=skipped[:_SHOWN],
     )
@@ -88,9 +119,16 @@ def preview(session: Session, fleet: Fleet, body: FleetRequestBody) -> DryRunVie
 def ask_all_to_end(session: Session, row: FleetRequest) -> None:
     """Cancel every vehicle that has not ended. Its calibrations before the request: the order of all locks."""
     vehicles = FleetRequestVehicle
-    # A retry holds the failed ones: wait for it, so that what it began is seen below. No worker waits for this.
+    # A retry holds the failed ones, a part its own: wait for them, so that what they began is seen below.
     failed = select(vehicles.id).where(vehicles.fleet_request_id == row.id, vehicles.state == VehicleState.FAILED)
     session.execute(failed.with_for_update(read=True, key_share=True)).all()
+    dropped = session.execute(
+        update(vehicles)
+        .where(vehicles.fleet_request_id == row.id, _IS_DUE)
+        .values(state=VehicleState.CANCELLED, finished_at=now())
+        .returning(vehicles.id)
+        .execution_options(synchronize_session=False)
+    ).all()
     unended = select(vehicles.calibration_id).where(
         vehicles.fleet_request_id == row.id, vehicles.state == VehicleState.QUEUED
     )
@@ -101,42 +139,70 @@ def ask_all_to_end(session: Session, row: FleetRequest) -> None:
         .values(cancel_requested=True)
         .execution_options(synchronize_session=False)
     )
+    if dropped:
+        count_ended(session, row.id, {VehicleState.CANCELLED: len(dropped)})
     session.refresh(row)
 
 
-def retry_failed(session: Session, row: FleetRequest, person_id: UUID, workers: int) -> None:
-    """Calibrate the failed vehicles again, each from its newest pairs now. Where none failed, nothing changes.
+def retry_failed(session: Session, row: FleetRequest) -> None:
+    """Calibrate the failed vehicles again, each from its newest pairs. Where none failed, nothing changes.
 
     A vehicle that has no fitting pairs any more becomes a skipped one.
     """
     # Locked, so that of two retries at the same moment the second finds nothing failed.
-    failed = session.scalars(
-        select(FleetRequestVehicle)
+    failed = session.execute(
+        update(FleetRequestVehicle)
         .where(FleetRequestVehicle.fleet_request_id == row.id, FleetRequestVehicle.state == VehicleState.FAILED)
-        .order_by(FleetRequestVehicle.id)
-        .with_for_update()
+        .values(state=VehicleState.QUEUED, calibration_id=None, problem=None, finished_at=None)
+        .returning(FleetRequestVehicle.id)
+        .execution_options(synchronize_session=False)
     ).all()
     if not failed:
         return
-    template = CalibrationTemplate.model_validate(row.asked["calibration"])
-    by_vehicle = {vehicle.vehicle_id: vehicle for vehicle in failed}
-    rig = VehicleFilter.model_validate(row.asked["vehicles"]).rig
-    chosen = choose(session, row.fleet_id, VehicleFilter(vehicle_ids=list(by_vehicle), rig=rig))
-    begun, total = 0, _Total()
-    for planned in plan_vehicles(session, template, chosen):
-        total.add(planned)
-        calibrations = _calibrate(session, planned, template, person_id, workers, len(chosen))
-        for plan in planned:
-            vehicle = by_vehicle[plan.vehicle.id]
-            vehicle.calibration_id = calibrations.get(plan.vehicle.id)
-            vehicle.state, vehicle.problem, vehicle.finished_at = _first_state(plan)
-            begun += plan.plan is not None
-    session.flush()
     session.refresh(row, with_for_update=True)
     row.failed -= len(failed)
-    row.skipped += len(failed) - begun
-    row.cancel_requested = False
-    _begin(row, begun)
+    row.remaining += len(failed)
+    row.wave, row.started_at = row.remaining, utc_now()
+    row.state, row.finished_at, row.cancel_requested = RequestState.RUNNING, None, False
+    session.flush()
+    _insert_part(session, row, _plan_part(session, row))
+
+
+def _plan_part(session: Session, row: FleetRequest) -> list[VehiclePlan]:
+    """Plan the calibrations of the next vehicles of a request that lack one."""
+    due = (
+        select(Vehicle.id, Vehicle.name)
+        .join(FleetRequestVehicle, Vehicle.id == FleetRequestVehicle.vehicle_id)
+        .where(FleetRequestVehicle.fleet_request_id == row.id, _IS_DUE)
+        .order_by(FleetRequestVehicle.id)
+        .limit(_PART)
+    )
+    names = dict(iter(session.execute(due)))
+    template = CalibrationTemplate.model_validate(row.asked["calibration"])
+    chosen = with_newest_sets(session, row.fleet_id, names, row.asked["vehicles"]["rig"])
+    return [plan for planned in plan_vehicles(session, template, chosen) for plan in planned]
+
+
+def _insert_part(session: Session, row: FleetRequest, planned: Sequence[VehiclePlan]) -> None:
+    """Insert the calibrations of planned vehicles that still lack one, or say why they are skipped."""
+    plans = {plan.vehicle.id: plan for plan in planned}
+    due = select(FleetRequestVehicle).where(
+        FleetRequestVehicle.fleet_request_id == row.id, _IS_DUE, FleetRequestVehicle.vehicle_id.in_(plans)
+    )
+    vehicles = session.scalars(due.order_by(FleetRequestVehicle.id).with_for_update()).all()
+    template = CalibrationTemplate.model_validate(row.asked["calibration"])
+    calibrations = _calibrate(session, [plans[vehicle.vehicle_id] for vehicle in vehicles], template, row)
+    skipped = 0
+    for vehicle in vehicles:
+        vehicle.calibration_id = calibrations.get(vehicle.vehicle_id)
+        if vehicle.calibration_id is None:
+            vehicle.state, vehicle.problem = VehicleState.SKIPPED, plans[vehicle.vehicle_id].problem
+            vehicle.finished_at = utc_now()
+            skipped += 1
+    session.flush()
+    if skipped:
+        count_ended(session, row.id, {VehicleState.SKIPPED: skipped})
+    session.refresh(row)
 
 
 def _choose(session: Session, fleet_id: UUID, body: FleetRequestBody) -> list[Chosen]:
@@ -144,47 +210,13 @@ def _choose(session: Session, fleet_id: UUID, body: FleetRequestBody) -> list[Ch
     check_template(body.calibration)
     chosen = choose(session, fleet_id, body.vehicles)
     if len(chosen) > _MOST_VEHICLES:
-        raise _too_large(f"{len(chosen)} vehicles", f"{_MOST_VEHICLES} vehicles")
+        raise too_large(f"{len(chosen)} vehicles", f"{_MOST_VEHICLES} vehicles")
+    check_total(session, body.calibration, chosen)
     return chosen
 
 
-@dataclass
-class _Total:
-    """Totals of a request's vehicles so far."""
-
-    runs: int = 0
-    slots: int = 0
-    seconds: float = 0.0
-
-    def add(self, planned: Sequence[VehiclePlan]) -> None:
-        """Count some vehicles more. Raises :class:`Problem` 422 ``fleet_request_too_large``."""
-        plans = [vehicle.plan for vehicle in planned if vehicle.plan]
-        self.runs += sum(plan.runs for plan in plans)
-        self.slots += sum(fit.work.runs * fit.work.cost.slots for plan in plans for fit in plan.fits)
-        self.seconds += sum(plan.predicted_s for plan in plans)
-        if self.runs > _MOST_RUNS:
-            raise _too_large(f"more than {_MOST_RUNS} runs (cameras x models x (folds + 1))", f"{_MOST_RUNS} runs")
-        if self.slots > _MOST_SLOTS:
-            raise _too_large(f"more than {_MOST_SLOTS:,} slots", f"{_MOST_SLOTS:,} slots")
-        check_fleet_total(self.seconds)
-
-
-def _too_large(what: str, most: str) -> Problem:
-    return Problem(
-        422,
-        "fleet_request_too_large",
-        f"This request comes to {what}, and one request takes at most {most}.",
-        "Ask in several requests: narrow the filter, or ask for fewer models or folds.",
-    )
-
-
 def _calibrate(
-    session: Session,
-    planned: Sequence[VehiclePlan],
-    template: CalibrationTemplate,
-    person_id: UUID,
-    workers: int,
-    vehicles: int,
+    session: Session, planned: Sequence[VehiclePlan], template: CalibrationTemplate, row: FleetRequest
 ) -> dict[UUID, UUID]:
     """Insert these vehicles' calibrations; their ids by vehicle."""
     plans = [
@@ -192,38 +224,5 @@ def _calibrate(
     ]
     if not plans:
         return {}
-    waiting = waiting_runs(session, workers) + vehicles
-    calibrations = create_all(session, plans, template.farm, template.publish, person_id, workers, waiting)
+    calibrations = create_all(session, plans, template.farm, template.publish, row.created_by, row.remaining)
     return {calibration.vehicle_id: calibration.id for calibration in calibrations}
-
-
-def _vehicle(row: FleetRequest, id: UUID, plan: VehiclePlan, calibrations: dict[UUID, UUID]) -> FleetRequestVehicle:
-    state, problem, finished_at = _first_state(plan)
-    return FleetRequestVehicle(
-        id=id,
-        fleet_request_id=row.id,
-        vehicle_id=plan.vehicle.id,
-        calibration_id=calibrations.get(plan.vehicle.id),
-        state=state,
-        problem=problem,
-        finished_at=finished_at,
-    )
-
-
-def _first_state(plan: VehiclePlan) -> tuple[str, dict[str, object] | None, datetime | None]:
-    return (
-        (VehicleState.QUEUED, None, None)
-        if plan.plan is not None
-        else (VehicleState.SKIPPED, plan.problem, utc_now())
-    )
-
-
-def _begin(row: FleetRequest, begun: int) -> None:
-    """Put the request to work on ``begun`` more vehicles, or end it where there is nothing to do."""
-    row.remaining += begun
-    row.wave, row.started_at = row.remaining, utc_now()
-    if row.remaining:
-        row.state, row.finished_at = RequestState.RUNNING, None
-    else:
-        row.state = RequestState.DONE_WITH_FAILURES if row.failed + row.cancelled else RequestState.DONE
-        row.finished_at = utc_now()

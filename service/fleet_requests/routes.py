@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import Query, Request
+from fastapi import Query
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
@@ -38,16 +38,14 @@ router = Router(tags=["fleet requests"])
     responses={200: {"model": DryRunView, "description": "a dry run: nothing was made"}},
     max_body_size=DOCUMENT,
 )
-def ask_fleet(
-    id: UUID, body: FleetRequestBody, access: WriteAccess, reader: ReadAccess, request: Request
-) -> JSONResponse:
+def ask_fleet(id: UUID, body: FleetRequestBody, access: WriteAccess, reader: ReadAccess) -> JSONResponse:
     """Calibrate every vehicle that a filter names, each from its newest pairs. [engineer]"""
     if body.dry_run:
         # Asked at every pause in typing: it must not wait for SQLite's one writer.
         fleet = reader.find(Fleet, id, "engineer")
         return reader.answer(preview(reader.session, fleet, body), 200)
     fleet = access.find(Fleet, id, "engineer")
-    row = ask(access.session, fleet, body, access.person.id, request.app.state.settings.workers)
+    row = ask(access.session, fleet, body, access.person.id)
     access.session.flush()
     hint(access.session, fleet.id, "fleet_request", row.id)
     return access.answer(request_views(access.session, [row])[0], 202)
@@ -94,9 +92,9 @@ def cancel_fleet_request(fleet_request_id: UUID, access: WriteAccess) -> FleetRe
 
 
 @router.post("/fleet-requests/{fleet_request_id}/retry", status_code=202, response_model=FleetRequestView)
-def retry_fleet_request(fleet_request_id: UUID, access: WriteAccess, request: Request) -> JSONResponse:
+def retry_fleet_request(fleet_request_id: UUID, access: WriteAccess) -> JSONResponse:
     """Calibrate the failed vehicles again, each from its newest pairs; none failed, nothing changes. [engineer]"""
     row = access.find(FleetRequest, fleet_request_id, "engineer")
-    retry_failed(access.session, row, access.person.id, request.app.state.settings.workers)
+    retry_failed(access.session, row)
     hint(access.session, row.fleet_id, "fleet_request", row.id)
     return access.answer(request_views(access.session, [row])[0], 202)

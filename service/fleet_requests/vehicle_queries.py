@@ -17,7 +17,7 @@ from fnmatch import translate
 from typing import Any, NamedTuple
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, ScalarSelect, exists, func, select
+from sqlalchemy import ColumnElement, ScalarSelect, exists, func, select, true
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from apexcal.documents.fleet_requests import VehicleFilter
@@ -64,8 +64,7 @@ def choose(session: Session, fleet_id: UUID, chooser: VehicleFilter) -> list[Cho
         vehicles = {id: name for id, name in vehicles.items() if id in with_rig}
     if not vehicles:
         raise _no_match(session, fleet_id)
-    newest = _newest_sets(session, fleet_id, chooser.rig)
-    chosen = [Chosen(id, name, newest.get(id, {})) for id, name in vehicles.items()]
+    chosen = with_newest_sets(session, fleet_id, vehicles, chooser.rig)
     if chooser.not_calibrated_since:
         recent = _calibrated_since(session, fleet_id, chooser.not_calibrated_since)
         chosen = [vehicle for vehicle in chosen if vehicle.id not in recent]
@@ -77,6 +76,19 @@ def choose(session: Session, fleet_id: UUID, chooser: VehicleFilter) -> list[Cho
             if any(published.get((vehicle.id, c)) != of for c, of in vehicle.sets.items())
         ]
     return sorted(chosen, key=lambda vehicle: (natural_order(vehicle.name), vehicle.name, vehicle.id))
+
+
+# More rigs are read with all others of the fleet: their ids would be a statement of many kilobytes.
+_FEW = 200
+
+
+def with_newest_sets(
+    session: Session, fleet_id: UUID, vehicles: Mapping[UUID, str], rig_pattern: str | None
+) -> list[Chosen]:
+    """These vehicles, by id and name, with their newest sets."""
+    only = Rig.vehicle_id.in_(vehicles) if len(vehicles) <= _FEW else true()
+    newest = _newest_sets(session, only & (Rig.fleet_id == fleet_id), rig_pattern)
+    return [Chosen(id, name, newest.get(id, {})) for id, name in vehicles.items()]
 
 
 def _no_match(session: Session, fleet_id: UUID) -> Problem:
@@ -123,7 +135,7 @@ def _with_rig(session: Session, fleet_id: UUID, pattern: str) -> set[UUID]:
     return {row.vehicle_id for row in rows if matches.fullmatch(row.name)}
 
 
-def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> dict[UUID, dict[str, UUID]]:
+def _newest_sets(session: Session, rigs: ColumnElement[bool], rig_pattern: str | None) -> dict[UUID, dict[str, UUID]]:
     """By vehicle, the newest set of each camera of the rig whose newest set is the newest."""
     once = (CorrespondenceSet.brought_at.is_(None), CorrespondenceSet.created_at)
     brought = (CorrespondenceSet.brought_at.is_not(None), CorrespondenceSet.brought_at)
@@ -135,7 +147,7 @@ def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> d
             *(_newest_set(CorrespondenceSet.id, *brought), _newest_set(brought[1], *brought)),
         )
         .join(RigCamera, RigCamera.rig_id == Rig.id)
-        .where(Rig.fleet_id == fleet_id)
+        .where(rigs)
     )
     rows: list[_Newest] = []
     for vehicle_id, rig_id, rig, camera, *sets in session.execute(cameras):

@@ -209,6 +209,7 @@ def _fleets(access: Access, fleets: Sequence[Fleet], request: Request) -> list[F
             fleet,
             role=access.role(fleet.id),
             taken_bytes=use[fleet.id].taken,
+            row_bytes=use[fleet.id].rows,
             quota_bytes=use[fleet.id].allowed,
         )
         for fleet in fleets

@@ -37,6 +37,8 @@ from service.platform.http.pages import Page, Paging, fetch
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router
 from service.platform.http.threads import Threads
+from service.platform.settings import get_settings
+from service.platform.storage.quota import PAIR_BYTES, take_rows
 
 router = Router(tags=["calibrations"])
 
@@ -240,6 +242,8 @@ def _flagged_without(session: Session, whole_id: UUID, left_out: set[int]) -> in
 def _keep(access: WriteAccess, candidate: CorrespondenceSet) -> JSONResponse:
     row, is_new = keep_set(access.session, candidate)
     if is_new:
+        if row.whole_id is None:
+            take_rows(access.session, row.fleet_id, PAIR_BYTES * row.count, get_settings().fleet_quota_bytes)
         hint(access.session, row.fleet_id, "detection" if row.detection_id else "rig", row.detection_id or row.rig_id)
     return access.answer(set_view(row), 201 if is_new else 200)
 

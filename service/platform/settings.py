@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 from dataclasses import dataclass, field
@@ -15,6 +14,8 @@ from pydantic import AliasChoices, Field, SecretStr, ValidationError, field_vali
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MIB = 1024 * 1024
+# Files named after variables, as container engines mount secrets; the environment goes before them.
+_SECRETS = Path("/run/secrets")
 _DATABASE = re.compile(r"(postgresql|sqlite)(\+\w+)?://")
 
 
@@ -37,10 +38,18 @@ class S3Options:
 class Settings(BaseSettings):
     """Every variable is prefixed ``APEXCAL_``, for example ``APEXCAL_DATABASE_URL``."""
 
-    model_config = SettingsConfigDict(env_prefix="APEXCAL_", extra="ignore", populate_by_name=True)
+    model_config = SettingsConfigDict(
+        env_prefix="APEXCAL_",
+        extra="ignore",
+        populate_by_name=True,
+        secrets_dir=_SECRETS if _SECRETS.is_dir() else None,
+    )
 
     data_dir: Path = Field(default=Path("var/apexcal"), description="scratch space and, embedded, everything else")
     database_url: str = Field(default="", description="empty: SQLite in data_dir")
+    database_roles: dict[str, SecretStr] = Field(
+        default={}, description="for migrations alone: roles of PostgreSQL to make, as JSON, with their passwords"
+    )
     broker_url: str = Field(default="", description="empty: the embedded broker's socket in data_dir")
     blob_url: str = Field(default="", description="s3://bucket/prefix; empty: the folder `blobs` in data_dir")
     public_url: str = Field(default="http://127.0.0.1:8000", description="where people's browsers find the service")
@@ -74,7 +83,6 @@ class Settings(BaseSettings):
     audit_hours: float = Field(default=24.0, gt=0, description="period of that audit")
     orphan_hours: float = Field(default=24.0, ge=1, description="younger objects are left alone by it")
 
-    workers: int = Field(default_factory=lambda: max(2, os.cpu_count() or 2), description="pool processes, all hosts")
     lease_s: float = Field(default=10.0, description="how long a silent worker keeps its job")
     renew_s: float = Field(default=3.0, description="how often a worker renews its lease")
     resend_s: float = Field(default=10.0, description="first resend of an unclaimed job; doubles each time")
@@ -145,6 +153,8 @@ class Settings(BaseSettings):
         description="of those, from one address (IPv6: one network of 64 bits); loopback has no limit",
     )
     job_days: int = Field(default=90, ge=1, description="ended jobs and their history go after this many days")
+
+    audit_days: int = Field(default=400, ge=1, description="what the audit says of people's actions goes after this")
 
     session_days: int = Field(default=30, description="a browser session ends after this many days")
     invitation_hours: int = Field(default=72, description="an unused sign-in link ends after this many hours")

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, delete, false, or_, select
+from sqlalchemy import ColumnElement, delete, false, or_, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
@@ -20,11 +20,13 @@ from service.platform.db.calibrations import Calibration, CalibrationRun, Corres
 from service.platform.db.detections import Detection
 from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.fleets import Rig, Vehicle
-from service.platform.db.recordings import Recording, Sensor, UploadPart
+from service.platform.db.recordings import LAYERS, Blob, PackedSweeps, Recording, Sensor, UploadPart
+from service.platform.db.session import put
 from service.platform.http.problems import Problem
 from service.platform.jobs.queue import abandon
 from service.platform.storage.blobs import condemn, sensor_keys
-from service.platform.storage.quota import recounting
+from service.platform.storage.errors import EXPIRED
+from service.platform.storage.quota import counted, recounting
 from service.publications.actions import hold_publications
 from service.publications.queries import aliases_to
 
@@ -73,6 +75,41 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     session.execute(delete(Recording).where(Recording.id == recording_id))
 
 
+def remove_layers(session: Session, row: Recording, count: int) -> None:
+    """Remove the first ``count`` of `LAYERS` of a locked recording. Its rows, pairs and results stay.
+
+    The images' layer takes calibrated copies and pictures of crops with it.
+    """
+    if count > row.layers_gone and not session.get(Blob, EXPIRED):
+        put(session, Blob, {"key": EXPIRED}, first={"state": EXPIRED})
+    for layer in LAYERS[row.layers_gone : count]:
+        if layer == "original":
+            of_upload = UploadPart.recording_id == row.id
+            condemn(session, session.scalars(select(UploadPart.blob_key).where(of_upload)).all())
+            session.execute(delete(UploadPart).where(of_upload))
+            continue
+        sensors = session.scalars(
+            select(Sensor).where(
+                Sensor.recording_id == row.id, Sensor.kind == ("camera" if layer == "images" else "lidar")
+            )
+        ).all()
+        packed = PackedSweeps.sensor_id.in_([sensor.id for sensor in sensors])
+        of_analyses = AnalysisFile.analysis_id.in_(select(Analysis.id).where(Analysis.recording_id == row.id))
+        keys = [sensor.blob_key for sensor in sensors]
+        for table, which in ((PackedSweeps, packed), (AnalysisFile, of_analyses)):
+            keys += session.scalars(select(table.blob_key).where(which)).all()
+        session.execute(update(PackedSweeps).where(packed).values(blob_key=EXPIRED))
+        session.execute(delete(AnalysisFile).where(of_analyses).execution_options(synchronize_session=False))
+        condemn(session, keys)
+        for sensor in sensors:
+            sensor.blob_key = EXPIRED
+    row.layers_gone = count
+    row.warnings = [*row.warnings, f"Removed at the end of its retention: {', '.join(LAYERS[:count])}."]
+    session.flush()
+    row.taken_bytes = counted(session, row, besides=None)
+    row.version += 1
+
+
 def delete_detection(session: Session, detection: Detection, vehicle_id: UUID) -> None:
     """Delete a detection with its vertices, sets and calibrations. Marks stay with the recording's corners.
 
@@ -86,6 +123,17 @@ def delete_detection(session: Session, detection: Detection, vehicle_id: UUID) -
     with recounting(session, detection.recording_id, besides=None):
         _delete_descent(session, origin)
         session.execute(delete(Detection).where(Detection.id == id_))
+
+
+def delete_set(session: Session, row: CorrespondenceSet) -> None:
+    """Delete a correspondence set with its selections and calibrations.
+
+    Raises :class:`Problem` 409 ``calibration_in_use``.
+    """
+    own = or_(CorrespondenceSet.id == row.id, CorrespondenceSet.whole_id == row.id)
+    origin = _Origin("set of pairs", row.vehicle_id, own, false(), lambda session: [], false())
+    _delete_descent(session, origin)
+    session.execute(delete(CorrespondenceSet).where(CorrespondenceSet.id == row.id))
 
 
 def delete_calibration(session: Session, calibration: Calibration) -> None:

@@ -18,6 +18,7 @@ from service.platform.db.session import Database
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router
 from service.platform.http.store_problems import streamed
+from service.platform.storage.errors import EXPIRED, MissingBlobError
 from service.platform.storage.store import Store
 from service.recordings.addresses import Presigner
 from service.recordings.queries import parts_of
@@ -34,6 +35,8 @@ def _complete(id: UUID, request: Request, identity: CurrentIdentity) -> tuple[Re
             raise Problem(
                 409, "upload_open", "The upload is not complete, so there is no file yet.", "Complete it first."
             )
+        if row.layers_gone:
+            raise MissingBlobError(EXPIRED)
         return row, parts_of(session, row)
 
 

@@ -5,23 +5,31 @@ from __future__ import annotations
 import logging
 from uuid import UUID
 
-from sqlalchemy import delete, select
+from sqlalchemy import Select, delete, exists, func, or_, select
 from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session, aliased
 
-from apexcal.documents.states import RecordingState
+from apexcal.documents.states import UNENDED, RecordingState
 from service.platform.broker.hints import hint
+from service.platform.db.analyses import Analysis
+from service.platform.db.base import Json, state_literal
+from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Publication, Result
 from service.platform.db.clock import now
-from service.platform.db.recordings import Recording, UploadPart
+from service.platform.db.detections import Detection
+from service.platform.db.fleets import Fleet
+from service.platform.db.jobs import Job
+from service.platform.db.recordings import LAYERS, Recording, UploadPart
 from service.platform.db.session import Database
 from service.platform.http.problems import Problem
 from service.platform.storage.blobs import condemn
-from service.recordings.actions import delete_recording
+from service.recordings.actions import delete_recording, delete_set, remove_layers
 from service.recordings.upload_actions import EXPIRED
 
 log = logging.getLogger(__name__)
 
 _LATE = (Recording.state == RecordingState.UPLOADING) & (Recording.expires_at < now())
-_TOLD_S = 7 * 86400.0
+_DAY_S = 86400.0
+_TOLD_S = 7 * _DAY_S
 
 _WAITS = "Its retention has ended; it is kept because a vehicle's current calibration came from it."
 
@@ -29,11 +37,13 @@ _WAITS = "Its retention has ended; it is kept because a vehicle's current calibr
 def delete_overdue(database: Database) -> int:
     """Delete the recordings whose retention has ended, each in its own transaction, and return how many.
 
-    One that a vehicle's current calibration came from stays until another is published, and says so.
+    One that a vehicle's current calibration came from stays until another is published, and says so. It is looked at
+    again after a day.
     """
     # All of them: of a part, those that stay would be looked at again and again, and the others never.
     with database.reading() as session:
-        ended = select(Recording.id).where(Recording.retain_until < now()).order_by(Recording.retain_until)
+        is_due = or_(Recording.kept_until.is_(None), Recording.kept_until < now())
+        ended = select(Recording.id).where(Recording.retain_until < now(), is_due).order_by(Recording.retain_until)
         overdue = session.scalars(ended).all()
     deleted = 0
     for recording_id in overdue:
@@ -45,6 +55,93 @@ def delete_overdue(database: Database) -> int:
                 "recording %s, whose retention has ended, is left for the next time: %s", recording_id, error.orig
             )
     return deleted
+
+
+def remove_old_layers(database: Database) -> int:
+    """Remove the layers whose time has ended in their fleet, each recording in its own transaction; how many.
+
+    What is being read, packed, detected or copied at the moment waits for the next round.
+    """
+    with database.reading() as session:
+        overdue = [
+            (id, count)
+            for fleet_id, days in _fleets(session)
+            for count, layer in reversed(list(enumerate(LAYERS, 1)))
+            if layer in days
+            for id in session.scalars(_with_layer(fleet_id, count, days[layer])).all()
+        ]
+    removed = 0
+    for recording_id, count in overdue:
+        with database.writing() as session:
+            row = session.get(Recording, recording_id, with_for_update=True)
+            if row is not None and row.layers_gone < count:
+                remove_layers(session, row, count)
+                hint(session, row.fleet_id, "recording", row.id)
+                removed += 1
+    return removed
+
+
+def _fleets(session: Session) -> list[tuple[UUID, Json]]:
+    """Fleets whose recordings have layers that go, each with its days."""
+    rows = session.execute(select(Fleet.id, Fleet.retention).where(Fleet.retention.is_not(None)))
+    return [(id, days or {}) for id, days in rows]
+
+
+def _with_layer(fleet_id: UUID, count: int, days: float) -> Select[UUID]:
+    """Recordings that have had this layer for so many days, and whose jobs have ended."""
+    of_detection = select(Detection.id).where(Detection.recording_id == Recording.id)
+    of_analysis = select(Analysis.id).where(Analysis.recording_id == Recording.id)
+    working = [
+        exists().where(Job.subject_id.in_(subjects), Job.state.in_([state_literal(state) for state in UNENDED]))
+        for subjects in (of_detection, of_analysis)
+    ]
+    return select(Recording.id).where(
+        Recording.fleet_id == fleet_id,
+        Recording.layers_gone < count,
+        Recording.created_at < now(-_DAY_S * days),
+        Recording.state == RecordingState.READY,
+        *(~work for work in working),
+    )
+
+
+def delete_old_imports(database: Database) -> int:
+    """Delete imported pairs whose time has ended in their fleet, with their calibrations; how many.
+
+    Those of which anything was ever published stay, and those that were brought or calibrated again since.
+    """
+    with database.reading() as session:
+        old = [
+            set_id
+            for fleet_id, days in _fleets(session)
+            if "pairs" in days
+            for set_id in session.scalars(_old_imports(fleet_id, days["pairs"])).all()
+        ]
+    for set_id in old:
+        with database.writing() as session:
+            row = session.get(CorrespondenceSet, set_id)
+            if row is not None:
+                delete_set(session, row)
+    return len(old)
+
+
+def _old_imports(fleet_id: UUID, days: float) -> Select[UUID]:
+    before = now(-_DAY_S * days)
+    used = aliased(CorrespondenceSet)
+    # A selection goes with the set that it is of.
+    runs = (
+        select(CalibrationRun.id)
+        .join(used, used.id == CalibrationRun.set_id)
+        .where(or_(used.id == CorrespondenceSet.id, used.whole_id == CorrespondenceSet.id))
+        .correlate(CorrespondenceSet)
+    )
+    published = select(Publication.id).join(Result, Publication.result_id == Result.id)
+    return select(CorrespondenceSet.id).where(
+        CorrespondenceSet.fleet_id == fleet_id,
+        CorrespondenceSet.source == "import",
+        func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at) < before,
+        ~runs.where(CalibrationRun.created_at > before).exists(),
+        ~published.where(Result.run_id.in_(runs)).exists(),
+    )
 
 
 def expire_uploads(database: Database) -> int:
@@ -91,6 +188,8 @@ def _delete(database: Database, recording_id: UUID) -> bool:
     except Problem:
         with database.writing() as session:
             row = session.get(Recording, recording_id, with_for_update=True)
+            if row is not None:
+                row.kept_until = session.scalars(select(now(_DAY_S))).one()
             if row is not None and _WAITS not in row.warnings:
                 row.warnings = [*row.warnings, _WAITS]
                 row.version += 1

@@ -42,6 +42,10 @@ class Fleet:
         self.document = load(
             {
                 "POSTGRES_PASSWORD": "of-postgres",
+                "API_DATABASE_PASSWORD": "of-the-api",
+                "WORKER_DATABASE_PASSWORD": "of-workers",
+                "S3_WORKER_ACCESS_KEY": "of-s3",
+                "S3_WORKER_SECRET_KEY": "also-of-s3",
                 "VALKEY_PASSWORD": "of-valkey",
                 "S3_ACCESS_KEY": "of-s3",
                 "S3_SECRET_KEY": "also-of-s3",
@@ -130,7 +134,7 @@ class Fleet:
             f"host={self.postgres.folder} user=postgres dbname=postgres", autocommit=True
         ) as session:
             if not session.execute("SELECT 1 FROM pg_roles WHERE rolname = 'apexcal'").fetchone():
-                session.execute("CREATE ROLE apexcal LOGIN")
+                session.execute("CREATE ROLE apexcal LOGIN SUPERUSER")
             session.execute(f"CREATE DATABASE {name} OWNER apexcal".encode())
         return name
 

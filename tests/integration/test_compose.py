@@ -51,7 +51,7 @@ def walk(tmp_path: Path) -> Iterator[Callable[[], Path]]:
 @pytest.fixture
 def fleet(tmp_path: Path, postgres: Postgres, s3_server: S3Server) -> Iterator[Fleet]:
     """The fleet, up."""
-    made = Fleet(tmp_path, postgres, s3_server, APEXCAL_DOWNLOADS="presigned", APEXCAL_WORKERS="6")
+    made = Fleet(tmp_path, postgres, s3_server, APEXCAL_DOWNLOADS="presigned")
     try:
         made.start_broker()
         made.run("bucket")

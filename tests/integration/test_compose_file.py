@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.util
+import json
 import re
 import shutil
 import subprocess
@@ -19,12 +20,12 @@ VARIABLES = {name: f"given-{name.lower().replace('_', '-')}" for name in demande
 KEYS = {
     *("image", "build", "user", "entrypoint", "command", "environment", "volumes", "networks", "ports", "depends_on"),
     *("restart", "init", "read_only", "tmpfs", "cap_drop", "security_opt", "shm_size", "mem_limit", "pids_limit"),
-    *("stop_grace_period", "healthcheck", "logging"),
+    *("stop_grace_period", "healthcheck", "logging", "cpu_shares", "configs", "profiles"),
 }
 # A tag may be moved to another image; the digest is the image. The tag says to people which one it is.
 PINNED = r":\d+(\.\d+)+[a-z-]*@sha256:[0-9a-f]{64}$"
 HEALTH = {"test", "interval", "timeout", "retries", "start_period"}
-ONCE = {"migrations", "bucket", "durable"}
+ONCE = {"migrations", "bucket", "durable", "backup"}
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,8 @@ def ours(services: dict[str, dict]) -> dict[str, dict]:
 
 
 def test_it_refuses_to_start_without_secrets() -> None:
-    secrets = {"POSTGRES_PASSWORD", "VALKEY_PASSWORD", "S3_ACCESS_KEY", "S3_SECRET_KEY"}
+    secrets = {"POSTGRES_PASSWORD", "API_DATABASE_PASSWORD", "WORKER_DATABASE_PASSWORD", "VALKEY_PASSWORD"}
+    secrets |= {"S3_ACCESS_KEY", "S3_SECRET_KEY", "S3_WORKER_ACCESS_KEY", "S3_WORKER_SECRET_KEY"}
     assert demanded() == secrets | {"APEXCAL_PUBLIC_URL", "APEXCAL_S3_PUBLIC_ENDPOINT"}
     for name in demanded():
         with pytest.raises(MissingVariableError, match=name):
@@ -54,7 +56,7 @@ def test_it_refuses_to_start_without_secrets() -> None:
 
 def test_every_word_is_one_that_compose_knows(document: dict, services: dict[str, dict]) -> None:
     extensions = {key for key in document if key.startswith("x-")}
-    assert set(document) - extensions == {"services", "networks", "volumes"}
+    assert set(document) - extensions == {"services", "networks", "volumes", "configs"}
     for name, service in services.items():
         assert set(service) <= KEYS, (name, set(service) - KEYS)
         assert set(service.get("healthcheck", {})) <= HEALTH, name
@@ -89,11 +91,14 @@ def test_images_are_built_on_a_pinned_one() -> None:
 
 
 def test_only_the_doors_are_open(document: dict, services: dict[str, dict]) -> None:
-    assert document["networks"]["inside"] == document["networks"]["ingest"] == {"internal": True}
+    closed = [name for name, network in document["networks"].items() if network == {"internal": True}]
+    assert set(document["networks"]) - set(closed) == {"outside"}
     outside = {name for name, service in services.items() if "outside" in service["networks"]}
-    assert outside == {name for name, service in services.items() if "ports" in service} == {"api", "s3"}
-    for name, service in services.items():
-        assert ("inside" in service["networks"]) == (name != "worker-ingest"), name
+    assert outside == {name for name, service in services.items() if "ports" in service} == {"proxy"}
+    members = {network: {name for name, one in services.items() if network in one["networks"]} for network in closed}
+    assert members["store"] == {"store", "s3", "durable"}, "its own ports ask for no password"
+    assert members["door"] == {"proxy", "api", "api-2", "s3"}
+    for service in services.values():
         for port in service.get("ports", []):
             assert port.startswith("127.0.0.1:"), "a door is open to other hosts only where the operator says so"
 
@@ -102,6 +107,28 @@ def test_who_decodes_uploads_meets_only_what_it_works_with(services: dict[str, d
     assert services["worker-ingest"]["networks"] == ["ingest"]
     met = {name for name, service in services.items() if "ingest" in service["networks"]}
     assert met == {"worker-ingest", "postgres", "valkey", "s3"}
+
+
+def test_each_part_has_a_role_and_keys_of_its_own(document: dict, services: dict[str, dict]) -> None:
+    users = {
+        name: one["environment"]["APEXCAL_DATABASE_URL"].split("//")[1].split(":")[0]
+        for name, one in ours(services).items()
+    }
+    assert {name for name, user in users.items() if user == "apexcal"} == {"migrations"}
+    assert {name for name, user in users.items() if user == "apexcal_api"} == {"api", "api-2", "backup", "bucket"}
+    keys = {name: one["environment"]["APEXCAL_S3_ACCESS_KEY_ID"] for name, one in ours(services).items()}
+    assert {name for name, key in keys.items() if key == VARIABLES["S3_ACCESS_KEY"]} == {
+        "api",
+        "api-2",
+        "backup",
+        "bucket",
+    }
+    identities = json.loads(document["configs"]["identities"]["content"])["identities"]
+    actions = {one["credentials"][0]["accessKey"]: one["actions"] for one in identities}
+    assert not any("Admin" in action for action in actions[VARIABLES["S3_WORKER_ACCESS_KEY"]])
+    assert set(json.loads(services["migrations"]["environment"]["APEXCAL_DATABASE_ROLES"])) == {*users.values()} - {
+        "apexcal"
+    }
 
 
 def test_every_queue_has_its_workers_and_time_to_let_go(services: dict[str, dict]) -> None:

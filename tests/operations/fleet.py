@@ -1,4 +1,4 @@
-"""A small fleet of real processes on PostgreSQL: two API processes behind a balancer, two workers, sweeper."""
+"""A small fleet of real processes on PostgreSQL: two API processes behind the shipped proxy, workers, sweeper."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from apexcal.embedded.folder import DataFolder
 from service.platform.auth.credential_actions import TOKEN_PREFIX, new_secret, secret_hash
 from service.platform.db.models import ApiToken, Person
 from service.platform.db.session import Database
-from tests.operations.balancer import Balancer
 from tests.support.broker import Broker
-from tests.support.processes import free_port, start, stop, wait_until
+from tests.support.compose import ROOT
+from tests.support.processes import free_port, is_ready, start, stop, wait_until
 
 DRAIN_S = 2.0
 # Written past every logger, from the handler of the signal.
@@ -42,7 +42,6 @@ class Fleet:
             "APEXCAL_DATA_DIR": str(root),
             "APEXCAL_DATABASE_URL": database_url,
             "APEXCAL_BROKER_URL": self.broker.url,
-            "APEXCAL_WORKERS": "2",
             "APEXCAL_MIN_FREE_BYTES": "0",
             "APEXCAL_DRAIN_S": str(DRAIN_S),
             "OPENBLAS_NUM_THREADS": "1",
@@ -57,11 +56,26 @@ class Fleet:
             "sweeper": list(plans.sweeper(folder, {}).command),
         }
         self._children: dict[str, subprocess.Popen[bytes]] = {}
-        self.balancer = Balancer(self.ports)
+        self.proxy_port, store, health = free_port(), free_port(), free_port()
+        self._commands["proxy"] = [
+            str(Path(sys.executable).parent / "caddy"),
+            "run",
+            "--config",
+            str(ROOT / "Caddyfile"),
+        ]
+        self.environment |= {
+            "APEXCAL_PUBLIC_URL": f"http://127.0.0.1:{self.proxy_port}",
+            "APEXCAL_S3_PUBLIC_ENDPOINT": f"http://127.0.0.1:{store}",
+            "APEXCAL_PROXY_HEALTH": str(health),
+            "APEXCAL_BACKENDS": " ".join(f"127.0.0.1:{port}" for port in self.ports),
+            "XDG_DATA_HOME": str(root / "proxy"),
+            "XDG_CONFIG_HOME": str(root / "proxy"),
+        }
         try:
             for name in self._commands:
                 self.start(name)
-            wait_until(lambda: self.balancer.ready == set(self.ports), "both API processes' readiness", 150)
+            wait_until(lambda: all(map(self.is_ready, self.ports)), "both API processes' readiness", 150)
+            wait_until(lambda: self.is_ready(self.proxy_port), "the proxy's start", 30)
             self.token = self._make_owner()
         except BaseException:
             self.close()
@@ -70,7 +84,11 @@ class Fleet:
     @property
     def url(self) -> str:
         """Where clients find the fleet."""
-        return f"http://127.0.0.1:{self.balancer.port}"
+        return f"http://127.0.0.1:{self.proxy_port}"
+
+    def is_ready(self, port: int) -> bool:
+        """What /readyz says there."""
+        return is_ready(f"http://127.0.0.1:{port}")
 
     def start(self, name: str) -> None:
         """Start one process; its log goes on."""
@@ -94,7 +112,6 @@ class Fleet:
 
     def close(self) -> None:
         """Stop everything."""
-        self.balancer.close()
         for child in reversed(self._children.values()):
             stop(child, signal.SIGKILL)
         self.database.close()

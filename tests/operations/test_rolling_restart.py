@@ -129,7 +129,7 @@ def _replace_api(fleet: Fleet, number: int) -> None:
     fleet.wait_for_end(name, 60)
     assert time.monotonic() - began >= DRAIN_S
     fleet.start(name)
-    wait_until(lambda: port in fleet.balancer.ready, f"the new {name}", 150)
+    wait_until(lambda: fleet.is_ready(port), f"the new {name}", 150)
 
 
 def _warm(fleet: Fleet) -> int:

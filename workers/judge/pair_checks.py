@@ -34,8 +34,8 @@ _LEAST_FREEDOM: Final = 50.0
 _APART_M: Final = 1.5
 # What one place shares is known to a third by so many places (the same equation: 1 / (2 (1/3)^2) = 4.5 freedoms).
 _LEAST_PLACES: Final = 6
-# The marks' middle 95 % have to span this share of the image. Beyond the marks a lens is extrapolated: in
-# decision 0044's rigs marks in the middle 0.4 left errors of 1.3 to 3.8 px over the field, wide ones 0.2 to 0.3.
+# The marks' middle 95 % have to span this share of the image. Beyond the marks a lens is extrapolated: marks in the
+# middle 0.4 left errors of 1.3 to 3.8 px over the field, wide ones 0.2 to 0.3.
 _SPAN: Final = 0.6
 # Where they do not span its height: so many times what use allows may be stated over this share of the image.
 _OF_USE: Final = 3.0

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
-from apexcal.documents.checks import Check, CheckTopic, figure
+from apexcal.documents.checks import ALONE_LIMIT_DEG, ALONE_LIMIT_MM, Check, CheckTopic, figure
 from apexcal.documents.results import FitResult
-from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD
+from workers.judge.topics import USE_LIMIT_M, USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.solver.estimate import Estimate
+from workers.solver.next_steps import sentence as next_sentence
 from workers.solver.prediction import DISTANCES_M, covariances_along
 from workers.solver.residuals import predict, transform_of
 
@@ -22,10 +23,6 @@ Floats = NDArray[np.float64]
 _student_quantile: Callable[[float, float], float] = special.stdtrit
 _USE: Final = CheckTopic("precision", "Precision where it is used")
 _ALONE: Final = CheckTopic("mount_alone", "Mount without its lens", "mount_alone")
-ALONE_LIMIT_DEG: Final = 0.4
-ALONE_LIMIT_MM: Final = 40.0
-"""95 % half-widths that a mount may have if it is used with another lens: at 5 m 0.4 degrees are 35 mm, as much as
-the offset."""
 # Not stated at all, or by so much more than the limit, is of no use.
 _USELESS: Final = 3.0
 # Marks that stand for the field, and the share of them that has to be good enough: their middle 95 %.
@@ -44,7 +41,8 @@ def precision(estimate: Estimate, result: FitResult) -> Check:
         max(estimate.freedom, 1.0), 0.975
     )
     px, angle = factor * px, factor * 1e-3 * mm / np.array(DISTANCES_M)[:, None]
-    worst = float(np.max(np.quantile(np.minimum(px / USE_LIMIT_PX, angle / USE_LIMIT_RAD), _MIDDLE, axis=1)))
+    limit_rad = np.maximum(USE_LIMIT_RAD, USE_LIMIT_M / np.array(DISTANCES_M))[:, None]
+    worst = float(np.max(np.quantile(np.minimum(px / USE_LIMIT_PX, angle / limit_rad), _MIDDLE, axis=1)))
     widest = np.quantile(px, _MIDDLE, axis=1).tolist()
     named = [f"{distance:.0f}" for distance in DISTANCES_M]
     return _USE.fails(
@@ -54,9 +52,10 @@ def precision(estimate: Estimate, result: FitResult) -> Check:
         + (
             "."
             if worst <= 1.0
-            else f": {worst:.1f} times what {USE_LIMIT_PX:g} px or {1e3 * USE_LIMIT_RAD:g} mrad allow."
+            else f": {worst:.1f} times what {USE_LIMIT_PX:g} px, {1e3 * USE_LIMIT_RAD:g} mrad or "
+            f"{1e3 * USE_LIMIT_M:g} mm allow."
         ),
-        "Mark more vertices, nearer and towards the image's edges, or lock or state the lens.",
+        "Mark more vertices, nearer and towards the image's edges, measure the board, or lock or state the lens.",
         over_limit=worst,
         **{f"half_width_at_{name}_m_px": value for name, value in zip(named, widest, strict=True)},
     )
@@ -84,8 +83,8 @@ def mount_alone(result: FitResult) -> Check:
     return _ALONE.fails(
         "pass" if good else "stop",
         f"The mount alone is {known} (95 %); its lens is {lens}.",
-        f"Use it with its lens. For the mount alone state or lock the lens: {ALONE_LIMIT_DEG:g} degrees and "
-        f"{ALONE_LIMIT_MM:g} mm are needed.",
+        f"Use it with its lens. The mount alone needs {ALONE_LIMIT_DEG:g} degrees and {ALONE_LIMIT_MM:g} mm. "
+        + (next_sentence(result.next_steps) if result.next_steps else "State or lock the lens."),
         half_width_deg=turn,
         half_width_mm=None if shift is None else 1e3 * shift,
     )

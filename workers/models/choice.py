@@ -14,8 +14,6 @@ from workers.models.evidence import Evidence, Floats, Pairs, standard_error, wei
 # Difference of log likelihoods below which models predict alike, and its standard error says little (Sivula,
 # Magnusson and Vehtari 2020).
 _ALIKE: Final = 4.0
-# Above this multiple of the present pairs, more of the same kind are no useful advice.
-_TOO_MANY: Final = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +72,6 @@ def _by_heldout(models: Mapping[str, Candidate], judged: Mapping[str, Pairs], ev
         *(_behind(name, behind[name]) for name in others),
         *_because(chosen, evidence.best, models),
         *(_unjudged(name, candidate) for name, candidate in models.items() if name not in judged),
-        *_more_pairs(others, behind, len(evidence.belongs)),
     ]
     return Choice(chosen, " ".join(sentences), behind, evidence.weight, evidence.sigma_px)
 
@@ -129,24 +126,6 @@ def _unjudged(name: str, model: Candidate) -> str:
             f"{name} was not judged: the pairs that remain leave its parameters open in {model.undetermined} folds."
         )
     return f"{name} was not judged: nothing was held out of it."
-
-
-def _more_pairs(others: Sequence[str], behind: Mapping[str, Behind], pairs: int) -> list[str]:
-    """How many pairs it takes to tell the likeliest models apart: their difference grows with the number."""
-    alike = [name for name in others if behind[name].within_noise]
-    if not alike:
-        return []
-    gap = max(behind[alike[0]].log_likelihood, 1e-9)
-    more = pairs * (_ALIKE / gap - 1.0)
-    if more > _TOO_MANY * pairs:
-        return ["More pairs like these would hardly tell them apart; pairs at the image's edges may."]
-    return [f"About {_rounded(more)} more pairs like these would tell them apart."]
-
-
-def _rounded(number: float) -> int:
-    """To one digit, upwards."""
-    ten = 10 ** max(len(str(int(number))) - 1, 0)
-    return max(int(np.ceil(number / ten)) * ten, 1)
 
 
 def _by_fitted(models: Mapping[str, Candidate], area_px2: float) -> Choice:

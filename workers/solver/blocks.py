@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 Indices = NDArray[np.int64]
 BlockKind = Literal["group", "time", "order"]
 STRETCHES: Final = 8
-"""Stretches of a walk. Of 8, 12, 16, 24 and 36 this number covered best if errors last for 8 or 25 of 222 pairs, or
-half of the walk (decision 0044)."""
-LEAST_PAIRS: Final = 5 * STRETCHES
+"""Time blocks of a walk. Of 8, 12, 16, 24 and 36 this number covered best if errors last for 8 or 25 of 222 pairs, or
+half of the walk (docs/uncertainty.md)."""
+SHORTER: Final = (24, 60)
+"""Numbers of shorter time blocks. They cover better if a thousand vertices' errors last for a second or two."""
+_PAIRS_A_BLOCK: Final = 5
+LEAST_PAIRS: Final = _PAIRS_A_BLOCK * STRETCHES
 """Fewer pairs without groups are not cut: a stretch would have hardly more pairs than shared unknowns."""
 
 
@@ -23,18 +26,21 @@ class Blocks:
     """Labels (N,) of the pairs' blocks, from 0 in the order of time (or of the pairs), and the kind of the blocks.
 
     `group`: what the pairs themselves name. `time`, `order`: stretches of equal numbers of pairs, by their stamps or
-    by their places. stretches: labels (N,) of the stretches of a walk with many groups, such as sweeps with four
-    corners each. A group lies whole in one stretch. None if there are fewer groups than LEAST_PAIRS.
+    by their places. shorter: labels of larger numbers of such blocks. stretches: labels (N,) of the stretches of a
+    walk with many groups, such as sweeps with four corners each. A group lies whole in one stretch. None if there are
+    fewer groups than LEAST_PAIRS.
     """
 
     labels: Indices
     kind: BlockKind
     stretches: Indices | None = None
+    shorter: tuple[Indices, ...] = ()
 
     def taken(self, rows: Indices) -> Blocks:
         """Those of the pairs at these rows."""
         stretches = None if self.stretches is None else _numbered(self.stretches[rows])
-        return Blocks(_numbered(self.labels[rows]), self.kind, stretches)
+        shorter = tuple(_numbered(labels[rows]) for labels in self.shorter)
+        return Blocks(_numbered(self.labels[rows]), self.kind, stretches, shorter)
 
     @property
     def over_time(self) -> bool:
@@ -66,7 +72,8 @@ def blocks_of(pairs: Mapping[str, Sequence[Any]]) -> Blocks | None:
     if count < LEAST_PAIRS:
         return None
     labels = _stretches(ranked)
-    return Blocks(labels, "order" if stamps is None else "time") if labels.max() > 0 else None
+    shorter = tuple(_stretches(ranked, blocks) for blocks in SHORTER if count >= _PAIRS_A_BLOCK * blocks)
+    return Blocks(labels, "order" if stamps is None else "time", None, shorter) if labels.max() > 0 else None
 
 
 def _stretches_of_groups(labels: Indices, ranked: Indices) -> Indices | None:
@@ -79,13 +86,13 @@ def _stretches_of_groups(labels: Indices, ranked: Indices) -> Indices | None:
     return stretches[labels] if stretches.max() > 0 else None
 
 
-def _stretches(ranked: Indices) -> Indices:
+def _stretches(ranked: Indices, count: int = STRETCHES) -> Indices:
     """Labels of equal numbers of things in the order of `ranked`. Those of one moment stay together."""
     order = np.argsort(ranked, kind="stable")
     in_order = ranked[order]
     rank = np.empty(len(ranked), np.int64)
     rank[order] = np.searchsorted(in_order, in_order)
-    return _numbered(rank * STRETCHES // len(ranked))
+    return _numbered(rank * count // len(ranked))
 
 
 def _numbered(labels: Indices) -> Indices:

@@ -23,10 +23,16 @@ DECENTRED: Final = 0.002
 cameras, Geiger et al. 2013), 0.0001 (EuRoC's two, Burri et al. 2016), 0.0034 (TUM RGB-D's two, Sturm et al. 2012)."""
 
 
-def common_errors(problem: FitProblem, p: Floats) -> Floats:
-    """(N, 2, m) derivative of a whitened problem's residuals at p (D,), px per standard deviation of each error."""
-    columns = [weighed(problem, _SHAPES[name](problem, p)[:, :, None] * sigma) for name, sigma in _stated(problem)]
-    return np.concatenate(columns, axis=2) if columns else np.zeros((len(problem.points), 2, 0))
+def common_errors(problem: FitProblem, p: Floats) -> tuple[Floats, tuple[str, ...]]:
+    """(N, 2, m) derivative of a whitened problem's residuals at p (D,), px per standard deviation; and m names."""
+    names = tuple(name for name in _SHAPES if problem.common_errors.get(name))
+    columns = [column_of(problem, p, name) * problem.common_errors[name] for name in names]
+    return np.concatenate([np.zeros((len(problem.points), 2, 0)), *columns], axis=2), names
+
+
+def column_of(problem: FitProblem, p: Floats, name: str) -> Floats:
+    """(N, 2, 1) derivative of a whitened problem's residuals by that error, px per its unit."""
+    return weighed(problem, _SHAPES[name](problem, p)[:, :, None])
 
 
 def beside_decentring(problem: FitProblem, p: Floats, errors: ErrorModel) -> ErrorModel:
@@ -49,13 +55,11 @@ def beside_decentring(problem: FitProblem, p: Floats, errors: ErrorModel) -> Err
     return replace(wider, moved=step + np.pad(errors.moved, (0, len(step) - errors.moved.size)))
 
 
-def _stated(problem: FitProblem) -> list[tuple[str, float]]:
-    return [(name, problem.common_errors[name]) for name in _SHAPES if problem.common_errors.get(name)]
-
-
-def _by_direction(axis: int) -> Callable[[FitProblem, Floats], Floats]:
+def _by_direction(axis: int, in_mm: bool = False) -> Callable[[FitProblem, Floats], Floats]:
     def shape(problem: FitProblem, p: Floats) -> Floats:
-        return np.radians(1.0) * np.einsum("nij,nj->ni", by_point(problem, p), axes(problem.points)[:, :, axis])
+        along = axes(problem.points)[:, :, axis]
+        scale = 1e-3 / np.linalg.norm(along, axis=1, keepdims=True) if in_mm else np.radians(1.0)
+        return np.einsum("nij,nj->ni", by_point(problem, p), scale * along)
 
     return shape
 
@@ -85,6 +89,10 @@ def _by_row(problem: FitProblem, p: Floats) -> Floats:
 _SHAPES: Final[dict[str, Callable[[FitProblem, Floats], Floats]]] = {
     "azimuth_deg": _by_direction(0),
     "elevation_deg": _by_direction(1),
+    # A board that is carried upright faces the LiDAR: its plane's axes are those of azimuth and elevation.
+    "tip_across_mm": _by_direction(0, in_mm=True),
+    "tip_up_mm": _by_direction(1, in_mm=True),
+    "range_mm": _by_direction(2, in_mm=True),
     "mark_u_px": _by_mark(0),
     "mark_v_px": _by_mark(1),
     "clock_ms": _by_clock,

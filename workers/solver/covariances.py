@@ -1,6 +1,8 @@
 # pyright: reportMissingTypeStubs=false
 """Stated covariances of pairs: of the vertex in the LiDAR's frame, and of the mark in the image."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -52,6 +54,10 @@ class Covariances:
                     f"The covariance of the {what} of pair {bad[0]} is none: {matrices[bad[0]].tolist()}.",
                     "It must be finite, symmetric and without negative variances; a mark's must be above 0.",
                 )
+
+    def of(self, rows: Sequence[int]) -> Covariances:
+        """Those of the pairs at these rows."""
+        return Covariances(self.points[rows], self.marks[rows])
 
 
 def covariances_of(columns: Mapping[str, Column], points: ArrayLike, mark_sigma_px: float) -> Covariances:

@@ -23,6 +23,7 @@ Floats = NDArray[np.float64]
 Used = NDArray[np.bool_]
 _OPEN: Final = 1e-14
 """Share of the largest eigenvalue below which pairs tell nothing of a direction."""
+_LEAST_SHARE: Final = 0.5  # of the degrees of freedom: of fewer pairs the residuals tell the noise hardly
 Arm = tuple[Floats, Used | None]
 """An estimate's Q (F, F), with its sign in a difference, and the pairs (N,) that it is from; None: all."""
 
@@ -32,10 +33,11 @@ class ErrorModel:
     """The errors of a fit that is linearised at its end.
 
     fit: with columns of unit length; scale (F,): what the parameters (rad, m, px) were divided by for that.
-    noise: sigma^2, px^2. common (N, 2, m): what all pairs share, px per standard deviation. The last `estimated` of
-    its columns have one variance, known with `common_freedom` degrees of freedom. shared: what blocks share; groups
-    come before the stretches of the walk that they are in. variances (K,): of all their components, one after the
-    other. unsure (1 + K, 1 + K): the covariance of the estimates of noise and variances.
+    noise: sigma^2, px^2. common (N, 2, m): what all pairs share, px per standard deviation; terms (m,): the name of
+    each column's error. The last `estimated` of its columns have one variance, known with `common_freedom` degrees of
+    freedom. shared: what blocks share; groups come before the time blocks that they are in. variances (K,): of all
+    their components, one after the other. unsure (1 + K, 1 + K): the covariance of the estimates of noise and
+    variances.
     moved (F,): what pairs that do not belong moved the estimate by.
     """
 
@@ -43,6 +45,7 @@ class ErrorModel:
     scale: Floats
     noise: float
     common: Floats
+    terms: tuple[str, ...]
     unsure: Floats
     shared: tuple[Components, ...] = ()
     variances: Floats = field(default_factory=lambda: np.zeros(0))
@@ -67,6 +70,28 @@ class ErrorModel:
         gradient = J.T @ self.fit.residuals.ravel() / self.noise + self.fit.pull
         return -(self.inverse(used) @ gradient) * self.scale
 
+    def without(self, term: str) -> ErrorModel:
+        """The same without what that term of the common errors adds."""
+        rest = np.array([name != term for name in self.terms], np.bool_)
+        terms = tuple(name for name in self.terms if name != term)
+        return replace(self, common=self.common[:, :, rest], terms=terms)
+
+    def with_own_noise(self) -> ErrorModel:
+        """The same with the noise that is left when what all pairs share is fitted beside the parameters."""
+        beside = self.with_columns(self.common, 1.0)
+        J = beside.fit.jacobian.reshape(-1, len(beside.scale))
+        left = self.fit.residuals.ravel() + J @ (beside.step() / beside.scale)
+        variance = float(self.unsure[0, 0])
+        freedom = 2.0 * self.noise**2 / variance if variance > 0.0 else np.inf
+        taken = beside._taken() - self._taken()
+        share = float(np.sum(left**2) / np.sum(self.fit.residuals**2)) / max(1.0 - taken / freedom, _LEAST_SHARE)
+        return replace(self, noise=share * self.noise, unsure=share**2 * self.unsure)
+
+    def _taken(self) -> float:
+        """Degrees of freedom that the unknowns take of the residuals: the trace of the hat matrix."""
+        J = self.fit.jacobian.reshape(-1, len(self.scale))
+        return float(np.sum(self.inverse() * (J.T @ J))) / self.noise
+
     def with_columns(self, columns: Floats, sigma: float = np.inf) -> ErrorModel:
         """The same fit with further unknowns, by their derivatives (N, 2, e); each is zero, give or take sigma."""
         more = columns.shape[2]
@@ -87,9 +112,13 @@ class ErrorModel:
         """
         return [self._in_units(part) for part in self._parts(self._arms(halves))]
 
-    def covariance(self) -> Floats:
-        """(F, F) of the estimate from all pairs: rad, m, px."""
-        covariance = self._of_arms(self._arms(()))
+    def by_common(self, used: Used | None = None) -> Floats:
+        """(F, m) what one standard deviation of each common error moves the estimate by: rad, m, px."""
+        return self._by_common(self.inverse(used), used) * self.scale[:, None]
+
+    def covariance(self, used: Used | None = None) -> Floats:
+        """(F, F) of the estimate from all pairs, or from the used ones: rad, m, px."""
+        covariance = self._of_arms([(self.inverse(used), used)])
         return covariance + np.outer(self.moved, self.moved) if self.moved.size else covariance
 
     def freedoms(self) -> Floats:
@@ -97,7 +126,7 @@ class ErrorModel:
         parts = np.stack([np.diag(part) for part in self.parts()], axis=1)
         unsure = np.einsum("fi,ij,fj->f", parts, self.unsure, parts)
         if self.estimated:
-            of_people = self._by_common(self.inverse(), None)[:, -self.estimated :] * self.scale[:, None]
+            of_people = self.by_common()[:, -self.estimated :]
             unsure = unsure + 2.0 * np.sum(of_people**2, axis=1) ** 2 / self.common_freedom
         with np.errstate(divide="ignore", invalid="ignore"):
             return 2.0 * np.diag(self.covariance()) ** 2 / unsure
@@ -113,7 +142,7 @@ class ErrorModel:
 
     def of_pairs(self) -> ErrorModel:
         """The same without what all pairs share."""
-        return replace(self, common=self.common[:, :, :0], estimated=0, moved=np.zeros(0))
+        return replace(self, common=self.common[:, :, :0], terms=(), estimated=0, moved=np.zeros(0))
 
     def _arms(self, halves: Sequence[Used]) -> list[Arm]:
         if not halves:

@@ -152,9 +152,9 @@ def _with_shared_errors(result: Estimate) -> Estimate:
     fit, scale = linearised(here, p)
     noise = spread.sigma_px**2
     unsure = np.array([[2.0 * noise**2 / spread.freedom if spread.freedom else 0.0]])
-    alone = ErrorModel(fit, scale, noise, common_errors(here, p), unsure)
+    alone = ErrorModel(fit, scale, noise, *common_errors(here, p), unsure)
     plain, bias = with_people(here, alone)
-    plain = replace(plain, moved=_moved(here, result.parameters, p))
+    plain = replace(plain.with_own_noise(), moved=_moved(here, result.parameters, p))
     shared = shared_errors(here, p, plain)
     errors = plain if shared is None else shared.errors
     stated = beside_decentring(here, p, errors)
@@ -182,8 +182,8 @@ def _moved(problem: FitProblem, to: Floats, begin: Floats) -> Floats:
 
 _LARGEST: Final = 0.2
 _AT_CORNER: Final = 0.3
-"""One standard deviation of a term: this share of the radius at the image's corner, at most 0.2. Decision 0044
-has the measurement."""
+"""One standard deviation of a term: this share of the radius at the image's corner, at most 0.2.
+`docs/uncertainty.md` has the measurement."""
 _DECENTRED: Final = 0.1
 """Tangential terms are the first radial one of a lens off its axis by this share of the corner's radius
 (Conrady 1919)."""

@@ -61,7 +61,9 @@ def with_people(problem: FitProblem, errors: ErrorModel) -> tuple[ErrorModel, Pe
         px, freedom = _joined(*_differences(errors.of_pairs(), columns, people), stated_px)
     bias = PersonBias(px=px, freedom=freedom, people=shares.shape[1])
     both = np.concatenate([errors.common, bias.px * columns], axis=2)
-    return replace(errors, common=both, estimated=columns.shape[2], common_freedom=bias.freedom), bias
+    terms = errors.terms + ("person_px",) * columns.shape[2]
+    estimated = columns.shape[2]
+    return replace(errors, common=both, terms=terms, estimated=estimated, common_freedom=bias.freedom), bias
 
 
 def _differences(errors: ErrorModel, columns: Floats, chosen: NDArray[np.int64]) -> tuple[Floats, Floats]:

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.precision import RollingShutter
-from workers.solver.error_model import weighed
+from workers.solver.common_errors import column_of
 from workers.solver.estimate import Estimate
 from workers.solver.outcomes import SolveError
 from workers.solver.problem import FitProblem
-from workers.solver.residuals import by_point
 from workers.solver.shared_errors import shared_errors
 from workers.solver.weighting import whitened
 
@@ -50,19 +49,20 @@ def at_their_rows(problem: FitProblem) -> FitProblem:
 def rolling_shutter(estimate: Estimate) -> RollingShutter | None:
     """What the residuals show. None if the pairs do not say how the apex moved, or do not determine it.
 
-    What stretches of a walk share is estimated beside the line time, because they would absorb it otherwise.
+    What time blocks share, and an estimated clock offset, are estimated beside the line time, because they would
+    absorb it otherwise. The offset comes from the same marks, so that its own deviation says nothing here.
     """
     if estimate.errors is None or estimate.holding.velocities is None:
         return None
     problem, p = whitened(estimate.holding, estimate.held_at), estimate.held_at
-    assert problem.velocities is not None
-    late = 1e-6 * problem.rows_below[:, None] * problem.velocities
-    column = weighed(problem, np.einsum("nij,nj->ni", by_point(problem, p), late)[:, :, None])
+    column = column_of(problem, p, "line_time_us")
     if not np.any(column[problem.weights > 0.0]):
         return None
-    wider = estimate.errors.with_columns(column)
+    if "clock_ms" in problem.common_errors:
+        column = np.concatenate([column_of(problem, p, "clock_ms"), column], axis=2)
+    wider = estimate.errors.without("clock_ms").with_columns(column)
     if estimate.plain is not None and problem.blocks is not None and problem.blocks.over_time:
-        wider = estimate.plain.with_columns(column)
+        wider = estimate.plain.without("clock_ms").with_columns(column)
         shared = shared_errors(problem, p, wider)
         wider = shared.errors if shared is not None else wider
     variance, freedom = float(wider.covariance()[-1, -1]), float(wider.freedoms()[-1])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.precision import OverTime, SharedErrors
+from workers.geometry.spherical import axes, to_spherical
 from workers.solver.blocks import Blocks
 from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.problem import FitProblem
@@ -50,13 +51,23 @@ def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> Shared |
     if not 1 < count < len(rows):
         return None
     components, names = _components(problem, p, _of_all(blocks.labels, used), used, blocks)
-    fitted = variances_of(model.fit, components)
-    evidence = likelihood_ratio(model.fit, components, fitted)
+    fit = model.with_columns(model.common, 1.0).fit  # what all pairs share is no error of blocks
+    fitted = variances_of(fit, components)
+    evidence = likelihood_ratio(fit, components, fitted)
+    for labels in blocks.shorter:
+        # Errors last for as long as the residuals say.
+        other, _ = _components(problem, p, _of_all(labels, used), used, blocks)
+        variances = variances_of(fit, other)
+        if (likelier := likelihood_ratio(fit, other, variances)) > evidence:
+            components, fitted, evidence, count = other, variances, likelier, int(labels.max()) + 1
     noise = float(fitted.variances[0])
     wider = replace(
         model, noise=noise, shared=(components,), variances=fitted.variances[1:], unsure=uncertainty_of(fitted)
     )
     sizes = np.sqrt(fitted.variances[1:])
+    if blocks.kind != "group":
+        squares: Floats = np.sum(components.shapes[used] ** 2, axis=(1, 2))
+        sizes = sizes * float(np.sqrt(0.5 * np.mean(squares)))
     deviations = {
         name: float(np.degrees(size) if name.endswith("_deg") else size)
         for name, size in zip(names, sizes.tolist(), strict=True)
@@ -106,11 +117,16 @@ def _shifts(problem: FitProblem, labels: NDArray[np.int64]) -> Components:
 def _components(
     problem: FitProblem, p: Floats, labels: NDArray[np.int64], used: NDArray[np.bool_], blocks: Blocks
 ) -> tuple[Components, list[str]]:
-    """A pose's offset (m) and turn (rad) about its middle, or the shifts of a walk's stretches."""
-    if blocks.kind != "group":
-        return _shifts(problem, labels), ["shift_px"]
+    """A pose's offset (m) and turn (rad) about its middle; or what marks or vertices of a time block share."""
     n = len(labels)
     moved = by_point(problem, p)
+    if blocks.kind != "group":
+        if problem.covariances is None or not np.any(problem.covariances.points):
+            return _shifts(problem, labels), ["shift_px"]
+        # What lasts is a share of the vertices' stated variance across the ray.
+        variances = np.diagonal(to_spherical(problem.covariances.points, problem.points), axis1=1, axis2=2)
+        across = axes(problem.points)[:, :, :2] * np.sqrt(np.maximum(variances[:, None, :2], 0.0))
+        return Components(labels, weighed(problem, moved @ across), np.zeros(2, np.int64)), ["shift_px"]
     total = np.zeros((int(labels.max()) + 1, 4))
     np.add.at(total, labels[used], np.column_stack([problem.points[used], np.ones(int(used.sum()))]))
     x, y, z = (problem.points - (total[:, :3] / total[:, 3:])[labels]).T

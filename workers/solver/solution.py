@@ -26,6 +26,7 @@ from workers.solver.degeneracy import arbitrary, is_determined, point_problem
 from workers.solver.estimate import Estimate, estimate
 from workers.solver.field import field
 from workers.solver.halves import halves_of
+from workers.solver.next_steps import next_steps
 from workers.solver.optima import MOST_SLOTS, optimum_sentences, other_optima
 from workers.solver.outcomes import SolveError
 from workers.solver.pair_errors import explained_px, marks_outside
@@ -124,6 +125,7 @@ def finished(problem: FitProblem, state: State) -> Finished:
         weak_priors=dict(best.weak),
         halves=halves,
         prediction=prediction(best, halves) if is_whole else None,
+        next_steps=next_steps(best) if is_whole else None,
         explained_px=explained_px(problem, lens, precision) if is_whole else None,
         marks_outside=marks_outside(problem) if is_whole else None,
         field=field(problem, p, np.array(precision.covariance.matrix)) if is_whole else None,

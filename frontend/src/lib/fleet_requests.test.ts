@@ -37,10 +37,10 @@ test("a moment without a zone is the reader's own", () => {
 });
 
 test("a filter in words", () => {
-  assert.equal(filterInWords({ name: null, rig: null, vehicle_ids: null, new_pairs: false }), "all vehicles");
+  assert.equal(filterInWords({ name: null, rig: null, named: null, new_pairs: false }), "all vehicles");
   assert.equal(filterInWords({ name: "Truck *", rig: "roof" }), "vehicles named Truck *, with a rig roof");
   assert.equal(
-    filterInWords({ vehicle_ids: ["a", "b"], new_pairs: true }),
+    filterInWords({ named: 2, new_pairs: true }),
     "2 vehicles picked by hand, with newer pairs than published",
   );
 });

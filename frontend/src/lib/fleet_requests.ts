@@ -30,7 +30,7 @@ export function filterOf(draft: FilterDraft): VehicleFilter {
 }
 
 export function filterInWords(asked: FleetRequestView["asked"]["vehicles"]): string {
-  const picked = asked.vehicle_ids?.length ?? 0;
+  const picked = asked.named ?? 0;
   const conditions = [
     ...(asked.name ? [`named ${asked.name}`] : []),
     ...(asked.rig ? [`with a rig ${asked.rig}`] : []),

@@ -32,6 +32,7 @@ from service.platform.http.idempotency import RequestKey, kept_answer, of_caller
 from service.platform.http.lookups import Lookups
 from service.platform.http.problems import Problem, not_found
 from service.platform.http.router import Transaction
+from service.platform.observability.logs import say_who
 
 COOKIE = "apexcal_session"
 _SCOPE = "apexcal.identity"
@@ -137,9 +138,10 @@ class Access:
     def find(self, model: type[ModelT], key: Any, role: Role = "viewer", *, lock: bool = False) -> ModelT:
         """The row of ``model`` with this key, where the person has ``role`` in its fleet.
 
-        ``lock`` holds the row until the transaction ends (PostgreSQL; SQLite has one writer at a time).
+        ``lock`` holds the row until the transaction ends (PostgreSQL; SQLite has one writer at a time). Its key stays
+        free: whoever inserts rows that belong to it waits for nobody, and nobody for them.
         """
-        row = self.session.get(model, key, with_for_update=True if lock else None)
+        row = self.session.get(model, key, with_for_update={"key_share": True} if lock else None)
         fleet_id = None if row is None else row.id if isinstance(row, Fleet) else getattr(row, "fleet_id", None)
         if row is None or fleet_id is None:
             raise not_found()
@@ -225,6 +227,8 @@ async def identified(request: Request) -> Identity:
     lookups: Lookups = request.app.state.lookups
     rows = await lookups.rows(_valid(is_token=is_token), _named(secret))
     identity = request.scope[_SCOPE] = _identity_of(rows, secret, is_token=is_token)
+    token = {"token": str(identity.token.id)} if identity.token else {}
+    say_who(person=str(identity.person.id), **token)
     return identity
 
 

@@ -7,8 +7,9 @@ from datetime import timedelta
 from sqlalchemy import delete
 
 from service.platform.db.clock import moment
-from service.platform.db.people import BrowserSession, IdempotencyKey, SignInLink
+from service.platform.db.people import AuditEntry, BrowserSession, IdempotencyKey, SignInLink
 from service.platform.db.session import Database
+from service.platform.settings import get_settings
 
 # Nobody repeats a request, or asks why a link does not work, after this.
 _REMEMBERED = timedelta(days=14)
@@ -21,3 +22,5 @@ def remove_ended(database: Database) -> None:
         session.execute(delete(BrowserSession).where(BrowserSession.expires_at < now))
         session.execute(delete(SignInLink).where(SignInLink.expires_at < now - _REMEMBERED))
         session.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < now - _REMEMBERED))
+        audited = timedelta(days=get_settings().audit_days)
+        session.execute(delete(AuditEntry).where(AuditEntry.created_at < now - audited))

@@ -16,7 +16,7 @@ class FleetRequest(Base):
 
     ``asked`` is the filter and the calibration's template. ``matched`` vehicles are ``remaining`` (not ended),
     ``done``, ``failed``, ``cancelled`` or ``skipped``; each of these counts moves in the transaction that ends a
-    vehicle's calibration. ``wave`` is how many vehicles were put to work at ``started_at``, by the request or by its
+    vehicle. ``wave`` is how many vehicles were put to work at ``started_at``, by the request or by its
     newest retry.
     """
 
@@ -37,6 +37,7 @@ class FleetRequest(Base):
     cancelled: Mapped[int] = mapped_column(default=0)
     skipped: Mapped[int] = mapped_column(default=0)
     wave: Mapped[int]
+    request_id: Mapped[str | None] = mapped_column(String(64))
     cancel_requested: Mapped[bool] = mapped_column(default=False)
     created_by: Mapped[UUID | None] = refers_to("person.id")
     created_at: Mapped[Created]
@@ -47,6 +48,7 @@ class FleetRequest(Base):
 class FleetRequestVehicle(Base):
     """A vehicle of a fleet request: queued until its calibration ends, then done, failed or cancelled; or skipped.
 
+    A queued one without a calibration is due: the upkeep makes it.
     That a queued one is being worked on is told by its jobs, not by this row. Ids sort by the vehicles' names.
     """
 
@@ -55,6 +57,12 @@ class FleetRequestVehicle(Base):
         UniqueConstraint("fleet_request_id", "vehicle_id"),
         Index("ix_fleet_request_vehicle_fleet_request_id_state_id", "fleet_request_id", "state", "id"),
         Index("ix_fleet_request_vehicle_fleet_request_id_id", "fleet_request_id", "id"),
+        partial_index(
+            "ix_fleet_request_vehicle_due",
+            "fleet_request_id",
+            "id",
+            where="state = 'queued' AND calibration_id IS NULL",
+        ),
     )
 
     id: Mapped[RowId]

@@ -9,13 +9,15 @@ from uuid import UUID
 from sqlalchemy import BigInteger, Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship, validates
 
-from service.platform.db.base import Base, Created, Json, Name, RowId, Version, belongs_to
+from service.platform.db.base import Base, Bytes, Created, Json, Name, RowId, Version, belongs_to
 
 
 class Fleet(Base):
     """What roles are bound to: every row below belongs to exactly one fleet.
 
-    ``quota_bytes`` is what its recordings may take; None: what the settings say. ``policy`` says what its results
+    ``quota_bytes`` is what it may take; None: what the settings say. ``row_bytes`` is what its rows took when they
+    were counted last, and what was added since. ``retention`` has the days
+    after which each layer of its recordings, and its imported pairs, go. ``policy`` says what its results
     must show to be published.
     """
 
@@ -24,7 +26,9 @@ class Fleet(Base):
     id: Mapped[RowId]
     name: Mapped[Name] = mapped_column(unique=True)
     quota_bytes: Mapped[int | None] = mapped_column(BigInteger)
+    row_bytes: Mapped[Bytes] = mapped_column(default=0)
     policy: Mapped[Json | None]
+    retention: Mapped[Json | None]
     version: Mapped[Version]
     created_at: Mapped[Created]
 

@@ -11,13 +11,13 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
-from sqlalchemy import Connection, Engine, inspect, text
+from sqlalchemy import Connection, Engine, inspect, literal, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
@@ -28,6 +28,8 @@ from service.platform.settings import settings_or_exit
 
 # An arbitrary number: a migration holds this advisory lock.
 _LOCK = 4_711_001
+_OF_API = "apexcal_api"
+_CREDENTIALS = ("api_token", "browser_session", "sign_in_link", "idempotency_key", "audit_entry")
 
 
 class NewerSchemaError(RuntimeError):
@@ -57,6 +59,31 @@ def upgrade(url: str, to: str = "head") -> None:
         with _locked(engine) as connection:
             _refuse_newer(connection)
             command.upgrade(config(connection), to)
+    finally:
+        engine.dispose()
+
+
+def make_roles(url: str, roles: Mapping[str, str]) -> None:
+    """Make the roles, by name with their passwords, that work on the tables and change none of them.
+
+    Only `apexcal_api` reads and writes credentials, kept replies and the audit.
+    """
+    engine = open_engine(url, patient=True)
+    try:
+        with _locked(engine) as connection:
+            quoted = engine.dialect.identifier_preparer.quote
+            for name, password in roles.items():
+                exists = connection.scalar(text("SELECT 1 FROM pg_roles WHERE rolname = :name"), {"name": name})
+                secret = literal(password).compile(engine, compile_kwargs={"literal_binds": True})
+                role = quoted(name)
+                statements = [
+                    f"{'ALTER' if exists else 'CREATE'} ROLE {role} LOGIN NOSUPERUSER PASSWORD {secret}",
+                    f"GRANT SELECT, INSERT, UPDATE, DELETE ON ALL TABLES IN SCHEMA public TO {role}",
+                    f"GRANT USAGE ON ALL SEQUENCES IN SCHEMA public TO {role}",
+                    *([] if name == _OF_API else [f"REVOKE ALL ON {', '.join(_CREDENTIALS)} FROM {role}"]),
+                ]
+                for statement in statements:
+                    connection.exec_driver_sql(statement.replace("%", "%%"))
     finally:
         engine.dispose()
 
@@ -107,6 +134,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logs.configure(settings.log_form)
     try:
         upgrade(settings.database)
+        if settings.database_roles:
+            make_roles(
+                settings.database, {name: word.get_secret_value() for name, word in settings.database_roles.items()}
+            )
     except NewerSchemaError as error:
         sys.exit(str(error))
     except OperationalError as error:

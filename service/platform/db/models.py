@@ -24,7 +24,15 @@ from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.platform.db.jobs import Heartbeat, Job, JobEvent, JobTotal, Worker
-from service.platform.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person, SignInLink
+from service.platform.db.people import (
+    ApiToken,
+    AuditEntry,
+    BrowserSession,
+    IdempotencyKey,
+    Membership,
+    Person,
+    SignInLink,
+)
 from service.platform.db.recordings import (
     Blob,
     BlobHold,

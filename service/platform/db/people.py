@@ -82,6 +82,24 @@ class ApiToken(Base):
     created_at: Mapped[Created]
 
 
+class AuditEntry(Base):
+    """Who downloaded, deleted or published something, or changed roles and credentials, from where.
+
+    Ids name rows that may be gone; ``path`` names the thing.
+    """
+
+    __tablename__ = "audit_entry"
+
+    id: Mapped[RowId]
+    person_id: Mapped[UUID | None]
+    token_id: Mapped[UUID | None]
+    address: Mapped[str] = mapped_column(String(64))
+    request_id: Mapped[str | None] = mapped_column(String(64), index=True)
+    method: Mapped[str] = mapped_column(String(8))
+    path: Mapped[str] = mapped_column(String(500))
+    created_at: Mapped[Created] = mapped_column(index=True)
+
+
 class IdempotencyKey(Base):
     """The answer that was given to a POST, kept so that a repeated one gets it again.
 

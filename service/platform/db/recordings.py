@@ -63,7 +63,8 @@ class Recording(Base):
 
     ``reading`` is what its owner knows of the file and the file does not say. ``taken_bytes`` is what it takes of its
     fleet's quota: what was announced or has come of its file, and its sensors' files. ``expires_at`` ends an upload
-    that nobody goes on with.
+    that nobody goes on with. One that must stay past ``retain_until`` is looked at again after ``kept_until``.
+    ``layers_gone`` counts those of `LAYERS` that its fleet's retention removed.
     """
 
     __tablename__ = "recording"
@@ -73,6 +74,7 @@ class Recording(Base):
         Index("ix_recording_fleet_id_taken_bytes", "fleet_id", "taken_bytes"),
         Index("ix_recording_vehicle_id_id", "vehicle_id", "id"),
         Index("ix_recording_rig_id_state_id", "rig_id", "state", "id"),
+        Index("ix_recording_fleet_id_layers_gone_created_at", "fleet_id", "layers_gone", "created_at"),
         partial_index("ix_recording_retain_until", "retain_until", where="retain_until IS NOT NULL"),
     )
 
@@ -92,11 +94,17 @@ class Recording(Base):
     problem: Mapped[Json | None]
     job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
     retain_until: Mapped[datetime | None]
+    kept_until: Mapped[datetime | None]
+    layers_gone: Mapped[int] = mapped_column(default=0)
     taken_bytes: Mapped[Bytes] = mapped_column(default=0)
     expires_at: Mapped[datetime | None]
     created_by: Mapped[UUID | None] = refers_to("person.id")
     version: Mapped[Version]
     created_at: Mapped[Created]
+
+
+# In the order in which retention removes them: the file as it came, the cameras' images, the LiDAR's sweeps.
+LAYERS = ("original", "images", "sweeps")
 
 
 class UploadPart(Base):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from itertools import accumulate
 from typing import Any
@@ -26,6 +27,7 @@ from service.platform.db.session import Database
 from service.platform.jobs.history import BUCKETS_S
 from service.platform.jobs.queue import answering_workers
 from service.platform.jobs.queues import QUEUES
+from service.platform.jobs.sweep import resent_after_s
 
 FRESH_S = 5.0
 # The blobs' rows are counted whole, so less often: for a thousandth of the time at most, however many they get.
@@ -85,28 +87,35 @@ def _gauge(name: str, help_text: str, labels: Iterable[str], rows: Iterable[tupl
 
 def _queues(session: Session) -> Iterator[Metric]:
     rows = session.execute(
-        select(Job.queue, Job.kind, Job.state, func.count(), func.min(Job.created_at), now())
+        select(Job.queue, Job.kind, Job.state, Job.sends, func.count(), func.min(Job.send_after), now())
         .where(Job.state.in_(UNENDED))
-        .group_by(Job.queue, Job.kind, Job.state)
+        .group_by(Job.queue, Job.kind, Job.state, Job.sends)
     ).all()
+    jobs: Counter[tuple[str, str]] = Counter()
+    for _, kind, state, _, count, _, _ in rows:
+        jobs[kind, state] += count
     yield _gauge(
         "apexcal_jobs",
         "Jobs that have not ended, by kind and state.",
         ("kind", "state"),
-        (((kind, state), count) for _, kind, state, count, _, _ in rows),
+        jobs.items(),
     )
     depth: dict[str, int] = dict.fromkeys(QUEUES, 0)
     oldest: dict[str, float] = dict.fromkeys(QUEUES, 0.0)
-    for queue, _, state, count, first, moment in rows:
-        if state == WorkState.QUEUED:
+    for queue, _, state, sends, count, resent_at, moment in rows:
+        if state == WorkState.QUEUED and sends and resent_at:
             depth[queue] += count
-            oldest[queue] = max(oldest[queue], (moment - first).total_seconds())
+            to_come_s = (resent_at - moment).total_seconds()
+            oldest[queue] = max(oldest[queue], resent_after_s(sends) - to_come_s)
     yield _gauge(
-        "apexcal_queue_depth", "Jobs that wait.", ("queue",), (((name,), count) for name, count in depth.items())
+        "apexcal_queue_depth",
+        "Jobs that wait for a worker: neither in backoff nor behind their fleet's window.",
+        ("queue",),
+        (((name,), count) for name, count in depth.items()),
     )
     yield _gauge(
         "apexcal_queue_oldest_seconds",
-        "Age of the oldest job that waits; 0 where none does.",
+        "Seconds since the oldest of these was sent; 0 where none waits.",
         ("queue",),
         (((name,), age) for name, age in oldest.items()),
     )

@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service.platform.http.draining import Drain
 from service.platform.http.figures import HttpFigures
 from service.platform.http.problems import MEDIA_TYPE, too_large
-from service.platform.observability import request_ids
+from service.platform.observability import logs, request_ids
 
 # Parts of an upload are hashed by WebAssembly in a worker; `wasm-unsafe-eval` allows that and no evaluated script.
 CONTENT_SECURITY_POLICY = (
@@ -65,6 +65,7 @@ class Envelope:
             return
         began = time.perf_counter()
         request_id = request_ids.bind(scope["headers"])
+        logs.say_who(address=(scope.get("client") or ("",))[0])
         status, is_no_problem = _CLIENT_LEFT, False
         # HEAD is answered as GET is, without the content: no route knows of it.
         is_head = scope["method"] == "HEAD"

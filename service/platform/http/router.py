@@ -9,6 +9,8 @@ from __future__ import annotations
 import functools
 import inspect
 import json
+import logging
+import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
@@ -21,9 +23,16 @@ from fastapi.dependencies.utils import get_flat_params
 from fastapi.exceptions import ResponseValidationError
 from fastapi.params import Query
 from fastapi.routing import APIRoute
+from sqlalchemy.exc import SQLAlchemyError
 
-from service.platform.http.problems import check_query
+from service.platform.db.base import Json
+from service.platform.db.people import AuditEntry
+from service.platform.db.session import Database
+from service.platform.http.problems import Problem, check_query
 from service.platform.http.threads import Lane, Threads
+from service.platform.observability import logs, request_ids
+
+log = logging.getLogger(__name__)
 
 # How large a request's body may be. A declared length beyond it is answered 413 before a byte is read, and a body
 # without one is cut off there. A route that takes more than DEFAULT says so by `max_body_size`. Bodies up to DOCUMENT
@@ -35,6 +44,12 @@ DEFAULT = 64 * KIB
 DOCUMENT = 256 * KIB
 # A sign-in link has at most 1,000 letters.
 SIGN_IN = 4 * KIB
+
+# What leaves the service as a whole. Frames and sweeps are read by the thousand: the log's lines have these.
+_DOWNLOADS = re.compile(r"/(original(/parts)?|analyses/{\w+}/file|correspondence-sets/{\w+})$")
+_AUDITED = re.compile(
+    r"^DELETE |^(POST|PUT|PATCH) .*/(members/{\w+}|invitations|tokens|policy|publication|withdrawal)$"
+)
 
 CREATED = frozenset((201, 202))
 _READS = frozenset(("GET", "HEAD"))
@@ -72,12 +87,16 @@ class Route(APIRoute):
     def get_route_handler(self) -> Callable[[Request], Any]:
         """FastAPI's own, behind a look at the names in the query."""
         handler = super().get_route_handler()
+        is_download = _DOWNLOADS.search(self.path) is not None
         parameters = get_flat_params(self.dependant)
         known = sorted({one.alias for one in parameters if isinstance(one.field_info, Query)})
 
         async def checked(request: Request) -> Response:
             check_query(request.query_params, known)
-            return with_location(request, await handler(request))
+            answer = await handler(request)
+            if is_download and answer.status_code < 300:
+                await _note_download(request)
+            return with_location(request, answer)
 
         return checked
 
@@ -101,20 +120,26 @@ class Route(APIRoute):
             reads = not any(one.writes for one in sessions) and (sessions or request.method in _READS)
             lane: Lane = threads.reading if reads else getattr(threads, self.writers)
             caller = sessions[0].caller if sessions else None
-            return await lane.run(self._answer, endpoint, values, injected, caller=caller)
+            entry = audit_entry(request) if _AUDITED.search(f"{request.method} {self.path}") else None
+            return await lane.run(self._answer, endpoint, values, injected, entry, caller=caller)
 
         called.__signature__ = signature.replace(  # pyright: ignore[reportAttributeAccessIssue]
             parameters=[*signature.parameters.values(), *more]
         )
         return called
 
-    def _answer(self, endpoint: Callable[..., Any], values: dict[str, Any], injected: Response) -> Response:
+    def _answer(
+        self, endpoint: Callable[..., Any], values: dict[str, Any], injected: Response, entry: Json | None
+    ) -> Response:
         with ExitStack() as stack:
             opened = {
                 name: stack.enter_context(one.open()) if isinstance(one, Transaction) else one
                 for name, one in values.items()
             }
             answer = endpoint(**opened)
+            for name, value in values.items():
+                if entry and isinstance(value, Transaction) and value.writes:
+                    opened[name].session.add(AuditEntry(**entry))
             return answer if isinstance(answer, Response) else self._rendered(answer, injected)
 
     def _rendered(self, answer: Any, injected: Response) -> Response:
@@ -129,6 +154,27 @@ class Route(APIRoute):
         made = Response(content, status, media_type="application/json" if content is not None else None)
         made.headers.raw.extend(injected.headers.raw)
         return made
+
+
+def audit_entry(request: Request) -> Json:
+    """Who sends this request, and what for, as a row of the audit."""
+    who = logs.who()
+    ids = {f"{name}_id": UUID(who[name]) if name in who else None for name in ("person", "token")}
+    where = {"address": who.get("address", ""), "request_id": request_ids.current()}
+    return {**ids, **where, "method": request.method, "path": request.url.path[:500]}
+
+
+async def _note_download(request: Request) -> None:
+    """Note a download before its first byte. A database that takes no writes keeps nobody from reading."""
+
+    def write(database: Database) -> None:
+        with database.writing() as session:
+            session.add(AuditEntry(**audit_entry(request)))
+
+    try:
+        await request.app.state.threads.writing.run(write, request.app.state.database)
+    except (SQLAlchemyError, Problem):
+        log.warning("a download is not in the audit: %s", request.url.path)
 
 
 def location_of(path: str) -> str:

@@ -11,14 +11,17 @@ from typing import Any
 from uuid import UUID
 
 from sqlalchemy import (
+    ColumnElement,
     Integer,
     ScalarSelect,
     Select,
+    String,
     Update,
     bindparam,
     case,
     exists,
     func,
+    literal,
     literal_column,
     select,
     update,
@@ -41,13 +44,39 @@ from service.platform.settings import get_settings
 _HOLD_FLEET = select(Fleet.id).where(Fleet.id == bindparam("fleet")).with_for_update(key_share=True)
 
 
+# A worker says every 2 s that it is there. It takes up to 5 s where the database answers slowly.
+SILENT_S = 8.0
+# So many are cut and sent for in any case: a worker that starts finds work, and has told of itself a moment later.
+_FEWEST = 2
+
+
+def answers() -> ColumnElement[bool]:
+    """Whether a worker said within `SILENT_S` that it is there; also one that still compiles."""
+    return Worker.at.between(now(-SILENT_S), now())
+
+
+def _processes(queue: Any) -> ScalarSelect[int]:
+    takes = ("," + Worker.queues + ",").like("%," + queue + ",%")
+    return select(func.coalesce(func.sum(Worker.processes), 0)).where(answers(), takes).scalar_subquery()
+
+
+def live_processes(session: Session, queue: str) -> int:
+    """Pool processes of all workers that answer and take this queue; never less than are sent for in any case."""
+    return max(_FEWEST, session.scalars(select(_processes(literal(queue)))).one())
+
+
 def _releasing(*, capped: bool) -> Update:
     """Marks a fleet's oldest waiting jobs as sent, as far as its window has room, and returns their ids.
 
-    ``capped``: running jobs take room too.
+    ``capped``: the window is given, and running jobs take room too. Otherwise one job waits for each process, and
+    none is idle while the next is sent. More would only delay the other fleets.
     """
-    window = bindparam("window", type_=Integer())
-    mine = select(Job.id).where(Job.queue == bindparam("of_queue"), Job.fleet_id == bindparam("fleet"))
+    queue = bindparam("of_queue", type_=String())
+    live = _processes(queue)
+    window: ColumnElement[int] = (
+        bindparam("window", type_=Integer()) if capped else case((live > _FEWEST, live), else_=_FEWEST)
+    )
+    mine = select(Job.id).where(Job.queue == queue, Job.fleet_id == bindparam("fleet"))
     queued = mine.where(Job.state == state_literal(WorkState.QUEUED))
     # At most a window's worth is sent and unclaimed; counting stops there.
     room = window - _count(queued.where(Job.sends > literal_column("0")).limit(window))
@@ -114,11 +143,10 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
     """
     settings = get_settings()
     cap = FLEET_CAPS.get(queue)
-    # One waits for each worker, and none is idle while the next is sent. More would only delay the other fleets.
-    room: int = getattr(settings, cap) if cap else max(2, settings.workers)
-    window = {"fleet": fleet_id, "of_queue": queue, "window": room, "resend_s": settings.resend_s}
+    window = {"fleet": fleet_id, "of_queue": queue, "resend_s": settings.resend_s}
     connection = session.connection()
     if cap:
+        window["window"] = getattr(settings, cap)
         connection.execute(_HOLD_FLEET, {"fleet": fleet_id})
     released = connection.execute(_RELEASE_CAPPED if cap else _RELEASE, window)
     for job_id, kind in sorted(released.all()):
@@ -178,10 +206,6 @@ def retry(session: Session, job_id: int) -> Sequence[Job]:
     return fresh
 
 
-# A worker says every 2 s that it is there. It takes up to 5 s where the database answers slowly.
-SILENT_S = 8.0
-
-
 def answering_workers(session: Session) -> Sequence[Worker]:
-    """Return the workers that said within `SILENT_S` that they are there, also those that still compile."""
-    return session.scalars(select(Worker).where(Worker.at.between(now(-SILENT_S), now()))).all()
+    """Return the workers that answer."""
+    return session.scalars(select(Worker).where(answers())).all()

@@ -176,6 +176,11 @@ def _send_again(session: Session) -> None:
         post(session, COURIER, Message(job_id, kind))
 
 
+def resent_after_s(sends: int) -> float:
+    """Seconds from a job's first message to when one more follows the last of ``sends``."""
+    return get_settings().resend_s * sum(min(2**sent, _MOST_RESENDS) for sent in range(sends))
+
+
 def _end_backoff(session: Session) -> None:
     """Let the jobs whose time to be tried again has come wait for their place in the window, as fresh ones do."""
     over = (

@@ -13,13 +13,17 @@ from datetime import UTC, datetime
 from time import localtime, strftime
 from typing import Any
 
-from structlog.contextvars import bound_contextvars, get_contextvars
+from structlog.contextvars import bind_contextvars, bound_contextvars, get_contextvars
 
 # Celery says of every message that it came and that it went; the job's own lines say more.
 _CHATTY = ("celery.worker.strategy", "celery.app.trace")
 
 about = bound_contextvars
 """``with about(job=7):`` lines logged in the block carry these fields."""
+say_who = bind_contextvars
+"""``say_who(person=...)``: lines of the rest of this request carry these fields."""
+who = get_contextvars
+"""The fields of the present request or job."""
 
 
 def visible(text: str) -> str:

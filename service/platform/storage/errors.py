@@ -17,8 +17,15 @@ _FULL = ("No space left on device", "Disk quota exceeded")
 _CUT = ("416 Range Not Satisfiable", "Requested range was invalid")
 
 
+# The key of what its fleet's retention removed while the recording's rows stayed. No object has it.
+EXPIRED = "expired"
+
+
 class MissingBlobError(Exception):
-    """The store does not hold these bytes, although a row says so: somebody removed or cut the object."""
+    """The store does not hold these bytes, although a row says so: somebody removed or cut the object.
+
+    Or its fleet's retention removed it.
+    """
 
     code = "blob_missing"
     message = "The store no longer holds bytes of this recording that it held once."
@@ -28,6 +35,10 @@ class MissingBlobError(Exception):
         super().__init__(f"the blob store does not hold object {key!r} whole")
         self.key = key
         self.hint = type(self).hint.format(key=key)
+        if key == EXPIRED:
+            self.code = "retention_ended"
+            self.message = "This part of the recording was removed at the end of its retention."
+            self.hint = "Pairs, results and publications are still there. To mark or detect again, record again."
 
 
 class ReservationEndedError(Exception):

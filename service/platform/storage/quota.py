@@ -1,7 +1,8 @@
-"""What a fleet's recordings and reports take of its quota: a sum over their own rows, so that it cannot drift.
+"""What a fleet takes of its quota: its recordings and reports by their own rows, so that it cannot drift, and rows.
 
-A recording takes what was announced or has come of its file, and the files of its sensors. Whoever lets it take more
-locks the fleet's row until the commit, so that many at once do not exceed the quota together.
+A recording takes what was announced or has come of its file, and the files of its sensors. What pairs, rigs, answers
+and kept replies take of the database is a sum that the upkeep counts, and that what brings many rows adds to. Whoever
+takes more locks the fleet's row until the commit, so that many at once do not exceed the quota together.
 """
 
 from __future__ import annotations
@@ -11,21 +12,34 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 from uuid import UUID
 
-from sqlalchemy import Select, func, select
+from sqlalchemy import Select, Text, cast, func, select, update
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from service.platform.db.analyses import Analysis, AnalysisFile
-from service.platform.db.fleets import Fleet
+from service.platform.db.annotations import Answer
+from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.fleets import Fleet, Rig, RigCamera
+from service.platform.db.people import IdempotencyKey
 from service.platform.db.recordings import Blob, PackedSweeps, Recording, Sensor, UploadPart
+from service.platform.db.session import Database
 
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
+# Bytes of the database with indexes, as PostgreSQL 15 has them: 100,000 pairs, and a hundred thousand of the others.
+PAIR_BYTES = 176
+_ANSWER_BYTES = 550
+_RIG_BYTES = _CAMERA_BYTES = 1500
+# A kept reply without its body.
+_REPLY_BYTES = 400
+
+
 class Use(NamedTuple):
-    """Bytes."""
+    """Bytes; ``rows`` is the part of ``taken`` that lies in the database."""
 
     taken: int
     allowed: int
+    rows: int = 0
 
 
 class QuotaExceededError(Exception):
@@ -37,8 +51,8 @@ class QuotaExceededError(Exception):
         self.use = use
         self.asked = bytes_more
         self.message = (
-            f"The fleet's recordings and reports take {spoken(use.taken)} of the {spoken(use.allowed)} that they "
-            f"may, and this would take {spoken(bytes_more)} more."
+            f"The fleet's recordings, reports and rows take {spoken(use.taken)} of the {spoken(use.allowed)} that "
+            f"they may, and this would take {spoken(bytes_more)} more."
         )
         self.hint = (
             "Delete recordings and unfinished uploads of the fleet that nobody needs, or ask whoever runs the "
@@ -54,15 +68,49 @@ class QuotaExceededError(Exception):
 
 def uses(session: Session, fleets: Iterable[Fleet], default: int) -> dict[UUID, Use]:
     """What these fleets take and may take; ``default`` where a fleet has no quota of its own."""
+    rows = {fleet.id: fleet.row_bytes for fleet in fleets}
     allowed = {fleet.id: fleet.quota_bytes for fleet in fleets}
-    taken = dict.fromkeys(allowed, 0)
+    taken = dict(rows)
     of_recordings = select(Recording.fleet_id, func.sum(Recording.taken_bytes)).group_by(Recording.fleet_id)
     # A recording's own bytes include the files of its analyses.
     of_reports = _made(Analysis.fleet_id).where(Analysis.recording_id.is_(None)).group_by(Analysis.fleet_id)
     for owner, statement in ((Recording.fleet_id, of_recordings), (Analysis.fleet_id, of_reports)):
         for id, total in session.execute(statement.where(owner.in_(allowed))):
             taken[id] += int(total or 0)
-    return {id: Use(taken[id], default if quota is None else quota) for id, quota in allowed.items()}
+    return {id: Use(taken[id], default if quota is None else quota, rows[id]) for id, quota in allowed.items()}
+
+
+def count_rows(database: Database) -> None:
+    """Count what each fleet's rows take, each fleet in its own transaction."""
+    with database.reading() as session:
+        fleets = session.scalars(select(Fleet.id).order_by(Fleet.id)).all()
+        counted = {id: _row_bytes(session, id) for id in fleets}
+    for id, size in counted.items():
+        with database.writing() as session:
+            session.execute(update(Fleet).where(Fleet.id == id, Fleet.row_bytes != size).values(row_bytes=size))
+
+
+def take_rows(session: Session, fleet_id: UUID, size: int, default: int) -> None:
+    """Let a fleet's rows take ``size`` bytes more. Raises :class:`QuotaExceededError`."""
+    require_quota(session, fleet_id, size, default)
+    session.execute(update(Fleet).where(Fleet.id == fleet_id).values(row_bytes=Fleet.row_bytes + size))
+
+
+def _row_bytes(session: Session, fleet_id: UUID) -> int:
+    rigs = select(Rig.id).where(Rig.fleet_id == fleet_id)
+    recordings = select(Recording.id).where(Recording.fleet_id == fleet_id)
+    body = func.coalesce(func.length(cast(IdempotencyKey.body, Text)), 0)
+    sums = (
+        # A selection names what it leaves out, some bytes each, and has no pairs of its own.
+        select(func.sum(PAIR_BYTES * CorrespondenceSet.count)).where(
+            CorrespondenceSet.fleet_id == fleet_id, CorrespondenceSet.whole_id.is_(None)
+        ),
+        select(_RIG_BYTES * func.count()).where(Rig.fleet_id == fleet_id),
+        select(_CAMERA_BYTES * func.count()).where(RigCamera.rig_id.in_(rigs)),
+        select(_ANSWER_BYTES * func.count()).where(Answer.recording_id.in_(recordings)),
+        select(func.sum(_REPLY_BYTES + body)).where(IdempotencyKey.fleet_id == fleet_id),
+    )
+    return sum(int(session.scalar(total) or 0) for total in sums)
 
 
 def take(session: Session, recording: Recording, size: int, default: int) -> None:
@@ -108,7 +156,8 @@ def counted(session: Session, recording: Recording, *, besides: int | None) -> i
         session.scalar(packed.where(Sensor.recording_id == recording.id)),
         session.scalar(writing),
     )
-    return recording.size + copied(session, recording.id) + sum(int(total or 0) for total in sums)
+    size = 0 if recording.layers_gone else recording.size
+    return size + copied(session, recording.id) + sum(int(total or 0) for total in sums)
 
 
 @contextmanager

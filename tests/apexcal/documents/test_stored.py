@@ -40,7 +40,7 @@ OLD: dict[str, Any] = {
     **{name: [] for name in ("correlation", "undetermined")},
     **dict.fromkeys(("baseline", "linear_baseline", "stated_lens", "shared_errors", "person_bias", "heldout")),
     **dict.fromkeys(("rolling_shutter", "prediction", "explained_px", "marks_outside", "field", "provenance")),
-    **dict.fromkeys(("finish_seconds", "stopped", "worst_correlation", "noise_scale", "condition")),
+    **dict.fromkeys(("next_steps", "finish_seconds", "stopped", "worst_correlation", "noise_scale", "condition")),
     **dict.fromkeys(("degrees_of_freedom", "recording_id", "detection_id", "seed", "verdict", "verdict_alone")),
     "std": {"f_x": None},
     "residuals_px": [0.1, 2, 3e-12],

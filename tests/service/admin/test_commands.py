@@ -19,12 +19,14 @@ from service.admin.context import GIVEN_FOLDER, command
 from service.platform.db.clock import now, utc_now
 from service.platform.db.models import (
     ApiToken,
+    Blob,
     BrowserSession,
     Calibration,
     CalibrationRun,
     Detection,
     Job,
     Recording,
+    Sensor,
     Slot,
 )
 from service.platform.db.session import Database
@@ -32,9 +34,12 @@ from service.platform.jobs.claims import claim, finishing
 from service.platform.jobs.history import tally
 from service.platform.jobs.queue import enqueue, enqueue_all
 from service.platform.settings import get_settings
+from tests.faults.jobs import pairs
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.platform.jobs.support import make_calibration, make_fleet, make_jobs
+from tests.support.asking import bring_pairs
 from tests.support.people import Api
+from tests.support.uploads import new_vehicle
 
 FAILED = {"code": "worker_lost", "detail": "", "hint": ""}
 
@@ -117,6 +122,47 @@ def test_people_and_tokens(run, api: Api) -> None:
     with api.database.reading() as session:
         assert session.scalars(select(BrowserSession)).all() == []
         assert session.scalar(select(ApiToken.revoked_at).where(ApiToken.person_id == ada.person_id))
+
+
+def test_the_audit_says_who_took_gave_and_deleted_what(run, api: Api) -> None:
+    """What was refused is not in it."""
+    fleet = api.fleet("north")
+    ada, bo = api.member(fleet, "admin", "Ada"), api.member(fleet, "viewer", "Bo")
+    made = new_vehicle(ada, fleet)
+    pair_set = bring_pairs(ada, made["rig"], pairs(5, 1))
+    assert bo.get(f"/correspondence-sets/{pair_set}", headers={"X-Request-ID": "taken"}).is_success
+    assert bo.delete(f"/rigs/{made['rig']}").status_code == 403
+    assert ada.patch(f"/fleets/{fleet}/members/{bo.person_id}", {"role": "engineer"}).is_success
+    assert ada.delete(f"/rigs/{made['rig']}").status_code == 204
+    entries = said(run("audit", "--json"))
+    assert [(entry["person"], entry["what"].split("/")[0:3:2]) for entry in entries] == [
+        ("Bo", ["GET ", "correspondence-sets"]), ("Ada", ["PATCH ", "fleets"]), ("Ada", ["DELETE ", "rigs"]),
+    ]  # fmt: skip
+    assert entries[0]["request"] == "taken" and entries[0]["address"] and entries[0]["token"]
+    assert [entry["person"] for entry in said(run("audit", made["rig"], "--person", "Ada", "--json"))] == ["Ada"]
+    assert "Bo" in run("audit").stdout
+
+
+def test_a_forecast_tells_a_year_with_retention_and_without(run, database: Database) -> None:
+    rig = seed_rig(database, make_fleet(database, "north"))
+    seed_recording(database, rig, 10)
+    with database.writing() as session:
+        session.execute(update(Recording).values(size=3_000_000))
+        camera = session.scalars(select(Sensor).where(Sensor.kind == "lidar")).first()
+        assert camera
+        session.execute(update(Blob).where(Blob.key == camera.blob_key).values(size=6_000_000))
+    assert run("retention", "layers", "north", "--original", "30", "--images", "10").exit_code == 2
+    assert "original after 30 days" in run("retention", "layers", "north", "--original", "30").stdout
+
+    def north(*words: str) -> dict[str, Any]:
+        return next(line for line in said(run("forecast", *words, "--json")) if line["fleet"] == "north")
+
+    month = north()
+    assert month["bytes_a_year"] == round(365 * 9_000_000 / 30)
+    assert month["with_retention"] == (30 * 100_000 + 365 * 200_000)
+    assert month["rows_a_year"] > 0 and north("--days", "60")["bytes_a_year"] == round(365 * 9_000_000 / 60)
+    assert "36 MB" not in run("forecast").stdout and "110 MB" in run("forecast").stdout
+    refused(run("retention", "layers", "south", "--original", "3"), "no fleet called 'south'")
 
 
 def test_a_jobs_history_is_shown(run, database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -258,6 +304,7 @@ def test_retention_is_shown_set_and_carried_out(run, database: Database) -> None
     refused(run("retention", "set", "nowhere", "--fleet", "--days", "1"), "no recording in a fleet called 'nowhere'")
     with database.writing() as session:
         session.execute(update(Recording).values(retain_until=utc_now() - timedelta(seconds=1)))
-    assert run("retention", "run").stdout == "1 recordings and 1 jobs deleted, 0 unfinished uploads ended.\n"
+    ended = run("retention", "run").stdout
+    assert ended.startswith("1 recordings, 0 sets of imported pairs and 1 jobs deleted, 0 unfinished uploads ended")
     with database.reading() as session:
         assert session.get(Recording, recording_id) is None and session.get(Job, old) is None

@@ -25,7 +25,7 @@ def typed(*words: str) -> Result:
     ("name", "value", "words"),
     [
         ("APEXCAL_BLOB_URL", "ftp://x", "s3://bucket/prefix"),
-        ("APEXCAL_WORKERS", "abc", "valid integer"),
+        ("APEXCAL_PART_BYTES", "abc", "valid integer"),
         ("APEXCAL_DATABASE_URL", "mysql://u:hidden@h/d", "sqlite:///file"),
         ("APEXCAL_DATABASE_URL", "hidden", "sqlite:///file"),
     ],
@@ -50,13 +50,13 @@ def test_settings_that_cannot_be_used_are_named(monkeypatch: pytest.MonkeyPatch,
     ],
 )
 def test_programs_end_with_a_sentence_where_settings_cannot_be_used(program: str):
-    environment = {**os.environ, "APEXCAL_WORKERS": "abc"}
+    environment = {**os.environ, "APEXCAL_PART_BYTES": "abc"}
     ended = subprocess.run(
         [sys.executable, "-m", *program.split(), *(["worker"] if "celery" in program else [])],
         capture_output=True, text=True, env=environment,
     )  # fmt: skip
     assert ended.returncode == 2 and "Traceback" not in ended.stderr, ended.stderr
-    assert ended.stderr.startswith("APEXCAL_WORKERS cannot be used"), ended.stderr
+    assert ended.stderr.startswith("APEXCAL_PART_BYTES cannot be used"), ended.stderr
 
 
 def test_a_store_that_is_away_is_no_disk(database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -413,14 +413,20 @@ def test_sets_must_fit_the_vehicle_the_rig_and_the_cameras(api, fleet, engineer,
     assert (low.status_code, low.json()["code"]) == (403, "role_too_low")
 
 
-def test_what_a_set_said_of_itself_is_said_of_the_calibration(api, engineer, rig):
+def test_what_a_set_said_of_itself_is_said_of_the_calibration_to_reviewers(api, fleet, engineer, rig):
     one = add_set(engineer, rig)
     with api.database.writing() as session:
         session.query(CorrespondenceSet).update(
             {"notes": ["31 of 222 vertices have fewer than the 3 marks asked for."]}
         )
-    notes = ask(engineer, rig, one).json()["notes"]
-    assert "front: 31 of 222 vertices have fewer than the 3 marks asked for." in notes
+    made = ask(engineer, rig, one).json()
+    assert "front: 31 of 222 vertices have fewer than the 3 marks asked for." in made["notes"]
+    addresses = (f"/calibrations/{made['id']}", f"/vehicles/{rig.vehicle_id}/calibrations")
+    for role, sees in (("annotator", False), ("reviewer", True)):
+        reader = api.member(fleet, role)
+        for address in addresses:
+            answer = reader.get(address).json()
+            assert bool(answer.get("items", [answer])[0]["notes"]) == sees, "what people answered"
 
 
 def test_cancelling_flags_every_run_and_every_job(api, engineer, rig):

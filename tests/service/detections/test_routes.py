@@ -3,8 +3,9 @@
 import pytest
 
 from apexcal.documents.detectors import DETECTORS
+from service.platform.db.clock import now
 from service.platform.db.detections import Detection, Vertex, VertexFrame
-from service.platform.db.jobs import Job
+from service.platform.db.jobs import Job, Worker
 from service.platform.db.recordings import Recording
 from tests.service.detections.seeding import seed_marking, seed_recording, seed_rig
 
@@ -14,7 +15,10 @@ REGION = {"and": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range"
 
 
 def test_a_detection_is_stored_with_all_its_options_and_its_jobs(make_api):
-    api = make_api(workers=4)
+    api = make_api()
+    with api.database.writing() as session:
+        times = {"started_at": now(), "at": now()}
+        session.add(Worker(name="w", queues="detect", processes=4, version="1", warm=True, **times))
     fleet = api.fleet()
     engineer = api.member(fleet, "engineer")
     recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 1000)

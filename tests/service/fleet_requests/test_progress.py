@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from uuid import UUID
 
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import event, func, select, update
 
 from service.calibration_runs.actions import end_run
 from service.calibration_runs.conclusion import drop_calibrations
@@ -24,7 +24,6 @@ from service.platform.db.models import (
 from service.platform.jobs.claims import claim, finishing
 from service.platform.jobs.messages import COURIER
 from service.platform.jobs.sweep import sweep
-from service.platform.settings import get_settings
 from service.recordings.actions import delete_recording
 from tests.service.platform.jobs.support import statements
 from tests.support.databases import one_database, wait_until_one_waits
@@ -173,7 +172,7 @@ def test_another_fleets_request_gets_through_while_many_wait(api, vans: Vans, co
     api.database.couriers[COURIER] = lambda messages: sent.extend(one.job_id for one in messages)
     vans.ask()
     window = len(sent)
-    assert window == get_settings().workers < 8
+    assert window == 2
     other = Vans(api.member(other_fleet := api.fleet(), "engineer"), other_fleet)
     van = other.add("theirs", 12)
     other.ask()
@@ -196,7 +195,7 @@ def test_a_cancel_beside_a_retry_also_ends_what_the_retry_began(vans: Vans, cont
     cancelling = threading.Thread(target=cancel)
     with context.database.writing() as session:
         row = session.get_one(FleetRequest, UUID(asked["id"]))
-        retry_failed(session, row, vans.engineer.person_id, 2)
+        retry_failed(session, row)
         session.flush()
         cancelling.start()
         wait_until_one_waits(context.database)
@@ -235,7 +234,41 @@ def test_a_recording_is_deleted_beside_a_retry_of_its_vehicle(vans: Vans, contex
 
         deleting = []
         monkeypatch.setattr(actions, "plan_vehicles", plan_while_one_deletes)
-        retry_failed(session, session.get_one(FleetRequest, UUID(asked["id"])), vans.engineer.person_id, 2)
+        retry_failed(session, session.get_one(FleetRequest, UUID(asked["id"])))
         session.commit()
         deleting[0].result(timeout=10)
     assert vans.states(asked) == {"van": "cancelled", "other": "queued"}
+
+
+def test_a_large_request_is_made_in_parts_between_which_others_write(api, vans: Vans, context, monkeypatch):
+    """Whoever asks waits for the first part alone; a cancel ends what no part has made yet."""
+    monkeypatch.setattr(actions, "_PART", 2)
+    monkeypatch.setattr("service.app.make_parts", lambda database: None)  # this test goes on by itself
+    for n in range(7):
+        vans.add(f"van {n}", 40 if n != 5 else None)
+    transactions: list[int] = []
+    event.listen(api.database.engine, "commit", lambda _: transactions.append(1))
+
+    def made() -> int:
+        with api.database.reading() as session:
+            return session.scalar(select(func.count()).select_from(Calibration)) or 0
+
+    asked = vans.ask({"name": "van *"}, headers={"X-Request-ID": "who-asked"}).json()
+    assert (asked["counts"]["queued"], made()) == (7, 2)
+    before = len(transactions)
+    actions.make_parts(api.database)
+    assert made() == 6 and len(transactions) - before >= 3, "each part commits by itself"
+    assert vans.read(asked)["counts"]["skipped"] == 1
+    with api.database.reading() as session:
+        assert set(session.scalars(select(Job.request_id))) == {"who-asked"}
+    second = vans.ask({"vehicle_ids": [v["vehicle_id"] for v in _items(vans, asked)]}).json()
+    assert second["asked"]["vehicles"]["named"] == 7 and "vehicle_ids" not in second["asked"]["vehicles"]
+    vans.engineer.post(f"/fleet-requests/{second['id']}/cancel")
+    sweep(context.database, context.store)
+    sweep(context.database, context.store)
+    ended = vans.read(second)
+    assert (ended["state"], ended["counts"]["cancelled"], made()) == ("cancelled", 7, 8)
+
+
+def _items(vans: Vans, asked):
+    return vans.engineer.get(f"/fleet-requests/{asked['id']}/vehicles").json()["items"]

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from service.platform.db.models import Vehicle
 from tests.support.people import Api
 from tests.support.uploads import RIG, new_vehicle
 
@@ -102,3 +103,15 @@ def test_what_cannot_be_a_rig_is_explained(api: Api, rig: dict, says: str) -> No
     answer = engineer.post(f"/vehicles/{vehicle}/rigs", rig)
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")
     assert says in answer.text
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_a_vehicle_is_made_beside_a_long_transaction_that_inserts_rows_of_the_fleet(api: Api) -> None:
+    """Such as a part of a fleet request; SQLite has one writer."""
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    with api.database.writing() as session:
+        session.add(Vehicle(fleet_id=fleet, name="slow", version=1))
+        session.flush()
+        made = engineer.post(f"/fleets/{fleet}/vehicles", {"name": "quick"})
+        assert made.status_code == 201, made.text

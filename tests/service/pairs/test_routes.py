@@ -96,7 +96,8 @@ def test_pairs_state_the_deviation_of_the_clock_offset_that_they_were_made_with(
     assert [pair["sigma_clock_ms"] for pair in pairs] == [1.1, 1.1]
     with api.database.reading() as session:
         stated = common_errors(session.get_one(CorrespondenceSet, UUID(made["id"])), {})
-    assert stated == {"elevation_deg": 0.1, "person_px": 0.289, "clock_ms": 1.1}
+    board = {"tip_across_mm": 3.5, "tip_up_mm": 5.8, "range_mm": 17.3}
+    assert stated == {"elevation_deg": 0.1, "person_px": 0.289, "clock_ms": 1.1, **board}
 
 
 def test_the_machine_counts_as_one_more_person_and_what_it_marked_alone_is_said(api, fleet, engineer):

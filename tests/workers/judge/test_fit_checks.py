@@ -198,8 +198,8 @@ def test_precision_is_judged_where_points_are_used():
     """A free lens leaves the mount alone open, and points where the marks are well placed."""
     many = checked(*rig())
     assert many["precision"].verdict == "pass" and many["precision"].figures["half_width_at_20_m_px"] < 2.0
-    few = checked(*rig(pairs=24))["precision"]
-    assert few.verdict == "look" and "times what 2 px or 1.5 mrad allow" in few.sentence
+    few = checked(*rig(pairs=24, noise_px=2.0))["precision"]
+    assert few.verdict == "look" and "times what 2 px, 1.5 mrad or 14.6 mm allow" in few.sentence
     assert checked(*rig(pairs=24, noise_px=6.0))["precision"].verdict == "stop"
 
 
@@ -216,9 +216,13 @@ def test_few_pairs_widen_what_is_judged_by_students_t():
 def test_the_mount_alone_is_judged_by_degrees_and_millimetres():
     half = dict.fromkeys(("rotation_x", "rotation_y", "rotation_z"), 0.3)
     half |= dict.fromkeys(("t_x", "t_y", "t_z"), 0.03)
-    assert mount_alone(FitResult.model_construct(interval95_half_width=half, lens="stated")).verdict == "pass"
+    assert (
+        mount_alone(FitResult.model_construct(interval95_half_width=half, lens="stated", next_steps=None)).verdict
+        == "pass"
+    )
     for name, value in (("rotation_x", 0.5), ("t_z", 0.05), ("t_z", None)):
-        check = mount_alone(FitResult.model_construct(interval95_half_width=half | {name: value}, lens="fitted"))
+        of = {"interval95_half_width": half | {name: value}, "lens": "fitted", "next_steps": None}
+        check = mount_alone(FitResult.model_construct(**of))
         assert (check.verdict, check.scope) == ("stop", "mount_alone")
 
 

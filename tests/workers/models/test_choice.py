@@ -70,7 +70,6 @@ def test_models_that_predict_alike_leave_it_to_the_number_of_parameters():
     choice = chosen(pinhole=off(marks, 0.05), brown_conrady=off(marks, 0.0))
     assert choice.recommended == "pinhole"
     assert "it has 10 free parameters instead of 16" in choice.why or "likeliest under pinhole" in choice.why
-    assert "would tell them apart" in choice.why
 
 
 def test_a_certain_gain_counts_however_small_it_is_in_per_cent():
@@ -118,17 +117,6 @@ def test_a_model_on_its_bounds_gives_way_to_one_inside_that_predicts_alike():
     choice = choose({"kannala_brandt": edge, "brown_conrady": inside}, AREA_PX2)
     assert choice.recommended == "brown_conrady"
     assert "kannala_brandt lies on the edge of its bounds (k4)" in choice.why or "likeliest under brown" in choice.why
-
-
-def test_the_advice_says_how_many_more_pairs_would_decide():
-    marks = noise(100)
-    choice = chosen(pinhole=off(marks, 0.2), brown_conrady=off(marks, 0.0))
-    gap = next(iter(choice.behind.values())).log_likelihood
-    assert 0.4 < gap < 4.0
-    more = 100 * (4.0 / gap - 1.0)
-    said = int(choice.why.split("About ")[1].split(" more pairs")[0])
-    assert more <= said < more + 10 ** (len(str(int(more))) - 1)
-    assert "fewer folds" not in choice.why
 
 
 def test_without_held_out_pairs_the_fitted_errors_pay_for_their_parameters():

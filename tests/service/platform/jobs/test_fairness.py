@@ -33,7 +33,7 @@ def running(database) -> int:
 
 def test_jobs_in_backoff_do_not_fill_their_fleets_window(database, store):
     fleet_id = make_fleet(database)
-    window = max(2, get_settings().workers)
+    window = 2
     stumbling = make_jobs(database, fleet_id, window)
     others = make_jobs(database, fleet_id, window)
     postbox = Postbox(database)
@@ -46,7 +46,7 @@ def test_jobs_in_backoff_do_not_fill_their_fleets_window(database, store):
 
 def test_what_waited_in_backoff_takes_its_turn_before_what_came_later(database):
     fleet_id = make_fleet(database)
-    window = max(2, get_settings().workers)
+    window = 2
     first, *_ = make_jobs(database, fleet_id, window + 2)
     held = claim(database, first, "w")
     assert held

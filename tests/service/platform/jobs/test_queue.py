@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from service.platform.db.models import Job
+from service.platform.db.clock import now
+from service.platform.db.models import Job, Worker
 from service.platform.jobs.claims import claim
-from service.platform.jobs.queue import abandon, cancel, enqueue
-from service.platform.settings import get_settings
+from service.platform.jobs.queue import abandon, cancel, enqueue, live_processes, release
 
 from .support import Postbox, job, make_calibration, make_fleet, make_jobs, states
 
@@ -33,13 +33,22 @@ def test_a_rolled_back_transaction_sends_nothing(database):
     assert states(database) == []
 
 
-def test_a_fleet_has_a_window_and_the_rest_waits_oldest_first(database):
+def test_a_fleet_has_a_window_of_the_live_processes_and_the_rest_waits_oldest_first(database):
+    """Also for workers that came after the jobs did."""
     postbox = Postbox(database)
     fleet_id = make_fleet(database)
-    window = get_settings().workers
-    ids = make_jobs(database, fleet_id, window + 3)
-    assert postbox.ids == ids[:window]
-    assert all(job(database, waiting).send_after is None for waiting in ids[window:])
+    ids = make_jobs(database, fleet_id, 9)
+    assert postbox.ids == ids[:2], "nobody answers"
+    workers = (("a", "solve", 0), ("b", "report,solve", 0), ("silent", "solve", -60), ("d", "detect", 0))
+    with database.writing() as session:
+        for name, queues, seconds in workers:
+            times = {"started_at": now(), "at": now(seconds)}
+            session.add(Worker(name=name, queues=queues, processes=3, version="1", warm=True, **times))
+        session.flush()
+        assert (live_processes(session, "solve"), live_processes(session, "report")) == (6, 3)
+        release(session, fleet_id, "solve")
+    assert postbox.ids == ids[:6]
+    assert all(job(database, waiting).send_after is None for waiting in ids[6:])
 
 
 def test_a_second_fleet_is_sent_at_once_beside_a_full_window(database):
