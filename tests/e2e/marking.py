@@ -17,6 +17,8 @@ class Marker:
         self.page = page
         self.track = track
         self._responses: list[Response] = []
+        # Marks that the page asked about.
+        self.kept = 0
         # Bodies are read later: a handler that waits for one would keep other events from whoever waits for them.
         page.on("response", lambda response: self._responses.append(response))
 
@@ -95,10 +97,17 @@ class Marker:
         """Press a key that answers; wait for the answer and for the next task. Returns the answer's body."""
         with self.page.expect_response("**/tasks/next"), self.page.expect_response("**/answer") as answered:
             self.page.keyboard.press(key)
+            self.keep(key)
         body: dict[str, Any] = answered.value.json()
         assert answered.value.ok, body
         self.ready()
         return body
+
+    def keep(self, key: str = "Enter") -> None:
+        """Keep a mark that the page asks about."""
+        if key == "Enter" and self.page.get_by_text("Is this the corner?").is_visible():
+            self.page.keyboard.press("k")
+            self.kept += 1
 
     def undo(self) -> None:
         """Take the last answer back."""

@@ -48,6 +48,7 @@ class Confirmer:
                 marker.click(0.5, 0.5)
                 with self.page.expect_response("**/answer") as answered:
                     self.page.keyboard.press("Enter")
+                    marker.keep()
                 assert answered.value.ok and not answered.value.json()["reviewed"]
                 self.page.wait_for_function(
                     "shown => document.querySelector('.stage')?.dataset.vertex !== shown", arg=shown

@@ -117,7 +117,7 @@ def calibrate(page: Page) -> None:
         page.get_by_role("checkbox", name=re.compile(other)).uncheck()
     page.get_by_text("Options", exact=True).click()
     page.get_by_label("Folds").fill("2")
-    page.get_by_role("button", name="Calibrate").click()
+    page.get_by_role("button", name="Calibrate", exact=True).click()
     expect(page.get_by_role("heading", level=1)).to_contain_text("Calibration of")
     expect(page.get_by_role("button", name="Publish for the vehicle")).to_be_visible(timeout=90_000)
     row = page.get_by_role("row").filter(has_text="brown_conrady").first
