@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 _FEWEST_FIXED: Final = 8
 _FIXED_M: Final = 0.05  # who stands still sways by as much
 _NEARLY_ALL: Final = 0.9
-_AGREE_M: Final = 0.1  # sweeps of one pose that put the apex farther away saw something else
+_AGREE_M: Final = 0.1  # where most sweeps of a pose agree, those that put the apex farther away saw something else
 _AGREE: Final = 16.3  # chi-square of three: 99.9 % of the errors that a vertex states
 # A difference between few sweeps is uncertain. As many imagined ones do not differ, so that S is rather too small.
 _IMAGINED: Final = 4
@@ -71,8 +71,8 @@ def fixed_place(xyz: Floats) -> tuple[float, float, float] | None:
 def one_of(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
     """Return the answers of a pose's sweeps with a single vertex for those in a row that agree within their errors.
 
-    It stands in the middle one of them, and is their mean. Who sways out of these errors gets a vertex for each place:
-    each sweep may have an image of its own.
+    It stands in the middle one of them, and is their mean. Who sways out of these errors gets a vertex for each
+    place: sweeps may have images of their own.
     """
     vertices = [(number, vertex) for number, vertex in enumerate(outcomes) if isinstance(vertex, Vertex)]
     if len(vertices) < 2:
@@ -80,8 +80,11 @@ def one_of(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
     xyz = np.array([vertex.xyz for _, vertex in vertices])
     apart = np.linalg.norm(xyz[:, None] - xyz[None, :], axis=2)
     middle = int(np.argmin(np.median(apart, axis=1)))
+    near = apart[middle] <= _AGREE_M
+    if 2 * np.count_nonzero(near) <= len(near):
+        near[:] = True  # the board was moved, though nothing else differs
     rows: list[list[tuple[int, Vertex]]] = []
-    for k in np.flatnonzero(apart[middle] <= _AGREE_M):
+    for k in np.flatnonzero(near):
         if not rows or not _agree(rows[-1][0][1], vertices[k][1]):
             rows.append([])
         rows[-1].append(vertices[k])
@@ -96,9 +99,9 @@ def one_of(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
 
 def _agree(first: Vertex, other: Vertex) -> bool:
     """Whether two vertices differ by no more than the first one's errors, where it states any."""
-    if first.covariance is None:
-        return True
     off, place = np.array(other.xyz) - np.array(first.xyz), np.array([first.xyz])
+    if first.covariance is None:
+        return float(np.linalg.norm(off)) <= _AGREE_M
     covariance = to_xyz(np.array([first.covariance]), place)[0]
     return float(off @ np.linalg.solve(covariance, off)) <= _AGREE
 
