@@ -103,7 +103,8 @@ def _agree(first: Vertex, other: Vertex) -> bool:
     if first.covariance is None:
         return float(np.linalg.norm(off)) <= _AGREE_M
     covariance = to_xyz(np.array([first.covariance]), place)[0]
-    return float(off @ np.linalg.solve(covariance, off)) <= _AGREE
+    scaled: Floats = np.asarray(np.linalg.solve(covariance, off), np.float64)
+    return float(off @ scaled) <= _AGREE
 
 
 def _mean(home: Vertex, vertices: Sequence[Vertex]) -> Vertex:
