@@ -99,10 +99,10 @@ def one_of(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
 
 def _agree(first: Vertex, other: Vertex) -> bool:
     """Whether two vertices differ by no more than the first one's errors, where it states any."""
-    off, place = np.array(other.xyz) - np.array(first.xyz), np.array([first.xyz])
+    off = np.array(other.xyz) - np.array(first.xyz)
     if first.covariance is None:
         return float(np.linalg.norm(off)) <= _AGREE_M
-    covariance = to_xyz(np.array([first.covariance]), place)[0]
+    covariance = to_xyz(np.array([first.covariance]), np.array([first.xyz]))[0]
     scaled: Floats = np.asarray(np.linalg.solve(covariance, off), np.float64)
     return float(off @ scaled) <= _AGREE
 
