@@ -120,8 +120,8 @@ def _describe_members(document: str, schema: Json, words: Mapping[str, str]) -> 
     for name, member in schema.get("properties", {}).items():
         named = " ".join(sentence for sentence in sentences if f"``{name}``" in sentence)
         unit = _UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
-        known = words.get(f"{document}.{name}", words.get(name, ""))
-        member.setdefault("description", named or ", ".join(filter(None, (known, unit))))
+        line = words.get(f"{document}.{name}", words.get(name, ""))
+        member.setdefault("description", named or ", ".join(filter(None, (line, unit))))
 
 
 def example(schema: Json, schemas: Mapping[str, Json], name: str = "", inside: tuple[str, ...] = ()) -> Any:
@@ -139,22 +139,22 @@ def example(schema: Json, schemas: Mapping[str, Json], name: str = "", inside: t
     if "const" in schema or "enum" in schema:
         return schema.get("const", schema.get("enum", [None])[0])
     if choices := schema.get("anyOf", schema.get("oneOf")):
-        return example(next(one for one in choices if not _is_around(one, inside)), schemas, name, inside)
+        return example(next(choice for choice in choices if not _is_around(choice, inside)), schemas, name, inside)
     kind = schema.get("type")
     if kind == "object":
         members = schema.get("properties", {})
         required = schema.get("required", [])
         values = {
-            member: example(one, schemas, member, inside)
-            for member, one in members.items()
-            if member in required or one.get("examples") or not (_is_empty(one) or _is_around(one, inside))
+            member: example(of, schemas, member, inside)
+            for member, of in members.items()
+            if member in required or of.get("examples") or not (_is_empty(of) or _is_around(of, inside))
         }
         others = schema.get("additionalProperties")
         key = example(schema.get("propertyNames", {"type": "string"}), schemas, "camera", inside)
         return {key: example(others, schemas, name, inside)} if isinstance(others, dict) and not members else values
     if kind == "array":
         items = schema.get("prefixItems") or [schema.get("items", {})] * max(schema.get("minItems", 1), 1)
-        return [example(one, schemas, name, inside) for one in items]
+        return [example(item, schemas, name, inside) for item in items]
     if kind in ("number", "integer"):
         least = schema.get("minimum", schema.get("exclusiveMinimum", -1) + 1)
         return max(least, min(1, schema.get("maximum", 1))) if kind == "integer" else float(max(least, 0.5))
@@ -164,7 +164,7 @@ def example(schema: Json, schemas: Mapping[str, Json], name: str = "", inside: t
 
 
 def _is_empty(schema: Json) -> bool:
-    kinds = {schema.get("type"), *(one.get("type") for one in schema.get("anyOf", []))}
+    kinds = {schema.get("type"), *(choice.get("type") for choice in schema.get("anyOf", []))}
     return bool(kinds & {"null", "array", "object"})
 
 
