@@ -1,4 +1,5 @@
-# One image for every part of a fleet: the API, the workers, the sweep. What a container does is its command.
+# Two images: `serve` has what the API needs, `worker` what workers and the sweep need. What a container does is its
+# command. `docker build --build-arg PART=worker .`
 FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa184956261b4301ebaf6dbb0a3543d AS build
 RUN apt-get update && apt-get install --yes --no-install-recommends make && rm -rf /var/lib/apt/lists/*
 WORKDIR /src
@@ -12,10 +13,11 @@ COPY frontend frontend
 RUN make frontend && .venv/bin/uv build --wheel --no-build-isolation --python .venv/bin/python --out-dir /wheels
 
 FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa184956261b4301ebaf6dbb0a3543d
-COPY requirements/bootstrap.lock requirements/app.lock /tmp/requirements/
+ARG PART=serve
+COPY requirements/bootstrap.lock requirements/${PART}.lock /tmp/requirements/
 # Compiled here, for containers run on a file system that they cannot write.
 RUN python -m pip install --no-cache-dir --require-hashes -r /tmp/requirements/bootstrap.lock \
- && uv pip install --system --no-cache --compile-bytecode --require-hashes -r /tmp/requirements/app.lock
+ && uv pip install --system --no-cache --compile-bytecode --require-hashes -r /tmp/requirements/${PART}.lock
 LABEL org.opencontainers.image.licenses="Apache-2.0" org.opencontainers.image.authors="the apexcal authors"
 COPY LICENSE NOTICE /usr/share/doc/apexcal/
 COPY --from=build /wheels /tmp/wheels

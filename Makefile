@@ -114,8 +114,8 @@ frontend: $(STAMPS)/frontend  ## build the pages into service/web, and the repor
 
 lock: $(STAMPS)/uv  ## resolve the requirements again; the files hold hashes and no addresses
 	$(BIN)/uv pip compile $(LOCK_FLAGS) requirements/bootstrap.in -o requirements/bootstrap.lock
-	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra all -o requirements/app.lock
 	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra all --group dev -o requirements/dev.lock
+	for part in serve worker; do $(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra $$part -c requirements/dev.lock -o requirements/$$part.lock || exit 1; done
 	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra all --group bench -c requirements/dev.lock -o requirements/bench.lock
 LOCK_FLAGS := --universal --generate-hashes --python-version 3.11 --no-header --no-emit-index-url --quiet
 

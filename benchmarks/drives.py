@@ -1,7 +1,8 @@
 """`python -m benchmarks.drives`: what a sound mount scores on drives, and how often a knocked camera is noticed.
 
 Depth edges are looked at on simulated drives, lane markers on the real road where it is, else on a simulated one.
-DRIVES: how many (20); FRAMES: of each (30); SEED: of the first. One line of JSON.
+DRIVES: how many (20); FRAMES: of each (30); SEED: of the first. One line of JSON. ``CHECK=1`` counts what `apexcal
+check` says instead: on each drive of a sound mount, and of one turned by 0.1, 0.2 and 0.5 degrees about one axis.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from apexcal.documents.validations import AxisCheck
 from apexcal.geometry.se3 import to_document
 from tests.support.scenes.drive import draw_drive, record
 from tests.support.scenes.road import draw_road
@@ -40,8 +42,13 @@ MOUNTS = 10
 # What a good calibration with a known lens leaves of the mount's turn (SPEC: 0.02 degrees).
 LEFT_DEG = 0.02
 SIZE = (640, 400)
+AXES = ("pitch", "yaw", "roll")
+TURNS_DEG = (0.1, 0.2, 0.5)
+SOUND = "sound"
 _SHOWN = ("verdict", "yaw_deg", "pitch_deg", "sigma_yaw_deg", "sigma_pitch_deg")
 SENSORS_USED = ("os1-64", "hdl64", "os1-128", "alpha-prime")
+
+SENSORS_CHECKED = (*SENSORS_USED, "vlp16", "hdl32", "pandar40p", "vlp32c")
 
 
 class OnDrive(NamedTuple):
@@ -70,6 +77,53 @@ def summary(driven: Sequence[OnDrive]) -> dict[str, Any]:
         "knock_ms_per_frame": round(float(np.median([one.ms_per_frame for one in driven])), 1) if driven else None,
         "empty_unknown": _share([one.empty for one in driven], "unknown"),
     }
+
+
+def check_drive(seed: int, frames: int) -> dict[str, list[AxisCheck]]:
+    """What the check says of each axis, by the turn of the mount. Drives take turns among axes and sensors."""
+    random = np.random.default_rng([seed, 33])
+    camera = _camera(seed)
+    axis, sign = seed % 3, random.choice((-1.0, 1.0))
+    sensor = SENSORS[SENSORS_CHECKED[seed // 3 % len(SENSORS_CHECKED)]]
+    turns = {f"{AXES[axis]} {turn_deg}": sign * turn_deg * np.eye(3)[axis] for turn_deg in TURNS_DEG} | {
+        SOUND: np.zeros(3)
+    }
+    checks = {name: EdgeCheck(_known(camera, turn + random.normal(0.0, LEFT_DEG, 3))) for name, turn in turns.items()}
+    for sweep, image in record(draw_road(seed), draw_drive(seed), sensor, camera, seed, frames):
+        for check in checks.values():
+            check.add(sweep, image[..., 1].copy())
+    return {name: check.axes() for name, check in checks.items()}
+
+
+def check_summary(driven: Sequence[dict[str, list[AxisCheck]]]) -> dict[str, Any]:
+    """Of sound mounts: how many are accused, in all and by a stop, and on which axes a drive tells anything.
+
+    Of each turn: on how many drives any axis is accused, on how many its axis is told or that, and of how many.
+    """
+    sound = [drive[SOUND] for drive in driven]
+    figures: dict[str, Any] = {
+        "sound": len(sound),
+        "sound_accused": sum(map(_accuses, sound)),
+        "sound_stopped": sum(any(axis.verdict == "stop" for axis in axes) for axes in sound),
+        "sound_told": {
+            axis: sum(each.verdict != "not_told" for axes in sound for each in axes if each.axis == axis)
+            for axis in AXES
+        },
+    }
+    for axis in AXES:
+        for turn_deg in TURNS_DEG:
+            turned = [drive[f"{axis} {turn_deg}"] for drive in driven if f"{axis} {turn_deg}" in drive]
+            told = [axes for axes in turned if _accuses(axes) or _tells(axes, axis)]
+            figures[f"{axis} {turn_deg}"] = [sum(map(_accuses, told)), len(told), len(turned)]
+    return figures
+
+
+def _accuses(axes: list[AxisCheck]) -> bool:
+    return any(axis.verdict in ("look", "stop") for axis in axes)
+
+
+def _tells(axes: list[AxisCheck], name: str) -> bool:
+    return any(axis.axis == name and axis.verdict != "not_told" for axis in axes)
 
 
 def _share(verdicts: Sequence[str], wanted: str) -> float | None:
@@ -174,6 +228,10 @@ def main() -> None:
     drives, frames = int(os.environ.get("DRIVES", "20")), int(os.environ.get("FRAMES", "30"))
     seed = int(os.environ.get("SEED") or secrets.randbelow(10**9))
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+        if os.environ.get("CHECK"):
+            checked = list(pool.map(partial(check_drive, frames=frames), range(seed, seed + drives)))
+            print(json.dumps({"seed": seed, **check_summary(checked)}))
+            return
         verdicts = list(pool.map(partial(on_drive, frames=frames), range(seed, seed + drives)))
     print(json.dumps({"seed": seed, **lane_figures(), **summary(verdicts)}))
 

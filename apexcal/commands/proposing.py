@@ -68,24 +68,29 @@ def inspect_file(
     path: Path, reading: Mapping[str, Any], answers: RigAnswers, urdf: Path | None
 ) -> Inspection | Document:
     """Return what the child that reads uploads says of a recording: its inspection, or its error."""
+    rig = answers.model_dump(mode="json")
+    answer = read_file("workers.readers", path, os.devnull, reading, inspect=True, rig=rig, urdf=urdf)
+    return answer["error"] if "error" in answer else Inspection.model_validate(answer["inspection"])
+
+
+def read_file(
+    module: str,
+    path: Path,
+    out: Path | str,
+    reading: Mapping[str, Any],
+    **more: Any,
+) -> Document:
+    """Return the last line of a child that reads a recording: its outcome, or its ``error``."""
     options = dict(reading)
     topics = options.pop("topics", {})
-    request = {
-        "inspect": True,
-        "options": options,
-        "lidar": topics.get("lidar"),
-        "cameras": topics.get("cameras"),
-        "rig": answers.model_dump(mode="json"),
-        "urdf": urdf and str(urdf),
-    }
-    command = (sys.executable, "-m", "workers.readers", str(path), os.devnull, "--request", json.dumps(request))
+    request = {"options": options, "lidar": topics.get("lidar"), "cameras": topics.get("cameras")}
+    request |= {name: str(value) if isinstance(value, Path) else value for name, value in more.items()}
+    command = (sys.executable, "-m", module, str(path), str(out), "--request", json.dumps(request))
     child = subprocess.run(command, stdout=subprocess.PIPE, text=True)
     lines = [json.loads(line) for line in child.stdout.splitlines()]
-    if not lines or not {"inspection", "error"} & set(lines[-1]):
+    if not lines or not {"used", "error"} & set(lines[-1]):
         complain(f"the reader of {path} ended with the code {child.returncode}", "What it said stands above.")
-    if error := lines[-1].get("error"):
-        return error
-    return Inspection.model_validate(lines[-1]["inspection"])
+    return lines[-1]
 
 
 def refuse(error: Document, again: str) -> NoReturn:

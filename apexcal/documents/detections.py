@@ -83,9 +83,9 @@ class DetectionCounts(Document):
     ``paired`` vertices have a frame of at least one camera. ``frame_taken`` counts vertices without a frame because
     another vertex is nearer to it in time. ``refused_sweeps`` holds, by reason, the first and the last number of each
     run of sweeps that were rejected for it. ``poses``: how many still poses the recording has, each of which gives
-    one vertex at most; 0 for a walk. ``poses_stated``: its owner said so; otherwise it was noticed. ``poses_walked``:
-    its owner said so, but somebody walks in it. ``size`` is null where the near sweeps do not tell it. ``roll`` is
-    null if the detector does not tell it.
+    a vertex for every place at which the board stands in it; 0 for a walk. ``poses_stated``: its owner said so;
+    otherwise it was noticed. ``poses_walked``: its owner said so, but somebody walks in it. ``size`` is null where
+    the near sweeps do not tell it. ``roll`` is null if the detector does not tell it.
     """
 
     sweeps: int = 0

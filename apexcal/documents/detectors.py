@@ -39,7 +39,7 @@ _NO_POINTS = "no point of the sweep lies in the region"
 _STILL_POSES = {
     "nothing_differs": "all points in the region are at the same place in the other sweeps too: the board is outside "
     "of the region, or was not moved",
-    "same_pose": "another sweep of the same still pose carries the vertex: the mean of all sweeps of the pose",
+    "same_pose": "another sweep of the same still pose carries the vertex: the mean of those that agree with it",
 }
 
 DETECTORS: Final[dict[DetectorName, DetectorWords]] = {

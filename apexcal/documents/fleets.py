@@ -63,7 +63,7 @@ class VehicleOut(Sent):
 class Lidar(Received):
     """The rig's LiDAR: its frame, its topic where a recording has several, and its serial number where known."""
 
-    frame: Name
+    frame: Annotated[Name, Field(examples=["lidar"])]
     topic: Topic | None = None
     serial: Serial | None = None
 
@@ -100,7 +100,7 @@ class Camera(Received):
     frame: Name
     topic: Topic | None = None
     serial: Serial | None = None
-    image_size: tuple[Pixels, Pixels]
+    image_size: Annotated[tuple[Pixels, Pixels], Field(examples=[[1920, 1200]])]
     nominal: Transform
     joint: OwnedJoint | None = None
     images: Images | None = None

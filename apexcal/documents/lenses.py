@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
+from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
 from apexcal.documents.readings import ImageKind
 
 MODEL_OF: Final[dict[str, ModelName]] = {
@@ -53,3 +53,15 @@ def stated_deviation(model: ModelName, name: str, value: float, width: float) ->
         return _CENTRE_SIGMA * float(width)
     small = name == "skew" or name in CAMERA_MODELS[model].tangential
     return (_TANGENTIAL_SIGMA if small else _COEFFICIENT_SIGMA) + 0.1 * abs(value)
+
+
+def parameters_of(stated: Mapping[str, Any], model: ModelName) -> dict[str, float] | None:
+    """Every intrinsic parameter of a model as a ``StatedLens`` has it, or None where it has not that distortion."""
+    f_x, s, c_x, _, f_y, c_y = stated["K"][:6]
+    of: ModelName | None = stated["model"]
+    plain = model == "pinhole" and of == "brown_conrady" and not any(stated["D"])
+    if of is None or (not plain and model != of) or (s and "skew" not in INTRINSICS[model]):
+        return None
+    coefficients = dict(zip(CAMERA_MODELS[of].distortion, stated["D"], strict=True))
+    values: dict[str, float] = {"f_x": f_x, "f_y": f_y, "c_x": c_x, "c_y": c_y, "skew": s / f_x, **coefficients}
+    return {name: float(values[name]) for name in INTRINSICS[model]}

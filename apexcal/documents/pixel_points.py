@@ -48,7 +48,7 @@ class PixelPointsRequest(ValidationRequest):
     kind: Literal["pixel_points"]
     recording_id: UUID
     camera: Name
-    frame: Annotated[int, Field(ge=0, lt=2**31)] | None = None
+    frame: Annotated[Annotated[int, Field(ge=0, lt=2**31)] | None, Field(examples=[20])] = None
     stamp_ns: Annotated[int, Field(ge=0, lt=2**63)] | None = None
     pixels: Annotated[list[UncertainPixel], Field(min_length=1, max_length=MOST_PIXELS)]
     k: Annotated[float, Field(gt=0, le=10)] = 3.0

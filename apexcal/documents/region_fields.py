@@ -28,8 +28,8 @@ class Inequality(TypedDict):
 class BoxShape(TypedDict):
     """Two corners in metres; ``yaw_deg`` turns the box about its own upright axis, counter-clockwise from above."""
 
-    min: _Three
-    max: _Three
+    min: Annotated[_Three, Field(examples=[[9, -1, -2]])]
+    max: Annotated[_Three, Field(examples=[[10, 1, 1]])]
     yaw_deg: NotRequired[float]
 
 

@@ -40,7 +40,7 @@ class EulerAngles(Received):
 class Matrix(Received):
     """Three rows of three numbers."""
 
-    matrix: tuple[Vector, Vector, Vector]
+    matrix: Annotated[tuple[Vector, Vector, Vector], Field(examples=[[[0, -1, 0], [0, 0, -1], [1, 0, 0]]])]
 
     @model_validator(mode="after")
     def _is_a_rotation(self) -> Matrix:

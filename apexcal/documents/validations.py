@@ -16,6 +16,8 @@ from apexcal.documents.transforms import Transform
 SINGLE_PAIRS = ("u", "v", "residual_u", "residual_v", "is_wrong")
 DATA_BY_KIND: Final = {"pair_validation": "pairs", "lane_validation": "lanes", "edge_validation": "edges"}
 Verdict = Literal["agrees", "disagrees", "unknown"]
+TurnAxis = Literal["pitch", "yaw", "roll"]
+AxisVerdict = Literal["pass", "look", "stop", "not_told"]
 
 
 class GivenCalibration(Received):
@@ -138,3 +140,34 @@ class RoadValidationView(AnalysisView):
     kind: Literal["lane_validation", "edge_validation"]
     camera: str
     result: Stored[RoadScore | None]
+
+
+class AxisCheck(Document):
+    """What a drive says of one turn of a mount, about the camera's x (``pitch``), y (``yaw``) or z (``roll``).
+
+    ``turn_deg`` (+- ``sigma_deg``) is where its edges would lie best; null where this drive tells nothing.
+    """
+
+    axis: TurnAxis
+    verdict: AxisVerdict
+    sentence: str
+    turn_deg: float | None = None
+    sigma_deg: float | None = None
+
+
+class CameraCheck(Document):
+    """A camera as deployed, held against a drive. ``pictures`` are files: the LiDAR's depth edges in its frames."""
+
+    name: str
+    verdict: AxisVerdict
+    sentence: str
+    frames: int = 0
+    axes: list[AxisCheck] = []
+    pictures: list[str] = []
+
+
+class DriveCheck(Document):
+    """What a recording of a drive says of the calibration that is deployed with it."""
+
+    cameras: list[CameraCheck]
+    notes: list[str]

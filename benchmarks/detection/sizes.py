@@ -29,7 +29,7 @@ from workers.vertices.sweep_source import Listed
 _COUNTS: Final = (8, 16, 32)
 _POSES, _WALK_S, _POSE_NS = 36, 60.0, 5_000_000_000
 _CASES: Final = ("open", "right", "5 % wrong", "10 % wrong")
-_GROSS_M: Final = 0.1
+GROSS_M: Final = 0.1
 _FOUR_RINGS: Final = 4
 Floats = NDArray[np.float64]
 Row = tuple[str, int, int, bool, int, int, int, list[float], float, bool]
@@ -40,7 +40,7 @@ def run(seed: int, counts: Sequence[int] = _COUNTS, cases: Sequence[str] = _CASE
     deviations of the size, and whether the stated size is contradicted."""
     drawn = draw(seed)
     random = np.random.default_rng([seed, 77])
-    sweeps, apexes, rings = _poses(drawn, random)
+    sweeps, apexes, rings = poses_of(drawn, random)
     region, edges = Region.from_document(drawn.region()), np.array(drawn.board_m)
     rows: list[Row] = []
     for count in counts:
@@ -64,12 +64,12 @@ def run(seed: int, counts: Sequence[int] = _COUNTS, cases: Sequence[str] = _CASE
                     np.max(np.abs(np.array(answer.size.seen_m) - np.sort(edges)) / np.array(answer.size.sigma_m))
                 )
             contradicted = answer.size is not None and answer.size.contradicts
-            gross = sum(metres > _GROSS_M for metres in off)
+            gross = sum(metres > GROSS_M for metres in off)
             rows.append((case, seed, count, enough, len(chosen), len(off), gross, off, z, contradicted))
     return rows
 
 
-def _poses(drawn: DrawnScene, random: np.random.Generator) -> tuple[list[Sweep], Floats, NDArray[np.int64]]:
+def poses_of(drawn: DrawnScene, random: np.random.Generator) -> tuple[list[Sweep], Floats, NDArray[np.int64]]:
     """Sweeps at random moments of a walk in which two rings or more meet the board, their apexes and their rings."""
     walk, lidar = drawn.simulated(_WALK_S)
     sweeps: list[Sweep] = []

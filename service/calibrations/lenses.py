@@ -11,8 +11,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from apexcal.documents.bounds import LEAST_FOCAL_PX
-from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
-from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated, stated_deviation
+from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
+from apexcal.documents.lenses import (
+    MODEL_OF,
+    coefficients_of,
+    model_stated,
+    parameters_of,
+    stated_deviation,
+)
 from apexcal.documents.rules import LensUse
 from service.platform.db.base import Json
 from service.platform.db.fleets import RigCamera
@@ -110,7 +116,7 @@ class LensConstraints:
     def parameters(self) -> Json | None:
         """The lens itself, as ``stated_lens`` of the solver's document; None where no model here is it."""
         model: ModelName | None = self.stated["model"]
-        values = _values(self.stated, model) if model else None
+        values = parameters_of(self.stated, model) if model else None
         return values and {"model": model, **values}
 
 
@@ -169,7 +175,7 @@ def _known_of(stated: Json, model: ModelName, use_as: LensUse) -> Known | None:
     """
     if use_as == "bounds":
         return Known(bounds=_near_stated(stated))
-    values = None if use_as == "free" else _values(stated, model)
+    values = None if use_as == "free" else parameters_of(stated, model)
     if use_as == "locked":
         return None if values is None else Known(locked=values)
     if values is None:
@@ -193,17 +199,3 @@ def _near_stated(stated: Json) -> dict[str, list[float]]:
         "c_x": [c_x - across, c_x + across],
         "c_y": [c_y - down, c_y + down],
     }
-
-
-def _values(stated: Json, model: ModelName) -> dict[str, float] | None:
-    """Every intrinsic parameter of a model as stated, or None where it has not that distortion."""
-    f_x, s, c_x, _, f_y, c_y = stated["K"][:6]
-    of: ModelName = stated["model"]
-    coefficients = dict(zip(CAMERA_MODELS[of].distortion, stated["D"], strict=True)) if of else {}
-    plain = model == "pinhole" and stated["model"] == "brown_conrady" and not any(stated["D"])
-    if not plain and model != stated["model"]:
-        return None
-    values: dict[str, float] = {"f_x": f_x, "f_y": f_y, "c_x": c_x, "c_y": c_y, "skew": s / f_x, **coefficients}
-    if s and "skew" not in INTRINSICS[model]:
-        return None
-    return {name: float(values[name]) for name in INTRINSICS[model]}

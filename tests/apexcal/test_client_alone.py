@@ -4,56 +4,73 @@ import os
 import re
 import subprocess
 import sys
+import sysconfig
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Final
 from uuid import UUID
 
+import httpx
 import pytest
 from packaging.requirements import Requirement
 
 import apexcal
 from apexcal.cli import COMMANDS, UNREACHABLE
+from tests.support.processes import free_port, wait_until
 
 MOST_BYTES: Final = 30_000_000
 PROGRAMS: Final = {name: command.extra for name, command in COMMANDS.items() if command.extra}
 
 
-def _needed(name: str, found: set[str]) -> set[str]:
-    """A distribution and all that it requires without extras."""
+def _needed(name: str, extras: tuple[str, ...], found: set[str]) -> set[str]:
+    """A distribution and all that it requires with these extras, each with its own in brackets."""
     if name not in found:
         found.add(name)
-        for text in distribution(name).requires or ():
+        bare = name.partition("[")[0]
+        for text in distribution(bare).requires or ():
             requirement = Requirement(text)
-            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
-                _needed(requirement.name, found)
+            marker = requirement.marker
+            if marker is None or any(marker.evaluate({"extra": extra}) for extra in extras):
+                own = tuple(requirement.extras)
+                _needed(f"{requirement.name}[{','.join(own)}]", ("", *own), found)
     return found
 
 
-@pytest.fixture(scope="module")
-def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder that holds what the package requires, and of its own rooms `apexcal` alone."""
-    folder = tmp_path_factory.mktemp("client")
-    for name in _needed("apexcal", set()) - {"apexcal"}:
+def installed(folder: Path, *extras: str, rooms: tuple[str, ...] = ("apexcal",)) -> Path:
+    """A folder that holds what the package requires with these extras, and of its own these rooms alone."""
+    for name in {name.partition("[")[0] for name in _needed("apexcal", ("", *extras), set())} - {"apexcal"}:
         one = distribution(name)
         for top in {file.parts[0] for file in one.files or () if file.parts[0] not in ("..", "__pycache__")}:
             if not (folder / top).exists():
                 (folder / top).symlink_to(Path(str(one.locate_file(top))))
-    (folder / "apexcal").symlink_to(Path(apexcal.__file__).parent)
+    facts = next(Path(sysconfig.get_path("purelib")).glob("apexcal-*.dist-info"))
+    (folder / facts.name).symlink_to(facts)
+    for room in rooms:
+        (folder / room).symlink_to(Path(apexcal.__file__).parents[1] / room)
     return folder
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return installed(tmp_path_factory.mktemp("client"))
+
+
+def program(folder: Path, code: str, *words: str) -> tuple[str, ...]:
+    """Python's own library and that folder, and nothing else."""
+    code = f"import sys; sys.path.append({str(folder)!r}); {code}"
+    return (sys.executable, "-I", "-S", "-B", "-c", code, *words)
 
 
 def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run `apexcal` with nothing but that folder and Python's own library."""
-    code = f"import sys; sys.path.append({str(folder)!r}); from apexcal.cli import main; main()"
-    command = (sys.executable, "-I", "-S", "-B", "-c", code, *words)
+    command = program(folder, "from apexcal.cli import main; main()", *words)
     return subprocess.run(command, capture_output=True, text=True, timeout=120, env={"HOME": os.environ["HOME"]})
 
 
 def test_every_command_of_the_client_is_there(client: Path) -> None:
     loaded = "; ".join(f"import apexcal.commands.{command.module}" for command in COMMANDS.values())
-    code = f"import sys; sys.path.append({str(client)!r}); import apexcal.client; {loaded}"
-    done = subprocess.run((sys.executable, "-I", "-S", "-B", "-c", code), capture_output=True, text=True, timeout=120)
+    command = program(client, f"import apexcal.client; {loaded}")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     # Nobody listens there: the client gets as far as asking.
     asked = run(client, "export", "--url", "http://127.0.0.1:9", "--token", "apx_x", "--result", str(UUID(int=1)))
@@ -74,3 +91,45 @@ def test_the_client_is_light(client: Path) -> None:
         if file.is_file() and not re.search(r"\.pyc$", file.name)
     )
     assert taken < MOST_BYTES
+
+
+def test_the_api_starts_with_its_extra_alone(tmp_path: Path) -> None:
+    """What the API's image holds: no kernels, no SciPy, no video decoder. It migrates, starts and answers."""
+    (tmp_path / "serve").mkdir()
+    folder = installed(tmp_path / "serve", "serve", rooms=("apexcal", "service"))
+    assert not {"numba", "llvmlite", "scipy", "av", "workers"} & {path.name for path in folder.iterdir()}
+    settings = {"APEXCAL_DATA_DIR": str(tmp_path / "data"), "APEXCAL_BROKER_URL": "redis://127.0.0.1:9/0"}
+    env = {"HOME": os.environ["HOME"], **settings}
+    migrate = program(folder, "from service.platform.db.migrate import main; main([])")
+    subprocess.run(migrate, env=env, check=True, timeout=120)
+    port = free_port()
+    serve = program(
+        folder, "from uvicorn.main import main; main()", "service.app:create_app", "--factory", f"--port={port}"
+    )
+    child = subprocess.Popen(serve, env=env, stderr=subprocess.PIPE, text=True)
+    try:
+        wait_until(lambda: child.poll() is not None or _answers(port), "the API's start")
+        assert child.poll() is None, child.communicate()[1]
+        described = httpx.get(f"http://127.0.0.1:{port}/v1/openapi.json", timeout=30).json()
+        assert "vehicles.list" in {one["operationId"] for of in described["paths"].values() for one in of.values()}
+    finally:
+        child.terminate()
+        child.communicate(timeout=30)
+
+
+def test_a_worker_needs_its_extra_alone(tmp_path: Path) -> None:
+    folder = installed(tmp_path, "worker", rooms=("apexcal", "service", "workers"))
+    assert not {"fastapi", "uvicorn", "alembic"} & {path.name for path in folder.iterdir()}
+    root = Path(apexcal.__file__).parents[1]
+    files = (file.relative_to(root).with_suffix("") for file in (root / "workers").rglob("*.py"))
+    modules = [".".join(file.parts) for file in files if file.name not in ("__init__", "__main__")]
+    code = "import importlib; [importlib.import_module(name) for name in sys.argv[1:]]"
+    done = subprocess.run(program(folder, code, *modules), capture_output=True, text=True, timeout=170)
+    assert done.returncode == 0, done.stderr
+
+
+def _answers(port: int) -> bool:
+    try:
+        return httpx.get(f"http://127.0.0.1:{port}/healthz", timeout=5).status_code == 200
+    except httpx.TransportError:
+        return False

@@ -109,3 +109,12 @@ def test_no_vehicle_gets_an_old_calibration():
     answer = _answer("retrieval", SHORT="1")
     assert answer["publications"] > 0
     assert answer["stale_answers"] == 0
+
+
+def test_the_check_of_drives_accuses_the_turned_and_not_the_sound():
+    figures = _answer("drives", CHECK="1", DRIVES="12", FRAMES="12", SEED="9000")
+    assert (figures["sound"], figures["sound_accused"]) == (12, 0)
+    found, told, drives = (
+        sum(figures[f"{axis} 0.5"][column] for axis in ("pitch", "yaw", "roll")) for column in range(3)
+    )
+    assert drives == 12 and told >= 6 and found >= 0.9 * told

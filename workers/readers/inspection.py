@@ -46,10 +46,12 @@ def inspect_recording(
     options: ReadOptions | None = None,
     answers: RigAnswers | None = None,
     urdf: bytes | None = None,
+    transforms: Sequence[StaticTransform] | None = None,
 ) -> Inspection:
     """Inspect a file or folder. ``lidar``, ``cameras``: their topics, as :func:`choose_sensors` takes them.
 
-    ``answers``, ``urdf``: what a person and the vehicle's URDF say of its rig.
+    ``answers``, ``urdf``: what a person and the vehicle's URDF say of its rig. ``transforms``: instead of those that
+    the recording states.
 
     Raises:
         ReadError: it is no recording, is damaged, or its LiDAR or cameras are not clear.
@@ -60,7 +62,7 @@ def inspect_recording(
         chosen = choose_sensors(recording, lidar, cameras)
         times, delays = _times(recording, chosen)
         sensors = [_inspected(name, sensor, times[name], delays.get(name)) for name, sensor in chosen.items()]
-        transforms = recording.static_transforms
+        transforms = recording.static_transforms if transforms is None else transforms
         proposal = _proposal(recording, chosen, transforms, answers or RigAnswers.model_validate({}), urdf)
         faults = [
             *(fault for name, sensor in chosen.items() if sensor.kind == "camera" for fault in _lens(name, sensor)),
@@ -83,6 +85,19 @@ def inspect_recording(
         calibratable=[] if lidar_stops else [name for name in names if name not in stopped],
         proposal=proposal,
     )
+
+
+def static_transforms_of(path: Path) -> Sequence[StaticTransform]:
+    """The fixed transforms of a recording. Raises ReadError ``no_static_transforms`` if there are none."""
+    recording = open_recording(path, ReadOptions())
+    try:
+        transforms = recording.static_transforms
+    finally:
+        recording.close()
+    if not transforms:
+        hint = "Record /tf_static or /robot_description, or give a URDF."
+        raise ReadError("no_static_transforms", f"{path.name} states no fixed transforms.", hint)
+    return transforms
 
 
 def _proposal(

@@ -88,12 +88,14 @@ class Walk:
     Attributes:
         rolled_deg: how far the board is rolled on average, counter-clockwise as the LiDAR sees it.
         tilted_deg: how far the board leans on average, the upper end away from the LiDAR, beyond the usual 2 degrees.
+        turned_deg: how far board and person are turned from the LiDAR, counter-clockwise from above.
         body_behind_m: from the board to the axis of the torso.
         torso_m: radius of the torso with what is worn.
     """
 
     rolled_deg = 0.0
     tilted_deg = 0.0
+    turned_deg = 0.0
     body_behind_m = 0.22
     torso_m = TORSO_RADIUS_M
 
@@ -128,7 +130,7 @@ class Walk:
         apex_height = middle + share * self._raise(time_s) + self._bob(time_s)
         apex = np.column_stack([xy, self._ground_z + apex_height])
         # The walker faces the vehicle, though not quite when at the side.
-        yaw = 0.75 * np.arctan2(xy[:, 1], xy[:, 0]) + self._yaw(time_s)
+        yaw = 0.75 * np.arctan2(xy[:, 1], xy[:, 0]) + self._yaw(time_s) + np.deg2rad(self.turned_deg)
         zero = np.zeros_like(yaw)
         away = np.column_stack([np.cos(yaw), np.sin(yaw), zero])
         left = np.column_stack([-np.sin(yaw), np.cos(yaw), zero])

@@ -19,8 +19,9 @@ from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
 from workers.tasks.originals import lidar_key, open_lidar
-from workers.tasks.validating import check_image_size, seen_after_ns
+from workers.tasks.validating import check_image_size
 from workers.validation.calibration import KnownCalibration
+from workers.validation.drive_check import seen_after_ns
 from workers.validation.pixel_points import PixelPoint, RangeNoise, point_of_pixel
 
 # A sweep of the slowest sensor, 5 Hz (data sheets: 5 to 20 Hz): a moment farther from every sweep lies in a gap.

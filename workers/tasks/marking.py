@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
+from apexcal.documents.camera_models import ModelName
 from apexcal.documents.corners import CORNERS, TOP, CornerName
-from apexcal.documents.lenses import lens_of_images
+from apexcal.documents.lenses import lens_of_images, parameters_of
 from apexcal.documents.machine_marks import MOST_VERTICES, TILE_COLUMNS
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
@@ -155,10 +155,8 @@ def _stated_lens(session: Session, camera: Sensor) -> Lens | None:
     if not stated or not stated["model"] or (stated["width"], stated["height"]) != size:
         return None
     model: ModelName = stated["model"]
-    f_x, s, c_x, _, f_y, c_y = stated["K"][:6]
-    values = {"f_x": f_x, "f_y": f_y, "c_x": c_x, "c_y": c_y, "skew": s / f_x}
-    values |= dict(zip(CAMERA_MODELS[model].distortion, stated["D"], strict=True))
-    return Lens(model, np.array([values[name] for name in INTRINSICS[model]], np.float64))
+    values = parameters_of(stated, model)
+    return Lens(model, np.array(list(values.values()), np.float64)) if values else None
 
 
 def _sight(vertex: Vertex, frame: VertexFrame, roll: float) -> Sight:

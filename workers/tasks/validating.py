@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 from uuid import UUID
 
 import numpy as np
@@ -19,19 +19,15 @@ from service.platform.db.calibrations import CorrespondenceSet, Result
 from service.platform.db.recordings import CameraFrame, Sensor
 from service.platform.jobs.claims import Claim, Lease
 from workers.judge.validation_checks import elsewhere
-from workers.readers.images.decoded_frames import decoded_frames
-from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
 from workers.tasks.originals import lidar_key, open_lidar
 from workers.tasks.other_data import other_data
 from workers.validation.calibration import KnownCalibration
+from workers.validation.drive_check import DriveFrame, spread, watch
 from workers.validation.edge_check import EdgeCheck
 from workers.validation.lane_check import LaneCheck
 from workers.validation.pair_score import score_pairs
-
-# Frames of a recording that are looked at.
-_FRAMES: Final = 30
 
 
 def pair_validation(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
@@ -49,12 +45,12 @@ def pair_validation(context: Context, held: Claim, lease: Lease) -> Callable[[Se
 
 def lane_validation(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
     """Lane markers of a drive against its frames."""
-    return _check(context, held, lease, LaneCheck, colour=True)
+    return _check(context, held, lease, LaneCheck)
 
 
 def edge_validation(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
     """Depth edges of a drive against its frames."""
-    return _check(context, held, lease, EdgeCheck, colour=False)
+    return _check(context, held, lease, EdgeCheck)
 
 
 class _Drive(NamedTuple):
@@ -62,11 +58,11 @@ class _Drive(NamedTuple):
 
     lidar_key: str
     camera_key: str
-    frames: list[tuple[int, int, int]]
+    frames: list[DriveFrame]
 
 
 def _check(
-    context: Context, claim: Claim, lease: Lease, kind: type[LaneCheck | EdgeCheck], *, colour: bool
+    context: Context, claim: Claim, lease: Lease, kind: type[LaneCheck | EdgeCheck]
 ) -> Callable[[Session], None]:
     with context.database.reading() as session:
         row = session.get_one(Analysis, claim.subject_id)
@@ -74,14 +70,15 @@ def _check(
         drive = _drive(session, row, check.calibration)
     began = time.process_time()
     with context.scratch() as folder, open_lidar(context, drive.lidar_key, folder) as lidar:
-        camera = context.fetch(drive.camera_key, folder)
-        places = [(offset, length) for _, offset, length in drive.frames]
-        images = decoded_frames(camera, places, folder, colour=colour, widest=check.widest_px, must_stop=lease.check)
-        behind_ns = seen_after_ns(lidar, check.calibration)
-        for number, ((stamp_ns, *_), image) in enumerate(zip(drive.frames, images, strict=True)):
-            lease.report(number / len(drive.frames), "looking at frames")
-            if image is not None:
-                check.add(lidar.sweep(lidar.nearest(stamp_ns - behind_ns)), image)
+        watch(
+            check,
+            lidar,
+            context.fetch(drive.camera_key, folder),
+            drive.frames,
+            folder,
+            must_stop=lease.check,
+            on_share=lambda share: lease.report(share, "looking at frames"),
+        )
     result = check.result()
     return _writing(claim, result | {"seconds_per_frame": (time.process_time() - began) / max(result["frames"], 1)})
 
@@ -99,8 +96,7 @@ def _drive(session: Session, row: Analysis, calibration: KnownCalibration) -> _D
         select(CameraFrame).where(CameraFrame.sensor_id == camera.id).order_by(CameraFrame.index)
     ).all()
     wanted = check_image_size(camera, frames, calibration)
-    chosen = np.unique(np.linspace(0, len(wanted) - 1, _FRAMES).round().astype(int))
-    places = [(frame.stamp_ns, frame.offset, frame.length) for frame in (wanted[index] for index in chosen)]
+    places = spread([(frame.stamp_ns, frame.offset, frame.length) for frame in wanted])
     return _Drive(lidar_key(session, row.recording_id), camera.blob_key, places)
 
 
@@ -117,15 +113,6 @@ def check_image_size(
             "Give a calibration of this camera in this mode.",
         )
     return fitting
-
-
-def seen_after_ns(lidar: LidarFile, calibration: KnownCalibration) -> int:
-    """How long after a sweep's stamp the LiDAR measures what the camera sees."""
-    if not len(lidar):
-        raise ReadError("no_sweeps", "The recording holds no sweeps.", "Validate with another recording.")
-    sweep = lidar.sweep(len(lidar) // 2)
-    in_view = calibration.project(sweep.xyz.astype(np.float64))[1]
-    return int(np.median(sweep.offset_ns[in_view])) if in_view.any() else 0
 
 
 def _writing(

@@ -12,12 +12,22 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.validations import AxisCheck
 from workers.readers.recording import Sweep
 from workers.validation.calibration import KnownCalibration
 from workers.validation.depth_edges import depth_edges
 from workers.validation.edge_image import edge_image
-from workers.validation.offsets import MOST_GROUPS, ImageParts, curve_offsets, find_peak, look_up, total, turn_grid
-from workers.validation.road_verdict import ScoredDrive, judge
+from workers.validation.offsets import (
+    MOST_GROUPS,
+    ImageParts,
+    curve_offsets,
+    find_peak,
+    find_roll,
+    look_up,
+    total,
+    turn_grid,
+)
+from workers.validation.road_verdict import ScoredDrive, judge, judge_axes
 
 Floats = NDArray[np.float64]
 _ONE_DEGREE: Final = np.radians([[0.0, 1.0, 0, 0, 0, 0], [0.0, -1.0, 0, 0, 0, 0]])
@@ -87,6 +97,25 @@ class EdgeCheck:
         own = self.calibration.mount.apply(points)[:, 2]
         return own > _NEARER * nearest[cell(pixels)]
 
+    @property
+    def _watched(self) -> ScoredDrive:
+        score = total(*self._over_axes)
+        peak = find_peak(self._turns, *self._over_turns)
+        at_zero, at_one = float(score[-3]), float(score[-2:].max())
+        return ScoredDrive("depth edges", self._frames, self._parts, self._parts, at_zero, at_one, peak)
+
+    @property
+    def score(self) -> float:
+        """That of the calibration as it is."""
+        return self._watched.score
+
+    def axes(self) -> list[AxisCheck]:
+        """What the frames say of each turn of the mount."""
+        roll = np.array(self._curves[2]["at"])
+        rows = slice(2 * len(roll), 3 * len(roll))
+        groups = int(np.count_nonzero(self._over_turns[1].sum(axis=0)))
+        return judge_axes(self._watched, find_roll(roll, *self._over_axes[:, rows]), groups)
+
     def result(self) -> dict[str, Any]:
         """As the document of a road score says."""
         score = total(*self._over_axes)
@@ -94,7 +123,4 @@ class EdgeCheck:
         for curve in self._curves:
             curve["score"] = np.round(score[start : start + len(curve["at"])], 4).tolist()
             start += len(curve["at"])
-        at_zero, at_one = float(score[start]), float(score[start + 1 : start + 3].max())
-        peak = find_peak(self._turns, *self._over_turns)
-        watched = ScoredDrive("depth edges", self._frames, self._parts, self._parts, at_zero, at_one, peak)
-        return judge(watched) | {"chance": 1.0, "curves": self._curves}
+        return judge(self._watched) | {"chance": 1.0, "curves": self._curves}

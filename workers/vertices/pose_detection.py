@@ -1,4 +1,4 @@
-"""Any detector over still poses: before the backdrop, without a track, one vertex for each pose."""
+"""Any detector over still poses: before the backdrop, without a track, one vertex while a board stands still."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ Floats = NDArray[np.float64]
 _FEWEST_FIXED: Final = 8
 _FIXED_M: Final = 0.05  # who stands still sways by as much
 _NEARLY_ALL: Final = 0.9
-_AGREE_M: Final = 0.1  # sweeps of one pose that put the apex farther away saw something else
+_AGREE_M: Final = 0.1  # where most sweeps of a pose agree, those that put the apex farther away saw something else
+_AGREE: Final = 16.3  # chi-square of three: 99.9 % of the errors that a vertex states
 # A difference between few sweeps is uncertain. As many imagined ones do not differ, so that S is rather too small.
 _IMAGINED: Final = 4
 
@@ -36,7 +37,7 @@ def detect_poses(
     indices: range,
     on_sweep: OnSweep,
 ) -> Answers:
-    """One answer for each sweep of ``indices``; of a pose's sweeps one has the vertex, all others say so.
+    """One answer for each sweep of ``indices``; of a pose's sweeps that agree one has the vertex, the others say so.
 
     A pose that reaches beyond ``indices`` is looked at whole, so that its vertex is the same in every shard.
     """
@@ -68,9 +69,10 @@ def fixed_place(xyz: Floats) -> tuple[float, float, float] | None:
 
 
 def one_of(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
-    """The answers of one pose's sweeps with a single vertex in place of all that there are.
+    """Return the answers of a pose's sweeps with a single vertex for those in a row that agree within their errors.
 
-    It stands in the sweep nearest to the middle of those that saw it, and is their mean.
+    It stands in the middle one of them, and is their mean. Who sways out of these errors gets a vertex for each
+    place: sweeps may have images of their own.
     """
     vertices = [(number, vertex) for number, vertex in enumerate(outcomes) if isinstance(vertex, Vertex)]
     if len(vertices) < 2:
@@ -78,13 +80,31 @@ def one_of(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
     xyz = np.array([vertex.xyz for _, vertex in vertices])
     apart = np.linalg.norm(xyz[:, None] - xyz[None, :], axis=2)
     middle = int(np.argmin(np.median(apart, axis=1)))
-    agree = [vertices[k] for k in np.flatnonzero(apart[middle] <= _AGREE_M)]
-    home, vertex = agree[len(agree) // 2]
+    near = apart[middle] <= _AGREE_M
+    if 2 * np.count_nonzero(near) <= len(near):
+        near[:] = True  # the board was moved, though nothing else differs
+    rows: list[list[tuple[int, Vertex]]] = []
+    for k in np.flatnonzero(near):
+        if not rows or not _agree(rows[-1][0][1], vertices[k][1]):
+            rows.append([])
+        rows[-1].append(vertices[k])
     answers: list[Vertex | Rejection] = [
         Rejection("same_pose") if isinstance(answer, Vertex) else answer for answer in outcomes
     ]
-    answers[home] = _mean(vertex, [other for _, other in agree])
+    for row in rows:
+        home, vertex = row[len(row) // 2]
+        answers[home] = _mean(vertex, [other for _, other in row]) if len(row) > 1 else vertex
     return answers
+
+
+def _agree(first: Vertex, other: Vertex) -> bool:
+    """Whether two vertices differ by no more than the first one's errors, where it states any."""
+    off = np.array(other.xyz) - np.array(first.xyz)
+    if first.covariance is None:
+        return float(np.linalg.norm(off)) <= _AGREE_M
+    covariance = to_xyz(np.array([first.covariance]), np.array([first.xyz]))[0]
+    scaled: Floats = np.asarray(np.linalg.solve(covariance, off), np.float64)
+    return float(off @ scaled) <= _AGREE
 
 
 def _mean(home: Vertex, vertices: Sequence[Vertex]) -> Vertex:

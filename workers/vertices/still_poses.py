@@ -68,18 +68,18 @@ class StillPoses:
         return PoseFacts(self.count, self.stated, self.walked)
 
     def grouped(self, source: SweepSource, region: Region, on_sweep: Callable[[], None] | None = None) -> StillPoses:
-        """With neighbouring sweeps of one pose told from those of different poses."""
+        """Return the poses whose sweeps, one after the other, look like the first of them."""
         if self.single:
             return self
         first: list[int] = []
-        before: Sweep | None = None
+        before: Sweep | None = None  # the first one of the pose: a chain of small steps goes anywhere
         for number in range(len(source)):
             sweep = source.sweep(number)
             if on_sweep is not None:
                 on_sweep()
             together = before is not None and _same_pose(before, sweep, region, self.backdrop)
             first.append(first[-1] if together else number)
-            before = sweep
+            before = before if together else sweep
         return replace(self, first=tuple(first))
 
     def pose_of(self, index: int) -> range:

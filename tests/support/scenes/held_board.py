@@ -18,12 +18,13 @@ class BoardHold:
     """How a person holds the board.
 
     Attributes:
-        rolled_deg, tilted_deg, body_behind_m, torso_m: as those of :class:`Walk`.
+        rolled_deg, tilted_deg, turned_deg, body_behind_m, torso_m: as those of :class:`Walk`.
         hand_m: radius of the hands and sleeves at the board's lower edges; 0: they are behind it.
     """
 
     rolled_deg: float = 0.0
     tilted_deg: float = 0.0
+    turned_deg: float = 0.0
     body_behind_m: float = 0.22
     torso_m: float = TORSO_RADIUS_M
     hand_m: float = 0.0
@@ -37,7 +38,7 @@ class HeldWalk(Walk):
     ) -> None:
         super().__init__(seed, seconds, ground_z, **options)
         hold = hold or BoardHold()
-        self.rolled_deg, self.tilted_deg = hold.rolled_deg, hold.tilted_deg
+        self.rolled_deg, self.tilted_deg, self.turned_deg = hold.rolled_deg, hold.tilted_deg, hold.turned_deg
         self.body_behind_m, self.torso_m = hold.body_behind_m, hold.torso_m
         self._hand_m = hold.hand_m
         # Where along the lower edges each hand is, and how far before the board's plane its middle.

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.detection.holds import run
 from workers.vertices.refined.board_model import ROLLS, any_roll
 from workers.vertices.refined.holding import learn_roll
 from workers.vertices.refined.track import roll_prior
@@ -53,3 +54,17 @@ def test_sweeps_that_were_recorded_twice_tell_a_roll_nothing_new():
     next_one, twice = (roll_prior(seen(0), [seen(100_000_000)] * count, model) for count in (1, 2))
     assert 0.0 < next_one[0] < 0.1
     assert twice == next_one
+
+
+def test_no_mean_explains_two_ways_to_hold_a_board():
+    alike, apart = (learn_roll(boxes(np.radians([18.0, sign * 18.0] * 6), 0.02), GENERAL).stray for sign in (1, -1))
+    assert alike < 0.25 < 0.4 < apart
+
+
+@pytest.mark.parametrize("hold", ["hands", "rolled", "leaning", "turned"])
+def test_a_board_is_found_however_it_is_held(hold):
+    """Drawn poses: mirrored hands, rolled to both sides by 18 degrees, leaning by 35, turned by 60 to both sides."""
+    poses, off = run(950001, hold)
+    assert len(off) >= 0.85 * poses
+    assert np.count_nonzero(np.array(off) > 0.1) == 0
+    assert np.median(off) < 0.03

@@ -128,6 +128,14 @@ def test_a_sweep_that_disagrees_is_not_averaged_in():
     assert [answer.reason for answer in answers[2:]] == ["same_pose", "same_pose", "not_a_board"]
 
 
+def test_who_sways_out_of_the_errors_gets_a_vertex_for_each_place():
+    stated = tuple(tuple(row) for row in np.diag([0.001**2, 0.001**2, 0.005**2]).tolist())
+    sway = [0.0, 0.002, 0.001, 0.03, 0.032, 0.069]
+    answers = one_of([Vertex((5.0, y, 1.0), k, 3, k, 10, "refined", stated) for k, y in enumerate(sway)])
+    kept = [(k, answer.xyz[1]) for k, answer in enumerate(answers) if isinstance(answer, Vertex)]
+    assert kept == [(1, pytest.approx(0.001)), (4, pytest.approx(0.031)), (5, 0.069)]
+
+
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_drive_is_refused(seed):
     for still in (False, True):

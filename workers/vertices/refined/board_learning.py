@@ -30,6 +30,7 @@ _LEAST_M = 0.1
 _LEAST_GROWTH_RAD = 0.05e-3  # standard deviation, where the growth is stated
 _HOPELESS = -300.0
 _WIDE_ROLL = math.radians(12.0)  # the grid reaches 2.8 deviations: 34 degrees
+_MOST_STRAY = 0.3  # between a quarter, which may be no boards, and one half, the smaller one of two ways
 _INSETS_RAD = (0.25e-3 * np.arange(1, 21)).tolist()  # beams are up to 10 mrad wide
 _MOST_WRONG = 0.45  # from one half on, a return would speak for the other side of an edge
 
@@ -154,7 +155,8 @@ def _learn_roll(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     if not fixes:
         return replace(model, roll=any_roll(model.edges), swapped=wide.swapped)
     holding = learn_roll(np.array([fix.told for fix in fixes]), any_roll(model.edges))
-    return replace(model, roll=holding.roll, swapped=holding.swapped)
+    # Where each hand has an angle of its own, no mean is usual: each board's rays tell its roll.
+    return replace(model, roll=wide.roll if holding.stray > _MOST_STRAY else holding.roll, swapped=holding.swapped)
 
 
 def _any_way(model: BoardModel) -> BoardModel:

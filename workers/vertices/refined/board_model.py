@@ -35,8 +35,8 @@ _ROLL_SIGMA = math.radians(20.0) / 2.8
 # rolled by up to 20, so its edges are 12 degrees from upright. This is half way.
 _UPRIGHT = math.radians(8.0)
 _YAW_SIGMA = 0.6
-# Boards lean by slopes of up to 0.7 (real recordings). Turned by 59 degrees, a board shows half of its width.
-_MOST_YAW, _MOST_TILT = 2.8 * _YAW_SIGMA, 0.7
+# People show boards turned by up to 60 degrees and lean them by 35; planes are 5 degrees off at most.
+_MOST_YAW, _MOST_TILT = math.tan(math.radians(65.0)), math.tan(math.radians(40.0))
 _MOST = 0.5
 _HARDLY = 0.025  # two standard deviations on one side
 # Radians from `hang`: wider than any prior reaches, in steps that a person's spread of rolls covers several times.

@@ -48,12 +48,14 @@ class Holding:
         mean_sigma: radians, standard deviation of the mean of all rolls.
         swapped: share of the sweeps in which the second edge is the one to the lower left.
         evidence: log of the likelihood of all boards' rays, averaged over all rolls and ways to hold a board.
+        stray: share of the boards that no one mean explains, as where each hand holds them at its own angle.
     """
 
     roll: Pair
     mean_sigma: float
     swapped: float
     evidence: float
+    stray: float
 
 
 def learn_roll(grids: Floats, general: Pair) -> Holding:
@@ -82,7 +84,8 @@ def learn_roll(grids: Floats, general: Pair) -> Holding:
     roll = rolls.moments(of_rolls)
     sigma = math.sqrt(float(np.sum(of_rolls * (rolls.mean - roll[0]) ** 2)))
     evidence = total + float(np.sum(np.log(none)) + highest.sum())
-    return Holding(roll, sigma, float(weight.sum(axis=(0, 2)) @ _SWAPPED), evidence)
+    swapped, strays = float(weight.sum(axis=(0, 2)) @ _SWAPPED), float(weight.sum(axis=(1, 2)) @ _STRAY)
+    return Holding(roll, sigma, swapped, evidence, strays)
 
 
 @cache

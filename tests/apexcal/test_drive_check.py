@@ -1,0 +1,140 @@
+"""`apexcal check`: the calibration that a recording states, held against what it shows, without a service."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import apexcal
+from apexcal.documents.validations import DriveCheck
+from apexcal.geometry.rotations import rotation_from_vector
+from apexcal.geometry.se3 import SE3, from_document
+from tests.apexcal.test_cli import apexcal as run
+from tests.contract.test_validations import SIZE, bag_of_a_drive
+from tests.workers.validation.roads import camera
+from workers.readers.copying.copy_recording import copy_recording
+from workers.readers.detect import open_recording
+
+DATA = Path(__file__).parents[3] / "shared" / "data" / "vlp16-diamond-board"
+
+
+def deployed(bag: Path, out: Path, lens: dict[str, Any], T_camera_lidar: SE3, turn_deg=(0.0, 0.0, 0.0)) -> Path:
+    """A copy of a bag with CameraInfo and ``/tf_static`` of a calibration, turned about the camera's axes."""
+    recording = open_recording(bag)
+    sensors = {sensor.kind: sensor for sensor in recording.sensors}
+    recording.close()
+    frame = T_camera_lidar.to_frame
+    mount = SE3(frame, frame, rotation_from_vector(np.radians(turn_deg)), np.zeros(3)) @ T_camera_lidar
+    pose = mount.inverse()
+    edits = {
+        "lidar_frame": sensors["lidar"].frame_id,
+        "cameras": [
+            lens | {"name": "front", "topic": sensors["camera"].name, "frame_id": sensors["camera"].frame_id}
+        ],
+        "poses": [
+            {
+                "parent": sensors["lidar"].frame_id,
+                "child": sensors["camera"].frame_id,
+                "translation_m": pose.t.tolist(),
+                "quaternion_xyzw": list(pose.quaternion_xyzw),
+                "is_new": True,
+            }
+        ],
+    }
+    return out / copy_recording(bag, out, edits, lambda share: None)["file"]
+
+
+def checked(path: Path, *words: str) -> tuple[int, DriveCheck]:
+    done = run("check", str(path), "--json", *words)
+    assert done.stdout, done.stderr
+    return done.returncode, DriveCheck.model_validate(json.loads(done.stdout))
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory) -> Path:
+    return bag_of_a_drive(tmp_path_factory.mktemp("drive") / "drive.bag", frames=8)
+
+
+@pytest.fixture(scope="module")
+def lens() -> dict[str, Any]:
+    values = camera(*SIZE).intrinsics
+    K = [values.get(name, 0.0) for name in ("f_x", "s", "c_x", "zero", "f_y", "c_y")] + [0.0, 0.0, 1.0]
+    return {"width": SIZE[0], "height": SIZE[1], "distortion_model": "plumb_bob", "K": K, "D": [0.0] * 5}
+
+
+def test_a_sound_mount_passes_and_a_turned_one_is_stopped_at_its_axis(drive, lens, tmp_path) -> None:
+    mount = camera(*SIZE).T_camera_lidar
+    code, sound = checked(deployed(drive, tmp_path / "sound", lens, mount))
+    (front,) = sound.cameras
+    told = {axis.axis: axis.verdict for axis in front.axes}
+    # Eight frames need not tell the roll.
+    assert (code, front.verdict, told.pop("roll") in ("pass", "not_told")) == (0, "pass", True)
+    assert told == {"pitch": "pass", "yaw": "pass"}
+    folder = tmp_path / "sound" / "recording.bag.check"
+    assert [*map(folder.joinpath, front.pictures)] == sorted(folder.iterdir()) and len(front.pictures) == 3
+    code, turned = checked(
+        deployed(drive, tmp_path / "turned", lens, mount, (0.0, 0.5, 0.0)), "-o", str(tmp_path / "t")
+    )
+    (front,) = turned.cameras
+    (yaw,) = (axis for axis in front.axes if axis.verdict in ("look", "stop"))
+    assert (code, front.verdict, yaw.axis, yaw.verdict) == (4, "stop", "yaw", "stop")
+    assert yaw.turn_deg == pytest.approx(-0.5, abs=0.1)
+    # Beside each picture of the deployed mount one of the mount that fits.
+    assert len(front.pictures) == 6 and {path.name for path in (tmp_path / "t").iterdir()} == {*front.pictures}
+
+
+def test_the_mounts_may_come_from_another_file(drive, lens, tmp_path) -> None:
+    mount = camera(*SIZE).T_camera_lidar
+    turned = deployed(drive, tmp_path / "turned", lens, mount, (0.5, 0.0, 0.0))
+    sound = deployed(drive, tmp_path / "sound", lens, mount)
+    assert checked(turned, "--tf-from", str(sound))[0] == 0
+    urdf = tmp_path / "van.urdf"
+    pose = mount.inverse()
+    angles = " ".join(map(str, roll_pitch_yaw(pose.R)))
+    recording = open_recording(drive)
+    parent, child = (s.frame_id for s in sorted(recording.sensors, key=lambda s: s.kind, reverse=True))
+    recording.close()
+    urdf.write_text(
+        f'<robot name="van"><link name="{parent}"/><link name="{child}"/><joint name="j" type="fixed">'
+        f'<parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{" ".join(map(str, pose.t))}" rpy="{angles}"/></joint></robot>'
+    )
+    assert checked(turned, "--tf-from", str(urdf), "--force")[0] == 0
+    refused = run("check", str(turned), "--tf-from", str(drive), "--force")
+    assert refused.returncode == 2 and "no_static_transforms" in refused.stderr
+
+
+def roll_pitch_yaw(R) -> tuple[float, float, float]:
+    return (np.arctan2(R[2, 1], R[2, 2]), np.arcsin(-R[2, 0]), np.arctan2(R[1, 0], R[0, 0]))
+
+
+def test_what_the_recording_does_not_state_is_said(drive, lens, tmp_path) -> None:
+    code, bare = checked(drive, "-o", str(tmp_path / "bare"))
+    assert (code, bare.cameras[0].verdict) == (1, "not_told") and "mount is not stated" in bare.cameras[0].sentence
+    again = run("check", str(drive), "-o", str(Path(__file__).parent))
+    assert again.returncode == 2 and "holds files already" in again.stderr
+    small = lens | {"width": 64, "height": 48}
+    code, other = checked(deployed(drive, tmp_path / "small", small, camera(*SIZE).T_camera_lidar))
+    assert (code, other.cameras[0].verdict) == (4, "stop") and "64 x 48" in other.cameras[0].sentence
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="the real recordings are not here")
+def test_a_real_recording_gets_a_verdict_and_a_real_turn_is_found(tmp_path) -> None:
+    rows = list(csv.DictReader((DATA / "correspondences.csv").read_text().splitlines()))
+    points, marks = ([[float(row[name]) for name in names] for row in rows] for names in ("xyz", "uv"))
+    info = yaml.safe_load((DATA / "camera_info.yaml").read_text())
+    K, D = info["K"], info["D"]
+    fit = apexcal.fit(points, marks, (1920, 1208), "kannala_brandt", (np.reshape(K, (3, 3)), D))
+    mount = from_document(fit.transform.model_dump(mode="json"))
+    lens = {"width": 1920, "height": 1208, "distortion_model": "equidistant", "K": K, "D": D}
+    code, sound = checked(deployed(DATA / "recording.bag", tmp_path / "sound", lens, mount))
+    assert (code, sound.cameras[0].verdict, len(sound.cameras[0].pictures)) == (0, "pass", 3)
+    turned = deployed(DATA / "recording.bag", tmp_path / "turned", lens, mount, (0.0, 0.5, 0.0))
+    code, turned_check = checked(turned)
+    assert (code, turned_check.cameras[0].verdict) == (4, "stop")
