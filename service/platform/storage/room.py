@@ -20,47 +20,54 @@ class Room:
     def __init__(self, store: Store, reserve: int) -> None:
         self._store = store
         self._reserve = reserve
-        self._promised = 0
+        self.promised = 0
 
     @asynccontextmanager
     async def kept_for(self, size: int) -> AsyncIterator[Kept]:
         """Room for a part of ``size`` bytes until the block ends. Raises :class:`StoreFullError`.
 
-        What has come takes room on the disk itself, so a part counts with the next bytes alone: one that comes slowly
-        takes nothing from others.
+        It grows with what arrives, so that a part that trickles takes nothing from others. What came counts until the
+        end: nobody knows how much of it lies in buffers.
         """
-        ahead = min(size, _LOOK_EVERY)
-        self._promised += ahead
+        reservation = Kept(self, size)
         try:
-            free = await self.lacks()
+            free = await reservation.grow()
             if free is not None:
                 raise StoreFullError(free)
-            yield Kept(self)
+            yield reservation
         finally:
-            self._promised -= ahead
+            self.promised -= reservation.promised
 
     async def lacks(self) -> int | None:
-        """What is free, where that is too little for all parts' next bytes; None where there is enough."""
+        """What is free, where that is too little for all that is promised; None where there is enough."""
         # A disk that hangs must not hang the event loop.
         free = await asyncio.to_thread(self._store.free_bytes)
-        return free if free is not None and free - self._promised < self._reserve else None
+        return free if free is not None and free - self.promised < self._reserve else None
 
 
 class Kept:
     """The room of one part. ``lost`` is what the disk had free when it got too full while the bytes came."""
 
-    def __init__(self, room: Room) -> None:
+    def __init__(self, room: Room, size: int) -> None:
         self._room = room
+        self._size = size
+        self.promised = 0
         self.lost: int | None = None
+
+    async def grow(self) -> int | None:
+        """Promise the part its next bytes; what is free, where that is too little."""
+        more = min(_LOOK_EVERY, self._size - self.promised)
+        self.promised += more
+        self._room.promised += more
+        return await self._room.lacks()
 
     async def watch(self, chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
         """Pass the part's bytes on; end when the disk has no room for the next ones."""
-        since = 0
+        came = 0
         async for chunk in chunks:
             yield chunk
-            since += len(chunk)
-            if since >= _LOOK_EVERY:
-                since = 0
-                self.lost = await self._room.lacks()
+            came += len(chunk)
+            if came >= self.promised and self.promised < self._size:
+                self.lost = await self.grow()
                 if self.lost is not None:
                     return
