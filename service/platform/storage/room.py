@@ -20,29 +20,28 @@ class Room:
     def __init__(self, store: Store, reserve: int) -> None:
         self._store = store
         self._reserve = reserve
-        self.promised = 0
+        self._promised = 0
 
     @asynccontextmanager
     async def kept_for(self, size: int) -> AsyncIterator[Kept]:
-        """Room for a part of ``size`` bytes until the block ends. Raises :class:`StoreFullError`.
+        """Room for ``size`` bytes until the block ends. Raises :class:`StoreFullError`.
 
-        It grows with what arrives, so that a part that trickles takes nothing from others. What came counts until the
-        end: nobody knows how much of it lies in buffers.
+        A part counts whole until it has arrived: nobody knows how much of it lies in buffers.
         """
-        reservation = Kept(self, size)
+        self._promised += size
         try:
-            free = await reservation.grow()
+            free = await self.lacks(self._promised)
             if free is not None:
                 raise StoreFullError(free)
-            yield reservation
+            yield Kept(self, size)
         finally:
-            self.promised -= reservation.promised
+            self._promised -= size
 
-    async def lacks(self) -> int | None:
-        """What is free, where that is too little for all that is promised; None where there is enough."""
+    async def lacks(self, size: int) -> int | None:
+        """What is free, where that is too little for ``size`` bytes; None where there is enough."""
         # A disk that hangs must not hang the event loop.
         free = await asyncio.to_thread(self._store.free_bytes)
-        return free if free is not None and free - self.promised < self._reserve else None
+        return free if free is not None and free - size < self._reserve else None
 
 
 class Kept:
@@ -50,24 +49,18 @@ class Kept:
 
     def __init__(self, room: Room, size: int) -> None:
         self._room = room
-        self._size = size
-        self.promised = 0
+        self._to_come = size
         self.lost: int | None = None
 
-    async def grow(self) -> int | None:
-        """Promise the part its next bytes; what is free, where that is too little."""
-        more = min(_LOOK_EVERY, self._size - self.promised)
-        self.promised += more
-        self._room.promised += more
-        return await self._room.lacks()
-
     async def watch(self, chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
-        """Pass the part's bytes on; end when the disk has no room for the next ones."""
-        came = 0
+        """Pass the part's bytes on; end when the disk has no room for the rest."""
+        since = 0
         async for chunk in chunks:
             yield chunk
-            came += len(chunk)
-            if came >= self.promised and self.promised < self._size:
-                self.lost = await self.grow()
+            self._to_come = max(0, self._to_come - len(chunk))
+            since += len(chunk)
+            if since >= _LOOK_EVERY:
+                since = 0
+                self.lost = await self._room.lacks(self._to_come)
                 if self.lost is not None:
                     return
