@@ -24,43 +24,43 @@ class Room:
 
     @asynccontextmanager
     async def kept_for(self, size: int) -> AsyncIterator[Kept]:
-        """Room for a part of ``size`` bytes until the block ends. Raises :class:`StoreFullError`.
+        """Room for ``size`` bytes until the block ends. Raises :class:`StoreFullError`.
 
-        What has come takes room on the disk itself, so a part counts with the next bytes alone: one that comes slowly
-        takes nothing from others.
+        A part counts whole until it has arrived: nobody knows how much of it lies in buffers.
         """
-        ahead = min(size, _LOOK_EVERY)
-        self._promised += ahead
+        self._promised += size
         try:
-            free = await self.lacks()
+            free = await self.lacks(self._promised)
             if free is not None:
                 raise StoreFullError(free)
-            yield Kept(self)
+            yield Kept(self, size)
         finally:
-            self._promised -= ahead
+            self._promised -= size
 
-    async def lacks(self) -> int | None:
-        """What is free, where that is too little for all parts' next bytes; None where there is enough."""
+    async def lacks(self, size: int) -> int | None:
+        """What is free, where that is too little for ``size`` bytes; None where there is enough."""
         # A disk that hangs must not hang the event loop.
         free = await asyncio.to_thread(self._store.free_bytes)
-        return free if free is not None and free - self._promised < self._reserve else None
+        return free if free is not None and free - size < self._reserve else None
 
 
 class Kept:
     """The room of one part. ``lost`` is what the disk had free when it got too full while the bytes came."""
 
-    def __init__(self, room: Room) -> None:
+    def __init__(self, room: Room, size: int) -> None:
         self._room = room
+        self._to_come = size
         self.lost: int | None = None
 
     async def watch(self, chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
-        """Pass the part's bytes on; end when the disk has no room for the next ones."""
+        """Pass the part's bytes on; end when the disk has no room for the rest."""
         since = 0
         async for chunk in chunks:
             yield chunk
+            self._to_come = max(0, self._to_come - len(chunk))
             since += len(chunk)
             if since >= _LOOK_EVERY:
                 since = 0
-                self.lost = await self._room.lacks()
+                self.lost = await self._room.lacks(self._to_come)
                 if self.lost is not None:
                     return

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AsyncExitStack
 
 import httpx
 import pytest
@@ -67,15 +65,3 @@ def test_a_part_ends_where_another_fills_the_disk_meanwhile(served, engineer, re
         assert session.scalars(select(UploadPart)).all() == []
     filler.unlink()
     assert put_part(engineer, recording["id"], 1, b"y" * MB).status_code == 200
-
-
-def test_parts_that_trickle_take_nothing_from_others(api: Api) -> None:
-    """Together they announced three times the disk."""
-
-    async def begin() -> None:
-        async with AsyncExitStack() as stack:
-            for _ in range(5):
-                await stack.enter_async_context(api.app.state.room.kept_for(30 * MB))
-            await stack.enter_async_context(api.app.state.room.kept_for(MB))
-
-    asyncio.run(begin())
