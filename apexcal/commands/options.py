@@ -134,6 +134,6 @@ ModelsOption = Annotated[
         "--model",
         metavar="MODEL",
         callback=lambda names: names and [check_model(name) for name in names],
-        help=f"{', '.join(MODELS[:-1])} or {MODELS[-1]}; several times for several. Otherwise all three.",
+        help=f"{', '.join(MODELS[:-1])} or {MODELS[-1]}; several times for several. Otherwise the first three.",
     ),
 ]

@@ -64,7 +64,7 @@ def upload(
     """Upload a recording. Repeat the command to continue an interrupted upload.
 
     Formats: ROS 1 bag; ROS 2 bag (its folder, or the bare .db3 or .mcap); MCAP of Foxglove; .pcap or .pcapng of a
-    Velodyne or, with its metadata in one folder, an Ouster; folder, .zip or .tar of clouds (PCD, PLY, KITTI .bin,
+    Velodyne or, with its metadata in one folder, of an Ouster; folder, .zip or .tar of clouds (PCD, PLY, KITTI .bin,
     .npy, .csv) and images, or KITTI's raw layout; video (.mp4, .avi, .mkv) as the camera beside any of these. Sources
     that belong together go into one folder. A folder is sent as a tar that is never written anywhere.
     """

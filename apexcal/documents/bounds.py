@@ -24,7 +24,10 @@ _TABLE_1: Final[dict[str, Interval]] = {
     **dict.fromkeys(("t_x", "t_y", "t_z"), (-1.0, 1.0)),
     **dict.fromkeys(("f_x", "f_y", "c_x", "c_y"), (300.0, 900.0)),
 }
-_LENS: Final[dict[str, Interval]] = {"skew": SKEW_BOUNDS, **{f"k{order}": (-1.0, 1.0) for order in range(1, 6)}}
+_RADIAL: Final = tuple(f"k{order}" for order in range(1, 7))
+_LENS: Final[dict[str, Interval]] = {"skew": SKEW_BOUNDS, **dict.fromkeys((*_RADIAL, "p1", "p2"), (-1.0, 1.0))}
+# Factory calibrations of OAK-D W and Azure Kinect cameras have coefficients up to 5.4.
+_QUOTIENT: Final[Interval] = (-10.0, 10.0)
 
 
 def preset_bounds(
@@ -43,7 +46,8 @@ def preset_bounds(
     paper. The angles of the ``rotation_vector`` form are +-reach (radians) in both; those of the ``euler`` form
     are Table I's, or +-reach about the nominal's angles.
     """
-    bounds = _LENS | dict.fromkeys(("rotation_x", "rotation_y", "rotation_z"), (-reach, reach))
+    bounds = _LENS | (dict.fromkeys(_RADIAL, _QUOTIENT) if model == "rational_polynomial" else {})
+    bounds |= dict.fromkeys(("rotation_x", "rotation_y", "rotation_z"), (-reach, reach))
     if preset == "paper-table-1":
         bounds |= _TABLE_1
     else:

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field
 
 from apexcal.documents.base import Magnitude, Received, Sent, Stored
 from apexcal.documents.bounds import BoundsPreset
-from apexcal.documents.camera_models import MODELS, SearchForm
+from apexcal.documents.camera_models import DEFAULT_MODELS, SearchForm
 from apexcal.documents.jobs import ProblemView
 from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
 from apexcal.documents.schedules import LIMITS, PresetName
@@ -95,7 +95,7 @@ class CalibrationTemplate(Received):
     defaults to one derived from the request and the pairs: the same request gives the same bits.
     """
 
-    models: Annotated[list[str], Field(default_factory=lambda: list(MODELS), min_length=1, max_length=8)]
+    models: Annotated[list[str], Field(default_factory=lambda: list(DEFAULT_MODELS), min_length=1, max_length=8)]
     preset: PresetName = "default"
     schedule: ScheduleOverrides = ScheduleOverrides()
     search: SearchForm | None = None

@@ -8,9 +8,11 @@ from typing import Final, Literal, get_args
 
 from apexcal.documents.errors import DocumentError
 
-ModelName = Literal["pinhole", "brown_conrady", "kannala_brandt"]
+ModelName = Literal["pinhole", "brown_conrady", "kannala_brandt", "rational_polynomial"]
 SearchForm = Literal["rotation_vector", "euler"]
 MODELS: Final[tuple[ModelName, ...]] = get_args(ModelName)
+# Fitted and compared where a request names none; the other is for lenses that are known to need it.
+DEFAULT_MODELS: Final = MODELS[:3]
 SEARCH_FORMS: Final[tuple[SearchForm, ...]] = get_args(SearchForm)
 
 FOCAL_AND_CENTRE: Final = ("f_x", "f_y", "c_x", "c_y")
@@ -53,8 +55,8 @@ class CameraModel:
     ``intrinsics`` are the parameters behind the six extrinsic ones, in order: f and c in pixels, the others without
     unit. ``distortion`` are those of them that make up D, in OpenCV's order; ``tangential`` those of D that are
     tangential. ``stated_as`` are the distortion models of sensor_msgs/CameraInfo, camera_calibration, Foxglove and
-    Kalibr that are this one, in small letters. ``written_as`` is how exports name it; None where other programs
-    have no such model.
+    Kalibr that are this one, in small letters, where D has no further coefficients. ``written_as`` is how exports
+    name it; None where other programs have no such model.
     """
 
     intrinsics: tuple[str, ...]
@@ -88,6 +90,15 @@ CAMERA_MODELS: Final[dict[ModelName, CameraModel]] = {
         distortion=("k1", "k2", "k3", "k4"),
         stated_as=("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4"),
         written_as=WrittenAs("equidistant", "equidistant", "kannala_brandt", is_cv2_fisheye=True),
+    ),
+    # OpenCV's k1 k2 p1 p2 k3 k4 k5 k6.
+    "rational_polynomial": CameraModel(
+        (*FOCAL_AND_CENTRE, "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+        Cost(7000.0, 0.95, 950.0),
+        distortion=("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+        tangential=("p1", "p2"),
+        stated_as=("rational_polynomial",),
+        written_as=WrittenAs("rational_polynomial", "", "rational_polynomial"),
     ),
 }
 INTRINSICS: Final = {name: model.intrinsics for name, model in CAMERA_MODELS.items()}

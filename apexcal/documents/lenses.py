@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
+from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, MODELS, ModelName
 from apexcal.documents.readings import ImageKind
 
-MODEL_OF: Final[dict[str, ModelName]] = {
-    stated: name for name, model in CAMERA_MODELS.items() for stated in model.stated_as
-}
-"""Our camera model by the distortion model of a CameraInfo, of camera_calibration or of Kalibr."""
+STATED_MODELS: Final = sorted({stated for model in CAMERA_MODELS.values() for stated in model.stated_as if stated})
+"""The distortion models of a CameraInfo, of camera_calibration or of Kalibr that are one of ours."""
 
 # Standard deviations of a calibration that was made elsewhere: focal lengths as a share of themselves, the centre as
 # a share of the image's width, and of a coefficient so much and a tenth of itself. The five calibrations that KITTI
@@ -23,9 +21,26 @@ _COEFFICIENT_SIGMA: Final = 0.02
 _TANGENTIAL_SIGMA: Final = 0.002
 
 
-def model_stated(distortion_model: str) -> ModelName | None:
-    """Our camera model of a stated distortion model, however its letters are written; None where there is none."""
-    return MODEL_OF.get(distortion_model.strip().lower())
+class ModelOfLens(NamedTuple):
+    """Our camera model of a stated lens.
+
+    Attributes:
+        model: None where none has that name; the one with the most coefficients where none has so many.
+        D: as many coefficients as the model has, missing ones 0; None where it has too few.
+    """
+
+    model: ModelName | None
+    D: list[float] | None
+
+
+def model_of_lens(distortion_model: str, D: Sequence[float]) -> ModelOfLens:
+    """Our camera model of a stated distortion, however its letters are written: the first that holds all of D."""
+    name = distortion_model.strip().lower()
+    model: ModelName | None = None
+    for model in (model for model in MODELS if name in CAMERA_MODELS[model].stated_as):
+        if (coefficients := coefficients_of(model, D)) is not None:
+            return ModelOfLens(model, coefficients)
+    return ModelOfLens(model, None)
 
 
 def coefficients_of(model: ModelName, D: Sequence[float]) -> list[float] | None:

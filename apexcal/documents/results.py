@@ -127,6 +127,9 @@ class Intrinsics(Document):
     k3: float | None = None
     k4: float | None = None
     k5: float | None = None
+    k6: float | None = None
+    p1: float | None = None
+    p2: float | None = None
     image_size: list[int]
 
     def by_name(self) -> dict[str, float]:

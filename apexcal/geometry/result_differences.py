@@ -22,7 +22,7 @@ MOUNT: Final = (*TURNS, "t_x", "t_y", "t_z")
 _LENS: Final = ("f_x", "f_y", "c_x", "c_y")
 # A chi-square of 1 to 6 degrees of freedom exceeds these once in a thousand times.
 _ONCE_IN_A_THOUSAND: Final = (10.828, 13.816, 16.266, 18.467, 20.515, 22.458)
-_COEFFICIENTS: Final = ("skew", "k1", "k2", "k3", "k4", "k5")
+_COEFFICIENTS: Final = ("skew", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 
 
 def compared(

@@ -24,7 +24,8 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 from benchmarks.accuracy.error_bars import root_mean_square  # noqa: E402
 from benchmarks.accuracy.measures import OUTLIER_SHARES, measure  # noqa: E402
-from workers.geometry.models import MODELS, parse_model  # noqa: E402
+from workers.geometry.models import DEFAULT_MODELS as MODELS  # noqa: E402
+from workers.geometry.models import parse_model  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
 

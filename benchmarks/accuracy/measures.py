@@ -8,7 +8,8 @@ import numpy as np
 
 from benchmarks.accuracy.error_bars import error_bars, weighted_error_bars
 from benchmarks.accuracy.rigs import Rig, draw_rig, with_outliers
-from workers.geometry.models import MODELS, ModelName
+from workers.geometry.models import DEFAULT_MODELS as MODELS
+from workers.geometry.models import ModelName
 from workers.solver.baselines import baseline, linear_baseline
 from workers.solver.estimate import estimate
 from workers.solver.polish import Fit, cost_of, polish

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from apexcal.documents.camera_models import MODELS
+from apexcal.documents.camera_models import DEFAULT_MODELS as MODELS
 from benchmarks.coverage.calibrations import Seen
 from benchmarks.coverage.marks import Errors
 from workers.simulation.rig import SimulatedRig

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from apexcal.documents.calibrations import CalibrationView
-from apexcal.documents.camera_models import MODELS
+from apexcal.documents.camera_models import DEFAULT_MODELS as MODELS
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.summaries import CameraSummary
 from apexcal.transport import Document

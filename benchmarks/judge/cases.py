@@ -8,7 +8,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from apexcal.documents.camera_models import MODELS, ModelName
+from apexcal.documents.camera_models import DEFAULT_MODELS as MODELS
+from apexcal.documents.camera_models import ModelName
 from apexcal.documents.pairs import CLOCK_SIGMA
 from benchmarks.coverage.marks import Errors, columns
 from benchmarks.coverage.poses import still

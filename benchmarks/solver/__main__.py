@@ -27,7 +27,8 @@ from benchmarks.accuracy.rigs import PAIRS, PLAIN, draw_rig  # noqa: E402
 from benchmarks.solver.bare_evaluation import SlotTimes, time_slot  # noqa: E402
 from benchmarks.solver.contest import GENERATIONS, POPULATION, Contest, Peer  # noqa: E402
 from benchmarks.solver.target import WITHIN, evaluations_of_slot_to, optimum  # noqa: E402
-from workers.geometry.models import MODELS, ModelName, parse_model  # noqa: E402
+from workers.geometry.models import DEFAULT_MODELS as MODELS  # noqa: E402
+from workers.geometry.models import ModelName, parse_model  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
 

@@ -22,7 +22,7 @@ from benchmarks.worth.figures import draw  # noqa: E402
 from benchmarks.worth.methods import RIGHT_PX  # noqa: E402
 from benchmarks.worth.questions import QUESTIONS, Place, answer  # noqa: E402
 from benchmarks.worth.summary import curve  # noqa: E402
-from workers.geometry.models import MODELS  # noqa: E402
+from workers.geometry.models import DEFAULT_MODELS as MODELS  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
 

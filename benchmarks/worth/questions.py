@@ -19,7 +19,8 @@ from benchmarks.worth.walks import (
     remounted,
     walked,
 )
-from workers.geometry.models import MODELS, ModelName, parameter_names
+from workers.geometry.models import DEFAULT_MODELS as MODELS
+from workers.geometry.models import ModelName, parameter_names
 
 Floats = NDArray[np.float64]
 Marking = Callable[[Rig, float, np.random.Generator], Floats]

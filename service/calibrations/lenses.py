@@ -2,7 +2,7 @@
 
 A stated lens is ``{"model", "K" (9 numbers, rows), "D", "width", "height"}`` with the model by our name: the form in
 which a recording's CameraInfo is kept. Coefficients have OpenCV's order, which is that of our parameters:
-``brown_conrady`` k1 k2 p1 p2 k3, ``kannala_brandt`` k1 k2 k3 k4.
+``brown_conrady`` k1 k2 p1 p2 k3, ``kannala_brandt`` k1 k2 k3 k4, ``rational_polynomial`` k1 k2 p1 p2 k3 k4 k5 k6.
 """
 
 from __future__ import annotations
@@ -12,13 +12,7 @@ from dataclasses import dataclass, field
 
 from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
-from apexcal.documents.lenses import (
-    MODEL_OF,
-    coefficients_of,
-    model_stated,
-    parameters_of,
-    stated_deviation,
-)
+from apexcal.documents.lenses import STATED_MODELS, model_of_lens, parameters_of, stated_deviation
 from apexcal.documents.rules import LensUse
 from service.platform.db.base import Json
 from service.platform.db.fleets import RigCamera
@@ -45,25 +39,24 @@ def as_stated(camera: str, intrinsics: Json) -> Json:
         Problem: 422 ``unknown_distortion_model``, ``distortion_without_equal``, ``invalid_intrinsics``.
     """
     name = str(intrinsics["distortion_model"])
-    model = model_stated(name)
+    stated = [float(value) for value in intrinsics["D"]]
+    model, D = model_of_lens(name, stated)
     if model is None:
         raise Problem(
             422,
             "unknown_distortion_model",
             f"The intrinsics of {camera} are of the distortion model {name!r}, which is none here.",
-            f"Known are {', '.join(sorted(filter(None, MODEL_OF)))}. Leave the intrinsics out, or give their "
+            f"Known are {', '.join(STATED_MODELS)}. Leave the intrinsics out, or give their "
             "focal lengths and centre as bounds of the rig or the request.",
         )
-    stated = [float(value) for value in intrinsics["D"]]
-    D = coefficients_of(model, stated)
     if D is None:
         raise Problem(
             422,
             "distortion_without_equal",
             f"The intrinsics of {camera} have {len(stated)} coefficients ({name}), and {model} has "
             f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero, and no model here has them.",
-            "Calibrate the lens as plumb_bob (k1 k2 p1 p2 k3) or equidistant (k1 k2 k3 k4), or give focal lengths "
-            "and centre as bounds of the rig or the request.",
+            "Calibrate the lens as plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (k1 k2 p1 p2 k3 k4 k5 k6) or "
+            "equidistant (k1 k2 k3 k4), or give focal lengths and centre as bounds of the rig or the request.",
         )
     K = [float(value) for value in intrinsics["K"]]
     if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:

@@ -107,11 +107,18 @@ def resolve_template(body: CalibrationTemplate) -> ResolvedTemplate:
     bounds = check_names(body.bounds, "bounds", models, search)
     check_order(bounds)
     check_locks(locked, bounds)
+    stated = {camera: as_stated(camera, lens.model_dump()) for camera, lens in body.intrinsics.items()}
     lenses = {
-        camera: take_over(camera, as_stated(camera, lens.model_dump()), models, body.intrinsics_as)
-        for camera, lens in body.intrinsics.items()
+        camera: take_over(camera, lens, _with_own(body, models, lens), body.intrinsics_as)
+        for camera, lens in stated.items()
     }
     return ResolvedTemplate(body, models, search, schedule, bounds, locked, priors, lenses)
+
+
+def _with_own(body: CalibrationTemplate, models: list[ModelName], stated: Json) -> list[ModelName]:
+    """The models of a request, and that of the stated lens too where the request names none."""
+    own: ModelName | None = stated["model"]
+    return models if "models" in body.model_fields_set or own is None or own in models else [*models, own]
 
 
 def resolve_cameras(template: ResolvedTemplate, sources: Sequence[CameraPairs]) -> list[ResolvedCamera]:
@@ -139,7 +146,8 @@ def _camera(template: ResolvedTemplate, source: CameraPairs) -> ResolvedCamera:
     if lens is not None:
         check_size(lens.stated, camera, f"The intrinsics of {camera.name} are")
     elif source.stated is not None:
-        lens = take_over(camera.name, source.stated, template.models, template.request.intrinsics_as)
+        models = _with_own(template.request, template.models, source.stated)
+        lens = take_over(camera.name, source.stated, models, template.request.intrinsics_as)
     models = template.models if lens is None else list(lens.by_model)
     return ResolvedCamera(camera, source.pairs, lens, models)
 

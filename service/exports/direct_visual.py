@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import Files, Format, numbers
+from service.exports.format import WITHOUT_RATIONAL, Files, Format, numbers
 
 
 def _document(camera: CalibratedCamera) -> str:
@@ -31,6 +31,7 @@ FORMAT = Format(
     name="direct_visual",
     title="direct_visual_lidar_calibration",
     write=_files,
+    lenses=WITHOUT_RATIONAL,
     kind="zip",
     direction="T_lidar_camera maps the camera's points into the LiDAR",
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import Files, Format, yaml_list, yaml_number
+from service.exports.format import WITHOUT_RATIONAL, Files, Format, yaml_list, yaml_number
 
 
 def _extrinsics(camera: CalibratedCamera) -> str:
@@ -39,6 +39,7 @@ FORMAT = Format(
     name="fast_livo2",
     title="FAST-LIVO2",
     write=_files,
+    lenses=WITHOUT_RATIONAL,
     kind="zip",
     direction="Rcl, Pcl map LiDAR points into the folder's camera",
     third_radial=False,

@@ -49,6 +49,7 @@ RADIAL_TANGENTIAL: frozenset[ModelName] = frozenset(
     name for name, model in CAMERA_MODELS.items() if model.is_radial_tangential
 )
 KNOWN_ELSEWHERE: frozenset[ModelName] = frozenset(name for name, model in CAMERA_MODELS.items() if model.written_as)
+WITHOUT_RATIONAL: frozenset[ModelName] = KNOWN_ELSEWHERE - {"rational_polynomial"}
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from service.exports.calibrated import Calibrated, CalibratedCamera
-from service.exports.format import Files, Format, yaml_list
+from service.exports.format import WITHOUT_RATIONAL, Files, Format, yaml_list
 
 
 def _camera(index: int, camera: CalibratedCamera, before: CalibratedCamera | None) -> list[str]:
@@ -38,6 +38,7 @@ FORMAT = Format(
     name="kalibr",
     title="Kalibr",
     write=_files,
+    lenses=WITHOUT_RATIONAL,
     kind="yaml",
     direction="T_cn_cnm1 maps points of the camera before into this one; the LiDAR's mount is not in it",
     third_radial=False,

@@ -10,9 +10,10 @@ import json
 from functools import partial
 from typing import Any
 
+from apexcal.documents.camera_models import ModelName
 from apexcal.geometry.se3 import SE3
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import Files, Format, numbers
+from service.exports.format import KNOWN_ELSEWHERE, WITHOUT_RATIONAL, Files, Format, numbers
 
 Json = dict[str, Any]
 # raillabel takes no other name for the frame that all poses are stated in.
@@ -77,17 +78,18 @@ def _files(suffixes: tuple[str, str], calibrated: Calibrated) -> Files:
     return {f"{file_name(calibrated.vehicle)}.openlabel.json": json.dumps(document, indent=2) + "\n"}
 
 
-def _format(name: str, title: str, suffixes: tuple[str, str]) -> Format:
+def _format(name: str, title: str, suffixes: tuple[str, str], lenses: frozenset[ModelName]) -> Format:
     return Format(
         name=name,
         title=title,
         write=partial(_files, suffixes),
         kind="json",
+        lenses=lenses,
         direction="pose_wrt_parent is the sensor's pose in the base frame",
         skew=True,
         one_tree=True,
     )
 
 
-FORMAT = _format("openlabel", "ASAM OpenLABEL", ("", ""))
-VCD = _format("vcd", "ASAM OpenLABEL for VCD", ("_3x4", "_1xN"))
+FORMAT = _format("openlabel", "ASAM OpenLABEL", ("", ""), WITHOUT_RATIONAL)
+VCD = _format("vcd", "ASAM OpenLABEL for VCD", ("_3x4", "_1xN"), KNOWN_ELSEWHERE)

@@ -9,7 +9,7 @@ import numpy as np
 
 from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
-from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated
+from apexcal.documents.lenses import STATED_MODELS, model_of_lens
 from apexcal.geometry.se3 import SE3, Floats
 from service.imports.contents import FileLens, refused
 
@@ -36,16 +36,16 @@ def known_lens(camera: str, lens: FileLens, size: tuple[int, int] | None) -> Kno
     Raises:
         Problem: 422 ``calibration_file_not_read``.
     """
-    model = model_stated(lens.distortion_model)
+    model, D = model_of_lens(lens.distortion_model, lens.D)
     if model is None:
-        models = ", ".join(sorted(model for model in MODEL_OF if model))
+        models = ", ".join(STATED_MODELS)
         raise refused(f"The lens of {camera} is of the model {lens.distortion_model!r}.", f"Known are {models}.")
-    D = coefficients_of(model, lens.D)
     if D is None:
         raise refused(
             f"The lens of {camera} has {len(lens.D)} coefficients, and {model} has "
             f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero.",
-            "Calibrate it as plumb_bob (k1 k2 p1 p2 k3) or equidistant (k1 k2 k3 k4).",
+            "Calibrate it as plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (k1 k2 p1 p2 k3 k4 k5 k6) or "
+            "equidistant (k1 k2 k3 k4).",
         )
     K = lens.K
     if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
@@ -100,11 +100,12 @@ def _fold_share(lens: KnownLens) -> float:
         radius = angle * (1.0 + sum(k * angle ** (2 * index + 2) for index, k in enumerate(lens.D)))
         reached = _growing(radius)
     else:
-        k1, k2, _, _, k3 = lens.D or [0.0] * 5
+        k1, k2, _, _, k3, k4, k5, k6 = [*lens.D, *[0.0] * 8][:8]
         # A tangent of 20 is 87 degrees: what a radial polynomial says of wider angles is no measurement.
         tangent = np.linspace(0.0, 20.0, 10 * _STEPS)
         squared = tangent**2
-        reached = _growing(tangent * (1.0 + squared * (k1 + squared * (k2 + squared * k3))))
+        divisor = 1.0 + squared * (k4 + squared * (k5 + squared * k6))
+        reached = _growing(tangent * (1.0 + squared * (k1 + squared * (k2 + squared * k3))) / divisor)
     return reached / edge
 
 

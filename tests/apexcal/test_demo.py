@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from apexcal.documents.camera_models import MODELS
+from apexcal.documents.camera_models import DEFAULT_MODELS as MODELS
 from apexcal.documents.correspondence_sets import PairView
 from benchmarks.demo.__main__ import main
 from benchmarks.demo.real import find_data

@@ -17,7 +17,7 @@ import pytest
 from scipy import stats
 
 from apexcal.client import Client
-from apexcal.documents.camera_models import MODELS
+from apexcal.documents.camera_models import DEFAULT_MODELS as MODELS
 from apexcal.documents.simulation import SimulationOptions
 from apexcal.geometry.se3 import to_document
 from benchmarks.coverage.marks import Errors, columns

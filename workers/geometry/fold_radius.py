@@ -8,7 +8,11 @@ Other pieces are halved. So a fold and its undoing close behind are seen, unlike
 from math import isfinite
 from typing import Final
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
 
 _NONE: Final = 2.0
 _SHORTEST: Final = 1e-12
@@ -80,6 +84,48 @@ def _zero_between(p1: float, p2: float, p3: float, p4: float, low: float, high: 
         if (inside and abs(step) <= 1e-7 * x) or high - low <= 1e-16 * x:
             break
     return x
+
+
+@njit(nogil=True, error_model="numpy", fastmath=False)
+def first_zero_of(bernstein: Floats) -> float:
+    """The least x in (0, 1] at which a polynomial is no longer positive, to 1e-12; 2 if there is none.
+
+    ``bernstein`` (n + 1,) are its coefficients on [0, 1], the first one positive.
+    """
+    rest, start, share = bernstein.copy(), 0.0, 1.0
+    left, scratch = np.empty_like(rest), np.empty_like(rest)
+    while True:
+        _split(rest, share, left, scratch)
+        positive = 0
+        while positive < len(left) and left[positive] > 0.0:
+            positive += 1
+        width = share * (1.0 - start)
+        if positive == len(left):
+            if share == 1.0:
+                return _NONE
+            start += width
+            rest[:], share = scratch, 1.0
+        elif left[positive:].max() <= 0.0:
+            low, high = 0.0, 1.0
+            while (high - low) * width > _SHORTEST:
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if _split(left, middle, rest, scratch) > 0.0 else (low, middle)
+            return start + 0.5 * (low + high) * width
+        elif width < _SHORTEST:
+            return start
+        else:
+            share *= 0.5
+
+
+@njit(nogil=True, error_model="numpy", fastmath=False)
+def _split(bernstein: Floats, share: float, left: Floats, right: Floats) -> float:
+    # De Casteljau: coefficients of the first `share` of the interval and of its rest; the value between them.
+    right[:] = bernstein
+    for order in range(len(bernstein)):
+        left[order] = right[0]
+        for i in range(len(bernstein) - 1 - order):
+            right[i] = (1.0 - share) * right[i] + share * right[i + 1]
+    return left[-1]
 
 
 @njit(nogil=True, error_model="numpy", fastmath=False)

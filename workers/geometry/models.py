@@ -3,6 +3,7 @@
 from typing import Final
 
 from apexcal.documents.camera_models import (
+    DEFAULT_MODELS,
     EXTRINSICS,
     INTRINSICS,
     MODELS,
@@ -15,6 +16,7 @@ from apexcal.documents.camera_models import (
 )
 
 __all__ = [
+    "DEFAULT_MODELS",
     "EXTRINSICS",
     "FORM_ID",
     "INTRINSICS",

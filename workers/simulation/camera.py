@@ -30,6 +30,10 @@ LENSES: dict[ModelName, dict[str, float]] = {
         "f_x": 452.0, "f_y": 451.0, "c_x": 483.0, "c_y": 297.5,
         "k1": -0.025, "k2": 0.012, "k3": -0.009, "k4": 0.002,
     },
+    "rational_polynomial": {
+        "f_x": 431.0, "f_y": 429.6, "c_x": 484.3, "c_y": 296.2,
+        "k1": 0.4, "k2": 0.02, "p1": 0.0006, "p2": -0.0004, "k3": 0.0, "k4": 0.68, "k5": 0.11, "k6": 0.004,
+    },
 }  # fmt: skip
 
 # As in the paper: near the LiDAR. The camera's centre in the LiDAR frame, metres.

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.camera_models import CAMERA_MODELS
 from apexcal.documents.precision import PersonBias, SharedErrors
 from apexcal.documents.results import Outlier
 from apexcal.geometry.rotations import vector_from_rotation
@@ -191,8 +192,8 @@ _RADIAL: Final = {
     "pinhole": {},
     "brown_conrady": {"k1": 1, "k2": 2, "k5": 3},
     "kannala_brandt": {"k1": 1, "k2": 2, "k3": 3, "k4": 4},
+    "rational_polynomial": {"k1": 1, "k2": 2, "k3": 3, "k4": 1, "k5": 2, "k6": 3},
 }
-_TANGENTIAL: Final = {"brown_conrady": ("k3", "k4")}
 
 
 def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str, float]:
@@ -203,7 +204,7 @@ def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str
     """
     corner = _corner(problem, p)
     sigmas = {name: _radial(corner, order) for name, order in _RADIAL[problem.model].items()}
-    for name in _TANGENTIAL.get(problem.model, ()):
+    for name in CAMERA_MODELS[problem.model].tangential:
         sigmas[name] = _DECENTRED * corner * _radial(corner, 1)
     std = dict(zip(spread.names, spread.std.tolist(), strict=True))
     open_names = [name for name in sigmas if name in problem.unstated and name in std]

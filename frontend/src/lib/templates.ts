@@ -1,6 +1,6 @@
 /** What a calibration is asked to fit: as a form begins, and as people read it. */
 
-import { MODELS, type ModelName } from "./api/types.ts";
+import { DEFAULT_MODELS, type ModelName } from "./api/types.ts";
 import type { CalibrationTemplate } from "./api/schema.ts";
 import { counted, words } from "./format.ts";
 
@@ -33,7 +33,7 @@ export type TemplateDraft = { models: ModelName[] } & Required<
 >;
 
 export const newTemplate = (): TemplateDraft => ({
-  models: [...MODELS],
+  models: [...DEFAULT_MODELS],
   preset: "default",
   search: null,
   loss: null,

@@ -161,7 +161,7 @@ PLUMB_BOB = {
 
 def given(api, engineer, rig, use_as, models=("pinhole", "brown_conrady", "kannala_brandt"), **changed):
     """The answer to a request with a given lens, and the documents by model where it was accepted."""
-    request = {"models": list(models), "folds": 0, "intrinsics_as": use_as}
+    request = {"folds": 0, "intrinsics_as": use_as} | ({"models": list(models)} if models else {})
     lens = {name: value for name, value in changed.items() if name in PLUMB_BOB}
     rest = {name: value for name, value in changed.items() if name not in PLUMB_BOB}
     answer = ask(engineer, rig, add_set(engineer, rig), **request, **rest, intrinsics={"front": PLUMB_BOB | lens})
@@ -209,7 +209,7 @@ def test_a_given_lens_as_priors_and_as_bounds(api, engineer, rig):
     ("changed", "code", "says"),
     [
         ({"width": 1280}, "intrinsics_of_another_size", "1280 x 480 pixels, and its images have 640 x 480"),
-        ({"distortion_model": "rational_polynomial", "D": [0.1] * 8}, "distortion_without_equal", "8 coefficients"),
+        ({"distortion_model": "rational_polynomial", "D": [0.1] * 9}, "distortion_without_equal", "9 coefficients"),
         ({"distortion_model": "double_sphere"}, "unknown_distortion_model", "'double_sphere', which is none here"),
         ({"K": [0.0] * 9}, "invalid_intrinsics", "no camera matrix"),
         ({"K": [1e-310, 1.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]}, "invalid_intrinsics", "no camera matrix"),
@@ -226,6 +226,14 @@ def test_a_lens_that_cannot_be_taken_over_is_refused(api, engineer, rig, changed
     answer, made = given(api, engineer, rig, "locked", **changed)
     assert answer.get("code") == code and says in answer["detail"], answer
     assert made == {}
+
+
+def test_a_rational_lens_is_fitted_though_no_model_is_named(api, engineer, rig):
+    rational = {"distortion_model": "rational_polynomial", "D": [0.4, 0.02, 1e-4, -2e-4, 0.0, 0.7, 0.1, 0.004]}
+    _, made = given(api, engineer, rig, "locked", models=None, **rational)
+    assert set(made) == {"rational_polynomial"} and made["rational_polynomial"]["locked"]["k6"] == 0.004
+    answer, _ = given(api, engineer, rig, "locked", models=["pinhole"], **rational)
+    assert answer["code"] == "intrinsics_of_another_model" and "rational_polynomial" in answer["hint"]
 
 
 def test_rational_coefficients_that_are_zero_are_those_of_plumb_bob(api, engineer, rig):

@@ -67,7 +67,8 @@ def fisheye(points: np.ndarray, K: np.ndarray, D) -> np.ndarray:
 
 
 def by_camera_info(text: bytes, camera: CalibratedCamera) -> Projection:
-    """sensor_msgs/CameraInfo: K by rows; plumb_bob k1 k2 t1 t2 k3, equidistant k1 k2 k3 k4; P of rectified images."""
+    """sensor_msgs/CameraInfo: K by rows; plumb_bob k1 k2 t1 t2 k3, rational_polynomial with k4 k5 k6 behind them,
+    equidistant k1 k2 k3 k4; P of rectified images."""
     said = yaml.safe_load(text)
     K = np.array(said["camera_matrix"]["data"], np.float64).reshape(3, 3)
     D = np.array(said["distortion_coefficients"]["data"], np.float64)
@@ -76,7 +77,8 @@ def by_camera_info(text: bytes, camera: CalibratedCamera) -> Projection:
     P = np.array(said["projection_matrix"]["data"]).reshape(3, 4)
     assert (P[:, :3] == K).all() and (np.array(said["rectification_matrix"]["data"]).reshape(3, 3) == np.eye(3)).all()
     assert K[0, 1] == 0.0, "image_geometry takes four of the nine"
-    model = {"plumb_bob": (plumb_bob, 5), "equidistant": (fisheye, 4)}[said["distortion_model"]]
+    models = {"plumb_bob": (plumb_bob, 5), "rational_polynomial": (plumb_bob, 8), "equidistant": (fisheye, 4)}
+    model = models[said["distortion_model"]]
     assert len(D) == model[1] and (said["image_width"], said["image_height"]) == (camera.width, camera.height)
     return lambda points: model[0](points, K, D)
 

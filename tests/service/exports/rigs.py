@@ -18,6 +18,16 @@ LENSES = {
     "pinhole": {},
     "brown_conrady": {"skew": 0.0, "k1": -0.31, "k2": 0.11, "k3": 7e-5, "k4": -4.1e-4, "k5": -0.015},
     "kannala_brandt": {"k1": -0.013, "k2": 0.0041, "k3": -9e-6, "k4": 0.00003},
+    "rational_polynomial": {
+        "k1": 4.655,
+        "k2": 1.348,
+        "p1": 7e-5,
+        "p2": -4.1e-4,
+        "k3": 0.012,
+        "k4": 5.02,
+        "k5": 2.8,
+        "k6": 0.15,
+    },
 }
 # LiDAR axes (x forward, y left, z up) to optical ones (x right, y down, z forward).
 _LEVEL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from service.exports.calibrated import Calibrated, file_name
+from service.exports.format import WITHOUT_RATIONAL
 from service.exports.formats import FORMATS, export
 from service.platform.http.problems import Problem
 from tests.service.exports.readers import READERS, files_of
@@ -126,8 +127,9 @@ def test_the_page_about_exports_has_every_format_in_its_table():
         assert ("skew" in said and "no skew" not in said) == one.skew
         assert ("k5" in said) != one.third_radial
         assert ("none" in said) != one.carries_lens and (
-            ("all" in said) == (len(one.lenses) == 3 and one.carries_lens)
+            ("all" in said) == ({"brown_conrady", "kannala_brandt"} <= one.lenses and one.carries_lens)
         )
+        assert ("but `rational_polynomial`" in said) == (one.lenses == WITHOUT_RATIONAL)
 
 
 def test_rigs_that_contradict_each_other_and_names_that_fall_together_are_refused():

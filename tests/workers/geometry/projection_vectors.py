@@ -27,6 +27,10 @@ LENSES: list[dict[str, Any]] = [
     {"model": "kannala_brandt", **_FOCUS},
     {"model": "kannala_brandt", **_FOCUS, "k1": 0.03, "k2": -0.02, "k3": 4e-3, "k4": -6e-4},
     {"model": "kannala_brandt", **_FOCUS, "k1": -0.12},
+    # Coefficients of the size that a factory states of a wide stereo camera.
+    {"model": "rational_polynomial", **_FOCUS, "k1": 4.9, "k2": 1.4, "k4": 5.3, "k5": 2.9, "k6": 0.16, "p1": 2e-4},
+    # A divisor that ends within the image.
+    {"model": "rational_polynomial", **_FOCUS, "k1": 0.1, "k4": 0.2, "k5": -0.5, "k6": -0.4, "p2": -3e-4},
 ]
 # A camera that looks forward and a little down, beside the LiDAR.
 ANGLES_DEG = (91.5, -88.2, 0.7)

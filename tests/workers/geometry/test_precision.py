@@ -10,6 +10,7 @@ from workers.geometry.projection import project
 from workers.geometry.projections.brown_conrady import brown_conrady_fold, brown_conrady_point
 from workers.geometry.projections.kannala_brandt import kannala_brandt_fold, kannala_brandt_point
 from workers.geometry.projections.pinhole import pinhole_point
+from workers.geometry.projections.rational_polynomial import rational_polynomial_fold, rational_polynomial_point
 
 SIZE = np.array([1920.0, 1208.0])
 LENSES, POINTS = 200, 60
@@ -37,7 +38,9 @@ def test_double_precision_is_opencvs_over_the_whole_bounds(model):
             lens[4] = 0.0  # OpenCV knows no skew
         pixels, violation = project(model, lens, points)
         K = np.array([[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]])
-        if model == "kannala_brandt":
+        if model == "rational_polynomial":
+            theirs = cv2.projectPoints(points, none, none, K, lens[4:])[0]
+        elif model == "kannala_brandt":
             theirs = cv2.fisheye.projectPoints(points[:, None], none, none, K, lens[4:])[0]
         else:
             theirs = cv2.projectPoints(points, none, none, K, lens[5:] if model == "brown_conrady" else None)[0]
@@ -57,8 +60,12 @@ def _single(model_id, points, k, fold, out):
             out[i] = brown_conrady_point(
                 x, y, z, k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], fold
             )  # fmt: skip
-        else:
+        elif model_id == 2:
             out[i] = kannala_brandt_point(x, y, z, k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], fold)
+        else:
+            out[i] = rational_polynomial_point(
+                x, y, z, k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], k[10], k[11], fold
+            )  # fmt: skip
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -72,6 +79,8 @@ def test_single_precision_is_within_a_hundredth_of_a_pixel_inside_the_image(mode
             fold = brown_conrady_fold(lens[5], lens[6], lens[9])
         elif model == "kannala_brandt":
             fold = kannala_brandt_fold(*lens[4:])
+        elif model == "rational_polynomial":
+            fold = rational_polynomial_fold(*lens[[4, 5, 8, 9, 10, 11]])
         pixels, violation = project(model, lens, points)
         _single(MODELS.index(model), points.astype(np.float32), lens.astype(np.float32), np.float32(fold), out)
         # On the fold's very edge either may call it past.

@@ -10,6 +10,7 @@ from workers.geometry.polar_angle import polar_angle
 from workers.geometry.projection import distances_px, fold_angle, image_diagonal_px, project, violation_cost_px
 from workers.geometry.projections.brown_conrady import brown_conrady_fold
 from workers.geometry.projections.kannala_brandt import kannala_brandt_fold
+from workers.geometry.projections.rational_polynomial import rational_polynomial_fold
 from workers.geometry.projections.table import PROJECTIONS
 
 K = {"f_x": 700.0, "f_y": 710.0, "c_x": 640.0, "c_y": 360.0}
@@ -86,6 +87,21 @@ def test_folds_are_exact_also_where_they_come_and_go_at_once():
         assert brown_conrady_fold(*k) == np.inf
 
 
+def test_a_quotient_ends_where_it_stops_growing_or_its_divisor_ends():
+    rng = np.random.default_rng(0)
+    s = np.poly1d([1, 0])
+    for scale in (0.1, 1.0, 5.0):
+        for k in rng.uniform(-scale, scale, (200, 6)):
+            above, under = np.poly1d([*k[2::-1], 1]), np.poly1d([*k[:2:-1], 1])
+            growth = above * under + 2 * s * (above.deriv() * under - above * under.deriv())
+            roots = np.concatenate([growth.roots, under.roots])
+            real = roots.real[(np.abs(roots.imag) < 1e-8) & (roots.real > 1e-9)]
+            fold, least = rational_polynomial_fold(*k), real.min(initial=np.inf)
+            assert fold == pytest.approx(least, rel=1e-5) or min(fold, least) > 1e6
+    assert rational_polynomial_fold(0.3, 0.0, 0.1, 0.0, 0.0, 0.0) == np.inf
+    assert rational_polynomial_fold(0.0, 0.0, 0.0, -0.5, 0.0, 0.0) == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize("model", MODELS)
 def test_forbidden_projections_cost_more_than_the_diagonal_and_grow(model):
     lens = {**K, "k1": -0.3, "k2": 0.0}
@@ -140,6 +156,7 @@ LENSES = {
     "pinhole": [700, 710, 640, 360],
     "brown_conrady": [700, 710, 640, 360, 0.02, -0.2, 0.05, 0.001, -0.002, 0.01],
     "kannala_brandt": [700, 710, 640, 360, -0.05, -0.078, 0.096, -0.0515],
+    "rational_polynomial": [700, 710, 640, 360, 0.6, -0.3, 0.001, -0.002, 0.05, 0.9, -0.25, 0.02],
 }
 
 

@@ -25,6 +25,7 @@ DISTORTION = {
     "pinhole": [],
     "brown_conrady": [0.0, -0.15, 0.03, 0.0005, -0.0005, -0.002],
     "kannala_brandt": [-0.05, 0.01, -0.003, 0.0003],
+    "rational_polynomial": [0.4, 0.02, 0.0005, -0.0005, 0.0, 0.6, 0.1, 0.004],
 }
 REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board" / "correspondences.csv"
 

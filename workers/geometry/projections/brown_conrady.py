@@ -3,15 +3,14 @@
 Heikkila and Silven 1997; Bouguet; cv2.projectPoints, plus skew. (k1 k2 k3 k4 k5) are OpenCV's (k1 k2 p1 p2 k3).
 """
 
-from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
 from numba import njit
 
-from workers.geometry.fold_radius import first_zero, grown_radius
+from workers.geometry.fold_radius import first_zero
 from workers.geometry.linear_cameras import direct_linear_start
-from workers.geometry.projections.perspective import FARTHEST_SCALE, NEAREST_DEPTH_M, perspective_rows
+from workers.geometry.projections.perspective import FARTHEST_SCALE, NEAREST_DEPTH_M, jacobians_of, rays_of
 from workers.geometry.projections.record import FUSED, Floats, Projected, Projection, Scalar
 from workers.geometry.projections.single_precision import (
     VECTOR,
@@ -94,102 +93,12 @@ def _project_into(k: Floats, points: Floats, pixels: Floats, violation: Floats) 
         )  # fmt: skip
 
 
-@njit(nogil=True, error_model="numpy", cache=True)
-def _jacobians_into(k: Floats, points: Floats, by_point: Floats, by_intrinsics: Floats) -> None:
-    by_point[:] = 0.0
-    by_intrinsics[:] = 0.0
-    f_x, f_y = k[0], k[1]
-    skew, k1, k2, k3, k4, k5 = k[4], k[5], k[6], k[7], k[8], k[9]
-    for i in range(points.shape[0]):
-        depth = max(points[i, 2], NEAREST_DEPTH_M)
-        a, b = points[i, 0] / depth, points[i, 1] / depth
-        J = by_intrinsics[i]
-        r2 = a * a + b * b
-        d = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k5))
-        slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k5))
-        a_d = a * d + 2.0 * k3 * a * b + k4 * (r2 + 2.0 * a * a)
-        b_d = b * d + k3 * (r2 + 2.0 * b * b) + 2.0 * k4 * a * b
-        aa = d + a * a * slope + 2.0 * k3 * b + 6.0 * k4 * a
-        ab = a * b * slope + 2.0 * k3 * a + 2.0 * k4 * b
-        bb = d + b * b * slope + 6.0 * k3 * b + 2.0 * k4 * a
-        power = 1.0
-        for column in (5, 6, 9):
-            power *= r2
-            J[0, column] = f_x * (a + skew * b) * power
-            J[1, column] = f_y * b * power
-        J[0, 4] = f_x * b_d
-        J[0, 7] = f_x * (2.0 * a * b + skew * (r2 + 2.0 * b * b))
-        J[1, 7] = f_y * (r2 + 2.0 * b * b)
-        J[0, 8] = f_x * (r2 + 2.0 * a * a + skew * 2.0 * a * b)
-        J[1, 8] = f_y * 2.0 * a * b
-        perspective_rows(k, skew, (a, b, 1.0 / depth), (a_d, b_d), (aa, ab, bb), by_point[i], J)
-
-
-@njit(nogil=True, error_model="numpy", cache=True)
-def _rays_into(k: Floats, marks: Floats, rays: Floats) -> None:
-    # A hair inside the fold, where the projection is still one.
-    fold = sqrt(brown_conrady_fold(k[5], k[6], k[9])) * (1.0 - 1e-12)
-    for i in range(marks.shape[0]):
-        y = (marks[i, 1] - k[3]) / k[1]
-        x = (marks[i, 0] - k[2]) / k[0]
-        x, y = _undistorted(k, x - k[4] * y, y, fold)
-        norm = sqrt(1.0 + x * x + y * y)
-        rays[i, 0], rays[i, 1], rays[i, 2] = x / norm, y / norm, 1.0 / norm
-
-
-@njit(nogil=True, error_model="numpy")
-def _undistorted(k: Floats, x: float, y: float, fold: float) -> tuple[float, float]:
-    # The radial part alone gives a start; near the fold, where the tangential part bends most, nearer ones help.
-    wanted = hypot(x, y)
-    if wanted == 0.0:
-        return _newton(k, x, y, fold, 0.0, 0.0)[:2]
-    r = grown_radius(wanted, fold, k[5], k[6], k[9], 0.0) / wanted
-    best_a, best_b, error = _newton(k, x, y, fold, x * r, y * r)
-    for share in (0.8, 0.6, 0.4):
-        if error <= 1e-12 * (1.0 + wanted):
-            break
-        a, b, now = _newton(k, x, y, fold, x * r * share, y * r * share)
-        if now < error:
-            best_a, best_b, error = a, b, now
-    return best_a, best_b
-
-
-@njit(nogil=True, error_model="numpy")
-def _newton(k: Floats, x: float, y: float, fold: float, a: float, b: float) -> tuple[float, float, float]:
-    # Newton on the two equations of the distortion: (a, b) that distort to (x, y), and what is left of the error.
-    k1, k2, k3, k4, k5 = k[5], k[6], k[7], k[8], k[9]
-    error, best_a, best_b = np.inf, a, b
-    for _ in range(60):
-        r2 = a * a + b * b
-        d = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k5))
-        slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k5))
-        ea = a * d + 2.0 * k3 * a * b + k4 * (r2 + 2.0 * a * a) - x
-        eb = b * d + k3 * (r2 + 2.0 * b * b) + 2.0 * k4 * a * b - y
-        now = hypot(ea, eb)
-        if now >= error:
-            # No nearer: half way back to where it was, until that is rounding.
-            a, b = 0.5 * (a + best_a), 0.5 * (b + best_b)
-            if hypot(a - best_a, b - best_b) <= 1e-16 * (1.0 + hypot(a, b)):
-                break
-            continue
-        error, best_a, best_b = now, a, b
-        aa = d + a * a * slope + 2.0 * k3 * b + 6.0 * k4 * a
-        ab = a * b * slope + 2.0 * k3 * a + 2.0 * k4 * b
-        bb = d + b * b * slope + 6.0 * k3 * b + 2.0 * k4 * a
-        det = aa * bb - ab * ab
-        if error == 0.0 or det == 0.0:
-            break
-        a -= (bb * ea - ab * eb) / det
-        b -= (aa * eb - ab * ea) / det
-        # Never past the fold, where the formula goes on and means nothing.
-        r = hypot(a, b)
-        if r > fold:
-            a, b = a * fold / r, b * fold / r
-    return best_a, best_b, error
+def _fold_radius(k: Floats) -> float:
+    return float(np.sqrt(brown_conrady_fold(k[5], k[6], k[9])))
 
 
 def _fold_angle(k: Floats) -> float:
-    return float(np.arctan(np.sqrt(brown_conrady_fold(k[5], k[6], k[9]))))
+    return float(np.arctan(_fold_radius(k)))
 
 
 @njit(nogil=True, error_model="numpy", fastmath=VECTOR, cache=True)
@@ -229,8 +138,8 @@ def _total_distances_into(
 
 BROWN_CONRADY: Final = Projection(
     project_into=_project_into,
-    jacobians_into=_jacobians_into,
-    rays_into=_rays_into,
+    jacobians_into=jacobians_of(range(10)),
+    rays_into=rays_of(range(10), _fold_radius),
     fold_angle=_fold_angle,
     total_distances_into=_total_distances_into,
     linear_start=direct_linear_start(inlier_share=0.02),

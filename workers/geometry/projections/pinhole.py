@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from workers.geometry.linear_cameras import direct_linear_start
-from workers.geometry.projections.perspective import FARTHEST_SCALE, NEAREST_DEPTH_M, perspective_rows
+from workers.geometry.projections.perspective import FARTHEST_SCALE, NEAREST_DEPTH_M, jacobians_of
 from workers.geometry.projections.record import FUSED, Floats, Projected, Projection, Scalar
 from workers.geometry.projections.single_precision import (
     ONE,
@@ -42,16 +42,6 @@ def _project_into(k: Floats, points: Floats, pixels: Floats, violation: Floats) 
         pixels[i, 0], pixels[i, 1], violation[i] = pinhole_point(
             points[i, 0], points[i, 1], points[i, 2], k[0], k[1], k[2], k[3]
         )
-
-
-@njit(nogil=True, error_model="numpy", cache=True)
-def _jacobians_into(k: Floats, points: Floats, by_point: Floats, by_intrinsics: Floats) -> None:
-    by_point[:] = 0.0
-    by_intrinsics[:] = 0.0
-    for i in range(points.shape[0]):
-        depth = max(points[i, 2], NEAREST_DEPTH_M)
-        a, b = points[i, 0] / depth, points[i, 1] / depth
-        perspective_rows(k, 0.0, (a, b, 1.0 / depth), (a, b), (1.0, 0.0, 1.0), by_point[i], by_intrinsics[i])
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
@@ -114,7 +104,7 @@ def _total_distances_into(
 
 PINHOLE: Final = Projection(
     project_into=_project_into,
-    jacobians_into=_jacobians_into,
+    jacobians_into=jacobians_of(range(4)),
     rays_into=_rays_into,
     fold_angle=_fold_angle,
     total_distances_into=_total_distances_into,

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from apexcal.documents.lenses import coefficients_of, lens_of_images, model_stated
+from apexcal.documents.lenses import lens_of_images, model_of_lens
 from apexcal.documents.name_words import words
 from apexcal.documents.readings import ImageKind
 from workers.readers.ros.topic_messages import CameraInfo
@@ -31,14 +31,14 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
     """What is handed on of a camera's intrinsics; None where the camera was not calibrated or the numbers are none.
 
     ``D`` has as many coefficients as our model: five for ``brown_conrady`` (OpenCV's k1 k2 p1 p2 k3), four for
-    ``kannala_brandt``. A model with more that matter (rational, thin prism) has no equal here, and ``model`` is None.
+    ``kannala_brandt``, eight for ``rational_polynomial``. A model with more that matter (thin prism) has no equal
+    here, and ``model`` is None.
     """
     if len(info.k) != 9 or not all(math.isfinite(value) for value in (*info.k, *info.d)):
         return None
     if info.k[0] <= 0 or info.k[4] <= 0:
         return None
-    model = model_stated(info.distortion_model)
-    D = coefficients_of(model, info.d) if model else None
+    model, D = model_of_lens(info.distortion_model, info.d)
     is_rectifying = len(info.p) == 12 and all(map(math.isfinite, info.p)) and info.p[0] > 0 and info.p[5] > 0
     return {
         "model": model if D is not None else None,

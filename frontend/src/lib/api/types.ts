@@ -59,7 +59,9 @@ export type VerdictName = NewAnswer["verdict"];
 
 export type CalibrationSummary = Schemas["Summary"];
 /** The camera models, in the order in which people read them. */
-export const MODELS = ["pinhole", "brown_conrady", "kannala_brandt"] as const;
+export const MODELS = ["pinhole", "brown_conrady", "kannala_brandt", "rational_polynomial"] as const;
+/** Those that a form begins with. */
+export const DEFAULT_MODELS = MODELS.slice(0, 3);
 export type ModelName = (typeof MODELS)[number];
 
 export type Counts = Schemas["Counts"];

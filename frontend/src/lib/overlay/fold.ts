@@ -1,27 +1,26 @@
-/**
- * The first zero of 1 + p1 x + ... + p4 x^4 on (0, 1], where a lens polynomial stops growing; 2 if there is none.
- *
- * Bernstein coefficients isolate it: where all are positive there is none, and where they change sign once there is one
- * (Farouki and Rajan 1987; Descartes). Other pieces are halved.
- */
-export function firstZero(p1: number, p2: number, p3: number, p4: number): number {
-  const value = (x: number): number => 1 + x * (p1 + x * (p2 + x * (p3 + x * p4)));
-  const whole = [1, 1 + p1 / 4, 1 + p1 / 2 + p2 / 6, 1 + (3 * p1) / 4 + p2 / 2 + p3 / 4, value(1)];
-  return zeroWithin(value, whole, 0, 1) ?? NONE;
-}
-
 const NONE = 2;
 const SHORTEST = 1e-12;
 
-function zeroWithin(value: (x: number) => number, bernstein: number[], low: number, high: number): number | null {
-  const rest = bernstein.slice(1);
-  if (rest.every((one) => one > 0)) return null;
-  const negative = rest.findIndex((one) => one <= 0);
-  if (rest.slice(negative).every((one) => one <= 0)) return bisected(value, low, high);
+/**
+ * The first zero on (0, 1] of a polynomial with these Bernstein coefficients, the first one positive, where a lens stops
+ * growing; 2 if there is none.
+ *
+ * Where all are positive there is none, and where they change sign once there is one (Farouki and Rajan 1987;
+ * Descartes). Other pieces are halved.
+ */
+export function firstZero(bernstein: number[]): number {
+  return zeroWithin(bernstein, 0, 1) ?? NONE;
+}
+
+function zeroWithin(bernstein: number[], low: number, high: number): number | null {
+  const negative = bernstein.findIndex((one) => one <= 0);
+  if (negative < 0) return null;
   if (high - low < SHORTEST) return low;
   const middle = (low + high) / 2;
   const [left, right] = halves(bernstein);
-  return zeroWithin(value, left, low, middle) ?? zeroWithin(value, right, middle, high);
+  if (bernstein.slice(negative).some((one) => one > 0))
+    return zeroWithin(left, low, middle) ?? zeroWithin(right, middle, high);
+  return (right[0] ?? 0) > 0 ? zeroWithin(right, middle, high) : zeroWithin(left, low, middle);
 }
 
 /** De Casteljau: coefficients of both halves. */
@@ -33,13 +32,4 @@ function halves(bernstein: number[]): [number[], number[]] {
     right.unshift(row.at(-1) ?? 0);
   }
   return [left, right];
-}
-
-function bisected(value: (x: number) => number, low: number, high: number): number {
-  for (;;) {
-    const middle = (low + high) / 2;
-    if (middle <= low || middle >= high) return middle;
-    if (value(middle) > 0) low = middle;
-    else high = middle;
-  }
 }

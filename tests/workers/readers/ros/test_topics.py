@@ -80,7 +80,11 @@ def test_packets_of_a_driver_with_and_without_stamps(tmp_path, form):
         ({"model": "fisheye", "d": ()}, "kannala_brandt", [0.0] * 4),
         ({"model": "plumb_bob", "d": ()}, "brown_conrady", [0.0] * 5),
         ({"model": "rational_polynomial", "d": (0.1, 0, 0, 0, 0, 0, 0, 0)}, "brown_conrady", [0.1, 0, 0, 0, 0]),
-        ({"model": "rational_polynomial", "d": (0.1, 0, 0, 0, 0, 9, 0, 0)}, None, [0.1, 0, 0, 0, 0, 9, 0, 0]),
+        (
+            {"model": "rational_polynomial", "d": (0.1, 0, 0, 0, 0, 9, 0, 0)},
+            *("rational_polynomial", [0.1, 0, 0, 0, 0, 9, 0, 0]),
+        ),
+        ({"model": "rational_polynomial", "d": (0.1, *[0] * 7, 1e-3)}, None, [0.1, *[0] * 7, 1e-3]),
         ({"k": [0.0] * 9}, None, None),
     ],
 )

@@ -50,7 +50,7 @@ def distorted(calibration, points):
     none = np.zeros(3)
     if calibration.distortion_model == "kannala_brandt":
         return cv2.fisheye.projectPoints(points[:, None], none, none, K, D)[0].reshape(-1, 2)
-    assert calibration.distortion_model == "plumb_bob"
+    assert (calibration.distortion_model, len(D)) in (("plumb_bob", 5), ("rational_polynomial", 8))
     return cv2.projectPoints(points, none, none, K, D)[0].reshape(-1, 2)
 
 
