@@ -36,11 +36,11 @@ class ModelOfLens(NamedTuple):
 def model_of_lens(distortion_model: str, D: Sequence[float]) -> ModelOfLens:
     """Our camera model of a stated distortion, however its letters are written: the first that holds all of D."""
     name = distortion_model.strip().lower()
-    model: ModelName | None = None
-    for model in (model for model in MODELS if name in CAMERA_MODELS[model].stated_as):
+    named: list[ModelName] = [model for model in MODELS if name in CAMERA_MODELS[model].stated_as]
+    for model in named:
         if (coefficients := coefficients_of(model, D)) is not None:
             return ModelOfLens(model, coefficients)
-    return ModelOfLens(model, None)
+    return ModelOfLens(named[-1] if named else None, None)
 
 
 def coefficients_of(model: ModelName, D: Sequence[float]) -> list[float] | None:

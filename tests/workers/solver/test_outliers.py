@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.workers.solver.rigs import PLAIN, real_correspondences, real_problem, simulated
-from workers.geometry.models import MODELS
+from workers.geometry.models import DEFAULT_MODELS
 from workers.solver import polish as polishing
 from workers.solver.estimate import estimate
 from workers.solver.outcomes import Outcome
@@ -12,7 +12,7 @@ from workers.solver.outliers import judge, leverage, without
 from workers.solver.polish import polish
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", DEFAULT_MODELS)
 def test_gross_outliers_are_named_and_good_pairs_are_not(model):
     problem, truth = simulated(model, 60, **PLAIN)
     rng = np.random.default_rng(0)

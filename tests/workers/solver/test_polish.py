@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.workers.solver.rigs import PLAIN, residual_pairs, simulated
-from workers.geometry.models import MODELS, SEARCH_FORMS
+from workers.geometry.models import DEFAULT_MODELS, MODELS, SEARCH_FORMS
 from workers.solver.baselines import baseline
 from workers.solver.outliers import judge
 from workers.solver.polish import (
@@ -57,7 +57,7 @@ def test_polish_is_stationary_and_below_the_truth(model):
     assert cosines.max() < 1e-4
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", DEFAULT_MODELS)
 def test_plain_baseline_reaches_the_optimum_of_a_roughly_known_mount(model):
     for seed in range(4):
         problem, truth = simulated(model, seed)
@@ -65,7 +65,7 @@ def test_plain_baseline_reaches_the_optimum_of_a_roughly_known_mount(model):
 
 
 @pytest.mark.parametrize("loss", ["mean", "saturating"])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", DEFAULT_MODELS)
 def test_a_fit_of_most_pairs_refines_to_the_minimum_of_all(model, loss):
     problem, truth = simulated(model, 7, loss=loss, outliers="keep")
     most = replace(problem, weights=np.where(np.arange(len(problem.points)) % 5, 1.0, 0.0))
@@ -110,7 +110,7 @@ def test_locks_and_priors_hold():
     assert polish(locked, truth).parameters[6] == 700.0
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", DEFAULT_MODELS)
 def test_with_most_marks_wrong_a_right_start_is_kept_and_the_wrong_are_named(model):
     spoiled, truth, bad = most_marks_wrong(model)
     right = polish(without_pairs(spoiled, bad), truth)

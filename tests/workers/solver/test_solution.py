@@ -12,7 +12,7 @@ from tests.workers.solver.rigs import (
     real_problem,
     simulated,
 )
-from workers.geometry.models import INTRINSICS, MODELS, SEARCH_FORMS
+from workers.geometry.models import DEFAULT_MODELS, INTRINSICS, SEARCH_FORMS
 from workers.solver.outcomes import SolveError
 from workers.solver.polish import polish
 from workers.solver.schedule import run_schedule, start
@@ -25,7 +25,7 @@ def solve(problem):
     return json.loads(json.dumps(solution, allow_nan=False))
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", DEFAULT_MODELS)
 def test_search_and_polish_reach_the_optimum_from_the_truth(model):
     for seed in range(3):
         problem, truth = simulated(model, seed + 40)

@@ -8,7 +8,7 @@ import pytest
 from apexcal.documents.errors import DocumentError
 from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simulated
-from workers.geometry.models import MODELS
+from workers.geometry.models import DEFAULT_MODELS
 from workers.geometry.spherical import axes
 from workers.solver.covariances import SIGMAS, Covariances, covariances_of
 from workers.solver.outcomes import SolveError
@@ -47,7 +47,7 @@ def scores(model, seeds):
     return np.sqrt(np.mean(np.reshape(squares, (-1, 2)), axis=0)), np.mean(np.reshape(held, (-1, 2)), axis=0)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", DEFAULT_MODELS)
 def test_weights_reach_the_information_bound_where_equal_ones_do_not(model):
     (weighted, equal), (held, _) = scores(model, range(24))
     assert weighted < 1.2

@@ -82,8 +82,13 @@ function cubic([k1, k2, k3]: Three, s: number): number {
 function foldOfDivided(n: Three, m: Three): number {
   if (n.every((one) => one >= 0) && m.every((one) => one === 0)) return Infinity;
   // r^2 = x / (1 - x) maps all radii onto (0, 1); times (1 - x)^6 the derivative has these Bernstein coefficients.
-  const growth = [0, 0, 0, 0, 0, 0, 0];
-  [1, ...n].forEach((one, i) => [1, ...m].forEach((other, j) => (growth[i + j]! += (1 + 2 * (i - j)) * one * other)));
+  const [above, below] = [
+    [1, ...n],
+    [1, ...m],
+  ];
+  const growth = [0, 1, 2, 3, 4, 5, 6].map((order) =>
+    above.reduce((sum, one, i) => sum + (1 + 2 * (2 * i - order)) * one * (below[order - i] ?? 0), 0),
+  );
   const whole = growth.map((one, order) => one / ([1, 6, 15, 20, 15, 6, 1][order] ?? 1));
   const x = Math.min(firstZero(whole), firstZero([1, m[0] / 3, m[1] / 3, m[2]]));
   return x < 1 ? x / (1 - x) : Infinity;
