@@ -9,6 +9,7 @@ _SLEEPS = ("sleep", "wait_for_timeout")
 PACES = {
     "e2e/screenshots.py": "for people who look at the pictures",
     "e2e/test_marking.py": "a person's second for each mark; and a loop that looks again",
+    "e2e/test_marking_beside.py": "between two taps, which would be a double tap otherwise",
     "e2e/test_marks_kept.py": "a loop that looks again, as often as a minute takes",
     "e2e/test_speed.py": "a person's second for each mark",
     "e2e/test_workspace.py": "a loop that looks again, as often as half a minute takes",
