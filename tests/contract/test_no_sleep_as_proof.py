@@ -16,7 +16,6 @@ PACES = {
     "faults/test_nothing_is_lost.py": "how long the broker stays away",
     "faults/campaign/campaign.py": "when a disturbance begins",
     "integration/fleet.py": "between two looks of a caller's loop",
-    "operations/balancer.py": "how often it looks at its processes",
     "service/platform/http/test_connections.py": "between two pieces of what is endless",
     "service/test_app.py": "how far the service has come when it is stopped",
 }
