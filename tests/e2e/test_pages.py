@@ -40,6 +40,20 @@ def test_a_link_signs_in_once_and_only_by_its_button(browser: Browser, track: Tr
     context.close()
 
 
+def test_people_read_the_api_without_signing_in(browser: Browser, track: Track) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(f"{track.url}/reference")
+    page.get_by_label("Search").fill("rigs.create")
+    page.get_by_text("POST /v1/vehicles/{id}/rigs").click()
+    group = page.get_by_role("region", name="fleets")
+    expect(group).to_contain_text("Describe what a vehicle carries: one LiDAR and its cameras.")
+    expect(group.get_by_role("row", name="Idempotency-Key")).to_contain_text("optional")
+    expect(group.locator("pre").first).to_contain_text('"lidar"')
+    assert_looks(page)
+    context.close()
+
+
 def test_an_engineer_invites_and_sees_a_broken_upload_explained(
     sign_in: SignIn, track: Track, tmp_path: Path
 ) -> None:

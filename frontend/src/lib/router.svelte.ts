@@ -5,6 +5,7 @@ import { tick } from "svelte";
 export type Route =
   | { page: "home"; fleet: string | null; cameras: CameraFilter }
   | { page: "sign-in" }
+  | { page: "reference" }
   | { page: "vehicle"; id: string }
   | { page: "recording"; id: string; step: string | null; detection: string | null }
   | { page: "marking"; detection: string; camera: string; vertex: string | null; crops: number }
@@ -36,7 +37,7 @@ export function routeOf(url: URL): Route {
   const [first, second, third, ...rest] = url.pathname.split("/").filter(Boolean).map(decodeURIComponent);
   if (rest.length > 0) return { page: "unknown" };
   if (first === undefined) return { page: "home", fleet: null, cameras: filterOf(url) };
-  if (first === "sign-in" && !second) return { page: "sign-in" };
+  if ((first === "sign-in" || first === "reference") && !second) return { page: first };
   if (!second) return { page: "unknown" };
   const camera = url.searchParams.get("camera") ?? "";
   if (first === "detections" && third === "mark") {
