@@ -79,7 +79,7 @@ def test_a_thing_by_name_or_as_the_last_one(embedded: Embedded, fleet: str):
         assert opened == f"{embedded.url.rstrip('/')}/calibrations/{calibration['id']}"
     bus = run(embedded, "show", "vehicle", "Bus 2", *of).stdout
     assert "front: none, waits for look" in bus and calibration["id"] in bus
-    assert "no recording" in run(embedded, "show", "recording", "@last", exit_code=1).stderr
+    assert "no recording" in run(embedded, "show", "recording", "@last", *of, exit_code=1).stderr
 
 
 def test_a_result_is_named_by_its_vehicle(embedded: Embedded, fleet: str, tmp_path):
