@@ -13,7 +13,7 @@ from apexcal.documents.simulation import FRONT, NOMINAL_PITCH_DOWN_DEG
 from apexcal.geometry.rotations import rotation_from_euler, rotation_from_vector
 from apexcal.geometry.se3 import SE3
 from workers.geometry.models import INTRINSICS, ModelName
-from workers.geometry.projection import project
+from workers.geometry.projection import project, unproject
 
 LIDAR_FRAME = "velodyne"
 IMAGE_SIZE = (960, 600)
@@ -32,7 +32,7 @@ LENSES: dict[ModelName, dict[str, float]] = {
     },
     "rational_polynomial": {
         "f_x": 431.0, "f_y": 429.6, "c_x": 484.3, "c_y": 296.2,
-        "k1": 0.4, "k2": 0.02, "p1": 0.0006, "p2": -0.0004, "k3": 0.0, "k4": 0.68, "k5": 0.11, "k6": 0.004,
+        "k1": 0.6, "k2": 0.05, "p1": 0.0006, "p2": -0.0004, "k3": 0.0, "k4": 0.8, "k5": 0.13, "k6": 0.0,
     },
 }  # fmt: skip
 
@@ -84,23 +84,10 @@ class SimulatedCamera:
     def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """Directions (N, 3) in the LiDAR frame, z = 1 in the camera frame, of pixels (N, 2).
 
-        Newton's method on the projection itself, so that every model has its inverse here; for lenses that
-        see less than 90 degrees to the side.
+        For lenses that see less than 90 degrees to the side.
         """
-        k = self.intrinsics
-        plane = (pixels - (k["c_x"], k["c_y"])) / (k["f_x"], k["f_y"])
-        for _ in range(15):
-            plane = self._newton_step(plane, pixels)
-        return np.column_stack([plane, np.ones(len(plane))]) @ self.T_camera_lidar.R
-
-    def _newton_step(self, plane: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-        step = 1e-6
-        here, right, down = (
-            project(self.model, self.intrinsics, np.column_stack([plane + shift, np.ones(len(plane))]))[0]
-            for shift in ((0.0, 0.0), (step, 0.0), (0.0, step))
-        )
-        jacobian = np.stack([right - here, down - here], axis=2) / step
-        return plane - np.linalg.solve(jacobian, (here - pixels)[:, :, None])[:, :, 0]
+        rays, _ = unproject(self.model, self.intrinsics, pixels)
+        return rays / rays[:, 2:] @ self.T_camera_lidar.R
 
     def centre(self) -> NDArray[np.float64]:
         """The camera's centre (3,) in the LiDAR frame, metres."""

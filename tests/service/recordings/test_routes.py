@@ -38,7 +38,7 @@ from tests.support.rows import add
 from tests.support.uploads import new_recording, upload
 
 KEPT = {"alembic_version", "fleet", "vehicle", "rig", "rig_camera", "person", "membership", "api_token", "job"}
-KEPT |= {"job_event", "blob"}
+KEPT |= {"job_event", "blob", "audit_entry"}
 
 
 def add_camera(api: Api, recording: dict, images: list[bytes]) -> Sensor:
@@ -213,7 +213,7 @@ def test_deleting_takes_all_that_came_from_it(api: Api, engineer, recording) -> 
     assert engineer.delete(f"/recordings/{recording['id']}").status_code == 204
     after = rows(api)
     assert after.pop("recording") == 1 and before.pop("recording") == 2
-    assert {name: after[name] for name in after if name not in ("job", "job_event", "blob")} == {
+    assert {name: after[name] for name in after if name not in ("job", "job_event", "blob", "audit_entry")} == {
         name: before[name] for name in before if name not in ("job", "blob")
     }
     with api.database.reading() as session:
@@ -257,6 +257,9 @@ def test_what_was_to_go_goes_by_itself(api: Api, engineer, recording) -> None:
     assert len(engineer.get(f"/recordings/{recording['id']}").json()["warnings"]) == 1
     with api.database.writing() as session:
         session.execute(delete(Publication))
+    assert delete_overdue(api.database) == 0, "it is looked at again after a day"
+    with api.database.writing() as session:
+        session.execute(late.values(kept_until=utc_now() - timedelta(seconds=1)))
     assert delete_overdue(api.database) == 1
     assert [one["id"] for one in engineer.get("/recordings").json()["items"]] == [kept["id"]]
 

@@ -12,7 +12,7 @@ from service.platform.db.session import Database
 from tests.service.platform.jobs.support import make_calibration
 from tests.support.postgres import Postgres
 
-_INSERT = "INSERT INTO fleet (id, name, version, created_at) VALUES ('{0}', '{0}', 1, 0)"
+_INSERT = "INSERT INTO fleet (id, name, version, created_at, row_bytes) VALUES ('{0}', '{0}', 1, 0, 0)"
 _COUNT = "SELECT count(*) FROM fleet"
 
 
