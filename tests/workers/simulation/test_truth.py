@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from apexcal.documents.camera_models import CAMERA_MODELS
 from apexcal.geometry.se3 import from_document
 from workers.simulation.camera import LENSES, make_camera
 
@@ -10,12 +11,11 @@ def cv2_pixels(model, intrinsics, T_camera_lidar, points):
     k = intrinsics
     matrix = np.array([[k["f_x"], 0, k["c_x"]], [0, k["f_y"], k["c_y"]], [0, 0, 1]])
     rotation, _ = cv2.Rodrigues(T_camera_lidar.R)
-    names = {"pinhole": (), "brown_conrady": ("k1", "k2", "k3", "k4", "k5")}
     if model == "kannala_brandt":
         bend = np.array([k["k1"], k["k2"], k["k3"], k["k4"]])
         found, _ = cv2.fisheye.projectPoints(points[:, None], rotation, T_camera_lidar.t, matrix, bend)
     else:
-        bend = np.array([k[name] for name in names[model]])
+        bend = np.array([k[name] for name in CAMERA_MODELS[model].distortion])
         found, _ = cv2.projectPoints(points, rotation, T_camera_lidar.t, matrix, bend)
     return found.reshape(-1, 2)
 
