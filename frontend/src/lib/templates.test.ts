@@ -1,9 +1,11 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { CalibrationTemplate } from "./api/schema.ts";
-import { locksOf, newTemplate, templateInWords } from "./templates.ts";
+import { locksOf, newTemplate, templateInWords, requestOf } from "./templates.ts";
 
 test("what is as usual is not said, but models and folds are", () => {
+  assert.equal(requestOf(newTemplate()).models, undefined);
+  assert.deepEqual(requestOf({ ...newTemplate(), models: ["pinhole"] }).models, ["pinhole"]);
   assert.equal(templateInWords(newTemplate()), "pinhole, brown_conrady, kannala_brandt; 5 folds");
 });
 

@@ -49,6 +49,11 @@ export const newTemplate = (): TemplateDraft => ({
   publish: "none",
 });
 
+/** A request of what the form says. It names no models where they are the usual: a stated lens may add its own. */
+export function requestOf({ models, ...options }: TemplateDraft): CalibrationTemplate {
+  return models.join() === DEFAULT_MODELS.join() ? options : { models, ...options };
+}
+
 /** The models, and every option that is not the usual one. */
 export function templateInWords(asked: CalibrationTemplate): string {
   const usual = newTemplate();
