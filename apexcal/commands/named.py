@@ -94,11 +94,14 @@ def find_rig(client: Client, vehicle: VehicleOut, name: str) -> RigOut:
     return pick(client, client.vehicles.rigs(vehicle.id), "rig", name)
 
 
-def find_recording(client: Client, name: str) -> RecordingSummary:
-    """A recording by id, or by name among all that the caller may see. Raises :class:`ClientError`."""
+def find_recording(client: Client, name: str, fleet: str = "") -> RecordingSummary:
+    """A recording by id, or by name in a fleet or among all that the caller may see. Raises :class:`ClientError`."""
     if not name.strip():
         usage("the recording's name is empty", "Give its id or name; `apexcal upload` prints both")
-    return client.recordings.get(name) if is_id(name) else pick(client, client.recordings.list(), "recording", name)
+    if is_id(name):
+        return client.recordings.get(name)
+    of = find_fleet(client, fleet).id if fleet else None
+    return pick(client, client.recordings.list(fleet_id=of), "recording", name)
 
 
 def find_detection(client: Client, name: str) -> DetectionView:

@@ -126,7 +126,7 @@ _KINDS: dict[_Noun, _Kind] = {
         "its rigs, recordings and calibrations",
     ),
     "recording": _Kind(
-        lambda c, _, name: c.recordings.get(find_recording(c, name).id),
+        lambda c, fleet, name: c.recordings.get(find_recording(c, name, fleet).id),
         lambda c, id: c.recordings.delete(id),
         "its frames, detections, marks and calibrations",
     ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -68,8 +69,12 @@ def run(embedded: Embedded, *words: str, exit_code: int = 0):
     return ran
 
 
-def test_a_thing_by_name_or_as_the_last_one(embedded: Embedded, fleet: str):
+def test_a_thing_by_name_or_as_the_last_one(embedded: Embedded, fleet: str, tmp_path: Path):
     of = ("--fleet", fleet)
+    (tmp_path / "walk.bag").write_text("no bag")
+    with Client(embedded.url, embedded.token) as client:
+        elsewhere = client.vehicles.create(client.fleets.create("Elsewhere").id, "Van 1")
+        client.recordings.upload(tmp_path / "walk.bag", elsewhere.id)
     (calibration,) = json.loads(ls(embedded, "calibrations", "Bus 2", *of, "--json"))
     for name in (calibration["id"], "Bus 2", "@last"):
         shown = run(embedded, "show", "calibration", name, *of)
@@ -79,7 +84,9 @@ def test_a_thing_by_name_or_as_the_last_one(embedded: Embedded, fleet: str):
         assert opened == f"{embedded.url.rstrip('/')}/calibrations/{calibration['id']}"
     bus = run(embedded, "show", "vehicle", "Bus 2", *of).stdout
     assert "front: none, waits for look" in bus and calibration["id"] in bus
-    assert "no recording" in run(embedded, "show", "recording", "@last", *of, exit_code=1).stderr
+    for command in ("show", "open", "rm"):
+        for name in ("@last", "walk.bag", "walk"):
+            assert "no recording" in run(embedded, command, "recording", name, *of, exit_code=1).stderr
 
 
 def test_a_result_is_named_by_its_vehicle(embedded: Embedded, fleet: str, tmp_path):
