@@ -101,7 +101,7 @@ def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, st
     expect(dialog).to_have_count(0)
     expect(publish).to_be_focused()
     expect(page.get_by_text("None published yet.")).to_be_visible()
-    page.keyboard.press("Enter")
+    publish.press("Enter")
     dialog.get_by_role("textbox").press_sequentially("A first guess,\nfor the demo.")
     expect(dialog.get_by_role("button", name="Publish")).to_be_enabled()
     for _ in range(2):
