@@ -26,7 +26,7 @@ from workers.readers.trees.file_times import (
     strays,
     without_times,
 )
-from workers.readers.trees.file_tree import FileTree, read_file, read_head
+from workers.readers.trees.file_tree import FileTree, read_file, read_head, refused
 from workers.readers.trees.kitti import KITTI_ENDS, KITTI_STARTS
 from workers.readers.trees.open_tree import open_tree
 from workers.readers.trees.series import Series, find_series, is_sensor_file, stem_and_number
@@ -37,6 +37,7 @@ _VIDEO: Final = "workers.readers.images.video"
 _CAPTURE: Final = "workers.readers.captures.pcap"
 _TIMES: Final = frozenset({CSV_NAME, KITTI_NAME, KITTI_STARTS, KITTI_ENDS})
 _MAX_SOURCES: Final = 256
+_MAX_METADATA: Final = 16  # each takes up to 25 MB once it is read
 _MAX_LISTED: Final = 20
 
 
@@ -166,6 +167,8 @@ def _look_inside(tree: FileTree, path: str, contents: TreeContents, sensor_files
         sensor_files.append(path)
     elif path.lower().endswith(".json") and is_ouster_metadata(read_head(tree, path, METADATA_BYTES)):
         contents.metadata.append(path)
+        if len(contents.metadata) > _MAX_METADATA:
+            raise refused(tree.name, f"it holds what more than {_MAX_METADATA} Ouster sensors say of themselves")
     else:
         contents.others.append(path)
 

@@ -188,3 +188,12 @@ def test_the_publisher_s_digests(name):
     assert {key: hashlib.md5(np.ascontiguousarray(each).tobytes()).hexdigest() for key, each in values.items()} == {
         key: scan[key] for key in values
     }
+
+
+def test_more_sensors_than_a_vehicle_has_are_refused_before_they_are_read(tmp_path):
+    capture = zipped(tmp_path, packets(turns=0.2), metadata())
+    with zipfile.ZipFile(capture, "a") as file:
+        for number in range(16):
+            file.writestr(f"walk/{number}.json", metadata())
+    error = refusal(capture)
+    assert error.code == "folder_refused" and "16 Ouster sensors" in error.message

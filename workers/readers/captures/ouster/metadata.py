@@ -14,7 +14,7 @@ from workers.readers.recording import ReadError
 
 _MARK: Final = b"beam_altitude_angles"
 METADATA_BYTES: Final = 1_000_000
-_MOST_ROWS, _MOST_COLUMNS, _MOST_IN_PACKET = 256, 8192, 64
+_MOST_ROWS, _MOST_COLUMNS, _MOST_IN_PACKET = 256, 4096, 64
 
 
 @dataclass(frozen=True, slots=True)
