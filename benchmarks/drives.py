@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from apexcal.documents.validations import AxisCheck
+from apexcal.documents.validations import AxisCheck, CameraCheck
 from apexcal.geometry.se3 import to_document
 from tests.support.scenes.drive import draw_drive, record
 from tests.support.scenes.road import draw_road
@@ -32,6 +32,7 @@ from workers.readers.trees.pcd import read_pcd
 from workers.simulation.camera import LENSES, SimulatedCamera, make_camera, nominal_mount
 from workers.simulation.sensors import SENSORS
 from workers.validation.calibration import KnownCalibration
+from workers.validation.drive_check import judged
 from workers.validation.edge_check import EdgeCheck
 from workers.validation.lane_check import LaneCheck
 
@@ -79,8 +80,8 @@ def summary(driven: Sequence[OnDrive]) -> dict[str, Any]:
     }
 
 
-def check_drive(seed: int, frames: int) -> dict[str, list[AxisCheck]]:
-    """What the check says of each axis, by the turn of the mount. Drives take turns among axes and sensors."""
+def check_drive(seed: int, frames: int) -> dict[str, CameraCheck]:
+    """What the check says by the turn of the mount. Drives take turns among axes and sensors."""
     random = np.random.default_rng([seed, 33])
     camera = _camera(seed)
     axis, sign = seed % 3, random.choice((-1.0, 1.0))
@@ -88,42 +89,55 @@ def check_drive(seed: int, frames: int) -> dict[str, list[AxisCheck]]:
     turns = {f"{AXES[axis]} {turn_deg}": sign * turn_deg * np.eye(3)[axis] for turn_deg in TURNS_DEG} | {
         SOUND: np.zeros(3)
     }
-    checks = {name: EdgeCheck(_known(camera, turn + random.normal(0.0, LEFT_DEG, 3))) for name, turn in turns.items()}
+    mounts = {name: _known(camera, turn + random.normal(0.0, LEFT_DEG, 3)) for name, turn in turns.items()}
+    checks = {name: (EdgeCheck(mount), LaneCheck(mount)) for name, mount in mounts.items()}
     for sweep, image in record(draw_road(seed), draw_drive(seed), sensor, camera, seed, frames):
-        for check in checks.values():
-            check.add(sweep, image[..., 1].copy())
-    return {name: check.axes() for name, check in checks.items()}
+        for edges, lanes in checks.values():
+            edges.add(sweep, image[..., 1].copy())
+            lanes.add(sweep, image)
+    return {name: _checked(name, edges.axes(), lanes.result()) for name, (edges, lanes) in checks.items()}
 
 
-def check_summary(driven: Sequence[dict[str, list[AxisCheck]]]) -> dict[str, Any]:
-    """Of sound mounts: how many are accused, in all and by a stop, and on which axes a drive tells anything.
+def _checked(name: str, axes: list[AxisCheck], lanes: dict[str, Any]) -> CameraCheck:
+    verdict, sentence = judged(axes, lanes)
+    return CameraCheck(name=name, verdict=verdict, sentence=sentence, axes=axes, lanes=lanes["verdict"])
 
-    Of each turn: on how many drives any axis is accused, on how many its axis is told or that, and of how many.
+
+def check_summary(driven: Sequence[dict[str, CameraCheck]]) -> dict[str, Any]:
+    """Of sound mounts: how many are accused, in all, by a stop and by lane markers, and what tells anything.
+
+    Of each turn: on how many drives any axis is accused, on how many its axis is told or that, and of how many; on
+    how many lane markers disagree, on how many they tell anything.
     """
     sound = [drive[SOUND] for drive in driven]
     figures: dict[str, Any] = {
         "sound": len(sound),
         "sound_accused": sum(map(_accuses, sound)),
-        "sound_stopped": sum(any(axis.verdict == "stop" for axis in axes) for axes in sound),
-        "sound_told": {
-            axis: sum(each.verdict != "not_told" for axes in sound for each in axes if each.axis == axis)
-            for axis in AXES
-        },
+        "sound_stopped": sum(check.verdict == "stop" for check in sound),
+        "sound_told": {axis: sum(_tells(check, axis) for check in sound) for axis in AXES},
+        "sound_lanes": _by_lanes(sound),
     }
     for axis in AXES:
         for turn_deg in TURNS_DEG:
             turned = [drive[f"{axis} {turn_deg}"] for drive in driven if f"{axis} {turn_deg}" in drive]
-            told = [axes for axes in turned if _accuses(axes) or _tells(axes, axis)]
-            figures[f"{axis} {turn_deg}"] = [sum(map(_accuses, told)), len(told), len(turned)]
+            told = [check for check in turned if _accuses(check) or _tells(check, axis)]
+            figures[f"{axis} {turn_deg}"] = [sum(map(_accuses, told)), len(told), len(turned), *_by_lanes(turned)]
     return figures
 
 
-def _accuses(axes: list[AxisCheck]) -> bool:
-    return any(axis.verdict in ("look", "stop") for axis in axes)
+def _accuses(check: CameraCheck) -> bool:
+    return check.verdict in ("look", "stop")
 
 
-def _tells(axes: list[AxisCheck], name: str) -> bool:
-    return any(axis.axis == name and axis.verdict != "not_told" for axis in axes)
+def _tells(check: CameraCheck, name: str) -> bool:
+    return any(axis.axis == name and axis.verdict != "not_told" for axis in check.axes)
+
+
+def _by_lanes(checks: Sequence[CameraCheck]) -> list[int]:
+    """On how many drives lane markers disagree, and on how many they tell anything."""
+    return [
+        sum(check.lanes == "disagrees" for check in checks), sum(check.lanes != "unknown" for check in checks)
+    ]  # fmt: skip
 
 
 def _share(verdicts: Sequence[str], wanted: str) -> float | None:

@@ -63,6 +63,7 @@ def _begins_xml(path: Path) -> bool:
 def _lines(camera: CameraCheck, folder: Path) -> list[str]:
     lines = [f"{camera.name}: {_words(camera.verdict)}. {camera.sentence}"]
     lines += [f"  {axis.axis:<5} {_words(axis.verdict)}{_turn(axis)}" for axis in camera.axes]
+    lines += [f"  lane markers: {camera.lanes}"] if camera.lanes != "unknown" else []
     return lines + (
         [f"  pictures: {folder / camera.pictures[0]} and {len(camera.pictures) - 1} more"] if camera.pictures else []
     )

@@ -156,13 +156,17 @@ class AxisCheck(Document):
 
 
 class CameraCheck(Document):
-    """A camera as deployed, held against a drive. ``pictures`` are files: the LiDAR's depth edges in its frames."""
+    """A camera as deployed, held against a drive. ``pictures`` are files: the LiDAR's depth edges in its frames.
+
+    ``axes`` are judged by depth edges. ``lanes``: what lane markers say of pitch and yaw together.
+    """
 
     name: str
     verdict: AxisVerdict
     sentence: str
     frames: int = 0
     axes: list[AxisCheck] = []
+    lanes: Verdict = "unknown"
     pictures: list[str] = []
 
 

@@ -67,6 +67,11 @@ def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, 
     request = house.client.fleet_requests.create(fleet.id, **_CALIBRATION)
     service.seconds = request_s = time.perf_counter() - began
     ended = _Ended(house.database, request.id)
+    # The service makes the calibrations in parts, and works meanwhile; the bare processes get all of its runs.
+    service.go()
+    while _count(house.database, request.id) < vehicles:
+        time.sleep(_LOOK_S)
+    service.halt()
     bare = Bare(runs_of(house.database, _asked_for(request.id)), folder)
     bare.begin()
     contender = Contender(bare.pids, lambda: bare.is_done)
@@ -156,6 +161,11 @@ def _left(database: Database, request_id: UUID) -> int:
 def _asked_for(request_id: UUID) -> ColumnElement[bool]:
     vehicles = select(FleetRequestVehicle.calibration_id).where(FleetRequestVehicle.fleet_request_id == request_id)
     return CalibrationRun.calibration_id.in_(vehicles)
+
+
+def _count(database: Database, request_id: UUID) -> int:
+    with database.reading() as session:
+        return session.scalars(select(func.count()).where(_asked_for(request_id))).one()
 
 
 def _assert_done(database: Database, request_id: UUID, vehicles: int) -> None:

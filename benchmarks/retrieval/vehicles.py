@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from uuid import UUID
 
 import numpy as np
-from sqlalchemy import text
+from sqlalchemy import TextClause, insert, select, text
 
 from apexcal.geometry.rotations import rotation_from_euler
 from apexcal.geometry.se3 import SE3, to_document
 from service.platform.auth.credential_actions import new_secret, secret_hash
+from service.platform.db.base import Base
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.platform.db.fleets import Fleet as FleetRow
+from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.people import ApiToken, Membership, Person
 from service.platform.db.session import Database
 from tests.support.results import fit_result, model_summary, summary
 
@@ -44,34 +49,50 @@ _C, _N, _E = (
     _OF.format(one) for one in ("'c' || v || '/' || n", "'n' || v || '/' || n || c", "'e' || v || '/' || n || c")
 )
 _P = _OF.format("'p' || v || '/' || n || c")
-_ALL = "FROM generate_series(1, :vehicles) v, generate_series(1, :versions) n"
-_EACH = f"{_ALL}, unnest(ARRAY['front', 'rear']) c"
-_STATEMENTS = (
-    f"INSERT INTO vehicle (id, fleet_id, name, sort_name, version, created_at)"
-    f" SELECT {_V}, :fleet, 'car ' || v, 'car ' || v, 1, 0 FROM generate_series(1, :vehicles) v",
-    f'INSERT INTO rig (id, fleet_id, vehicle_id, name, lidar_frame, version, created_at, "T_vehicle_lidar")'
-    f" SELECT {_R}, :fleet, {_V}, 'roof', 'lidar', 1, 0, CAST(:vehicle_lidar AS json)"
-    " FROM generate_series(1, :vehicles) v",
-    f"INSERT INTO rig_camera (id, rig_id, position, name, frame, image_width, image_height, nominal, bounds)"
-    f" SELECT {_S}, {_R}, CASE c WHEN 'front' THEN 0 ELSE 1 END, c, 'camera', 1920, 1200, CAST(:mount AS json),"
-    " '{}'"
-    " FROM generate_series(1, :vehicles) v, unnest(ARRAY['front', 'rear']) c",
-    f"INSERT INTO correspondence_set (id, fleet_id, vehicle_id, rig_id, camera, source, content_hash, count, pairs,"
-    f" flagged, notes, created_at)"
-    f" SELECT {_S}, :fleet, {_V}, {_R}, c, 'import', md5('s' || v || c), 200, '{{}}', 0, '[]', 0"
-    " FROM generate_series(1, :vehicles) v, unnest(ARRAY['front', 'rear']) c",
-    f"INSERT INTO calibration (id, fleet_id, vehicle_id, rig_id, request, content_hash, state, remaining, publish,"
-    f" notes, summary, created_at) SELECT {_C}, :fleet, {_V}, {_R}, '{{}}', '0', 'done', 0, 'none', '[]',"
-    f" CAST(:summary AS json), 0 {_ALL}",
-    f"INSERT INTO calibration_run (id, fleet_id, calibration_id, set_id, camera, model, fold, farm, slots, bundle,"
-    f" problem, state, iteration, remaining, cancel_requested, created_at)"
-    f" SELECT {_N}, :fleet, {_C}, {_S}, c, 'brown_conrady', -1, 'runs', 1, 1, '{{}}', 'done', 1, 0, false, 0 {_EACH}",
-    f"INSERT INTO result (id, fleet_id, calibration_id, run_id, camera, model, fold, document, created_at)"
-    f" SELECT {_E}, :fleet, {_C}, {_N}, c, 'brown_conrady', -1, CAST(:result AS json), 0 {_EACH}",
-    f"INSERT INTO publication (id, fleet_id, vehicle_id, camera, alias, result_id, led_to, number, created_at)"
-    f" SELECT {_P}, :fleet, {_V}, c, 'current', {_E}, {_E}, n, n {_EACH}",
-    "ANALYZE",
-)
+_VEHICLES = "generate_series(1, :vehicles) v"
+_VERSIONS = f"{_VEHICLES}, generate_series(1, :versions) n"
+_CAMERAS = ", unnest(ARRAY['front', 'rear']) c"
+_CAR = {"fleet_id": ":fleet", "vehicle_id": _V}
+# What each column of so many rows is, in SQL; the others have the model's defaults.
+_ROWS: tuple[tuple[type[Base], str, dict[str, str]], ...] = (
+    (Vehicle, _VEHICLES, {"id": _V, "fleet_id": ":fleet", "name": "'car ' || v", "sort_name": "'car ' || v"}),
+    (
+        Rig, _VEHICLES,
+        _CAR | {"id": _R, "name": "'roof'", "lidar_frame": "'lidar'",
+                "T_vehicle_lidar": "CAST(:vehicle_lidar AS json)"},
+    ),
+    (
+        RigCamera, _VEHICLES + _CAMERAS,
+        {"id": _S, "rig_id": _R, "position": "CASE c WHEN 'front' THEN 0 ELSE 1 END", "name": "c",
+         "frame": "'camera'", "image_width": "1920", "image_height": "1200",
+         "nominal": "CAST(:mount AS json)", "bounds": "'{}'::json"},
+    ),
+    (
+        CorrespondenceSet, _VEHICLES + _CAMERAS,
+        _CAR | {"id": _S, "rig_id": _R, "camera": "c", "source": "'import'", "content_hash": "md5('s' || v || c)",
+                "count": "200", "pairs": "'{}'::json"},
+    ),
+    (
+        Calibration, _VERSIONS,
+        _CAR | {"id": _C, "rig_id": _R, "request": "'{}'::json", "content_hash": "'0'", "state": "'done'",
+                "remaining": "0", "publish": "'none'", "summary": "CAST(:summary AS json)"},
+    ),
+    (
+        CalibrationRun, _VERSIONS + _CAMERAS,
+        {"id": _N, "fleet_id": ":fleet", "calibration_id": _C, "set_id": _S, "camera": "c",
+         "model": "'brown_conrady'", "fold": "-1", "farm": "'runs'", "slots": "1", "bundle": "1",
+         "problem": "'{}'::json", "state": "'done'", "iteration": "1"},
+    ),
+    (
+        Result, _VERSIONS + _CAMERAS,
+        {"id": _E, "fleet_id": ":fleet", "calibration_id": _C, "run_id": _N, "camera": "c",
+         "model": "'brown_conrady'", "fold": "-1", "document": "CAST(:result AS json)"},
+    ),
+    (
+        Publication, _VERSIONS + _CAMERAS,
+        _CAR | {"id": _P, "camera": "c", "alias": "'current'", "result_id": _E, "led_to": _E, "number": "n"},
+    ),
+)  # fmt: skip
 
 
 class Fleet(NamedTuple):
@@ -84,35 +105,25 @@ class Fleet(NamedTuple):
 def make(database: Database, vehicles: int, versions: int) -> Fleet:
     """A fleet of so many vehicles, each camera of which was given so many results one after the other."""
     token = new_secret("apx_")
-    given = {"vehicles": vehicles, "versions": versions, "hash": secret_hash(token)}
-    given |= {name: json.dumps(one) for name, one in (("mount", _MOUNT), ("vehicle_lidar", _VEHICLE_LIDAR))}
-    given |= {"summary": json.dumps(_SUMMARY), "result": json.dumps(_RESULT)}
     with database.writing() as session:
-        given["fleet"] = session.scalar(
-            text(
-                "INSERT INTO fleet (id, name, version, created_at) VALUES (gen_random_uuid(), 'F', 1, 0) RETURNING id"
-            )
-        )
-        given["person"] = session.scalar(
-            text(
-                "INSERT INTO person (id, name, is_owner, created_at) VALUES (gen_random_uuid(), 'P', false, 0)"
-                " RETURNING id"
-            )
-        )
-        session.execute(
-            text(
-                "INSERT INTO membership (person_id, fleet_id, role, created_at) VALUES (:person, :fleet, 'admin', 0)"
-            ),
-            given,
-        )
-        session.execute(
-            text(
-                "INSERT INTO api_token (id, secret_hash, name, person_id, created_at)"
-                " VALUES (gen_random_uuid(), :hash, 'bench', :person, 0)"
-            ),
-            given,
-        )
-        for statement in _STATEMENTS:
-            session.execute(text(statement), given)
-        ids = session.scalars(text(f"SELECT {_V} FROM generate_series(1, :vehicles) v ORDER BY v"), given).all()
+        fleet, person = FleetRow(name="F"), Person(name="P")
+        session.add_all([fleet, person])
+        session.flush()
+        session.add_all([
+            Membership(person_id=person.id, fleet_id=fleet.id, role="admin"),
+            ApiToken(person_id=person.id, name="bench", secret_hash=secret_hash(token)),
+        ])  # fmt: skip
+        session.flush()
+        documents = {"mount": _MOUNT, "vehicle_lidar": _VEHICLE_LIDAR, "summary": _SUMMARY, "result": _RESULT}
+        values = {"vehicles": vehicles, "versions": versions, "fleet": fleet.id}
+        values |= {name: json.dumps(document) for name, document in documents.items()}
+        for model, source, columns in _ROWS:
+            rows = select(*(_sql(column, values) for column in columns.values())).select_from(_sql(source, values))
+            session.execute(insert(model.__table__).from_select(list(columns), rows))
+        session.execute(text("ANALYZE"))
+        ids = session.scalars(text(f"SELECT {_V} FROM {_VEHICLES} ORDER BY v"), values).all()
     return Fleet(list(ids), token)
+
+
+def _sql(sql: str, values: dict[str, Any]) -> TextClause:
+    return text(sql).bindparams(**{name: value for name, value in values.items() if f":{name}" in sql})

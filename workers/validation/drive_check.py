@@ -20,7 +20,7 @@ from apexcal.documents.fleets import Camera
 from apexcal.documents.inspections import InspectedSensor, Inspection
 from apexcal.documents.lenses import lens_of_images, parameters_of
 from apexcal.documents.rig_proposals import LIDAR
-from apexcal.documents.validations import AxisVerdict, CameraCheck, DriveCheck
+from apexcal.documents.validations import AxisCheck, AxisVerdict, CameraCheck, DriveCheck
 from apexcal.geometry.image_frames import T_images_camera
 from apexcal.geometry.se3 import from_document, to_document
 from workers.readers.__main__ import inspected, main, on_progress, options_of
@@ -142,23 +142,33 @@ def _checked(
         width, height = calibration.image_size
         why = f"No frame has {width} x {height} pixels, as its CameraInfo says."
         return CameraCheck(name=sensor.name, verdict="stop", sentence=why)
-    check = EdgeCheck(calibration)
-    watch(check, lidar, folder / sensor.file, spread(frames), folder)
-    axes = check.axes()
-    verdicts: list[AxisVerdict] = [axis.verdict for axis in axes]
-    verdict = max(verdicts, key=_GRAVITY.index)
-    sentence = " ".join(axis.sentence for axis in axes if axis.verdict == verdict)
+    edges, lanes = EdgeCheck(calibration), LaneCheck(calibration)
+    for check in (edges, lanes):
+        watch(check, lidar, folder / sensor.file, spread(frames), folder)
+    axes, on_lanes = edges.axes(), lanes.result()
+    verdict, sentence = judged(axes, on_lanes)
     if verdict == "pass":
-        passed = ", ".join(axis.axis for axis in axes if axis.verdict == "pass")
-        sentence = (
-            f"The mount fits in {passed}: {check.result()['score']:.2f} times the gradients nearby at its edges."
-        )
+        sentence += f" {edges.score:.2f} times the gradients nearby at its edges."
     turn = np.array([axis.turn_deg or 0.0 if axis.verdict in ("look", "stop") else 0.0 for axis in axes])
     views = {"": calibration} | ({"-as-it-fits": calibration.moved(turn, np.zeros(3))} if turn.any() else {})
     pictures = list(_pictures(sensor, views, lidar, spread(frames, _PICTURES), folder, out))
     return CameraCheck(
-        name=sensor.name, verdict=verdict, sentence=sentence, frames=len(frames), axes=axes, pictures=pictures
-    )
+        name=sensor.name, verdict=verdict, sentence=sentence, frames=len(frames), axes=axes,
+        lanes=on_lanes["verdict"], pictures=pictures,
+    )  # fmt: skip
+
+
+def judged(axes: Sequence[AxisCheck], lanes: dict[str, Any]) -> tuple[AxisVerdict, str]:
+    """A camera's verdict and its reason: the worst axis of the depth edges, or a look where only markers disagree."""
+    verdicts: list[AxisVerdict] = [axis.verdict for axis in axes]
+    verdict = max(verdicts, key=_GRAVITY.index)
+    if lanes["verdict"] == "disagrees" and verdict in ("not_told", "pass"):
+        return "look", lanes["sentence"]
+    sentence = " ".join(axis.sentence for axis in axes if axis.verdict == verdict)
+    if verdict == "pass":
+        passed = ", ".join(axis.axis for axis in axes if axis.verdict == "pass")
+        sentence = f"The mount fits in {passed}."
+    return verdict, sentence + (" Lane markers agree." if lanes["verdict"] == "agrees" else "")
 
 
 def _pictures(
