@@ -75,7 +75,7 @@ def test_a_sound_mount_passes_and_a_turned_one_is_stopped_at_its_axis(drive, len
     told = {axis.axis: axis.verdict for axis in front.axes}
     # Eight frames need not tell the roll.
     assert (code, front.verdict, told.pop("roll") in ("pass", "not_told")) == (0, "pass", True)
-    assert told == {"pitch": "pass", "yaw": "pass"}
+    assert told == {"pitch": "pass", "yaw": "pass"} and front.lanes == "agrees"
     folder = tmp_path / "sound" / "recording.bag.check"
     assert [*map(folder.joinpath, front.pictures)] == sorted(folder.iterdir()) and len(front.pictures) == 3
     code, turned = checked(
