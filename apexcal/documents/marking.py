@@ -27,14 +27,15 @@ class Pixel(Received):
 class NextTask(Received):
     """Ask for a vertex to judge; ``skip`` gives a held task back and moves on.
 
-    ``ahead``: so many more are leased, so that the next one can be shown before this one's answer has arrived.
+    ``ahead``: so many more are leased, so that the next ones can be shown before this one's answer has arrived, also
+    without a network. Beyond five, a person gets half of their share of what is open.
     ``vertex_id``: this vertex comes first, also if it has all the answers asked for.
     """
 
     camera: CameraName
     skip: UUID | None = None
     vertex_id: UUID | None = None
-    ahead: int = Field(default=0, ge=0, le=5)
+    ahead: int = Field(default=0, ge=0, le=50)
 
 
 class Answer(Received):
@@ -114,6 +115,13 @@ class Progress(Sent):
     answered: int
     mine: int
     complete: int
+
+
+class AnsweredSweeps(Sent):
+    """Sweeps with an answered vertex, in one camera: ``sweeps`` of anybody, ``mine`` of the asker; not what was said."""
+
+    sweeps: list[int]
+    mine: list[int]
 
 
 class PersonAnswers(Sent):

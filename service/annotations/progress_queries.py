@@ -9,7 +9,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, and_, case, func, or_, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.marking import PersonAnswers, Tally
+from apexcal.documents.marking import AnsweredSweeps, PersonAnswers, Tally
 from service.annotations.answer_queries import MARK, VERDICT, answers_of, answers_of_others, has_answered
 from service.annotations.consensus import Opinion
 from service.platform.db.annotations import Disclosure
@@ -40,6 +40,17 @@ def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
         reviewed=sum(int(row[3]) for row in answers),
         people=[PersonAnswers(name=name, answers=people[person]) for person, name in names],
     )
+
+
+def answered_sweeps(session: Session, detection_id: UUID, camera_id: UUID, person_id: UUID) -> AnsweredSweeps:
+    """The sweeps of the vertices that anybody, and that the person, has answered in one camera, in order."""
+    is_own = func.max(case((VERDICT.person_id == person_id, 1), else_=0))
+    rows = session.execute(
+        answers_of(detection_id, camera_id, Vertex.sweep_index, is_own)
+        .group_by(Vertex.sweep_index)
+        .order_by(Vertex.sweep_index)
+    ).all()
+    return AnsweredSweeps(sweeps=[row[0] for row in rows], mine=[row[0] for row in rows if row[1]])
 
 
 def opinions_of(session: Session, detection_id: UUID, camera_id: UUID) -> dict[UUID, list[Opinion]]:

@@ -10,6 +10,7 @@ from fastapi import Query, Request, Response
 from apexcal.documents.base import Sought
 from apexcal.documents.marking import (
     Answer,
+    AnsweredSweeps,
     AnswerView,
     GivenMark,
     NextTask,
@@ -24,7 +25,7 @@ from service.annotations.answer_queries import VERDICT
 from service.annotations.disclosure_actions import DisclosureKey, answered_by_others, tell
 from service.annotations.locks import lock_person
 from service.annotations.progress_actions import read_progress
-from service.annotations.progress_queries import tally, visible_answers
+from service.annotations.progress_queries import answered_sweeps, tally, visible_answers
 from service.annotations.task_actions import next_tasks
 from service.annotations.views import Subject, find_subject, mark_view, task_view
 from service.detections.queries import done_detection, find_camera
@@ -90,6 +91,14 @@ def get_progress(detection_id: UUID, access: ReadAccess, camera: CameraQuery, re
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera)
     return read_progress(access, request.app.state.database, detection, sensor)
+
+
+@router.get("/detections/{detection_id}/answered")
+def get_answered(detection_id: UUID, access: ReadAccess, camera: CameraQuery) -> AnsweredSweeps:
+    """Which sweeps have answers in one camera, and which have yours. It says nothing of what anybody answered."""
+    detection = access.find(Detection, detection_id)
+    sensor = find_camera(access.session, detection.recording_id, camera)
+    return answered_sweeps(access.session, detection.id, sensor.id, access.person.id)
 
 
 @router.get("/detections/{detection_id}/tally")

@@ -27,6 +27,8 @@ from service.platform.http.problems import not_found
 
 # Those ahead run out a little earlier, one after the other: whoever holds several gets them in the same order again.
 _APART = timedelta(seconds=0.5)
+# So many ahead bridge a slow network. More are for a person without one, and are given where others have enough.
+_FEW = 5
 
 
 def next_tasks(
@@ -41,7 +43,7 @@ def next_tasks(
 ) -> list[Subject]:
     """The tasks that the person holds with fresh leases, and newly leased ones, until there are ``1 + ahead``.
 
-    Fewer where so many are not left for them. What they skipped, or let the lease of run out, comes again after
+    Fewer where so many are not left for them; beyond five ahead, half of their share of what is open. What they skipped, or let the lease of run out, comes again after
     everything that they have not seen. The task named by ``skip`` is given back and not returned by this call.
     ``vertex_id`` comes first. Raises :class:`Problem` 404 where the detection has no such vertex in the camera.
     """
@@ -59,7 +61,8 @@ def next_tasks(
     if len(leased) < 1 + ahead:
         per_vertex = lock_recording(session, detection.recording_id, shared=True)
         seeker = Seeker(session, detection.recording_id, names | {"wanted": per_vertex}, [*passed, *leased])
-        leased += seeker.take(1 + ahead - len(leased))
+        most = 1 + (ahead if ahead <= _FEW else max(_FEW, seeker.half_share(ahead)))
+        leased += seeker.take(max(0, most - len(leased)))
     if not leased:
         return []
     common = {"detection_id": detection.id, "sensor_id": camera.id, "person_id": person_id, "created_at": clock}

@@ -11,7 +11,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Integer, Select, Uuid, and_, bindparam, func, select
 from sqlalchemy.orm import Session
 
-from service.annotations.answer_queries import answers_closing, leases_of_others
+from service.annotations.answer_queries import answers_closing, is_live, leases_of_others
 from service.platform.db.annotations import MarkingFrontier, MarkingTask
 from service.platform.db.base import Json
 from service.platform.db.detections import Apex, Vertex, VertexFrame
@@ -57,6 +57,13 @@ class Seeker:
             if taken:
                 break
         return taken
+
+    def half_share(self, most: int) -> int:
+        """Half of the person's share of the open vertices, ``most`` at most."""
+        connection = self.session.connection()
+        people = 1 + (connection.scalar(_others(), self.names) or 0)
+        names = self.names | {"count": 2 * people * most}
+        return int(connection.scalar(_open_count(), names) or 0) // (2 * people)
 
     def _lock(self, count: int, tried: Collection[UUID], *, wait: bool) -> list[UUID]:
         """Lock the apexes of open vertices: of those new to the person by rank, then of those seen longest ago."""
@@ -137,6 +144,20 @@ def _open() -> Select[Any, Any]:
     """Id and rank of the vertices that take an answer of this person, and that others do not hold."""
     rows = _paired(Vertex.id, Vertex.rank).outerjoin(_LEASE, _LEASE.c.apex_id == Vertex.apex_id)
     return rows.where(answers_closing(_PERSON, _WANTED) + func.coalesce(_LEASE.c.people, 0) < _WANTED)
+
+
+@cache
+def _others() -> Select[int]:
+    """How many other people hold leases on vertices of the detection in the camera."""
+    of = (MarkingTask.detection_id == bindparam("detection"), MarkingTask.sensor_id == _CAMERA)
+    people = select(func.count(MarkingTask.person_id.distinct())).where(*of, MarkingTask.person_id != _PERSON)
+    return people.where(is_live(MarkingTask))
+
+
+@cache
+def _open_count() -> Select[int]:
+    few = _open().with_only_columns(Vertex.id).limit(bindparam("count", type_=Integer()))
+    return select(func.count()).select_from(few.subquery())
 
 
 @cache

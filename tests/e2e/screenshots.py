@@ -88,7 +88,7 @@ def test_pages(sign_in: SignIn, track: Track, paths: dict[str, str], scheme: str
             page.goto(f"{track.url}{path}")
             expect(page.get_by_role("heading", level=1)).to_be_visible()
             if name == "comparison":
-                page.get_by_text("Compare with another result").click()
+                page.get_by_text("Compare with", exact=True).click()
                 others = page.get_by_label("This result minus")
                 expect(others).to_be_visible()
                 others.select_option(index=others.locator("option").count() - 1)  # the oldest

@@ -47,7 +47,7 @@ def test_two_results_are_compared_over_the_image(
     first, *_, last = results
     page = sign_in("Cora", "viewer")
     page.goto(f"{track.url}/calibrations/{last.calibration_id}")
-    page.get_by_text("Compare with another result").click()
+    page.get_by_text("Compare with", exact=True).click()
     # Without a current calibration the newest other one is compared; the oldest is chosen.
     beside = page.get_by_label("This result minus")
     beside.select_option(str(first.id))
@@ -73,6 +73,8 @@ def test_two_results_are_compared_over_the_image(
     page.get_by_role("button", name="20 m").click()
     expect(page.get_by_role("img", name=re.compile("Differences over the image at 20 m"))).to_be_visible()
     assert_looks(page, views)
+    page.get_by_role("button", name="all results over time").click()
+    expect(page.get_by_text(re.compile("Over 4 results of front the mount moved"))).to_be_visible()
 
 
 @each_view

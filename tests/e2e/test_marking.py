@@ -39,8 +39,8 @@ def test_two_people_mark_the_same_recording_at_once(sign_in: SignIn, track: Trac
         mark = stored[vertex]["mark"]
         assert (mark["u"], mark["v"]) == pytest.approx((u, v), abs=0.51)
     given = [person.leased() for person in (ada, ben)]
-    # Three answered, the one that is shown, and two or three ahead.
-    assert all(len(one) in (6, 7) for one in given)
+    # Three answered, the one that is shown, and two at least ahead.
+    assert all(len(one) >= 6 for one in given)
     assert given[0].isdisjoint(given[1])
     assert ada.own_marks().keys().isdisjoint(ben.own_marks())
     for person, other in ((ada, ben), (ben, ada)):

@@ -1,10 +1,11 @@
 """No placed or saved mark is lost or replaced in silence: offline, reload, Back, undo, tabs, other people."""
 
+import os
 from collections.abc import Callable
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from tests.e2e.conftest import Track
 from tests.e2e.marking import Marker
@@ -15,6 +16,8 @@ SignIn = Callable[[str, str], Page]
 HAS_FRAMES = (
     "count => performance.getEntriesByType('resource').filter((one) => /frames/.test(one.name)).length >= count"
 )
+FRAMES = "new Set(performance.getEntriesByType('resource').map((one) => one.name).filter((one) => /frames/.test(one))).size"
+OFFLINE = int(os.environ.get("OFFLINE", "12"))
 SHOWS_ANOTHER = "vertex => document.querySelector('.stage')?.dataset.vertex !== vertex"
 
 
@@ -42,8 +45,37 @@ def wait_for_mark(person: Marker, vertex: str, pixel: tuple[float, float]) -> di
     raise AssertionError(f"the stored mark is {mark}, not at {pixel}")
 
 
+def test_frames_ahead_are_marked_without_a_network(sign_in: SignIn, track: Track) -> None:
+    gro = marker(sign_in, track, "Gro")
+    for _ in range(600):
+        if gro.page.evaluate(FRAMES) > OFFLINE:
+            break
+        gro.page.wait_for_timeout(50)
+    gro.page.context.set_offline(True)
+    given: dict[str, tuple[float, float]] = {}
+    for turn in range(OFFLINE):
+        before = gro.vertex
+        given[before] = gro.click(0.4 + 0.2 * turn / OFFLINE, 0.4)
+        gro.page.keyboard.press("Enter")
+        gro.page.wait_for_function(SHOWS_ANOTHER, arg=before)
+        gro.ready()
+    assert len(given) == OFFLINE
+    gro.page.context.set_offline(False)
+    for vertex, placed in given.items():
+        wait_for_mark(gro, vertex, placed)
+
+
 def test_an_answer_given_offline_is_kept_and_sent(sign_in: SignIn, track: Track) -> None:
-    hana = marker(sign_in, track, "Hana")
+    hana = Marker(sign_in("Hana", "annotator"), track)
+    asked: list[Route] = []
+
+    def only_first(route: Route) -> None:
+        """Two frames come ahead of the first one, and no more."""
+        asked.append(route)
+        route.continue_() if len(asked) == 1 else route.abort()
+
+    hana.page.route("**/tasks/next", only_first)
+    hana.open()
     vertex, placed = hana.vertex, hana.click(0.3, 0.4)
     hana.page.wait_for_function(HAS_FRAMES, arg=3)
     hana.page.context.set_offline(True)
@@ -60,6 +92,7 @@ def test_an_answer_given_offline_is_kept_and_sent(sign_in: SignIn, track: Track)
     hana.page.mouse.click(400, 400)
     expect(hana.page.get_by_text("does not have your answer")).to_be_visible()
     assert (hana.vertex, hana.shown()) == (list(given)[-1], 1)
+    hana.page.unroute("**/tasks/next")
     hana.page.context.set_offline(False)
     for vertex, placed in given.items():
         wait_for_mark(hana, vertex, placed)

@@ -1,8 +1,8 @@
 /** The checks of a result, as pages show them. */
 
 import type { CheckVerdict } from "./api/types.ts";
-import type { CameraSummary, Check, ResultView } from "./api/schema.ts";
-import { fixed } from "./format.ts";
+import type { CameraSummary, Check, NextSteps, ResultView } from "./api/schema.ts";
+import { counted, fixed } from "./format.ts";
 
 /** What does not pass, the gravest first, what concerns the mount alone last. */
 export function failing(checks: readonly Check[]): Check[] {
@@ -15,6 +15,20 @@ export function failing(checks: readonly Check[]): Check[] {
  * coordinates a mark (docs/checks.md).
  */
 export const ENOUGH_MARKS = 33;
+
+/** So many marks has a step that a worker plans (`workers/solver/next_steps.py`). */
+const STEP_MARKS = 12;
+
+/** How good a fit is by what it states, and what would narrow it: the marks that are worth making, and where. */
+export function fitInWords(pairs: number, { half_width_deg, half_width_mm, steps }: NextSteps): string {
+  const size = (deg: number, mm: number): string => `±${fixed(deg)}°, ±${fixed(mm, 0)} mm`;
+  const now = `From ${counted(pairs, "pair")}: ${size(half_width_deg, half_width_mm)} (95 %).`;
+  const marks = steps.filter(({ kind }) => kind === "marks").length * STEP_MARKS;
+  if (steps.length === 0) return `${now} That is enough: nothing narrows it by more than a twentieth.`;
+  const ways = steps.map((step) => `${step.words} (${size(step.half_width_deg, step.half_width_mm)})`);
+  const enough = marks > 0 ? ` ${counted(marks, "more mark")} are enough.` : " More marks narrow it little.";
+  return `${now} Next: ${ways.join("; then ")}.${enough}`;
+}
 
 /** What a verdict asks for. */
 export const VERDICT_WORDS: Record<CheckVerdict, string> = {

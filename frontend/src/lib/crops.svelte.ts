@@ -4,6 +4,7 @@ import * as crops from "./api/crops.ts";
 import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
 import type { CropProgress, CropSheet, CropVerdict } from "./api/schema.ts";
 import { cache } from "./cache.svelte.ts";
+import { store } from "./drafts.ts";
 import { outbox } from "./outbox.svelte.ts";
 
 /** What a page's answer will be. It is kept in the browser, so that a reload or an answer sent twice changes nothing. */
@@ -102,12 +103,9 @@ export class Crops {
     return text ? (JSON.parse(text) as Draft) : { id: randomKey(), wrong: [] };
   }
 
+  /** Without storage the page still works; a reload forgets what was flagged. */
   private keep(page: CropSheet): void {
-    try {
-      localStorage.setItem(keyOf(page), JSON.stringify({ id: this.id, wrong: [...this.wrong] } satisfies Draft));
-    } catch {
-      // Without storage the page still works; a reload forgets what was flagged.
-    }
+    store(keyOf(page), { id: this.id, wrong: [...this.wrong] } satisfies Draft);
   }
 
   private forget(page: CropSheet): void {

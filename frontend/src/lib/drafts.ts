@@ -24,17 +24,23 @@ function tab(): string {
 
 const ofVertex = (person: string, task: TaskView): string => `${PREFIX}${person}.${task.vertex.id}.${task.camera}.`;
 
-/** Keeps the mark of a vertex, or that there is none any more. Returns whether the browser could. */
-export function keepDraft(person: string, task: TaskView, mark: Pixel | null): boolean {
+/** Keeps something in the browser, or null: nothing any more. Returns whether the browser could. */
+export function store(key: string, value: unknown): boolean {
   try {
-    const key = ofVertex(person, task) + tab();
-    if (mark) localStorage.setItem(key, JSON.stringify({ u: mark.u, v: mark.v, at: Date.now() } satisfies Draft));
-    else localStorage.removeItem(key);
-    forgetOldest();
+    if (value === null) localStorage.removeItem(key);
+    else localStorage.setItem(key, JSON.stringify(value));
     return true;
   } catch {
     return false;
   }
+}
+
+/** Keeps the mark of a vertex, or that there is none any more. Returns whether the browser could. */
+export function keepDraft(person: string, task: TaskView, mark: Pixel | null): boolean {
+  const draft = mark && ({ u: mark.u, v: mark.v, at: Date.now() } satisfies Draft);
+  const isKept = store(ofVertex(person, task) + tab(), draft);
+  if (isKept) for (const [key] of drafts(PREFIX).slice(0, -MOST)) localStorage.removeItem(key);
+  return isKept;
 }
 
 /** The mark to show: this tab's draft, else that of the own answer, else the last draft of another tab. */
@@ -50,8 +56,4 @@ function drafts(prefix: string): [string, Draft][] {
     .filter((key) => key.startsWith(prefix))
     .map((key): [string, Draft] => [key, JSON.parse(localStorage.getItem(key) ?? "{}") as Draft])
     .sort(([, one], [, other]) => one.at - other.at);
-}
-
-function forgetOldest(): void {
-  for (const [key] of drafts(PREFIX).slice(0, -MOST)) localStorage.removeItem(key);
 }

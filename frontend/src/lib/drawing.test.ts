@@ -35,6 +35,13 @@ test("a corner of a turned box goes where it is put, and the opposite one stays"
   assert.deepEqual(parseRegion(JSON.stringify(moved)), moved);
 });
 
+test("a box turned by a quarter has its sides exchanged, and what is cut out has an outline", () => {
+  const quarter: Region = { box: { min: [4, -1, 0], max: [8, 1, 2], yaw_deg: 90 } };
+  const [box, polygon] = drawingOf({ and: [quarter, { or: [{ not: POLYGON }] }] }, "top", REACH).outlines;
+  near([7, -2, 7, 2, 5, 2, 5, -2], (box?.spots ?? []).flat(), 1e-9);
+  assert.deepEqual([polygon?.spots, polygon?.cut], ["polygon" in POLYGON && POLYGON.polygon, true]);
+});
+
 test("a box is moved, turned, and never turned inside out", () => {
   const there = handle(BOX, "top", ".m").move([20, 5]);
   near(handle(there, "top", ".m").at, [20, 5], 0.01);

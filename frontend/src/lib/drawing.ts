@@ -1,7 +1,6 @@
 /** A region as lines and handles in a plane: moving a handle gives another region. Metres. */
 
-import { cornersOf } from "./plan.ts";
-import { MAX_CORNERS, type Box, type Inequality, type Polygon, type Region } from "./region.ts";
+import { cornersOf, MAX_CORNERS, type Box, type Inequality, type Point, type Polygon, type Region } from "./region.ts";
 
 export type Plane = "top" | "front" | "side";
 type Axis = 0 | 1 | 2;
@@ -125,28 +124,16 @@ function boxBeside({ box }: Box, put: Put, cut: boolean, key: string, plane: Pla
   const [across] = AXES[plane];
   const seen = cornersOf(box).map((corner) => corner[across as 0 | 1]);
   const [left, right] = [Math.min(...seen), Math.max(...seen)];
-  const side = (which: "min" | "max", axis: Axis, value: number): Region => {
-    const limits = { min: [...box.min], max: [...box.max] } as Box["box"];
-    const other = which === "min" ? box.max[axis] - SMALLEST_M : box.min[axis] + SMALLEST_M;
-    limits[which][axis] = cm(which === "min" ? Math.min(value, other) : Math.max(value, other));
-    return put({ box: { ...box, ...limits } });
-  };
-  const handles = heightHandles(key, "the box", [box.min[2], box.max[2]], (left + right) / 2, (which, value) =>
-    side(which, 2, value),
-  );
+  const side = (axis: Axis) => (span: Spot) =>
+    put({ box: { ...box, min: box.min.with(axis, span[0]) as Point, max: box.max.with(axis, span[1]) as Point } });
+  const z: Spot = [box.min[2], box.max[2]];
+  const handles = ends(`${key}.z`, "z", "the box", z, (at) => [(left + right) / 2, at], side(2));
   // The sides of a turned box are not seen from here.
   if (!box.yaw_deg) {
-    for (const which of ["min", "max"] as const) {
-      handles.push({
-        key: `${key}.${which}`,
-        label: `${LETTERS[across]} ${which === "min" ? "from" : "to"} of the box`,
-        kind: "edge",
-        at: [box[which][across], (box.min[2] + box.max[2]) / 2],
-        move: (to) => side(which, across, to[0]),
-      });
-    }
+    const span: Spot = [box.min[across], box.max[across]];
+    handles.push(...ends(`${key}.`, LETTERS[across], "the box", span, (at) => [at, (z[0] + z[1]) / 2], side(across)));
   }
-  return { outlines: [rectangle(left, right, box.min[2], box.max[2], cut)], handles };
+  return { outlines: [rectangle(left, right, z[0], z[1], cut)], handles };
 }
 
 function polygonAbove(node: Polygon, put: Put, cut: boolean, key: string): Drawing {
@@ -188,32 +175,33 @@ function polygonBeside(node: Polygon, put: Put, cut: boolean, key: string, plane
   const seen = node.polygon.map((corner) => corner[AXES[plane][0] as 0 | 1]);
   const [left, right] = [Math.min(...seen), Math.max(...seen)];
   const z: Spot = node.z ?? [reach.min[2], reach.max[2]];
-  const handles = heightHandles(key, "the polygon", z, (left + right) / 2, (which, value) =>
-    put({
-      ...node,
-      z:
-        which === "min"
-          ? [cm(Math.min(value, z[1] - SMALLEST_M)), z[1]]
-          : [z[0], cm(Math.max(value, z[0] + SMALLEST_M))],
-    }),
+  const handles = ends(
+    `${key}.z`,
+    "z",
+    "the polygon",
+    z,
+    (at) => [(left + right) / 2, at],
+    (z) => put({ ...node, z }),
   );
   return { outlines: [rectangle(left, right, z[0], z[1], cut)], handles };
 }
 
-function heightHandles(
+/** Handles of the two ends of a span along an axis; `spot` is where an end lies in the plane. */
+function ends(
   key: string,
+  axis: string,
   what: string,
-  z: Spot,
-  across: number,
-  moved: (which: "min" | "max", value: number) => Region,
+  [low, high]: Spot,
+  spot: (end: number) => Spot,
+  put: (span: Spot) => Region,
 ): Handle[] {
-  return (["min", "max"] as const).map((which, i) => ({
-    key: `${key}.z${which}`,
-    label: `z ${which === "min" ? "from" : "to"} of ${what}`,
-    kind: "edge",
-    at: [across, z[i] ?? 0],
-    move: (to) => moved(which, to[1]),
-  }));
+  const along = (to: Spot): number => to[spot(0)[0] === spot(1)[0] ? 1 : 0];
+  const from = (to: Spot): Region => put([cm(Math.min(along(to), high - SMALLEST_M)), high]);
+  const until = (to: Spot): Region => put([low, cm(Math.max(along(to), low + SMALLEST_M))]);
+  return [
+    { key: `${key}min`, label: `${axis} from of ${what}`, kind: "edge", at: spot(low), move: from },
+    { key: `${key}max`, label: `${axis} to of ${what}`, kind: "edge", at: spot(high), move: until },
+  ];
 }
 
 /** The line of an inequality, if this plane shows it as one. */

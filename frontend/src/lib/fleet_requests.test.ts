@@ -1,8 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { ApiProblem } from "./api/http.ts";
-import type { Counts } from "./api/types.ts";
-import type { DryRunView } from "./api/schema.ts";
+import type { Counts, DryRunView } from "./api/schema.ts";
 import {
   countsInWords,
   dryRunInWords,

@@ -1,8 +1,8 @@
 /** Fleet requests as they are typed into the form, and as people read them. */
 
 import type { ApiProblem } from "./api/http.ts";
-import { VEHICLE_STATES, type Counts } from "./api/types.ts";
-import type { CameraOutcome, DryRunView, FleetRequestView, VehicleFilter } from "./api/schema.ts";
+import { VEHICLE_STATES } from "./api/types.ts";
+import type { CameraOutcome, Counts, DryRunView, FleetRequestView, VehicleFilter } from "./api/schema.ts";
 import { compact, counted, fixed, moment } from "./format.ts";
 
 export interface FilterDraft {

@@ -1,20 +1,25 @@
 /** Camera frames fetched and decoded ahead of the moment when they are shown. */
 
-import { fromStore } from "./api/blobs.ts";
+import { bytesAt } from "./api/blobs.ts";
 import { keepRecent } from "./recent.ts";
 
+/** Decoded ones take 8 MB each, files a thirtieth of that. */
 const KEPT = 12;
+const KEPT_FILES = 64;
+
+/** The file of a frame, kept so that it is there without a network. */
+export const loadFile = keepRecent(KEPT_FILES, bytesAt);
 
 /** The decoded image of an address; asked for twice, it is fetched once. */
 export const loadImage = keepRecent(KEPT, load, release);
 
 async function load(url: string): Promise<HTMLImageElement> {
-  const fetched = await fromStore(url);
+  const file = await loadFile(url);
   const image = new Image();
   image.decoding = "async";
   // The element that shows the image has the words for it.
   image.alt = "";
-  image.src = fetched ? URL.createObjectURL(fetched) : url;
+  image.src = URL.createObjectURL(file);
   try {
     await image.decode();
   } catch {
@@ -24,9 +29,8 @@ async function load(url: string): Promise<HTMLImageElement> {
   return image;
 }
 
-/** Gives back the memory of an image that came from the store. */
 function release(image: HTMLImageElement): void {
-  if (image.src.startsWith("blob:")) URL.revokeObjectURL(image.src);
+  URL.revokeObjectURL(image.src);
 }
 
 /** Fetches ahead; a failure shows when the image is really asked for. */

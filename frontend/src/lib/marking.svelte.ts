@@ -6,24 +6,26 @@
 import * as annotations from "./api/annotations.ts";
 import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
 import * as people from "./api/people.ts";
-import type { MarkingProgress, VerdictName } from "./api/types.ts";
-import type { ExpectedCorner, Me, TaskView } from "./api/schema.ts";
+import type { VerdictName } from "./api/types.ts";
+import type { ExpectedCorner, Me, Progress, TaskView } from "./api/schema.ts";
 import { cache } from "./cache.svelte.ts";
 import { cornerWords } from "./corners.ts";
 import { keepDraft, shownMark } from "./drafts.ts";
 import type { KeptAnswer } from "./answers_kept.ts";
 import { History } from "./history.svelte.ts";
-import { loadImage, preload } from "./images.ts";
+import { loadFile, loadImage, preload } from "./images.ts";
 import { outbox } from "./outbox.svelte.ts";
 import { painted } from "./painted.ts";
 import type { Pixel } from "./pixels.ts";
 import { session } from "./session.svelte.ts";
 import { Strip } from "./strip.svelte.ts";
 
-/** Two round trips of a third of a second each are over before so many vertices are marked. */
-const AHEAD = 2;
-/** More are not leased at once. */
-const MOST_AHEAD = 5;
+/** With the first frame come so many: two round trips of a third of a second are over before they are marked. */
+const FIRST_AHEAD = 2;
+/** So many come behind it, for a person whose network goes; asked for again when half of them are marked. */
+const AHEAD = 50;
+/** Of these so many are decoded. */
+const DECODED = 5;
 const RENEW_MS = 45_000;
 const AWAY_MS = 10 * 60_000;
 /** Nobody reacts to a new picture faster (simple visual reaction time): an earlier click meant the one before. */
@@ -39,7 +41,7 @@ export class Marking {
   task = $state.raw<TaskView | null>(null);
   image = $state.raw<HTMLImageElement | null>(null);
   mark = $state.raw<Pixel | null>(null);
-  progress = $state.raw<MarkingProgress | null>(null);
+  progress = $state.raw<Progress | null>(null);
   problem = $state.raw<ApiProblem | null>(null);
   /** What to do, where a key or a click was not used: no problem of the service. */
   advice = $state("");
@@ -62,6 +64,9 @@ export class Marking {
   private readonly detectionId: string;
   private readonly camera: string;
   private asked = 0;
+  private isFetching = false;
+  /** How many came with the last refill. */
+  private stock = 0;
   /** What comes next, leased. */
   ahead = $state.raw<readonly TaskView[]>([]);
   private given: readonly Given[] = [];
@@ -75,10 +80,14 @@ export class Marking {
   answered = $state(0);
   /** The vertex that is shown first. */
   private first: string | null;
+  /** How many are leased ahead. */
+  private readonly most: number;
 
-  constructor(me: Me, detectionId: string, camera: string, first: string | null = null) {
+  /** After `answers` the person leaves the page; 0: nothing says when. */
+  constructor(me: Me, detectionId: string, camera: string, first: string | null, answers: number) {
     this.me = me;
     this.first = first;
+    this.most = Math.min(AHEAD, answers || AHEAD);
     this.detectionId = detectionId;
     this.camera = camera;
     this.history = new History(`${me.id}.${detectionId}.${camera}`);
@@ -157,7 +166,8 @@ export class Marking {
       this.ahead = ahead;
       if (next) {
         void outbox.send();
-        void this.refill();
+        if (ahead.length <= this.stock / 2) void this.refill();
+        else this.preload();
         await this.showNext(() => this.show(next));
       } else {
         this.waiting = true;
@@ -318,7 +328,7 @@ export class Marking {
   }
 
   private async advance(skip: string | null): Promise<void> {
-    const tasks = await this.ask(skip);
+    const tasks = await this.ask(skip, FIRST_AHEAD);
     if (!tasks) return;
     const [next, ...ahead] = tasks;
     this.ahead = ahead;
@@ -329,24 +339,24 @@ export class Marking {
     }
     await this.show(next ?? null);
     this.preload();
+    if (next) void this.refill();
   }
 
   /** Leases what comes after the shown task, and renews what is leased. A failure shows when the next task is wanted. */
   private async refill(): Promise<void> {
     const asked = this.asked + 1;
-    const tasks = await this.ask(null).catch(() => null);
+    const tasks = await this.ask(null, this.most).catch(() => null);
     // A later question may have been answered first.
     if (!tasks || !this.task || this.asked !== asked) return;
     const shown = this.task.task_id;
     this.ahead = tasks.filter((one) => one.task_id !== shown && this.isOpen(one));
+    this.stock = this.ahead.length;
     this.preload();
   }
 
   /** The tasks of this person that no answer on its way answers. Null where the browser has become somebody else's. */
-  private async ask(skip: string | null): Promise<readonly TaskView[] | null> {
+  private async ask(skip: string | null, ahead: number): Promise<readonly TaskView[] | null> {
     this.asked += 1;
-    // The service may still count those as held whose answers are on their way.
-    const ahead = Math.min(MOST_AHEAD, AHEAD + this.given.length);
     const task = await annotations.nextTask(this.detectionId, this.camera, skip, ahead, this.first);
     this.first = null;
     if (task && task.person_id !== this.me.id) {
@@ -396,7 +406,21 @@ export class Marking {
   }
 
   private preload(): void {
-    for (const task of this.ahead) preload(task.frame.url);
+    for (const task of this.ahead.slice(0, DECODED)) preload(task.frame.url);
+    void this.fetchAhead();
+  }
+
+  /** One after the other, so that what is asked for meanwhile waits for none of them. */
+  private async fetchAhead(): Promise<void> {
+    if (this.isFetching) return;
+    this.isFetching = true;
+    try {
+      for (const { frame } of this.ahead) await loadFile(frame.url);
+    } catch {
+      // Those that could not come now come with the next refill.
+    } finally {
+      this.isFetching = false;
+    }
   }
 
   private async guarded(work: () => Promise<void>): Promise<void> {

@@ -1,9 +1,8 @@
 /** Which points a region keeps, by the rules of `workers/vertices/region.py`; a test compares both. */
 
 import { dot, levelRows } from "./level.ts";
-import { cornersOf } from "./plan.ts";
 import type { Operator, Quantity } from "./api/types.ts";
-import { levelOf, type Box, type Polygon, type Region, type WholeRegion } from "./region.ts";
+import { cornersOf, levelOf, type Box, type Polygon, type Region, type WholeRegion } from "./region.ts";
 
 type Test = (x: number, y: number, z: number) => boolean;
 type Measure = (x: number, y: number, z: number) => number;

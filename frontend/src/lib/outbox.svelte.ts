@@ -9,7 +9,7 @@ import type { KeptAnswer } from "./answers_kept.ts";
 import * as annotations from "./api/annotations.ts";
 import { ApiProblem } from "./api/http.ts";
 import * as people from "./api/people.ts";
-import type { MarkingProgress, OwnAnswer } from "./api/types.ts";
+import type { Own, Progress } from "./api/schema.ts";
 import { session } from "./session.svelte.ts";
 
 /** So many are kept at most: hours of work without a network. */
@@ -23,7 +23,7 @@ const LATER = new Set([0, 401, 408, 425, 429]);
 class Outbox {
   private answers = $state.raw<readonly KeptAnswer[]>([]);
   /** By an answer's order, the progress that came with it where this tab sent it. */
-  readonly progress = new Map<number, MarkingProgress>();
+  readonly progress = new Map<number, Progress>();
   /** The last attempt to send failed. */
   late = $state(false);
   private attempts = 0;
@@ -196,6 +196,6 @@ class Outbox {
 export const outbox = new Outbox();
 
 /** The person's own answer that stands in the way of a refused one, where that is the reason. */
-export function standing(answer: KeptAnswer): OwnAnswer | null {
-  return answer.refused?.code === "answer_changed" ? (answer.refused.own as OwnAnswer) : null;
+export function standing(answer: KeptAnswer): Own | null {
+  return answer.refused?.code === "answer_changed" ? (answer.refused.own as Own) : null;
 }

@@ -1,7 +1,7 @@
 /** What a calibration came to, in a line. */
 
-import type { CalibrationSummary, CheckVerdict } from "./api/types.ts";
-import type { CameraSummary, ModelSummary } from "./api/schema.ts";
+import type { CheckVerdict } from "./api/types.ts";
+import type { CameraSummary, ModelSummary, Summary } from "./api/schema.ts";
 import { fixed, words } from "./format.ts";
 
 export interface Outcome {
@@ -13,7 +13,7 @@ export interface Outcome {
 }
 
 /** Each camera's recommended model with its error. */
-export function outcomesOf(summary: CalibrationSummary | null): Outcome[] {
+export function outcomesOf(summary: Summary | null): Outcome[] {
   return Object.entries(summary?.cameras ?? {}).map(([camera, found]) => {
     const chosen = recommended(found);
     return {

@@ -80,6 +80,18 @@ export function withPart(region: Region, part: Part): Region {
   return { and: [...("and" in region ? region.and : [region]), part] };
 }
 
+/** A box's four corners seen from above, turned about its middle. */
+export function cornersOf({ min, max, yaw_deg = 0 }: Box["box"]): [number, number][] {
+  const [x, y] = [(min[0] + max[0]) / 2, (min[1] + max[1]) / 2];
+  const [dx, dy] = [(max[0] - min[0]) / 2, (max[1] - min[1]) / 2];
+  const yaw = (yaw_deg * Math.PI) / 180;
+  const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
+  return [0, 1, 2, 3].map((corner) => {
+    const [i, j] = [corner % 3 === 0 ? -1 : 1, corner < 2 ? -1 : 1];
+    return [x + i * dx * cos - j * dy * sin, y + i * dx * sin + j * dy * cos];
+  });
+}
+
 /** The region in words, for lists. */
 export function describe(region: unknown): string {
   if (typeof region !== "object" || region === null) return "";

@@ -8,7 +8,7 @@ export type Route =
   | { page: "reference" }
   | { page: "vehicle"; id: string }
   | { page: "recording"; id: string; step: string | null; detection: string | null }
-  | { page: "marking"; detection: string; camera: string; vertex: string | null; crops: number }
+  | { page: "marking"; detection: string; camera: string; vertex: string | null; crops: number; result: string | null }
   | { page: "crops"; detection: string; camera: string }
   | { page: "calibration"; id: string; show: string | null }
   | { page: "fleet-requests"; fleet: string }
@@ -41,8 +41,9 @@ export function routeOf(url: URL): Route {
   if (!second) return { page: "unknown" };
   const camera = url.searchParams.get("camera") ?? "";
   if (first === "detections" && third === "mark") {
-    const [vertex, crops] = [url.searchParams.get("vertex"), Number(url.searchParams.get("crops")) || 0];
-    return { page: "marking", detection: second, camera, vertex, crops };
+    const [vertex, result] = [url.searchParams.get("vertex"), url.searchParams.get("result")];
+    const crops = Number(url.searchParams.get("crops")) || 0;
+    return { page: "marking", detection: second, camera, vertex, crops, result };
   }
   if (first === "detections" && third === "crops") return { page: "crops", detection: second, camera };
   if (first === "fleets" && third === "requests") return { page: "fleet-requests", fleet: second };
@@ -136,14 +137,17 @@ const DOCUMENTS: Partial<Record<Route["page"], string>> = {
 /** The document of a page, as the service has it. */
 export const documentPath = (page: Route["page"]): string => `/docs/${DOCUMENTS[page] ?? "operators"}.txt`;
 
-/** `vertex` comes first. After `crops` answers the page leads to the crops. */
+/**
+ * `vertex` comes first. After `crops` answers the page leads to the crops; with `result` after one back to this
+ * calibration.
+ */
 export function markingPath(
   detection: string,
   camera: string,
-  { vertex, crops }: { vertex?: string | null; crops?: number } = {},
+  { vertex, crops, result }: { vertex?: string | null; crops?: number; result?: string } = {},
 ): string {
   const wishes = (vertex ? `&vertex=${vertex}` : "") + (crops ? `&crops=${crops}` : "");
-  return `/detections/${detection}/mark?camera=${encodeURIComponent(camera)}${wishes}`;
+  return `/detections/${detection}/mark?camera=${encodeURIComponent(camera)}${wishes}${result ? `&result=${result}` : ""}`;
 }
 
 export const cropsPath = (detection: string, camera: string): string =>

@@ -68,6 +68,17 @@ def test_what_comes_next_is_leased_ahead_and_comes_in_that_order(api, fleet):
     assert named(ask(one, seed, skip=again["task_id"], ahead=2)) == [vertices[5]]
 
 
+def test_many_ahead_leave_others_enough(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=72)
+    one, two, three = (api.member(fleet, "annotator") for _ in range(3))
+    # Half of all; of 35 that are left for two half of the share; then at least five.
+    held = [named(ask(person, seed, ahead=50)) for person in (one, two, three)]
+    assert [len(vertices) for vertices in held] == [37, 1 + 35 // 4, 1 + 5]
+    assert len({vertex for vertices in held for vertex in vertices}) == sum(map(len, held))
+    # Who asks again keeps what they hold, in its order.
+    assert named(ask(one, seed, ahead=50)) == held[0]
+
+
 def test_what_was_taken_back_comes_before_what_is_leased_ahead(api, fleet):
     seed = seed_marking(api.database, fleet, vertices=5)
     one = api.member(fleet, "annotator")
@@ -224,6 +235,8 @@ def test_progress_counts_vertices_and_answers(api, fleet):
         seed_answer(api.database, seed, person.person_id, number, verdict, mark)
     progress = one.get(f"/detections/{seed.detection_id}/progress?camera=front").json()
     assert progress == {"vertices": 4, "marks_wanted": 2, "answered": 3, "mine": 3, "complete": 1}
+    answered = two.get(f"/detections/{seed.detection_id}/answered?camera=front").json()
+    assert [len(sweeps) for sweeps in answered.values()] == [3, 1] and set(answered["mine"]) < set(answered["sweeps"])
     tally = api.member(fleet, "reviewer").get(f"/detections/{seed.detection_id}/tally?camera=front").json()
     assert tally == {
         "answers": 4,

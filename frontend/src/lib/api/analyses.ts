@@ -4,7 +4,6 @@ import { bodyOf, client } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
 import { create, remove } from "./writes.ts";
 import { isUnderWay, type Analysis, type AnalysisRequest } from "./types.ts";
-import type { AnalysisPage } from "./schema.ts";
 
 const POLL_MS = 400;
 
@@ -42,7 +41,7 @@ export const analyses = <K extends Kind>(subject: Subject, kind: K, most = 1000)
 export const VALIDATIONS_PER_PAGE = 10;
 
 /** The validations of a vehicle, the newest first. */
-export const validations = (vehicle_id: string, after: string | undefined): Read<AnalysisPage> =>
+export const validations = (vehicle_id: string, after: string | undefined) =>
   read(
     "/v1/analyses",
     undefined,

@@ -1,10 +1,10 @@
 /** Marking: tasks one after the other, answers, and taking one back. */
 
 import { bodyOf, client } from "./http.ts";
-import { read, type Read } from "./reads.ts";
+import { read } from "./reads.ts";
 import { post } from "./writes.ts";
-import type { MarkingProgress, MarkingTally, NewAnswer } from "./types.ts";
-import type { ExpectedCorner, TaskView } from "./schema.ts";
+import type { NewAnswer } from "./types.ts";
+import type { Tally, TaskView } from "./schema.ts";
 
 /**
  * The next task for this person, or the one that they hold, with `ahead` that follow; null when nothing is left.
@@ -28,15 +28,19 @@ export const answerTask = (task_id: string, answer: NewAnswer, signal: AbortSign
 export const undoAnswer = (task_id: string, id: string, version: number) =>
   post("/v1/tasks/{task_id}/undo", { task_id }, { id, version });
 
-export const progress = (id: string, camera: string): Read<MarkingProgress> =>
+export const progress = (id: string, camera: string) =>
   read("/v1/detections/{detection_id}/progress", { detection_id: id }, { camera });
 
+/** Which sweeps have answers, and which have this person's. */
+export const answered = (detection_id: string, camera: string) =>
+  read("/v1/detections/{detection_id}/answered", { detection_id }, { camera });
+
 /** Read when somebody asks for it: from then on their answers count as reviewed. */
-export const tally = (id: string, camera: string): Promise<MarkingTally> =>
+export const tally = (id: string, camera: string): Promise<Tally> =>
   bodyOf(
     client.GET("/v1/detections/{detection_id}/tally", { params: { path: { detection_id: id }, query: { camera } } }),
   );
 
 /** Where to look for each corner that the machine marked. */
-export const expectedCorners = (detection_id: string, camera: string): Read<ExpectedCorner[]> =>
+export const expectedCorners = (detection_id: string, camera: string) =>
   read("/v1/detections/{detection_id}/expected-corners", { detection_id }, { camera });

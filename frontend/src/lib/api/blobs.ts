@@ -27,8 +27,12 @@ export async function putIntoStore(
 
 let throughService = false;
 
-/** A frame's image or a sweep straight from the store; null where these go through the service. */
-export async function fromStore(url: string): Promise<Blob | null> {
+/** A frame's image or a sweep: straight from the store, or through the service. */
+export const bytesAt = async (url: string): Promise<Blob> =>
+  (await fromStore(url)) ?? (await (await send(new Request(url))).blob());
+
+/** Null where these go through the service. */
+async function fromStore(url: string): Promise<Blob | null> {
   if (throughService) return null;
   const address = (await (await send(new Request(`${url}/address`))).json()) as BlobAddress;
   if (!address.url) {

@@ -1,10 +1,10 @@
 /** Pages of crops, on which people confirm the machine's marks. */
 
-import { read, type Read } from "./reads.ts";
+import { read } from "./reads.ts";
 import { post } from "./writes.ts";
-import type { CropAnswer, CropProgress, CropSheet } from "./schema.ts";
+import type { CropAnswer, CropSheet } from "./schema.ts";
 
-export const progress = (detection_id: string, camera: string): Read<CropProgress> =>
+export const progress = (detection_id: string, camera: string) =>
   read("/v1/detections/{detection_id}/crops", { detection_id }, { camera });
 
 /** The page that this person has not answered, or a new one; null where no mark needs a look. */

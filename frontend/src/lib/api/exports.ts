@@ -1,12 +1,12 @@
 /** Calibrations in the formats of other programs. */
 
 import { client, send } from "./http.ts";
-import { read, type Read } from "./reads.ts";
+import { read } from "./reads.ts";
 import type { components } from "./schema.ts";
 
 export type ExportFormat = components["schemas"]["FormatView"];
 
-export const exportFormats = (): Read<ExportFormat[]> => read("/v1/export-formats", undefined);
+export const exportFormats = () => read("/v1/export-formats", undefined);
 
 /** What stands at `url` in a format, and the name that the service gives to the file. */
 export async function exportTo(url: string, format: string): Promise<{ name: string; content: Blob }> {

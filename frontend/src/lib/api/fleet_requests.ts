@@ -1,10 +1,9 @@
 /** Fleet requests: calibrations of all vehicles that a filter names, in one call. */
 
-import type { Page } from "./http.ts";
-import { read, type Read } from "./reads.ts";
+import { read } from "./reads.ts";
 import { create, post } from "./writes.ts";
 import { isUnderWay, type VehicleState } from "./types.ts";
-import type { DryRunView, FleetRequestBody, FleetRequestView, RequestVehicleView } from "./schema.ts";
+import type { DryRunView, FleetRequestBody } from "./schema.ts";
 
 export const REQUESTS_PER_PAGE = 50;
 export const VEHICLES_PER_PAGE = 100;
@@ -17,20 +16,16 @@ export const dryRun = (id: string, body: FleetRequestBody) =>
   post("/v1/fleets/{id}/fleet-requests", { id }, { ...body, dry_run: true }) as Promise<DryRunView>;
 
 /** Newest first. */
-export const fleetRequests = (fleetId: string, after: string | undefined): Read<Page<FleetRequestView>> =>
+export const fleetRequests = (fleetId: string, after: string | undefined) =>
   read("/v1/fleets/{id}/fleet-requests", { id: fleetId }, { after, limit: REQUESTS_PER_PAGE }, ({ items }) =>
     items.some(isUnderWay),
   );
 
-export const fleetRequest = (fleet_request_id: string): Read<FleetRequestView> =>
+export const fleetRequest = (fleet_request_id: string) =>
   read("/v1/fleet-requests/{fleet_request_id}", { fleet_request_id }, {}, isUnderWay);
 
 /** By name; of one state, or of all. */
-export const requestVehicles = (
-  fleet_request_id: string,
-  state: VehicleState | undefined,
-  after: string | undefined,
-): Read<Page<RequestVehicleView>> =>
+export const requestVehicles = (fleet_request_id: string, state: VehicleState | undefined, after: string | undefined) =>
   read(
     "/v1/fleet-requests/{fleet_request_id}/vehicles",
     { fleet_request_id },

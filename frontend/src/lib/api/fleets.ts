@@ -1,27 +1,18 @@
 /** Fleets, vehicles and rigs. */
 
-import { read, readAll, type Read } from "./reads.ts";
+import { read, readAll } from "./reads.ts";
 import { change, create, remove } from "./writes.ts";
 import type { HealthOrder } from "./types.ts";
-import type {
-  CameraState,
-  FleetHealth,
-  FleetOut,
-  NewRig,
-  PublicationPolicy,
-  RigOut,
-  SensorSerials,
-  VehicleOut,
-} from "./schema.ts";
+import type { CameraState, NewRig, PublicationPolicy, RigOut, SensorSerials } from "./schema.ts";
 
-export const fleet = (id: string | undefined): Read<FleetOut> => read("/v1/fleets/{id}", { id });
+export const fleet = (id: string | undefined) => read("/v1/fleets/{id}", { id });
 
 export const createFleet = (name: string) => create("/v1/fleets", {}, { name });
 
 /** As many vehicles as the pages list; larger fleets are named by patterns. */
 export const MOST_VEHICLES = 1000;
 
-export const vehicles = (fleetId: string | undefined): Read<VehicleOut[]> =>
+export const vehicles = (fleetId: string | undefined) =>
   readAll("/v1/fleets/{id}/vehicles", { id: fleetId }, {}, undefined, MOST_VEHICLES);
 
 /** A page of the fleet's cameras, a hundred of them. */
@@ -29,15 +20,15 @@ export const health = (
   id: string | undefined,
   filter: { name?: string; state?: CameraState[]; order?: HealthOrder },
   after: string | undefined,
-): Read<FleetHealth> => read("/v1/fleets/{id}/health", { id }, { ...filter, after });
+) => read("/v1/fleets/{id}/health", { id }, { ...filter, after });
 
-export const vehicle = (id: string | undefined): Read<VehicleOut> => read("/v1/vehicles/{id}", { id });
+export const vehicle = (id: string | undefined) => read("/v1/vehicles/{id}", { id });
 
 export const createVehicle = (id: string, name: string) => create("/v1/fleets/{id}/vehicles", { id }, { name });
 
-export const rigs = (vehicleId: string): Read<RigOut[]> => readAll("/v1/vehicles/{id}/rigs", { id: vehicleId });
+export const rigs = (vehicleId: string) => readAll("/v1/vehicles/{id}/rigs", { id: vehicleId });
 
-export const rig = (id: string): Read<RigOut> => read("/v1/rigs/{id}", { id });
+export const rig = (id: string) => read("/v1/rigs/{id}", { id });
 
 export const createRig = (id: string, body: NewRig) => create("/v1/vehicles/{id}/rigs", { id }, body);
 

@@ -1,10 +1,10 @@
 /** Signing in, members and invitations. */
 
 import { bodyOf, client } from "./http.ts";
-import { readAll, type Read } from "./reads.ts";
+import { readAll } from "./reads.ts";
 import { change, create, post, remove } from "./writes.ts";
 import type { Role } from "./types.ts";
-import type { Me, Member } from "./schema.ts";
+import type { Me } from "./schema.ts";
 
 export const signIn = (link: string) => post("/v1/sign-in", {}, { link });
 
@@ -12,7 +12,7 @@ export const signOut = () => post("/v1/sign-out", {});
 
 export const me = (): Promise<Me> => bodyOf(client.GET("/v1/me"));
 
-export const members = (fleetId: string): Read<Member[]> => readAll("/v1/fleets/{id}/members", { id: fleetId });
+export const members = (fleetId: string) => readAll("/v1/fleets/{id}/members", { id: fleetId });
 
 /** Invites somebody; with `person_id`, makes a new link for somebody who is a member already. */
 export const invite = (id: string, name: string, role: Role, person_id?: string) =>

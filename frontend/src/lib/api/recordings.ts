@@ -1,33 +1,24 @@
 /** Recordings, their upload in parts, and their camera frames. */
 
 import { bodyOf, client, send } from "./http.ts";
-import { read, readAll, type Read } from "./reads.ts";
+import { read, readAll } from "./reads.ts";
 import { change, create, post } from "./writes.ts";
-import {
-  isUnderWay,
-  type FramePlace,
-  type ProposalRequest,
-  type RigProposal,
-  type SweepPlace,
-  type UploadedParts,
-} from "./types.ts";
-import type { NewRecording, RecordingEdit, RecordingSummary, RecordingView } from "./schema.ts";
+import { isUnderWay, type ProposalRequest, type RigProposal } from "./types.ts";
+import type { NewRecording, Parts, RecordingEdit, RecordingView } from "./schema.ts";
 
 const of = (id: string) => ({ params: { path: { id } } });
 
-export const recordings = (of: { fleet_id?: string | undefined; vehicle_id?: string }): Read<RecordingSummary[]> => ({
+export const recordings = (of: { fleet_id?: string | undefined; vehicle_id?: string }) => ({
   ...readAll("/v1/recordings", undefined, of, (found) => found.some(isUnderWay)),
   enabled: Object.values(of).every((id) => id !== undefined),
 });
 
-export const recording = (id: string | undefined): Read<RecordingView> =>
-  read("/v1/recordings/{id}", { id }, {}, isUnderWay);
+export const recording = (id: string | undefined) => read("/v1/recordings/{id}", { id }, {}, isUnderWay);
 
 export const createRecording = (id: string, body: NewRecording) => create("/v1/vehicles/{id}/recordings", { id }, body);
 
 /** Which parts the service holds, and how the others go. */
-export const uploadedParts = (id: string): Promise<UploadedParts> =>
-  bodyOf(client.GET("/v1/recordings/{id}/parts", of(id)));
+export const uploadedParts = (id: string): Promise<Parts> => bodyOf(client.GET("/v1/recordings/{id}/parts", of(id)));
 
 /** Puts one part; `digest` is its SHA-256 in base64. */
 export const putPart = (
@@ -62,11 +53,11 @@ export const frameUrl = (id: string, camera: string, index: number): string =>
   `/v1/recordings/${id}/cameras/${encodeURIComponent(camera)}/frames/${index}`;
 
 /** Where each sweep of the LiDAR is, once a worker has packed them. */
-export const sweeps = (id: string | undefined): Read<SweepPlace[]> =>
+export const sweeps = (id: string | undefined) =>
   readAll("/v1/recordings/{id}/sweeps", { id }, { limit: 5000 }, undefined, 200_000);
 
 /** When each frame of a camera was taken. */
-export const frames = (id: string | undefined, camera: string): Read<FramePlace[]> =>
+export const frames = (id: string | undefined, camera: string) =>
   readAll("/v1/recordings/{id}/cameras/{camera}/frames", { id, camera }, { limit: 5000 }, undefined, 200_000);
 
 export const sweepUrl = (id: string, index: number): string => `/v1/recordings/${id}/sweeps/${index}`;

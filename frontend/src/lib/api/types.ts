@@ -30,10 +30,6 @@ export type Role = Schemas["Member"]["role"];
 /** The least first. */
 export const ROLES = every<Role>({ viewer: 0, annotator: 0, reviewer: 0, engineer: 0, admin: 0 });
 
-export type UploadedParts = Schemas["Parts"];
-export type SweepPlace = Schemas["SweepView"];
-export type FramePlace = Schemas["FrameView"];
-
 /** A topic that could not be told from others: further members of a problem are not described. */
 export interface Candidate {
   name: string;
@@ -50,21 +46,15 @@ export type PairingMode = NonNullable<Schemas["Pairing"]["mode"]>;
 export type Analysis = Schemas["AnalysisPage"]["items"][number];
 export type AnalysisRequest = paths["/v1/analyses"]["post"]["requestBody"]["content"]["application/json"];
 
-export type MarkingProgress = Schemas["Progress"];
-export type MarkingTally = Schemas["Tally"];
-export type MarkPoint = Schemas["Pixel"];
-export type NewAnswer = Schemas["Answer"] & { mark: MarkPoint | null };
-export type OwnAnswer = Schemas["Own"];
+export type NewAnswer = Schemas["Answer"] & { mark: Schemas["Pixel"] | null };
 export type VerdictName = NewAnswer["verdict"];
 
-export type CalibrationSummary = Schemas["Summary"];
 /** The camera models, in the order in which people read them. */
 export const MODELS = ["pinhole", "brown_conrady", "kannala_brandt", "rational_polynomial"] as const;
 /** Those that a form begins with. */
 export const DEFAULT_MODELS = MODELS.slice(0, 3);
 export type ModelName = (typeof MODELS)[number];
 
-export type Counts = Schemas["Counts"];
 export type VehicleState = Schemas["RequestVehicleView"]["state"];
 const STATES = { queued: 0, running: 0, done: 0, failed: 0, cancelled: 0, skipped: 0 };
 export const VEHICLE_STATES = every<VehicleState>(STATES);

@@ -44,15 +44,24 @@ export const post = <P extends Writable<"post">>(
   more: { signal?: AbortSignal } = {},
 ): Promise<AnswerOf<P, "post">> => write("post", address, path, body, more);
 
-/** Changes the version that was read, where one is stated. */
-export const change = <V extends "put" | "patch", P extends Writable<V>>(
+/** By id, the version that this page made of a thing: what it shows may still be the one before. */
+const versions = new Map<unknown, number>();
+
+/** Changes the version that was read, where one is stated, or the one that this page has made of it since. */
+export async function change<V extends "put" | "patch", P extends Writable<V>>(
   verb: V,
   address: P,
   path: PathOf<P, V>,
   body: BodyOf<P, V>,
   version?: number,
-): Promise<AnswerOf<P, V>> =>
-  write(verb, address, path, body, version === undefined ? {} : { headers: { "If-Match": `"v${version}"` } });
+): Promise<AnswerOf<P, V>> {
+  if (version === undefined) return write(verb, address, path, body);
+  const { id } = path as { id: string };
+  const newest = Math.max(version, versions.get(id) ?? 0);
+  const changed = await write(verb, address, path, body, { headers: { "If-Match": `"v${newest}"` } });
+  versions.set(id, (changed as { version: number }).version);
+  return changed;
+}
 
 export const remove = <P extends Writable<"delete">>(
   address: P,

@@ -60,21 +60,8 @@ function divisor(a: number, b: number): number {
   return b === 0 ? a : divisor(b, a % b);
 }
 
-export interface PointFacts {
-  x: number;
-  y: number;
-  z: number;
-  range: number;
-  azimuthDeg: number;
-  elevationDeg: number;
-  ring: number;
-  intensity: number;
-  timeNs: number;
-  sweep: number;
-}
-
 /** What is known of one point. */
-export function factsOf(cloud: Cloud, i: number): PointFacts {
+export function factsOf(cloud: Cloud, i: number) {
   const [x = 0, y = 0, z = 0] = cloud.positions.subarray(3 * i, 3 * i + 3);
   return {
     x,

@@ -1,7 +1,6 @@
 /** Sweeps fetched and unpacked; the last ones are kept. */
 
-import { fromStore } from "../api/blobs.ts";
-import { send } from "../api/http.ts";
+import { bytesAt } from "../api/blobs.ts";
 import { keepRecent } from "../recent.ts";
 import { unpack, type Sweep } from "./sweep.ts";
 
@@ -12,8 +11,7 @@ const KEPT = 40;
 export const loadSweep = keepRecent(KEPT, load);
 
 async function load(url: string): Promise<Sweep> {
-  const found = (await fromStore(url)) ?? (await (await send(new Request(url))).blob());
-  return unpack(new Uint8Array(await found.arrayBuffer()));
+  return unpack(new Uint8Array(await (await bytesAt(url)).arrayBuffer()));
 }
 
 /** The most points that are shown at once. */

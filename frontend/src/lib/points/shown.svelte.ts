@@ -2,7 +2,7 @@
 
 import type { ApiProblem } from "../api/http.ts";
 import * as recordings from "../api/recordings.ts";
-import type { SweepPlace } from "../api/types.ts";
+import type { SweepView } from "../api/schema.ts";
 import { reading } from "../cache.svelte.ts";
 import { Latest } from "../latest.svelte.ts";
 import { cloudOf, type Cloud } from "./cloud.ts";
@@ -14,7 +14,7 @@ export class ShownSweeps {
   number = $state(0);
   /** Many at once, spread over the recording. */
   together = $state(false);
-  readonly #found: { data: SweepPlace[] | undefined; error: ApiProblem | null };
+  readonly #found: { data: SweepView[] | undefined; error: ApiProblem | null };
   readonly #loaded: Latest<number[], Cloud>;
   readonly sweeps = $derived.by(() => this.#found.data ?? []);
   readonly at = $derived(this.sweeps[this.number]);
