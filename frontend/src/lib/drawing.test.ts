@@ -1,11 +1,12 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { drawingOf, type Handle, type Plane, type Reach } from "./drawing.ts";
+import { drawingOf, type Handle, type Plane } from "./drawing.ts";
 import { maskOf } from "./mask.ts";
+import type { Extent } from "./points/cloud.ts";
 import { metresAt, pixelsOf } from "./points/flat.ts";
 import { levelOf, parseRegion, partsOf, withPart, type Region } from "./region.ts";
 
-const REACH: Reach = { min: [-5, -10, -2], max: [40, 10, 3] };
+const REACH: Extent = { min: [-5, -10, -2], max: [40, 10, 3] };
 const BOX: Region = { box: { min: [2, -3, -1], max: [6, 3, 1], yaw_deg: 30 } };
 const POLYGON: Region = {
   polygon: [

@@ -1,5 +1,6 @@
 /** A region as lines and handles in a plane: moving a handle gives another region. Metres. */
 
+import type { Extent } from "./points/cloud.ts";
 import { cornersOf, MAX_CORNERS, type Box, type Inequality, type Point, type Polygon, type Region } from "./region.ts";
 
 export type Plane = "top" | "front" | "side";
@@ -32,12 +33,6 @@ export interface Drawing {
   handles: Handle[];
 }
 
-/** The least extent of the plane, where the lines of inequalities end. */
-export interface Reach {
-  min: [number, number, number];
-  max: [number, number, number];
-}
-
 /** Replaces a node, and returns the whole region. */
 type Put = (node: Region) => Region;
 
@@ -50,8 +45,8 @@ interface Found {
 
 const SMALLEST_M = 0.1;
 
-/** All that the plane shows of a region. */
-export function drawingOf(region: Region, plane: Plane, reach: Reach): Drawing {
+/** All that the plane shows of a region. `reach`: where the lines of inequalities end. */
+export function drawingOf(region: Region, plane: Plane, reach: Extent): Drawing {
   const parts = found(region, (node) => node, false, "").map((one) => drawn(one, plane, reach));
   // Later ones lie over earlier ones, so a corner is taken before the middle under it.
   const handles = parts.flatMap((one) => one.handles).sort((a, b) => RANKS[a.kind] - RANKS[b.kind]);
@@ -73,7 +68,7 @@ function found(node: Region, put: Put, cut: boolean, key: string): Found[] {
   return [{ node, put, cut, key }];
 }
 
-function drawn({ node, put, cut, key }: Found, plane: Plane, reach: Reach): Drawing {
+function drawn({ node, put, cut, key }: Found, plane: Plane, reach: Extent): Drawing {
   if ("box" in node) return plane === "top" ? boxAbove(node, put, cut, key) : boxBeside(node, put, cut, key, plane);
   if ("polygon" in node) {
     return plane === "top" ? polygonAbove(node, put, cut, key) : polygonBeside(node, put, cut, key, plane, reach);
@@ -171,7 +166,7 @@ function polygonAbove(node: Polygon, put: Put, cut: boolean, key: string): Drawi
   return { outlines: [{ spots: corners, closed: true, cut }], handles };
 }
 
-function polygonBeside(node: Polygon, put: Put, cut: boolean, key: string, plane: Plane, reach: Reach): Drawing {
+function polygonBeside(node: Polygon, put: Put, cut: boolean, key: string, plane: Plane, reach: Extent): Drawing {
   const seen = node.polygon.map((corner) => corner[AXES[plane][0] as 0 | 1]);
   const [left, right] = [Math.min(...seen), Math.max(...seen)];
   const z: Spot = node.z ?? [reach.min[2], reach.max[2]];
@@ -205,7 +200,7 @@ function ends(
 }
 
 /** The line of an inequality, if this plane shows it as one. */
-function limit(node: Inequality, put: Put, key: string, plane: Plane, reach: Reach): Drawing {
+function limit(node: Inequality, put: Put, key: string, plane: Plane, reach: Extent): Drawing {
   const [a, b] = AXES[plane];
   const [low, high]: [Spot, Spot] = [
     [reach.min[a], reach.min[b]],

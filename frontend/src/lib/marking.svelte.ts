@@ -64,7 +64,6 @@ export class Marking {
   private readonly detectionId: string;
   private readonly camera: string;
   private asked = 0;
-  private isFetching = false;
   /** How many came with the last refill. */
   private stock = 0;
   /** What comes next, leased. */
@@ -410,16 +409,15 @@ export class Marking {
     void this.fetchAhead();
   }
 
-  /** One after the other, so that what is asked for meanwhile waits for none of them. */
+  /**
+   * One after the other, so that what is asked for meanwhile waits for none of them, until others come ahead. Those that
+   * could not come now are asked for with the next answer.
+   */
   private async fetchAhead(): Promise<void> {
-    if (this.isFetching) return;
-    this.isFetching = true;
-    try {
-      for (const { frame } of this.ahead) await loadFile(frame.url);
-    } catch {
-      // Those that could not come now come with the next refill.
-    } finally {
-      this.isFetching = false;
+    const ahead = this.ahead;
+    for (const { frame } of ahead) {
+      if (ahead !== this.ahead) return;
+      await loadFile(frame.url).catch(() => undefined);
     }
   }
 

@@ -2,14 +2,8 @@
 
 import type { Sweep } from "./sweep.ts";
 
-export interface Cloud {
-  count: number;
-  ringCount: number;
-  /** x, y, z of each point. The first n points are an even sample of all, for every n. */
-  positions: Float32Array;
-  rings: Uint16Array;
-  intensities: Float32Array;
-  timesNs: Float64Array;
+/** The first n points are an even sample of all, for every n. */
+export interface Cloud extends Omit<Sweep, "index" | "stampNs"> {
   /** Which of `sweeps` each point is of. */
   sweepOf: Uint16Array;
   sweeps: { index: number; stampNs: bigint }[];
