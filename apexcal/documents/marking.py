@@ -118,7 +118,7 @@ class Progress(Sent):
 
 
 class AnsweredSweeps(Sent):
-    """Sweeps with an answered vertex, in one camera: ``sweeps`` of anybody, ``mine`` of the asker; not what was said."""
+    """Sweeps with an answered vertex, in one camera: ``sweeps`` of anybody, ``mine`` of the asker."""
 
     sweeps: list[int]
     mine: list[int]

@@ -16,7 +16,6 @@ SignIn = Callable[[str, str], Page]
 HAS_FRAMES = (
     "count => performance.getEntriesByType('resource').filter((one) => /frames/.test(one.name)).length >= count"
 )
-FRAMES = "new Set(performance.getEntriesByType('resource').map((one) => one.name).filter((one) => /frames/.test(one))).size"
 OFFLINE = int(os.environ.get("OFFLINE", "12"))
 SHOWS_ANOTHER = "vertex => document.querySelector('.stage')?.dataset.vertex !== vertex"
 
@@ -47,10 +46,7 @@ def wait_for_mark(person: Marker, vertex: str, pixel: tuple[float, float]) -> di
 
 def test_frames_ahead_are_marked_without_a_network(sign_in: SignIn, track: Track) -> None:
     gro = marker(sign_in, track, "Gro")
-    for _ in range(600):
-        if gro.page.evaluate(FRAMES) > OFFLINE:
-            break
-        gro.page.wait_for_timeout(50)
+    gro.page.wait_for_function(HAS_FRAMES, arg=OFFLINE + 2)
     gro.page.context.set_offline(True)
     given: dict[str, tuple[float, float]] = {}
     for turn in range(OFFLINE):

@@ -153,7 +153,7 @@ def test_a_rig_of_the_recordings_tree_its_serials_and_gates(sign_in: SignIn, tra
     assert_looks(page)
     # The second form is saved while the page still reads what the first one made.
     held: list[Route] = []
-    page.route(re.compile(r"/rigs(\?.*)?$"), held.append)  # nothing is read meanwhile
+    page.route(re.compile(r"/rigs(\?.*)?$"), lambda route: held.append(route))  # nothing is read meanwhile
     with page.expect_response(re.compile("/serials$")):
         panel.get_by_role("button", name="Save the serial numbers").click()
     with page.expect_response(re.compile("/policy$")) as saved:

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Check } from "./api/schema.ts";
-import { failing } from "./checks.ts";
+import { failing, fitInWords } from "./checks.ts";
 
 const check = (name: string, verdict: Check["verdict"], scope: Check["scope"] = "mount_with_lens"): Check => ({
   name,
@@ -24,4 +24,22 @@ test("what does not pass, the gravest first, the mount alone last", () => {
     failing(checks).map((one) => one.name),
     ["lens", "clock", "alone"],
   );
+});
+
+test("a fit says how good it is, and how many marks are enough", () => {
+  const marks = {
+    kind: "marks" as const,
+    words: "mark 12 more at the left edge",
+    half_width_deg: 0.2,
+    half_width_mm: 9,
+  };
+  const lens = { ...marks, kind: "lens" as const, words: "give a lens file" };
+  const now = { half_width_deg: 0.31, half_width_mm: 14.4, parts: {} };
+  assert.equal(
+    fitInWords(24, { ...now, steps: [lens, marks] }),
+    "From 24 pairs: ±0.31°, ±14 mm (95 %). Next: give a lens file (±0.20°, ±9 mm); then mark 12 more at the left edge" +
+      " (±0.20°, ±9 mm). 12 more marks are enough.",
+  );
+  assert.match(fitInWords(24, { ...now, steps: [lens] }), /More marks narrow it little\.$/);
+  assert.match(fitInWords(24, { ...now, steps: [] }), /That is enough/);
 });

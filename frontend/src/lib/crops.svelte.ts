@@ -1,7 +1,8 @@
 /** One person's way through the pages of crops of a detection in one camera: a page, what is wrong on it, the next. */
 
+import { Action } from "./action.svelte.ts";
 import * as crops from "./api/crops.ts";
-import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
+import { ApiProblem, randomKey } from "./api/http.ts";
 import type { CropProgress, CropSheet, CropVerdict } from "./api/schema.ts";
 import { cache } from "./cache.svelte.ts";
 import { store } from "./drafts.ts";
@@ -13,14 +14,12 @@ interface Draft {
   wrong: string[];
 }
 
-export class Crops {
+export class Crops extends Action {
   page = $state.raw<CropSheet | null>(null);
   progress = $state.raw<CropProgress | null>(null);
   /** What became of the page before. */
   verdict = $state.raw<CropVerdict | null>(null);
   wrong = $state.raw<readonly string[]>([]);
-  problem = $state.raw<ApiProblem | null>(null);
-  busy = $state(true);
   finished = $state(false);
   /** The service may or may not have the answer: it is sent again as it is. */
   unsent = $state(false);
@@ -30,6 +29,7 @@ export class Crops {
   private readonly camera: string;
 
   constructor(detectionId: string, camera: string) {
+    super();
     this.detectionId = detectionId;
     this.camera = camera;
   }
@@ -85,17 +85,9 @@ export class Crops {
     this.keep(page);
   }
 
-  private async guarded(work: () => Promise<void>): Promise<void> {
-    this.busy = true;
-    this.problem = null;
+  private guarded(work: () => Promise<void>): Promise<void> {
     this.unsent = false;
-    try {
-      await work();
-    } catch (error) {
-      this.problem = asProblem(error);
-    } finally {
-      this.busy = false;
-    }
+    return this.run(work);
   }
 
   private draft(page: CropSheet): Draft {
