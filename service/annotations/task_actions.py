@@ -44,7 +44,8 @@ def next_tasks(
     """The tasks that the person holds with fresh leases, and newly leased ones, until there are ``1 + ahead``.
 
     Fewer where so many are not left for them; beyond five ahead, half of their share of what is open. What they
-    skipped, or let the lease of run out, comes again after everything that they have not seen. The task named by ``skip`` is given back and not returned by this call.
+    skipped, or let the lease of run out, comes again after everything that they have not seen. The task named by
+    ``skip`` is given back and not returned by this call.
     ``vertex_id`` comes first. Raises :class:`Problem` 404 where the detection has no such vertex in the camera.
     """
     clock = lock_person(session, person_id)
