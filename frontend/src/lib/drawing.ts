@@ -207,60 +207,34 @@ function limit(node: Inequality, put: Put, key: string, plane: Plane, reach: Ext
     [reach.max[a], reach.max[b]],
   ];
   const label = `${node.quantity}${node.divided_by ? ` / ${node.divided_by}` : ""} ${node.op}`;
-  const one = (spots: Spot[], at: Spot, value: (to: Spot) => number): Drawing => ({
+  const curve = (spots: Spot[], at: Spot, value: (to: Spot) => number): Drawing => ({
     outlines: [{ spots, closed: false, cut: false }],
     handles: [{ key, label, kind: "edge", at, move: (to) => put({ ...node, value: value(to) }) }],
   });
+  const line = (from: Spot, to: Spot, value: (to: Spot) => number): Drawing =>
+    curve([from, to], [(from[0] + to[0]) / 2, (from[1] + to[1]) / 2], value);
   const [first, second] = [LETTERS[a], LETTERS[b]];
+  const { quantity, value } = node;
   if (node.divided_by) {
     // A line through the LiDAR, along the divisor.
     const far = Math.max(...high.map(Math.abs), ...low.map(Math.abs));
-    if (node.quantity === second && node.divided_by === first) {
-      const at: Spot = [far / 2, (node.value * far) / 2];
-      return one(
-        [
-          [0, 0],
-          [far, node.value * far],
-        ],
-        at,
-        (to) => thousandth(to[1] / (to[0] || SMALLEST_M)),
-      );
-    }
-    return { outlines: [], handles: [] };
+    if (quantity !== second || node.divided_by !== first) return { outlines: [], handles: [] };
+    return line([0, 0], [far, value * far], (to) => thousandth(to[1] / (to[0] || SMALLEST_M)));
   }
-  const middle: Spot = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
-  if (node.quantity === first) {
-    const spots: Spot[] = [
-      [node.value, low[1]],
-      [node.value, high[1]],
-    ];
-    return one(spots, [node.value, middle[1]], (to) => cm(to[0]));
+  if (quantity === first) return line([value, low[1]], [value, high[1]], (to) => cm(to[0]));
+  if (quantity === second) return line([low[0], value], [high[0], value], (to) => cm(to[1]));
+  if (quantity === "range") {
+    const spots = Array.from({ length: 97 }, (_, i) => turned([value, 0], (i * Math.PI) / 48));
+    return curve(spots, turned([value, 0], Math.PI / 8), (to) => cm(Math.hypot(...to)));
   }
-  if (node.quantity === second) {
-    const spots: Spot[] = [
-      [low[0], node.value],
-      [high[0], node.value],
-    ];
-    return one(spots, [middle[0], node.value], (to) => cm(to[1]));
-  }
-  if (node.quantity === "range") {
-    const spots = Array.from({ length: 97 }, (_, i) => turned([node.value, 0], (i * Math.PI) / 48));
-    return one(spots, turned([node.value, 0], Math.PI / 8), (to) => cm(Math.hypot(...to)));
-  }
-  const isAngle =
-    plane === "top" ? node.quantity === "azimuth_deg" : plane === "side" && node.quantity === "elevation_deg";
+  const isAngle = plane === "top" ? quantity === "azimuth_deg" : plane === "side" && quantity === "elevation_deg";
   if (!isAngle) return { outlines: [], handles: [] };
-  const end = turned([Math.max(high[0], SMALLEST_M), 0], (node.value * Math.PI) / 180);
-  return one([[0, 0], end], [end[0] / 2, end[1] / 2], (to) => tenth((Math.atan2(to[1], to[0]) * 180) / Math.PI));
+  const end = turned([Math.max(high[0], SMALLEST_M), 0], (value * Math.PI) / 180);
+  return line([0, 0], end, (to) => tenth((Math.atan2(to[1], to[0]) * 180) / Math.PI));
 }
 
 function rectangle(left: number, right: number, low: number, high: number, cut: boolean): Outline {
-  const spots: Spot[] = [
-    [left, low],
-    [right, low],
-    [right, high],
-    [left, high],
-  ];
+  const spots = [left, right, right, left].map((x, i): Spot => [x, i < 2 ? low : high]);
   return { spots, closed: true, cut };
 }
 

@@ -6,13 +6,6 @@ import type { Point } from "./region.ts";
 /** Rows of the rotation to axes whose z is up and whose x is the horizontal direction nearest to the LiDAR's x. */
 export function levelRows(up: Point): [Point, Point, Point] {
   const z = unit(up);
-  if (z[2] === 1) {
-    return [
-      [1, 0, 0],
-      [0, 1, 0],
-      [0, 0, 1],
-    ];
-  }
   const ahead: Point = Math.abs(z[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0];
   const along = dot(z, ahead);
   const x = unit([ahead[0] - along * z[0], ahead[1] - along * z[1], ahead[2] - along * z[2]]);

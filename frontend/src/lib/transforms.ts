@@ -15,25 +15,12 @@ export function product(a: Matrix, b: Matrix): Matrix {
 }
 
 function about(axis: 0 | 1 | 2, degrees: number): Matrix {
-  const c = Math.cos(degrees * RAD);
-  const s = Math.sin(degrees * RAD);
-  if (axis === 0)
-    return [
-      [1, 0, 0],
-      [0, c, -s],
-      [0, s, c],
-    ];
-  if (axis === 1)
-    return [
-      [c, 0, s],
-      [0, 1, 0],
-      [-s, 0, c],
-    ];
-  return [
-    [c, -s, 0],
-    [s, c, 0],
-    [0, 0, 1],
-  ];
+  const [c, s] = [Math.cos(degrees * RAD), Math.sin(degrees * RAD)];
+  const part = (row: number, column: number): number => {
+    if (row === axis || column === axis) return row === column ? 1 : 0;
+    return row === column ? c : row === (axis + 1) % 3 ? -s : s;
+  };
+  return [0, 1, 2].map((row) => [0, 1, 2].map((column) => part(row, column))) as Matrix;
 }
 
 function ofQuaternion([x, y, z, w]: [number, number, number, number]): Matrix {

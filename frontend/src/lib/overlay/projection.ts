@@ -82,10 +82,8 @@ function cubic([k1, k2, k3]: Three, s: number): number {
 function foldOfDivided(n: Three, m: Three): number {
   if (n.every((one) => one >= 0) && m.every((one) => one === 0)) return Infinity;
   // r^2 = x / (1 - x) maps all radii onto (0, 1); times (1 - x)^6 the derivative has these Bernstein coefficients.
-  const [above, below] = [
-    [1, ...n],
-    [1, ...m],
-  ];
+  const above = [1, ...n];
+  const below = [1, ...m];
   const growth = [0, 1, 2, 3, 4, 5, 6].map((order) =>
     above.reduce((sum, one, i) => sum + (1 + 2 * (2 * i - order)) * one * (below[order - i] ?? 0), 0),
   );
