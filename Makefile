@@ -16,7 +16,7 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-readers bench-annotators bench-marks faults check lock clean
+.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-readers bench-annotators bench-marks bench-neighbours faults faults-hosts check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -99,8 +99,14 @@ bench-annotators: setup  ## 1 to 100 people who mark one recording at once, with
 bench-marks: setup  ## the machine's marks on rendered scenes drawn wide, on simulated thermal cameras, on scenes without a board and on real recordings, and walks calibrated from them and from people's; SHORT=1 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.marks
 
+bench-neighbours: setup  ## how long a quiet fleet waits beside noisy ones, API limited to 1 GiB, both databases; SHORT=1 for a short form
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.neighbours
+
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))
+
+faults-hosts: setup  ## seven hosts in network namespaces (root, ip), fourteen faults of hosts, on S3; SECONDS=60 for a short form, SEED
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --hosts --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED))
 
 check: setup $(API_TYPES)  ## style, types, import rules, names
 	$(BIN)/ruff check .

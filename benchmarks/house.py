@@ -9,6 +9,7 @@ import sys
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 from uuid import UUID
@@ -28,16 +29,22 @@ from tests.support.postgres import Postgres
 from tests.support.processes import free_port, start, stop, wait_until
 
 _TICKS = os.sysconf("SC_CLK_TCK")
+# musl gives a thread 128 kB, macOS 512: a mebibyte is enough.
+_STACK_BYTES = 1 << 20
 
 
 class House:
-    """Brought up in a folder; what its processes do with their time and memory can be read."""
+    """Brought up in a folder; what its processes do with their time and memory can be read.
+
+    ``api_bytes``: what the API may have of memory.
+    """
 
     def __init__(
         self,
         root: Path,
         processes: int = 2,
         database: Literal["postgresql", "sqlite"] = "postgresql",
+        api_bytes: int | None = None,
     ) -> None:
         self.folder = folder = DataFolder(root)
         folder.logs.mkdir(parents=True)
@@ -48,12 +55,17 @@ class House:
             upgrade(self.url)
             self.database = Database(self.url)
             port = free_port()
-            self._address = f"http://127.0.0.1:{port}"
+            self.address = f"http://127.0.0.1:{port}"
             environment = self._environment(folder, self.url)
             self._start(plans.broker(folder, environment))
             wait_until(lambda: plans.broker_answers(folder.socket), "the start of the broker")
+            api = plans.api(folder, environment, "127.0.0.1", port)
+            if api_bytes:
+                # What a process may write (setrlimit(2), RLIMIT_DATA), threads' stacks included.
+                limits = ("prlimit", f"--data={api_bytes}", f"--stack={_STACK_BYTES}")
+                api = replace(api, command=(*limits, *api.command))
             for plan in (
-                plans.api(folder, environment, "127.0.0.1", port),
+                api,
                 plans.worker(folder, environment, processes),
                 plans.sweeper(folder, environment),
             ):
@@ -62,7 +74,7 @@ class House:
             bootstrap = [sys.executable, "-m", "service.platform.auth.bootstrap", "--token-file", str(token)]
             subprocess.run(bootstrap, env=environment, check=True, stdout=subprocess.DEVNULL)
             wait_until(self._is_ready, "the start of the service", 90)
-            self.client = Client(self._address, token.read_text().strip())
+            self.client = Client(self.address, token.read_text().strip())
         except BaseException:
             self.close()
             raise
@@ -72,6 +84,15 @@ class House:
         """The worker's main process and its pool processes."""
         main = self._children["worker"].pid
         return [main, *_children_of(main)]
+
+    @property
+    def blobs(self) -> str:
+        """The address of the store's folder."""
+        return (self.folder.root / "blobs").as_uri()
+
+    def lives(self, name: str) -> bool:
+        """Whether a part runs."""
+        return self._children[name].poll() is None
 
     def restart_worker(self, processes: int) -> None:
         """Another number of pool processes, started and warm; none for 0."""
@@ -133,7 +154,7 @@ class House:
             self.postgres.close()
 
     def _environment(self, folder: DataFolder, url: str) -> dict[str, str]:
-        environment = plans.environment(folder, public_url=self._address, workers=2)
+        environment = plans.environment(folder, public_url=self.address, workers=2)
         del environment["APEXCAL_SUPERVISOR_STATUS"]
         return environment | {"APEXCAL_DATABASE_URL": url, "APEXCAL_MIN_FREE_BYTES": "0"}
 
@@ -142,7 +163,7 @@ class House:
 
     def _is_ready(self) -> bool:
         try:
-            with urllib.request.urlopen(f"{self._address}/readyz", timeout=2) as answer:
+            with urllib.request.urlopen(f"{self.address}/readyz", timeout=2) as answer:
                 return answer.status == 200
         except OSError:
             return False
@@ -152,9 +173,9 @@ def _children_of(pid: int) -> list[int]:
     return [int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-def resident_mib(pid: int) -> float:
-    """Resident memory of a process."""
-    line = next(one for one in Path(f"/proc/{pid}/status").read_text().splitlines() if one.startswith("VmRSS"))
+def resident_mib(pid: int, field: str = "VmRSS") -> float:
+    """Resident memory of a process; the most so far is ``VmHWM``."""
+    line = next(one for one in Path(f"/proc/{pid}/status").read_text().splitlines() if one.startswith(field))
     return int(line.split()[1]) / 1024
 
 

@@ -106,8 +106,6 @@ _UPKEEP = (
     *(delete_overdue, remove_old_layers, delete_old_imports, expire_uploads),
     *(remove_ended, forget_jobs, count_rows),
 )
-# Below what clients and proxies wait for an answer.
-_WAIT_S = 30.0
 
 log = logging.getLogger(__name__)
 
@@ -216,11 +214,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.retrieval = Retrieval(app.state.database, app.state.threads, app.state.lookups)
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)
-    # An import of 32 MiB takes some 130 MB while it is read, an answer of 100,000 pairs 20 MB and then 6.
-    app.state.imports = ConcurrencyLimiter(4, 1, _WAIT_S)
-    # Bodies of imports still arriving: slow ones, of 32 MiB each, take nothing from others.
-    app.state.arriving_imports = ConcurrencyLimiter(32, 1, _WAIT_S)
-    app.state.long_answers = ConcurrencyLimiter(8, 4, _WAIT_S)
+    # Bodies of imports still arriving, in MiB, one of the longest for each person.
+    app.state.arriving_imports = ConcurrencyLimiter(256, 32, threads.MEMORY_WAIT_S)
     app.state.database.couriers.update({JOBS: app.state.sender, HINTS: app.state.publisher})
 
     for room in (problems, store_problems, etags, idempotency):

@@ -1,5 +1,7 @@
 """`python -m benchmarks.growth`: what costs how much more as a service grows (SHORT=1 for smaller sizes).
 
+ONLY=walks,pairs,retention,fleets measures parts; DATABASE=sqlite on SQLite.
+
 Each measurement is done at three sizes through the real service (API, PostgreSQL that syncs, broker, one pool
 process), the two largest tenfold apart. The exponent between these is the logarithm of the ratio of their seconds:
 1 where ten times as much takes ten times as long. The last line is JSON.
@@ -14,13 +16,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from sqlalchemy import select
+from sqlalchemy import func, select
 
 from apexcal.regions import read_region
 from apexcal.rigs import read_rig
@@ -30,12 +33,14 @@ from benchmarks.fleet.vehicles import bring, draw
 from benchmarks.growth.fleet_request import measure as ask_fleet
 from benchmarks.growth.vehicles import bring_many
 from benchmarks.house import House, resident_mib
+from service.platform.db.base import Base
 from service.platform.db.clock import utc_now
 from service.platform.db.fleets import Rig
 from service.platform.db.recordings import Recording
 from service.recordings.retention import delete_overdue
 
 _PATIENCE_S = 600
+_MANY = 50
 Figures = dict[str, dict[int, float]]
 
 
@@ -89,7 +94,18 @@ def _walks(house: House, folder: Path, sizes: tuple[int, ...], figures: Figures,
         )
         figures["marking"][seconds] = took_s
         extra[f"vertices of {seconds} s"] = marked.complete
+        extra[f"rows so far, with a walk of {seconds} s"] = _rows(house)
     extra["largest pool process, MiB"] = round(max(resident_mib(pid) for pid in house.worker_pids[1:]))
+
+
+def _rows(house: House) -> dict[str, int]:
+    """Rows of the tables that have many."""
+    with house.database.reading() as session:
+        counts = {
+            name: session.scalar(select(func.count()).select_from(table)) or 0
+            for name, table in Base.metadata.tables.items()
+        }
+    return {name: count for name, count in counts.items() if count > _MANY}
 
 
 def _pairs(house: House, sizes: tuple[int, ...], figures: Figures) -> None:
@@ -144,16 +160,21 @@ def _retention(house: House, sizes: tuple[int, ...], figures: Figures) -> None:
 def main() -> None:
     """Measure, and print."""
     sizes = SHORT if os.environ.get("SHORT") else LONG
-    names = ("ingest", "detection", "marking", "pairs in", "pairs out", "fleet request", "list", "retention")
-    figures: Figures = {name: {} for name in names}
+    only = os.environ.get("ONLY", "walks,pairs,retention,fleets").split(",")
+    figures: Figures = defaultdict(dict)
     extra: dict[str, Any] = {}
     with tempfile.TemporaryDirectory(prefix="apexcal-growth-") as folder:
-        house = House(Path(folder) / "data", processes=1)
+        database: Any = os.environ.get("DATABASE", "postgresql")
+        house = House(Path(folder) / "data", processes=1, database=database)
+        parts: dict[str, Callable[[], None]] = {
+            "walks": lambda: _walks(house, Path(folder), sizes.seconds, figures, extra),
+            "pairs": lambda: _pairs(house, sizes.pairs, figures),
+            "retention": lambda: _retention(house, sizes.recordings, figures),
+            "fleets": lambda: _fleets(house, sizes.vehicles, figures, extra),
+        }
         try:
-            _walks(house, Path(folder), sizes.seconds, figures, extra)
-            _pairs(house, sizes.pairs, figures)
-            _retention(house, sizes.recordings, figures)
-            _fleets(house, sizes.vehicles, figures, extra)
+            for name in only:
+                parts[name]()
         finally:
             house.close()
     for name, measured in figures.items():

@@ -24,6 +24,7 @@ from service.platform.http.pages import Paging
 from service.platform.http.router import DOCUMENT, Router
 from service.platform.http.store_problems import streamed
 from service.platform.storage.store import Store
+from service.recordings.addresses import IN_PIECES
 
 router = Router(tags=["analyses"])
 
@@ -105,7 +106,7 @@ def _file(analysis_id: UUID, request: Request, identity: CurrentIdentity) -> Ana
         return analysis_file(Access(session, identity), database, analysis_id)
 
 
-@router.get("/analyses/{analysis_id}/file", response_class=StreamingResponse)
+@router.get("/analyses/{analysis_id}/file", dependencies=[IN_PIECES], response_class=StreamingResponse)
 async def get_file(
     request: Request,
     file: Annotated[AnalysisDownload, Depends(_file)],

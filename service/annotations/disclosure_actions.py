@@ -15,7 +15,6 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, and_, exists, insert, or_, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.roles import rank
 from service.annotations.answer_queries import VERDICT, answers_of
 from service.annotations.locks import lock_person
 from service.platform.auth.access import Access
@@ -103,7 +102,7 @@ def tell_pairs(access: Access, database: Database, pairs: CorrespondenceSet, tol
 
 def may_see_pairs(access: Access, pairs: CorrespondenceSet) -> bool:
     """Whether the person may see single pairs: of those made of marks only reviewers, to whom they are disclosed."""
-    return pairs.source == "import" or rank(access.role(pairs.fleet_id) or "") >= rank("reviewer")
+    return pairs.source == "import" or access.sees_answers(pairs.fleet_id)
 
 
 def _ever_answered(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[DisclosureKey]:

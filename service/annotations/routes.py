@@ -19,7 +19,6 @@ from apexcal.documents.marking import (
     TaskView,
     Undo,
 )
-from apexcal.documents.roles import rank
 from service.annotations.answer_actions import give, undo
 from service.annotations.answer_queries import VERDICT
 from service.annotations.disclosure_actions import DisclosureKey, answered_by_others, tell
@@ -122,7 +121,7 @@ def list_marks(
     """
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera)
-    everyone = rank(access.role(detection.fleet_id) or "") >= rank("reviewer")
+    everyone = access.sees_answers(detection.fleet_id)
     per_vertex = access.session.get_one(Recording, detection.recording_id).marks_per_vertex
     statement = visible_answers(detection.id, sensor.id, access.person.id, per_vertex, everyone=everyone)
     rows, following = fetch(access.session, statement, VERDICT.id, window)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from uuid import UUID
 
 from sqlalchemy import delete, exists, select, update
@@ -30,6 +30,13 @@ def _take_part(session: Session, run_id: UUID, part: SlotBundle | RunEnd) -> Non
         end_run(session, part.run, WorkState.DONE, schedule=part.schedule)
     else:
         go_on(session, run_id, part)
+
+
+def _forget_slots(session: Session, run_ids: Collection[UUID]) -> None:
+    """Remove the slots of runs that have ended: the calibration's summary has what they came to."""
+    ended = select(CalibrationRun.id).where(CalibrationRun.id.in_(run_ids), CalibrationRun.state.not_in(UNENDED))
+    slots = delete(Slot).where(Slot.run_id.in_(ended))
+    session.execute(slots.execution_options(synchronize_session=False))
 
 
 def _end_part(session: Session, run_id: UUID, state: WorkState, problem: Json | None) -> None:
@@ -113,4 +120,4 @@ def conclusions(take: Callable[[Session, UUID, Conclusion], object]) -> tuple[Ki
     return (Kind("conclude", "report", _end_conclusion, _retry_conclusion, take=take),)
 
 
-KINDS = (Kind("solve", "solve", _end_part, _retry_run, cancelled=_CANCELLED_RUNS, take=_take_part),)
+KINDS = (Kind("solve", "solve", _end_part, _retry_run, None, _CANCELLED_RUNS, take=_take_part, forget=_forget_slots),)

@@ -19,6 +19,7 @@ from service.calibrations.views import result_document
 from service.exports.answers import WantedFormat, exported
 from service.exports.queries import of_result
 from service.platform.auth.access import ReadAccess
+from service.platform.db.base import weigh
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.fleets import Vehicle
 from service.platform.http.etags import Conditional
@@ -52,6 +53,7 @@ def read_result(
         # Deleted at this moment.
         raise not_found()
     run, calibration, pairs = row
+    weigh(pairs.count)
     with_pairs = may_see_pairs(access, pairs)
     checks = checks_now(access.session, result) if result.fold == FULL else None
     document = result_document(result, run, calibration, pairs, checks, with_pairs=with_pairs)

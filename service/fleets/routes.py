@@ -32,8 +32,7 @@ router = Router(tags=["fleets"])
 @router.post("/fleets", status_code=201, response_model=FleetOut)
 def post_fleet(body: Named, request: Request, access: WriteAccess) -> JSONResponse:
     """Make a fleet. Only an owner may."""
-    if not access.identity.sees_all:
-        raise Problem(403, "owner_only", "Only an owner makes fleets.", "Ask whoever runs the service.")
+    _require_owner(access)
     _refuse_taken(access, body.name, select(Fleet.id).where(Fleet.name == body.name), "fleet")
     fleet = Fleet(id=new_id(), name=body.name, version=1)
     access.session.add(fleet)
@@ -58,8 +57,9 @@ def get_fleet(id: UUID, request: Request, access: ReadAccess, conditions: Condit
 
 @router.patch("/fleets/{id}")
 def patch_fleet(id: UUID, body: Named, request: Request, access: WriteAccess, conditions: Conditional) -> FleetOut:
-    """Rename a fleet."""
+    """Rename a fleet. Only an owner may: a name that is taken would tell of a fleet of others."""
     fleet = access.find(Fleet, id, "admin", lock=True)
+    _require_owner(access)
     conditions.require(version_etag(fleet.version))
     taken = select(Fleet.id).where(Fleet.name == body.name, Fleet.id != id)
     _refuse_taken(access, body.name, taken, "fleet")
@@ -214,6 +214,11 @@ def _fleets(access: Access, fleets: Sequence[Fleet], request: Request) -> list[F
         )
         for fleet in fleets
     ]
+
+
+def _require_owner(access: Access) -> None:
+    if not access.identity.sees_all:
+        raise Problem(403, "owner_only", "Only an owner names fleets.", "Ask whoever runs the service.")
 
 
 def _refuse_taken(access: Access, name: str, statement: Any, what: str) -> None:

@@ -16,29 +16,29 @@ from starlette.requests import ClientDisconnect
 
 from apexcal.documents.base import Sought
 from apexcal.documents.correspondence_sets import BuildRequest, SelectionRequest, SetView, SetWithPairs
-from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
 from service.detections.queries import find_camera
 from service.fleets.rigs import rig_camera
 from service.pairs.label_files import FROM_ONE, is_labels, read_labels
 from service.pairs.marked_pairs import build
-from service.pairs.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
+from service.pairs.pair_files import MAX_BYTES, invalid, notes_on_image, read_csv, read_json
 from service.pairs.sets import keep_set, pairs_of, set_in_pieces, set_view
 from service.platform.auth.access import Access, CurrentIdentity, Identity, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
+from service.platform.db.base import PAIR_BYTES
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.detections import Detection
 from service.platform.db.fleets import Rig
 from service.platform.db.recordings import Recording
-from service.platform.db.session import Database
+from service.platform.db.session import Database, Encoded
 from service.platform.http.etags import Conditional, Conditions, content_etag
-from service.platform.http.limits import ConcurrencyLimiter
+from service.platform.http.limits import ConcurrencyLimiter, declared_length
 from service.platform.http.pages import Page, Paging, fetch
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router
 from service.platform.http.threads import Threads
-from service.platform.settings import get_settings
-from service.platform.storage.quota import PAIR_BYTES, take_rows
+from service.platform.settings import MIB, get_settings
+from service.platform.storage.quota import STORED_PAIR_BYTES, take_rows
 
 router = Router(tags=["calibrations"])
 
@@ -47,6 +47,8 @@ _ORIGIN = ("fleet_id", "vehicle_id", "rig_id", "recording_id", "detection_id", "
 
 # An import holds one of few places while its body arrives. 15 MB, as 100,000 pairs usually have, need 50 kB/s.
 _RECEIVING_S = 300.0
+# An import of 32 MiB takes some 130 MB while it is read.
+_READ_TIMES = 4
 
 _IMPORTED = {
     "requestBody": {
@@ -110,7 +112,7 @@ def build_set(detection_id: UUID, body: BuildRequest, access: WriteAccess) -> JS
 class _Imported(NamedTuple):
     """Pairs as columns, and sentences on how the file was read."""
 
-    columns: Columns
+    columns: Encoded
     notes: list[str]
 
 
@@ -134,10 +136,11 @@ async def _imported(
             "Name the type in Content-Type.",
         )
     arriving: ConcurrencyLimiter = request.app.state.arriving_imports
-    under_way: ConcurrencyLimiter = request.app.state.imports
-    async with arriving.take(identity.person.id):
+    threads: Threads = request.app.state.threads
+    length = declared_length(request)
+    async with arriving.take(identity.person.id, count=(MAX_BYTES if length is None else length) // MIB + 1):
         body = await _whole_body(request)
-        async with under_way.take(identity.person.id):
+        async with threads.memory.take(identity.person.id, _READ_TIMES * len(body)):
             yield await run_in_threadpool(_READERS[media_type], body)
 
 
@@ -161,11 +164,13 @@ def _read_text(body: bytes) -> _Imported:
         text = body.decode("utf-8")
     except UnicodeDecodeError as error:
         raise invalid(f"The file is no UTF-8 text: byte {error.start}.") from None
-    return _Imported(read_labels(text), [FROM_ONE]) if is_labels(text) else _Imported(read_csv(text), [])
+    if is_labels(text):
+        return _Imported(Encoded(read_labels(text)), [FROM_ONE])
+    return _Imported(Encoded(read_csv(text)), [])
 
 
 def _read_json(body: bytes) -> _Imported:
-    return _Imported(read_json(body), [])
+    return _Imported(Encoded(read_json(body)), [])
 
 
 _READERS: dict[str, Callable[[bytes], _Imported]] = {"text/csv": _read_text, "application/json": _read_json}
@@ -243,7 +248,7 @@ def _keep(access: WriteAccess, candidate: CorrespondenceSet) -> JSONResponse:
     row, is_new = keep_set(access.session, candidate)
     if is_new:
         if row.whole_id is None:
-            take_rows(access.session, row.fleet_id, PAIR_BYTES * row.count, get_settings().fleet_quota_bytes)
+            take_rows(access.session, row.fleet_id, STORED_PAIR_BYTES * row.count, get_settings().fleet_quota_bytes)
         hint(access.session, row.fleet_id, "detection" if row.detection_id else "rig", row.detection_id or row.rig_id)
     return access.answer(set_view(row), 201 if is_new else 200)
 
@@ -271,9 +276,9 @@ def _look_up(database: Database, identity: Identity, set_id: UUID, conditions: C
 async def _limited(
     request: Request, identity: CurrentIdentity, pair_set: Annotated[CorrespondenceSet, Depends(_without_pairs)]
 ) -> AsyncIterator[CorrespondenceSet]:
-    """The set, while it is one of those whose pairs are in memory: until the answer is sent."""
-    under_way: ConcurrencyLimiter = request.app.state.long_answers
-    async with under_way.take(identity.person.id):
+    """The set, while its pairs are in memory: until the answer is sent."""
+    threads: Threads = request.app.state.threads
+    async with threads.memory.take(identity.person.id, PAIR_BYTES * pair_set.count):
         yield pair_set
 
 
@@ -294,8 +299,7 @@ def list_sets(rig_id: UUID, access: ReadAccess, window: Paging) -> Page[SetView]
     """A rig's correspondence sets, the last made first, without their pairs; those made of marks for reviewers."""
     rig = access.find(Rig, rig_id)
     statement = select(CorrespondenceSet).where(CorrespondenceSet.rig_id == rig.id)
-    if rank(access.role(rig.fleet_id) or "") < rank("reviewer"):
-        # Their counts and notes say what people answered.
+    if not access.sees_answers(rig.fleet_id):
         statement = statement.where(CorrespondenceSet.source == "import")
     rows, following = fetch(access.session, statement, CorrespondenceSet.id, window, newest_first=True)
     return Page(items=[set_view(row) for row in rows], next=following)

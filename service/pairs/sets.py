@@ -6,6 +6,7 @@ columns of numbers 6 MB.
 
 from __future__ import annotations
 
+import hashlib
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -20,7 +21,7 @@ from service.platform.db.base import content_hash
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.clock import now
 from service.platform.db.fleets import Rig
-from service.platform.db.session import Database
+from service.platform.db.session import Database, Encoded
 from service.platform.http.problems import not_found
 
 
@@ -75,7 +76,8 @@ def keep_set(session: Session, candidate: CorrespondenceSet) -> tuple[Correspond
     origin = [str(id) if id else None for id in (candidate.recording_id, candidate.detection_id)]
     pairs: object = [str(candidate.whole_id), candidate.left_out]
     if candidate.pairs is not None:
-        pairs = candidate.pairs
+        encoded = candidate.pairs if isinstance(candidate.pairs, Encoded) else Encoded(candidate.pairs)
+        candidate.pairs, pairs = encoded, hashlib.sha256(encoded.text.encode()).hexdigest()
         candidate.count, candidate.flagged = len(candidate.pairs["x"]), sum(candidate.pairs.get("flagged") or ())
     candidate.content_hash = content_hash({"pairs": pairs, "origin": origin, "notes": candidate.notes})
     existing = session.scalar(

@@ -147,11 +147,6 @@ class Settings(BaseSettings):
     )
     drain_s: float = Field(default=0.0, ge=0, description="how long /readyz says 503 before the API stops listening")
     connections: int = Field(default=1000, ge=16, description="open connections of an API process")
-    connections_per_address: int = Field(
-        default=250,
-        ge=16,
-        description="of those, from one address (IPv6: one network of 64 bits); loopback has no limit",
-    )
     job_days: int = Field(default=90, ge=1, description="ended jobs and their history go after this many days")
 
     audit_days: int = Field(default=400, ge=1, description="what the audit says of people's actions goes after this")

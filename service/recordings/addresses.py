@@ -6,17 +6,20 @@ Nothing is parsed to answer with a byte range, and it never changes.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from fastapi import Request, Response
+from fastapi import Depends, Request, Response
 
 from apexcal.documents.recordings import BlobAddress
+from service.platform.auth.access import CurrentIdentity
 from service.platform.db.clock import utc_now
 from service.platform.http.etags import Conditions, content_etag
 from service.platform.http.store_problems import streamed
+from service.platform.http.threads import Threads
 from service.platform.settings import Settings
-from service.platform.storage.store import Store
+from service.platform.storage.store import PIECE, Store
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,15 @@ class Presigner:
         """Where this object is read; None where it goes through the API."""
         return self.store.sign_get(key, self.settings.presigned_s) if self.downloads else None
 
+
+async def _in_pieces(request: Request, identity: CurrentIdentity) -> AsyncIterator[None]:
+    threads: Threads = request.app.state.threads
+    async with threads.memory.take(identity.person.id, 2 * PIECE):
+        yield
+
+
+# Of routes that send objects of the store: memory for two pieces until the answer is sent.
+IN_PIECES = Depends(_in_pieces)
 
 _FOREVER = "private, max-age=31536000, immutable"
 

@@ -17,7 +17,7 @@ from service.platform.http.etags import Conditional
 from service.platform.http.pages import LongPaging, Page, fetch
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router
-from service.recordings.addresses import ByteRange
+from service.recordings.addresses import IN_PIECES, ByteRange
 from service.recordings.queries import find_camera
 
 router = Router(tags=["recordings"])
@@ -70,6 +70,7 @@ Found = Annotated[ByteRange, Depends(_find)]
 
 @router.get(
     "/recordings/{id}/cameras/{camera}/frames/{index}",
+    dependencies=[IN_PIECES],
     response_class=Response,
     responses={200: {"content": {"image/jpeg": {}, "image/png": {}, "image/webp": {}}}},
 )

@@ -20,7 +20,7 @@ from service.platform.http.router import Router
 from service.platform.http.store_problems import streamed
 from service.platform.storage.errors import EXPIRED, MissingBlobError
 from service.platform.storage.store import Store
-from service.recordings.addresses import Presigner
+from service.recordings.addresses import IN_PIECES, Presigner
 from service.recordings.queries import parts_of
 
 router = Router(tags=["recordings"])
@@ -43,7 +43,7 @@ def _complete(id: UUID, request: Request, identity: CurrentIdentity) -> tuple[Re
 Complete = Annotated[tuple[Recording, Sequence[UploadPart]], Depends(_complete)]
 
 
-@router.get("/recordings/{id}/original", response_class=StreamingResponse)
+@router.get("/recordings/{id}/original", dependencies=[IN_PIECES], response_class=StreamingResponse)
 async def get_original(request: Request, complete: Complete) -> StreamingResponse:
     """The uploaded file, byte for byte."""
     row, parts = complete

@@ -18,7 +18,7 @@ from service.platform.http.etags import Conditional
 from service.platform.http.pages import LongPaging, Page, fetch
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router
-from service.recordings.addresses import ByteRange
+from service.recordings.addresses import IN_PIECES, ByteRange
 
 router = Router(tags=["recordings"])
 
@@ -85,6 +85,7 @@ Found = Annotated[ByteRange, Depends(_find)]
 
 @router.get(
     "/recordings/{id}/sweeps/{index}",
+    dependencies=[IN_PIECES],
     response_class=Response,
     responses={200: {"content": {MEDIA_TYPE: {}}}},
 )

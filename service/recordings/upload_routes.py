@@ -15,6 +15,7 @@ from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, Wr
 from service.platform.db.base import Json
 from service.platform.db.recordings import Recording, UploadPart
 from service.platform.db.session import Database
+from service.platform.http.limits import declared_length
 from service.platform.http.problems import Problem
 from service.platform.http.router import Router, header
 from service.platform.job_status.views import job_views
@@ -56,7 +57,7 @@ async def put_part(
     settings: Settings = request.app.state.settings
     database: Database = request.app.state.database
     writing = partial(request.app.state.threads.writing.run, caller=identity.person.id)
-    length = _declared_length(request)
+    length = declared_length(request)
     announced = Announced(id, number, declared_sha256(request), settings.max_part_bytes if length is None else length)
     if announced.size > settings.max_part_bytes:
         raise part_too_large(settings.max_part_bytes)
@@ -129,8 +130,3 @@ async def _store(room: Room, store: Store, key: str, body: Body, size: int) -> N
         await store.put_stream(key, reservation.watch(body))
         if reservation.lost is not None:
             raise StoreFullError(reservation.lost)
-
-
-def _declared_length(request: Request) -> int | None:
-    text = request.headers.get("content-length", "")
-    return int(text) if text.isascii() and text.isdigit() else None

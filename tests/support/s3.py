@@ -6,6 +6,7 @@ import shutil
 import signal
 import sys
 import tempfile
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +16,22 @@ from pydantic import SecretStr
 from service.platform.settings import S3Options
 from service.platform.storage.prepare import prepare
 from service.platform.storage.store import Store
+from tests.support.networks import Host
 from tests.support.processes import free_port, start, stop, wait_until
 
 _numbers = itertools.count(1)
 
 
 class S3Server:
-    """Buckets live in its memory: stopping it loses them, pausing it does not."""
+    """Buckets live in its memory: stopping it loses them, pausing it does not. It may be on a ``host``."""
 
-    def __init__(self, address: str = "127.0.0.1") -> None:
-        self.address = address
+    def __init__(self, address: str = "127.0.0.1", host: Host | None = None) -> None:
+        self.address = address = host.address if host else address
         self.folder = Path(tempfile.mkdtemp(prefix="apexcal-s3-"))
         self.port = free_port()
         command = [sys.executable, "-m", "moto.server", "-H", address, "-p", str(self.port)]
-        self.child = start(command, self.folder / "log")
+        with host.inside() if host else nullcontext():
+            self.child = start(command, self.folder / "log")
         wait_until(self._answers, "the start of the S3 server", 60)
 
     @property

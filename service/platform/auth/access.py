@@ -112,6 +112,10 @@ class Access:
         """The person's role in a fleet, or None."""
         return self.identity.role(fleet_id)
 
+    def sees_answers(self, fleet_id: UUID) -> bool:
+        """Whether the person may see single people's answers, and what repeats them: notes, pairs made of marks."""
+        return rank(self.role(fleet_id) or "") >= rank("reviewer")
+
     def need(self, fleet_id: UUID, role: Role) -> None:
         """Raises :class:`Problem` 404 outside the person's fleets, 403 where their role there is too low."""
         actual = self.role(fleet_id)

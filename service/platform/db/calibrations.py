@@ -15,7 +15,18 @@ from apexcal.documents.publications import CURRENT
 from apexcal.documents.results import FitResult
 from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import BetweenModels, ModelSummary, Summary
-from service.platform.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, partial_index, refers_to
+from service.platform.db.base import (
+    Base,
+    Created,
+    Digest,
+    Json,
+    Name,
+    RowId,
+    belongs_to,
+    partial_index,
+    refers_to,
+    weigh,
+)
 
 _UNENDED = "state IN ('queued', 'running')"
 
@@ -64,6 +75,7 @@ class CorrespondenceSet(Base):
     @cached_property
     def columns(self) -> Json:
         """The set's own pairs, or those of the whole set without the ones that are left out."""
+        weigh(self.count)
         if self.whole_id is None:
             return self.pairs or {}
         session = object_session(self)

@@ -22,7 +22,7 @@ from sqlalchemy.orm import Session, sessionmaker
 
 import service.platform.db.models  # noqa: F401  # a flush sorts tables by their foreign keys, so all of them must be known
 from apexcal.documents.errors import DocumentError
-from service.platform.db.base import Base
+from service.platform.db.base import Base, Json
 from service.platform.db.connection import LOCK_S, connect_args
 
 _WRITES = "apexcal_writes"
@@ -45,12 +45,26 @@ def upserting(dialect: str, model: Any) -> Any:
     return (sqlite if dialect == "sqlite" else postgresql).insert(model)
 
 
+class Encoded(Json):
+    """A JSON object, its members in the order of their names, with its text, made before a lock is held.
+
+    Raises :class:`DocumentError` ``non_finite``.
+    """
+
+    def __init__(self, members: Json) -> None:
+        super().__init__(sorted(members.items()))
+        # Column by column: others have the interpreter in between.
+        self.text = "{" + ", ".join(f"{json.dumps(name)}: {_to_json(value)}" for name, value in self.items()) + "}"
+
+
 def _to_json(value: Any) -> str:
     """Text of a JSON column. PostgreSQL refuses NaN and Infinity, and SQLite could not read them again.
 
     Raises:
         DocumentError: ``non_finite``, which names the member.
     """
+    if isinstance(value, Encoded):
+        return value.text
     try:
         return json.dumps(value, allow_nan=False)
     except ValueError:

@@ -1,12 +1,14 @@
-"""Limits how many requests of one kind are served at once, and how many of them are one person's."""
+"""Limits how much of one kind is served at once, in requests or bytes, and how much of it is one person's."""
 
 from __future__ import annotations
 
-from asyncio import Semaphore, timeout
+from asyncio import Lock, Semaphore, timeout
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from uuid import UUID
 from weakref import WeakValueDictionary
+
+from starlette.requests import Request
 
 from service.platform.http.problems import Problem
 
@@ -24,26 +26,51 @@ class BusyProblem(Problem):
         )
 
 
+class _Places(Semaphore):
+    """Places that one request after the other takes: two that had half of theirs would wait for ever."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__(count)
+        self.count = count
+        self._turn = Lock()
+
+    async def take(self, stack: AsyncExitStack, count: int) -> None:
+        """Take so many until the stack ends; all, where there are not so many."""
+        async with self._turn:
+            for _ in range(max(min(count, self.count), 1)):
+                await stack.enter_async_context(self)
+
+
 class ConcurrencyLimiter:
-    """``total`` requests at once in this process, of which one person has ``each`` at most. Of one event loop."""
+    """``total`` places in this process, of which one person has ``each`` at most. Of one event loop."""
 
     def __init__(self, total: int, each: int | None = None, wait_s: float = 0.0) -> None:
-        self._total = Semaphore(total)
+        self._total = _Places(total)
         self._each = each
         self._wait_s = wait_s
-        self._of_persons: WeakValueDictionary[UUID, Semaphore] = WeakValueDictionary()
+        self._of_persons: WeakValueDictionary[UUID, _Places] = WeakValueDictionary()
 
     @asynccontextmanager
-    async def take(self, person_id: UUID | None, wait_s: float | None = None) -> AsyncIterator[None]:
-        """Be one of them. Raises :class:`BusyProblem` after ``wait_s`` seconds, by default those of the limiter."""
+    async def take(self, person_id: UUID | None, wait_s: float | None = None, count: int = 1) -> AsyncIterator[None]:
+        """Have ``count`` places.
+
+        Raises :class:`BusyProblem` after ``wait_s`` seconds, by default those of the limiter.
+        """
         wait_s = self._wait_s if wait_s is None else wait_s
         async with AsyncExitStack() as stack:
             try:
                 async with timeout(wait_s):
                     if self._each is not None and person_id is not None:
-                        own = self._of_persons.setdefault(person_id, Semaphore(self._each))
-                        await stack.enter_async_context(own)
-                    await stack.enter_async_context(self._total)
+                        count = min(count, self._each)
+                        own = self._of_persons.setdefault(person_id, _Places(self._each))
+                        await own.take(stack, count)
+                    await self._total.take(stack, count)
             except TimeoutError:
                 raise BusyProblem(wait_s) from None
             yield
+
+
+def declared_length(request: Request) -> int | None:
+    """How many bytes a request says that its body has."""
+    text = request.headers.get("content-length", "")
+    return int(text) if text.isascii() and text.isdigit() else None

@@ -61,6 +61,8 @@ class Kind:
     """Subjects that were cancelled and have not ended. The sweep cancels jobs that they got after that."""
     take: Callable[[Session, UUID, Any], object] | None = None
     """Goes on with what a worker hands over of a subject, in the transaction that ends its job as done."""
+    forget: Callable[[Session, Collection[UUID]], None] | None = None
+    """Removes what nobody reads any more of subjects whose jobs go at the end of their retention."""
 
 
 # Imports every resource that has jobs.

@@ -20,14 +20,18 @@ _GONE = timedelta(hours=1)
 
 
 def forget_jobs(database: Database) -> int:
-    """Remove the jobs that ended over ``job_days`` ago, and return how many.
+    """Remove the jobs that ended over ``job_days`` ago, with what their kinds forget, and return how many.
 
     What a subject still shows as its job stays, and so does what the totals do not hold yet.
     """
     removed = 0
     while True:
         with database.writing() as session:
-            ids = session.scalars(_overdue().limit(_BATCH)).all()
+            jobs = session.execute(_overdue().limit(_BATCH)).all()
+            ids = [id for id, _, _ in jobs]
+            for kind in kinds():
+                if kind.forget:
+                    kind.forget(session, {subject for _, name, subject in jobs if name == kind.name})
             session.execute(delete(Job).where(Job.id.in_(ids)).execution_options(synchronize_session=False))
         removed += len(ids)
         if len(ids) < _BATCH:
@@ -45,8 +49,8 @@ def _overdue():  # noqa: ANN202 - a statement
     untallied = exists().where(JobEvent.job_id == Job.id, ~JobEvent.tallied)
     ended = now(-86400.0 * get_settings().job_days)
     # Not "one of those that ended": SQLite would look at all of these, and not at the times.
-    overdue = select(Job.id).where(Job.state.not_in(UNENDED), Job.finished_at < ended, ~shown, ~untallied)
-    return overdue.order_by(Job.finished_at)
+    overdue = (Job.state.not_in(UNENDED), Job.finished_at < ended, ~shown, ~untallied)
+    return select(Job.id, Job.kind, Job.subject_id).where(*overdue).order_by(Job.finished_at)
 
 
 def forget_workers(session: Session) -> None:

@@ -27,7 +27,7 @@ _UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
 # Bytes of the database with indexes, as PostgreSQL 15 has them: 100,000 pairs, and a hundred thousand of the others.
-PAIR_BYTES = 176
+STORED_PAIR_BYTES = 176
 _ANSWER_BYTES = 550
 _RIG_BYTES = _CAMERA_BYTES = 1500
 # A kept reply without its body.
@@ -102,7 +102,7 @@ def _row_bytes(session: Session, fleet_id: UUID) -> int:
     body = func.coalesce(func.length(cast(IdempotencyKey.body, Text)), 0)
     sums = (
         # A selection names what it leaves out, some bytes each, and has no pairs of its own.
-        select(func.sum(PAIR_BYTES * CorrespondenceSet.count)).where(
+        select(func.sum(STORED_PAIR_BYTES * CorrespondenceSet.count)).where(
             CorrespondenceSet.fleet_id == fleet_id, CorrespondenceSet.whole_id.is_(None)
         ),
         select(_RIG_BYTES * func.count()).where(Rig.fleet_id == fleet_id),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterable, AsyncIterator
 from contextlib import asynccontextmanager
+from time import monotonic
 
 from service.platform.settings import MIB
 from service.platform.storage.errors import StoreFullError
@@ -12,6 +13,11 @@ from service.platform.storage.store import Store
 
 # The disk is looked at again after so many bytes of a part, because others write to it too.
 _LOOK_EVERY = 8 * MIB
+# A part that has come more slowly than this since its first seconds trickles: 64 MiB would take eleven minutes. Its
+# room is what came, buffers included, and the next step.
+_TRICKLE_BYTES_PER_S = 100_000
+_FIRST_S = 2.0
+_STEP = 4 * MIB
 
 
 class Room:
@@ -20,27 +26,30 @@ class Room:
     def __init__(self, store: Store, reserve: int) -> None:
         self._store = store
         self._reserve = reserve
-        self._promised = 0
+        self._parts: set[Kept] = set()
 
     @asynccontextmanager
     async def kept_for(self, size: int) -> AsyncIterator[Kept]:
         """Room for ``size`` bytes until the block ends. Raises :class:`StoreFullError`.
 
-        A part counts whole until it has arrived: nobody knows how much of it lies in buffers.
+        A part counts whole until it has arrived, unless it trickles: nobody knows how much of it lies in buffers.
         """
-        self._promised += size
+        part = Kept(self, size)
+        self._parts.add(part)
         try:
-            free = await self.lacks(self._promised)
+            free = await self.lacks()
             if free is not None:
                 raise StoreFullError(free)
-            yield Kept(self, size)
+            yield part
         finally:
-            self._promised -= size
+            self._parts.discard(part)
 
-    async def lacks(self, size: int) -> int | None:
-        """What is free, where that is too little for ``size`` bytes; None where there is enough."""
+    async def lacks(self, size: int | None = None) -> int | None:
+        """What is free, where that is too little for ``size`` bytes, by default all parts; else None."""
         # A disk that hangs must not hang the event loop.
         free = await asyncio.to_thread(self._store.free_bytes)
+        if size is None:
+            size = sum(part.promised() for part in self._parts)
         return free if free is not None and free - size < self._reserve else None
 
 
@@ -48,19 +57,29 @@ class Kept:
     """The room of one part. ``lost`` is what the disk had free when it got too full while the bytes came."""
 
     def __init__(self, room: Room, size: int) -> None:
-        self._room = room
-        self._to_come = size
         self.lost: int | None = None
+        self._room = room
+        self._size = self._promised = size
+        self._came = 0
+        self._began = monotonic()
+
+    def promised(self) -> int:
+        """Bytes set aside for it."""
+        if self._came < _TRICKLE_BYTES_PER_S * (monotonic() - self._began - _FIRST_S):
+            self._promised = min(self._promised, self._came + _STEP)
+        return self._promised
 
     async def watch(self, chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
-        """Pass the part's bytes on; end when the disk has no room for the rest."""
-        since = 0
+        """Pass the part's bytes on; end when the disk has no room for them or for the rest."""
+        looked_at = 0
         async for chunk in chunks:
+            self._came += len(chunk)
+            if self._came > self._promised:
+                self._promised = min(max(self._size, self._came), self._came + _STEP)
+                self.lost = await self._room.lacks()
+            elif self._came - looked_at >= _LOOK_EVERY:
+                looked_at = self._came
+                self.lost = await self._room.lacks(self._promised - self._came)
+            if self.lost is not None:
+                return
             yield chunk
-            self._to_come = max(0, self._to_come - len(chunk))
-            since += len(chunk)
-            if since >= _LOOK_EVERY:
-                since = 0
-                self.lost = await self._room.lacks(self._to_come)
-                if self.lost is not None:
-                    return

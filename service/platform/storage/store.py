@@ -33,6 +33,8 @@ MARKER = ".apexcal-store"
 _SAYS = "Blobs of apexcal. Without this file the service takes the folder for one whose disk is not mounted.\n"
 # Objects are read in ranges of this many bytes, each a request with its own time limit and repetitions.
 _RANGE = 8 * MIB
+# What the service sends of one object in a piece: while a client takes it, it and the next one are in memory.
+PIECE = 2 * MIB
 # Memory for one object on its way up: this many chunks at once. S3 takes 10,000 chunks of one object: 80 GiB.
 _CHUNK = 8 * MIB
 _CHUNKS_AT_ONCE = 4
@@ -141,10 +143,10 @@ class Store:
         return _whole(key, data, length)
 
     async def read_all(self, key: str, start: int = 0, length: int | None = None) -> AsyncIterator[bytes]:
-        """An object's bytes, or so many of them from ``start``, a few MiB at a time."""
+        """An object's bytes, or so many of them from ``start``, :data:`PIECE` at a time."""
         end = start + (1 if length is None else length)
         while start < end:
-            stop = start + _RANGE if length is None else min(start + _RANGE, end)
+            stop = start + PIECE if length is None else min(start + PIECE, end)
             async with self._reading_async(key):
                 answer = await obstore.get_async(self._store, key, options={"range": (start, stop)})
                 end = int(answer.meta["size"]) if length is None else end

@@ -32,6 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         logs.mkdir()
         own_disk = small_file_system(data, _DISK_BYTES)
         network = _network()
+        if options.hosts and network is None:
+            return 1
         let_modes_bind_children()
         campaign = Campaign(
             data,
@@ -39,8 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             Random(options.seed),
             size_of(options.seconds),
             own_disk=own_disk,
-            s3=options.store == "s3",
+            s3=options.hosts or options.store == "s3",
             network=network,
+            of_hosts=options.hosts,
         )
         try:
             findings = campaign.run()
@@ -84,6 +87,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=_SCALE_S, help="how long faults strike")
     parser.add_argument("--seed", type=int, default=None, help="of the schedule; another one each time by default")
     parser.add_argument("--store", choices=("folder", "s3"), default="folder", help="where blobs are")
+    parser.add_argument("--hosts", action="store_true", help="the faults of hosts alone, on seven of them, with S3")
     parser.add_argument("--keep-logs", type=Path, default=None, metavar="DIR", help="copy the processes' logs there")
     options = parser.parse_args(arguments)
     if options.seed is None:

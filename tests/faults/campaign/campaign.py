@@ -22,7 +22,7 @@ from service.platform.db.models import ApiToken, Blob, Calibration, Detection, J
 from service.platform.storage.audit import audit
 from tests.faults.campaign.clients import Annotator, Engineer, GaveUpError
 from tests.faults.campaign.invariants import Findings, check
-from tests.faults.campaign.kinds import KINDS, NEED_A_NETWORK
+from tests.faults.campaign.kinds import KINDS, NEED_A_NETWORK, OF_HOSTS
 from tests.faults.campaign.ledger import Ledger
 from tests.faults.campaign.plant import CLOCKS_APART_S, Plant
 from tests.faults.campaign.requests import CALIBRATIONS, Expected, record, sensors, vertices
@@ -62,13 +62,23 @@ class Campaign:
     """One run. The thread that makes it must run and close it: the processes end with that thread."""
 
     def __init__(
-        self, data: Path, logs: Path, random: Random, size: Size, *, own_disk: bool, s3: bool, network: Network | None
+        self,
+        data: Path,
+        logs: Path,
+        random: Random,
+        size: Size,
+        *,
+        own_disk: bool,
+        s3: bool,
+        network: Network | None,
+        of_hosts: bool = False,
     ) -> None:
         self._random = random
         self._size = size
         # A disk that belongs to others as well is not filled.
         left_out = {*(() if own_disk else ("disk_full",)), *(() if network else NEED_A_NETWORK)}
-        self._kinds = [kind for kind in KINDS if kind not in left_out]
+        left_out |= {"store_host_vanished"} if not s3 else set()
+        self._kinds = [kind for kind in (sorted(OF_HOSTS) if of_hosts else KINDS) if kind not in left_out]
         self._ledger = Ledger()
         self._expected = Expected()
         with ThreadPoolExecutor(1) as pool:

@@ -165,6 +165,13 @@ def _vanish(name: str) -> Strike:
 _FROZEN_S = (2.5, 5.0)
 # Some of it longer than a connection waits for a sign of life, which is 5 s.
 _VANISHED_S = (3.0, 9.0)
+# What happens to whole hosts, or to all that runs on them.
+OF_HOSTS = frozenset(
+    (
+        *("api_killed", "worker_killed", "sweeper_killed", "broker_killed", "database_killed"),
+        *("worker_frozen", "broker_frozen", "database_frozen", *(f"{name}_host_vanished" for name in HOSTS)),
+    )
+)
 NEED_A_NETWORK = frozenset(f"{name}_host_vanished" for name in HOSTS)
 
 KINDS: dict[str, Kind] = {

@@ -35,7 +35,9 @@ _ELSEWHERE = {
     "postgres": "database",
     "broker": "broker",
     "worker-a": "worker",
+    "worker-b": "second_worker",
     "sweeper": "sweeper",
+    "s3": "store",
 }
 _AHEAD = ("worker-b", "sweeper")
 HOSTS = tuple(dict.fromkeys(_ELSEWHERE.values()))
@@ -70,8 +72,8 @@ class Plant:
     One worker and the sweeper believe that it is five minutes later. Processes die with the thread that started
     them, so one thread makes, watches and closes the plant.
 
-    On a ``network`` there are hosts for the database, the broker, a worker and the sweeper. The others share
-    one, which this thread enters; it looks at database and broker by their sockets.
+    On a ``network`` there are hosts for the database, the broker, each worker, the sweeper and S3. The API is on
+    another, which this thread enters; it looks at database and broker by their sockets.
     """
 
     def __init__(
@@ -83,7 +85,7 @@ class Plant:
             here = network.host()
             here.enter()
             address = here.address
-        self.s3 = S3Server(address) if s3 else None
+        self.s3 = S3Server(address, self._host("s3")) if s3 else None
         self.data = data
         self.logs = logs
         self._random = random

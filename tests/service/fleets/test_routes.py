@@ -16,9 +16,16 @@ def test_only_owners_make_fleets_and_see_all(api: Api) -> None:
     assert north["role"] == "admin"
     api.fleet("south")
     assert [one["name"] for one in owner.get("/fleets").json()["items"]] == ["north", "south"]
-    admin = api.member(api.fleet("west"), "admin")
+    west = api.fleet("west")
+    admin = api.member(west, "admin")
     refused = admin.post("/fleets", {"name": "mine"})
     assert (refused.status_code, refused.json()["code"]) == (403, "owner_only")
+    # Neither a name that is free nor one that is taken tells of fleets of others.
+    for name in ("south", "nobody's"):
+        refused = admin.patch(f"/fleets/{west}", {"name": name}, headers={"If-Match": '"v1"'})
+        assert (refused.status_code, refused.json()["code"]) == (403, "owner_only")
+    taken = owner.patch(f"/fleets/{west}", {"name": "south"}, headers={"If-Match": '"v1"'})
+    assert taken.json()["code"] == "name_taken"
     assert [one["name"] for one in admin.get("/fleets").json()["items"]] == ["west"]
 
 

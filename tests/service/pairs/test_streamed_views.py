@@ -102,7 +102,7 @@ def test_twelve_at_once_cost_little_more_than_a_few(served: tuple[Api, str]) -> 
 
 def test_who_finds_no_place_waits_and_is_then_told(served: tuple[Api, str]) -> None:
     api, url = served
-    api.app.state.long_answers = ConcurrencyLimiter(1, 1, 0.2)
+    api.app.state.threads.memory._heavy = ConcurrencyLimiter(1, 1, 0.2)
     fleet = api.fleet()
     row, viewer = seed_set(api, fleet, COUNT), api.member(fleet, "viewer")
     path = f"{url}/v1/correspondence-sets/{row.id}"
@@ -113,6 +113,20 @@ def test_who_finds_no_place_waits_and_is_then_told(served: tuple[Api, str]) -> N
         assert client.get(path).status_code == 200, "the place is free again"
 
 
+def test_a_calibration_of_many_pairs_needs_a_place_too(api: Api) -> None:
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    large, small = seed_set(api, fleet, COUNT), seed_set(api, fleet, 200)
+
+    def ask(pairs: CorrespondenceSet) -> Any:
+        body = {"correspondence_set_ids": [str(pairs.id)], "models": ["pinhole"], "folds": 0}
+        return engineer.post(f"/vehicles/{pairs.vehicle_id}/calibrations", body)
+
+    assert (ask(large).status_code, ask(small).status_code) == (202, 202)
+    api.app.state.threads.memory._heavy = ConcurrencyLimiter(0, 1, 0.1)
+    assert (ask(large).json()["code"], ask(small).status_code) == ("busy", 202)
+
+
 @pytest.mark.parametrize("given", [b"x,y,z,u,v\n1,2,3,4,5\n", b'{"pairs":[{"x":1,"y":2,"z":3,"u":4,"v":5}]}'])
 def test_imports_share_places_too(api: Api, given: bytes) -> None:
     fleet = api.fleet()
@@ -121,13 +135,13 @@ def test_imports_share_places_too(api: Api, given: bytes) -> None:
     path = f"/rigs/{rig.id}/correspondence-sets?camera=front"
     for _ in range(3):
         assert engineer.post(path, content=given, headers=headers).status_code in (200, 201)
-    api.app.state.imports = ConcurrencyLimiter(0, 1, 0.1)
+    api.app.state.threads.memory._light = ConcurrencyLimiter(0, 1, 0.1)
     assert engineer.post(path, content=given, headers=headers).json()["code"] == "busy"
 
 
 def test_bodies_that_are_still_on_their_way_hold_no_place_of_an_import(served: tuple[Api, str]) -> None:
     api, url = served
-    api.app.state.imports = ConcurrencyLimiter(1, 1, 0.2)
+    api.app.state.threads.memory._light = ConcurrencyLimiter(1, 1, 0.2)
     fleet = api.fleet()
     rig = seed_rig(api.database, fleet)
     path = f"{url}/v1/rigs/{rig.id}/correspondence-sets?camera=front"

@@ -11,7 +11,7 @@ from sqlalchemy import select, update
 from service.platform.db.clock import now
 from service.platform.db.models import Fleet
 from service.platform.db.recordings import Blob, Recording, UploadPart
-from service.platform.storage.quota import PAIR_BYTES, count_rows
+from service.platform.storage.quota import STORED_PAIR_BYTES, count_rows
 from service.recordings.retention import delete_overdue, expire_uploads
 from tests.faults.jobs import pairs
 from tests.support.asking import bring_pairs
@@ -137,9 +137,9 @@ def test_a_finished_upload_does_not_end(api: Api, engineer, vehicle) -> None:
 def test_rows_take_of_the_quota_too(api: Api, engineer, fleet, vehicle) -> None:
     """What is imported counts at once; rigs and kept replies when the upkeep has counted."""
     with api.database.writing() as session:
-        session.execute(update(Fleet).values(quota_bytes=40 * PAIR_BYTES + 100))
+        session.execute(update(Fleet).values(quota_bytes=40 * STORED_PAIR_BYTES + 100))
     bring_pairs(engineer, vehicle["rig"], pairs(40, 1))
-    assert engineer.get(f"/fleets/{fleet}").json()["row_bytes"] == taken(engineer, fleet) == 40 * PAIR_BYTES
+    assert engineer.get(f"/fleets/{fleet}").json()["row_bytes"] == taken(engineer, fleet) == 40 * STORED_PAIR_BYTES
     refused = engineer.post(
         f"/rigs/{vehicle['rig']}/correspondence-sets", {"pairs": pairs(40, 2)}, params={"camera": "front"}
     )
@@ -149,4 +149,4 @@ def test_rows_take_of_the_quota_too(api: Api, engineer, fleet, vehicle) -> None:
     counted = taken(engineer, fleet)
     engineer.post(f"/fleets/{fleet}/vehicles", {"name": "second"}, headers={"Idempotency-Key": "kept"})
     count_rows(api.database)
-    assert 40 * PAIR_BYTES < counted < taken(engineer, fleet)
+    assert 40 * STORED_PAIR_BYTES < counted < taken(engineer, fleet)

@@ -33,6 +33,8 @@ COMPRESSED_IMAGE: Final = "std_msgs/Header header\nstring format\nuint8[] data\n
 # Of 18,701 points of a VLP-16 (449 kB): level 3 takes 2.0 ms and leaves 63 %, level 1 takes 1.2 ms and leaves 65 %,
 # level -1 takes 0.95 ms and leaves 69 %, and unpacks in half the time of the others (0.24 ms).
 _LEVEL: Final = -1
+# Pixels of 20 megapixels, 24 bits each, as they are; PNG and JPEG take less. Who looks at a frame is sent it whole.
+MAX_FRAME_BYTES: Final = 64 * 1024**2
 
 
 def check_stamp(stamp_ns: int, topic: str) -> None:
@@ -106,9 +108,15 @@ class CameraWriter(_SensorFile):
         """Append one frame; stamps need not ascend.
 
         Raises:
-            ReadError: ``stamp_out_of_range``.
+            ReadError: ``stamp_out_of_range``, ``image_too_large``.
         """
         check_stamp(frame.stamp_ns, self.topic)
+        if len(frame.data) > MAX_FRAME_BYTES:
+            raise ReadError(
+                "image_too_large",
+                f"A frame of {self.topic} takes {len(frame.data)} bytes; {MAX_FRAME_BYTES} are the most.",
+                "Record the camera's frames smaller, or as JPEG.",
+            )
         head = encode_image(frame.stamp_ns, self.frame_id, frame.media_type, len(frame.data))
         self._file.add(self._channel, frame.stamp_ns, head, frame.data)
         self.lengths.append(len(frame.data))

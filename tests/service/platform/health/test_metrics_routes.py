@@ -8,9 +8,10 @@ import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from pydantic import SecretStr
-from sqlalchemy import delete, event, update
+from sqlalchemy import delete, event, select, update
 from sqlalchemy.exc import OperationalError
 
+from service.platform.db.calibrations import CalibrationRun, Slot
 from service.platform.db.clock import now
 from service.platform.db.jobs import Heartbeat, Job, Worker
 from service.platform.db.recordings import Blob
@@ -21,6 +22,7 @@ from service.platform.jobs.sweep import sweep
 from tests.service.platform.jobs.support import let_backoff_end, make_calibration, make_fleet, make_jobs
 from tests.support.leases import let_lease_expire
 from tests.support.people import Api
+from tests.support.rows import add
 
 TOKEN = {"Authorization": "Bearer scrape-me"}
 
@@ -98,11 +100,15 @@ def test_totals_do_not_shrink_when_the_jobs_are_gone(scraped: Api, always_fresh)
         pass
     with database.writing() as session:
         session.execute(update(Job).values(finished_at=now(-400 * 86400)))
+        add(session, Slot, run_id=run_id)
+        session.execute(update(CalibrationRun).values(state="done"))
     assert forget_jobs(database) == 0, "not before it is counted"
     settle(scraped)
     settle(scraped)
     before = read(scraped)["apexcal_job_events_total"]
     assert forget_jobs(database) == 1
+    with database.reading() as session:
+        assert session.scalars(select(Slot.loss)).all() == [], "slots go with the jobs that found them"
     assert read(scraped)["apexcal_job_events_total"] == before == {(("kind", "solve"), ("what", "done")): 1}
 
 

@@ -82,11 +82,11 @@ def test_reads_are_conditional_and_edits_name_their_version(api: Api) -> None:
 
 def test_of_two_edits_of_one_version_one_wins(api: Api) -> None:
     fleet = api.fleet("north")
-    admin = api.member(fleet, "admin")
+    owner = api.owner()
     with ThreadPoolExecutor(4) as pool:
         answers = list(
             pool.map(
-                lambda number: admin.patch(f"/fleets/{fleet}", {"name": f"n{number}"}, headers={"If-Match": '"v1"'}),
+                lambda number: owner.patch(f"/fleets/{fleet}", {"name": f"n{number}"}, headers={"If-Match": '"v1"'}),
                 range(4),
             )
         )

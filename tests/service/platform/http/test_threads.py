@@ -9,8 +9,8 @@ import psycopg.errors
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from service.platform.db.base import new_id
-from service.platform.http.limits import BusyProblem
+from service.platform.db.base import new_id, weigh
+from service.platform.http.limits import BusyProblem, ConcurrencyLimiter
 from service.platform.http.threads import Lane
 
 LOCKED = psycopg.errors.LockNotAvailable("canceling statement due to lock timeout")
@@ -119,3 +119,24 @@ def test_what_fails_otherwise_is_not_tried_again() -> None:
         assert tried == [FULL]
 
     anyio.run(run)
+
+
+def test_what_needs_much_memory_is_called_again_where_it_has_it() -> None:
+    tried: list[int] = []
+
+    def read(pairs: int) -> str:
+        tried.append(pairs)
+        weigh(pairs)
+        return "read"
+
+    async def run() -> None:
+        lane = Lane(1)
+        assert await lane.run(read, 100) == await lane.run(read, 100_000) == "read"
+        assert tried == [100, 100_000, 100_000]
+        lane._memory._heavy = ConcurrencyLimiter(0, wait_s=0.05)
+        with pytest.raises(BusyProblem):
+            await lane.run(read, 100_000)
+        assert await lane.run(read, 100) == "read"
+
+    anyio.run(run)
+    weigh(100_000)  # nobody counts elsewhere

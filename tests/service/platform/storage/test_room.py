@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import asyncio
+from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack
 
 import httpx
 import pytest
 from sqlalchemy import select
 
 from service.platform.db.recordings import UploadPart
+from service.platform.storage import room
 from service.platform.storage.store import Store
 from tests.support.databases import one_database
 from tests.support.people import Api
@@ -65,3 +68,24 @@ def test_a_part_ends_where_another_fills_the_disk_meanwhile(served, engineer, re
         assert session.scalars(select(UploadPart)).all() == []
     filler.unlink()
     assert put_part(engineer, recording["id"], 1, b"y" * MB).status_code == 200
+
+
+def test_parts_that_trickle_take_no_room_and_must_find_it_where_they_hurry(api: Api, monkeypatch) -> None:
+    """Together they announced three times the disk."""
+    monkeypatch.setattr(room, "_FIRST_S", 0.0)
+
+    async def in_one_piece(size: int) -> AsyncIterator[bytes]:
+        yield b"x" * size
+
+    async def trickle() -> list[int]:
+        passed: list[int] = []
+        async with AsyncExitStack() as stack:
+            parts = [await stack.enter_async_context(api.app.state.room.kept_for(30 * MB)) for _ in range(5)]
+            await stack.enter_async_context(api.app.state.room.kept_for(20 * MB))
+            for part in parts:
+                passed.append(len([chunk async for chunk in part.watch(in_one_piece(20 * MB))]))
+                assert (part.lost is None) == bool(passed[-1])
+        return passed
+
+    # Nothing is written here, so each that has come takes its room from the next.
+    assert asyncio.run(trickle()) == [1, 0, 0, 0, 0]

@@ -24,6 +24,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from workers.readers import progress
+from workers.readers.normalised import mcap_files
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import FrameSize, FrameTable, RecordingManifest, SweepTable, read_table
 from workers.readers.normalised.normalise import normalise
@@ -110,6 +111,14 @@ def test_after_an_error_nothing_is_left(tmp_path, messages, code):
         normalise(path, tmp_path / "out", cameras=["front"])
     assert caught.value.code == code
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_frame_of_too_many_bytes_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(mcap_files, "MAX_FRAME_BYTES", len(png(8, 6, 0)) - 1)
+    path = write_bag(tmp_path / "a.bag", interleaved(clouds(3), images(3)))
+    with pytest.raises(ReadError, match="are the most") as caught:
+        normalise(path, tmp_path / "out", cameras=["front"])
+    assert caught.value.code == "image_too_large"
 
 
 def test_sensors_of_different_times_and_frames_of_different_sizes_are_said(tmp_path):
