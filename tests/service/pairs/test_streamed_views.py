@@ -114,13 +114,12 @@ def test_who_finds_no_place_waits_and_is_then_told(served: tuple[Api, str]) -> N
 
 
 def test_a_calibration_of_many_pairs_needs_a_place_too(api: Api) -> None:
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
-    large, small = seed_set(api, fleet, COUNT), seed_set(api, fleet, 200)
+    large, small = (seed_set(api, api.fleet(), count) for count in (COUNT, 200))
+    owner = api.owner()
 
     def ask(pairs: CorrespondenceSet) -> Any:
         body = {"correspondence_set_ids": [str(pairs.id)], "models": ["pinhole"], "folds": 0}
-        return engineer.post(f"/vehicles/{pairs.vehicle_id}/calibrations", body)
+        return owner.post(f"/vehicles/{pairs.vehicle_id}/calibrations", body)
 
     assert (ask(large).status_code, ask(small).status_code) == (202, 202)
     api.app.state.threads.memory._heavy = ConcurrencyLimiter(0, 1, 0.1)

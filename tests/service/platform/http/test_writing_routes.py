@@ -15,13 +15,14 @@ from tests.support.people import Api
 IDENTITY = {"person", "membership", "api_token"}
 # These ask the database for nothing.
 COMPUTED = {"/v1/calibration-files/reading"}
-# These only read, which SQLite allows beside a writer; or there is nothing to write in this service.
+# These only read, which SQLite allows beside a writer, or refuse before they write, or have nothing to write.
 ONLY_READING = {
     "/v1/recordings/{id}/parts/{number}/address",
     "/v1/recordings/{id}/parts/{number}/arrival",
     "/v1/recordings/{recording_id}/rig-proposals",
     "/v1/results/{result_id}/comparison",
     "/v1/results/{result_id}/urdf",
+    "/v1/vehicles/{vehicle_id}/calibrations",
     "/v1/vehicles/{vehicle_id}/cameras/{camera}/calibration/urdf",
 }
 READS = ("get", "head")
