@@ -146,7 +146,7 @@ def _import(url: str, token: str, rig: str, content: bytes) -> httpx.Response:
 
 
 def _engineer(load: _Load, token: str, fleet: dict[str, str]) -> None:
-    client, large = load.client(token), _csv(_PAIRS)
+    client, large = load.client(token), _csv(_PAIRS - 1)
     head, _, rest = large.partition(b"\n")
     sets = [fleet["large"]]
 
