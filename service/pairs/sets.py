@@ -78,7 +78,7 @@ def keep_set(session: Session, candidate: CorrespondenceSet) -> tuple[Correspond
     if candidate.pairs is not None:
         encoded = candidate.pairs if isinstance(candidate.pairs, Encoded) else Encoded(candidate.pairs)
         candidate.pairs, pairs = encoded, hashlib.sha256(encoded.text.encode()).hexdigest()
-        candidate.count, candidate.flagged = len(candidate.pairs["x"]), sum(candidate.pairs.get("flagged") or ())
+        candidate.count, candidate.flagged = len(encoded["x"]), sum(encoded.get("flagged") or ())
     candidate.content_hash = content_hash({"pairs": pairs, "origin": origin, "notes": candidate.notes})
     existing = session.scalar(
         select(CorrespondenceSet).where(
