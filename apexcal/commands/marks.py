@@ -12,11 +12,7 @@ from apexcal.commands.session import Reply, Session
 from apexcal.documents.machine_marks import MachineMark, MarksFacts, MarksView
 
 
-def marks(
-    session: Session,
-    detection: DetectionArgument,
-    camera: CameraOption = "",
-) -> Reply:
+def marks(session: Session, detection: DetectionArgument, camera: CameraOption = "") -> Reply:
     """Have the machine mark a detection's corners in a camera's frames, or read its marks if it has.
 
     `apexcal calibrate --detection DETECTION --machine-marks` uses them.

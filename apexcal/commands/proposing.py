@@ -73,13 +73,7 @@ def inspect_file(
     return answer["error"] if "error" in answer else Inspection.model_validate(answer["inspection"])
 
 
-def read_file(
-    module: str,
-    path: Path,
-    out: Path | str,
-    reading: Mapping[str, Any],
-    **more: Any,
-) -> Document:
+def read_file(module: str, path: Path, out: Path | str, reading: Mapping[str, Any], **more: Any) -> Document:
     """Return the last line of a child that reads a recording: its outcome, or its ``error``."""
     options = dict(reading)
     topics = options.pop("topics", {})

@@ -82,11 +82,7 @@ class Analyses(Resource):
         return self._ask(ReportView, "report", result_id=result_id)
 
     def validate_on_pairs(
-        self,
-        set_id: UUID | str,
-        *,
-        result_id: UUID | str | None = None,
-        calibration: Mapping[str, Any] | None = None,
+        self, set_id: UUID | str, *, result_id: UUID | str | None = None, calibration: Mapping[str, Any] | None = None
     ) -> PairValidationView:
         """Test a calibration on a correspondence set of its camera.
 

@@ -41,8 +41,7 @@ def jobs(
 
 @spoken
 def job(
-    id: Annotated[int, typer.Argument(help="The job's number.", min=1, max=_LARGEST)],
-    as_json: JsonOption = False,
+    id: Annotated[int, typer.Argument(help="The job's number.", min=1, max=_LARGEST)], as_json: JsonOption = False
 ) -> None:
     """Show a job and what became of each attempt.
 

@@ -24,7 +24,7 @@ from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.fleets import Rig
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict
 from service.platform.jobs.bundles import run_cost
 
 # Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.
@@ -75,8 +75,7 @@ def _camera_and_marks(
     agreed = [(stamp_ns, agree(opinions.get(vertex_id, []), apart_px).pixel) for vertex_id, stamp_ns in stamps]
     marks = [(stamp_ns, *pixel) for stamp_ns, pixel in agreed if pixel]
     if not marks:
-        raise Problem(
-            409,
+        raise conflict(
             "nothing_marked",
             f"None of the {len(agreed)} vertices that have a frame of {camera.name} is confirmed and marked.",
             "The offset is found from marks: mark vertices first, at least some dozens over the whole recording.",

@@ -16,7 +16,7 @@ from service.exports.format import numbers
 from service.platform.db.base import Json
 from service.platform.db.fleets import Vehicle
 from service.platform.db.recordings import Recording, Sensor
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 from service.publications.camera_queries import published_exports
 from service.publications.selection import Selection
 
@@ -55,8 +55,7 @@ def recorded_cameras(
     cameras = [one for one in published if one.name in sensors]
     missing = [name for name in (*wanted.cameras, *wanted.joints) if name not in {one.name for one in cameras}]
     if missing or not cameras:
-        raise Problem(
-            422,
+        raise unprocessable(
             "camera_not_recorded",
             f"The recording {recording.name!r} has no calibrated camera {missing[0]!r}."
             if missing
@@ -75,8 +74,7 @@ def _camera(camera: CalibratedCamera, sensor: Sensor, frame: str) -> Json:
     # CameraInfo has no skew; P, the lens of rectified images, has no distortion either.
     lost = "a skew" if camera.skew else "a distortion" if camera.is_rectified and any(camera.D) else None
     if lost:
-        raise Problem(
-            422,
+        raise unprocessable(
             "lens_without_equal",
             f"The lens of {camera.name} has {lost}, which readers of CameraInfo ignore.",
             "Calibrate with skew locked at 0 (`locked`), and rectified images as pinhole.",

@@ -29,7 +29,7 @@ from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, Result
 from service.platform.db.jobs import Job
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict
 from service.platform.job_status.views import job_view
 from service.publications.check_queries import moment_checks
 
@@ -60,8 +60,7 @@ def _report(access: Access, request: ReportRequest) -> Analysis:
     """A report of a fit to all pairs. Raises :class:`Problem` 404, 403, 409 ``not_a_fit_to_all_pairs``."""
     result = access.find(Result, request.result_id, "reviewer")
     if result.fold != FULL:
-        raise Problem(
-            409,
+        raise conflict(
             "not_a_fit_to_all_pairs",
             "This result is from a fit that holds pairs out. Only fits to all pairs have reports.",
             "Ask for the report of the model's fit to all pairs: its fold is -1.",

@@ -18,7 +18,7 @@ from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.recordings import Recording
 from service.platform.db.session import Database
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict
 
 
 def plan(access: Access, request: MarksRequest) -> Analysis:
@@ -44,8 +44,8 @@ def list_marks(access: Access, database: Database, analysis_id: UUID) -> MarksLi
     """
     row = access.find(Analysis, analysis_id, "reviewer")
     if row.kind != "machine_marks" or row.result is None:
-        raise Problem(
-            409, "no_marks", f"This analysis ({row.kind}) is {row.state}; it has no marks.", "Ask for machine_marks."
+        raise conflict(
+            "no_marks", f"This analysis ({row.kind}) is {row.state}; it has no marks.", "Ask for machine_marks."
         )
     fields = MachineMark.model_fields
     marks = [{name: value for name, value in mark.items() if name in fields} for mark in marks_of(row)]

@@ -15,7 +15,7 @@ from service.platform.db.analyses import Analysis
 from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.detections import Detection
 from service.platform.db.recordings import CameraFrame
-from service.platform.http.problems import Problem
+from service.platform.http.problems import not_found
 
 _ASKED = {"frame", "stamp_ns", "pixels", "k", "lidar_noise"}
 
@@ -36,8 +36,7 @@ def plan(access: Access, request: PixelPointsRequest) -> Analysis:
 def _check_frame(session: Session, request: PixelPointsRequest) -> None:
     camera = find_camera(session, request.recording_id, request.camera)
     if request.frame is not None and session.get(CameraFrame, (camera.id, request.frame)) is None:
-        raise Problem(
-            404,
+        raise not_found(
             "unknown_frame",
             f"The camera {camera.name!r} has no frame {request.frame} in this recording.",
             f"Its {camera.count} frames are numbered from 0; or give `stamp_ns`.",

@@ -20,7 +20,7 @@ from service.platform.db.jobs import Job
 from service.platform.db.recordings import Blob
 from service.platform.db.session import Database
 from service.platform.http.pages import Window, fetch
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict
 
 
 class AnalysisDownload(NamedTuple):
@@ -68,8 +68,7 @@ def analysis_file(access: Access, database: Database, analysis_id: UUID) -> Anal
     row = access.find(Analysis, analysis_id)
     made = access.session.get(AnalysisFile, row.id)
     if made is None:
-        raise Problem(
-            409,
+        raise conflict(
             "no_file",
             f"This analysis ({row.kind}) is {row.state}; it has no file.",
             "A calibrated copy or a report has a file when its state is done; other kinds have none.",

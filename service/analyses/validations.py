@@ -18,7 +18,7 @@ from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.calibrations import Calibration, CorrespondenceSet, Result, current_publication
 from service.platform.db.recordings import Recording
-from service.platform.http.problems import Problem
+from service.platform.http.problems import not_found, unprocessable
 
 # What a worker needs of a result; a document also has the errors of all its pairs.
 _NEEDED = ("intrinsics", "transform", "covariance", "sigma_px", "model", "status")
@@ -57,8 +57,7 @@ def _plan(access: Access, request: ValidationRequest, data: Recording | Correspo
         result = access.find(Result, request.result_id, "engineer")
         _check_origin(access, result, data.vehicle_id, camera)
     if result is None:
-        raise Problem(
-            404,
+        raise not_found(
             "no_calibration",
             f"The camera {camera!r} has no published calibration.",
             "Give `result_id`, or `calibration` with a lens and a transform.",
@@ -75,15 +74,13 @@ def _published(access: Access, vehicle_id: UUID, camera: str) -> Result | None:
 
 def _check_origin(access: Access, result: Result, vehicle_id: UUID, camera: str) -> None:
     if access.session.get_one(Calibration, result.calibration_id).vehicle_id != vehicle_id:
-        raise Problem(
-            422,
+        raise unprocessable(
             "result_of_another_vehicle",
             "The result belongs to another vehicle than the data, and its sensors are mounted elsewhere.",
             "Name a result and data of one vehicle.",
         )
     if result.camera != camera:
-        raise Problem(
-            422,
+        raise unprocessable(
             "result_of_another_camera",
             f"The result is of the camera {result.camera!r}, not of {camera!r}.",
             "Name a result and data of one camera.",

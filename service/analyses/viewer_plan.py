@@ -40,10 +40,7 @@ def plan_viewer_file(session: Session, recording: Recording, wanted: CopyRequest
 
 
 def viewer_file(
-    cameras: Sequence[CalibratedCamera],
-    lidar: str,
-    recorded: Mapping[str, str],
-    offsets_ns: Mapping[str, int | None],
+    cameras: Sequence[CalibratedCamera], lidar: str, recorded: Mapping[str, str], offsets_ns: Mapping[str, int | None]
 ) -> Json:
     """Lenses and poses.
 

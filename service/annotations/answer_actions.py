@@ -21,7 +21,7 @@ from service.platform.db.annotations import Answer as AnswerRow
 from service.platform.db.annotations import MarkingTask
 from service.platform.db.base import Json
 from service.platform.db.clock import now, now_plus
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, conflict, unprocessable
 
 # People correct themselves once or twice. Each answer stays in the history, so their number is bounded: this many
 # rows, and as many for taking them back.
@@ -44,8 +44,8 @@ def give(session: Session, subject: Subject, answer: Answer) -> AnswerView:
     """
     verdict, mark = answer.verdict, answer.mark if answer.verdict == "confirmed" else None
     if verdict == "confirmed" and mark is None:
-        raise Problem(
-            422, "mark_required", "A confirmed vertex needs its mark.", 'Send "mark": {"u": ..., "v": ...} in pixels.'
+        raise unprocessable(
+            "mark_required", "A confirmed vertex needs its mark.", 'Send "mark": {"u": ..., "v": ...} in pixels.'
         )
     if mark is not None:
         check_inside(mark.u, mark.v, subject.frame.width, subject.frame.height)
@@ -75,9 +75,7 @@ def undo(session: Session, subject: Subject, undone: Undo, lease_s: float) -> Su
     last = subject.last
     if _repeated(session, subject, undone, {"verdict": None}) is None:
         if last is None or last.verdict is None:
-            raise Problem(
-                409, "nothing_to_undo", "There is no answer of yours to take back.", "Ask for the task again."
-            )
+            raise conflict("nothing_to_undo", "There is no answer of yours to take back.", "Ask for the task again.")
         reopen(session, subject.person_id, subject.recording_id, subject.apex_id)
         with _counted(session, subject, last.frame_index):
             mark = find_mark(session, subject.person_id, last.sensor_id, last.frame_index, subject.vertex.corner)
@@ -127,8 +125,7 @@ def _repeated(session: Session, subject: Subject, answer: Answer | Undo, content
             return earlier
         raise _id_used(answer.id)
     own = own_answer(subject)
-    raise Problem(
-        409,
+    raise conflict(
         "answer_changed",
         f"You answered this vertex elsewhere meanwhile: {_in_words(own)}. What you send now was made before that.",
         "Decide which of your answers holds; send this one with the version in `own` to replace that one.",
@@ -137,8 +134,7 @@ def _repeated(session: Session, subject: Subject, answer: Answer | Undo, content
 
 
 def _id_used(id: UUID) -> Problem:
-    return Problem(
-        409,
+    return conflict(
         "answer_id_used",
         f"The id {id} belongs to another answer.",
         "Make a new random id for each answer; send the same id only with the same answer.",
@@ -154,8 +150,7 @@ def _check_patience(session: Session, subject: Subject) -> None:
     """Refuse more answers; also to take the last one back, which would leave none."""
     own = {"person_id": subject.person_id, "apex_id": subject.apex_id, "sensor_id": subject.frame.sensor_id}
     if (session.scalar(select(func.count(AnswerRow.verdict)).filter_by(**own)) or 0) >= MOST_ANSWERS:
-        raise Problem(
-            409,
+        raise conflict(
             "answered_too_often",
             f"You have answered this vertex {MOST_ANSWERS} times; your last answer stays.",
             "Where it is wrong, ask a reviewer to look at it.",
@@ -163,12 +158,7 @@ def _check_patience(session: Session, subject: Subject) -> None:
 
 
 def _write(
-    session: Session,
-    subject: Subject,
-    answer: Answer | Undo,
-    content: Json,
-    mark: Said | None,
-    verdict: Said | None,
+    session: Session, subject: Subject, answer: Answer | Undo, content: Json, mark: Said | None, verdict: Said | None
 ) -> None:
     whose = {"recording_id": subject.recording_id, "person_id": subject.person_id, "apex_id": subject.apex_id}
     frame = {"sensor_id": subject.frame.sensor_id, "frame_index": subject.frame.frame_index}

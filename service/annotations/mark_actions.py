@@ -14,7 +14,7 @@ from service.annotations.views import Said
 from service.platform.db.annotations import Answer
 from service.platform.db.base import Json
 from service.platform.db.session import upserting
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 
 _ANSWER: Any = Answer.__table__
 
@@ -26,8 +26,7 @@ def check_inside(u: float, v: float, width: int, height: int) -> None:
     """
     if -0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5:
         return
-    raise Problem(
-        422,
+    raise unprocessable(
         "mark_outside_image",
         f"The mark ({u:g}, {v:g}) lies outside the image of {width} x {height} pixels.",
         "u goes from -0.5 on the left to width - 0.5, v from -0.5 at the top to height - 0.5.",

@@ -25,7 +25,7 @@ from service.platform.db.base import new_id
 from service.platform.db.detections import Apex
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.http.etags import Conditional, Conditions, version_etag
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, conflict, not_found
 from service.platform.http.router import MarkingRoute, Router
 
 router = Router(tags=["annotations"], route_class=MarkingRoute)
@@ -48,7 +48,7 @@ def read_mark(
     sensor, frame = _frame(access, recording_id, camera, index, "viewer")
     mark = find_mark(access.session, access.person.id, sensor.id, frame.index, corner)
     if mark is None:
-        raise Problem(404, "not_marked", "You have not marked this frame.", "PUT the mark with If-None-Match: *.")
+        raise not_found("not_marked", "You have not marked this frame.", "PUT the mark with If-None-Match: *.")
     return _answer(mark_view(mark), conditions)
 
 
@@ -89,11 +89,8 @@ def _frame(access: Access, recording_id: UUID, camera: str, index: int, role: Ro
     sensor = find_camera(access.session, recording.id, camera)
     frame = access.session.get(CameraFrame, (sensor.id, index))
     if frame is None:
-        raise Problem(
-            404,
-            "no_such_frame",
-            f"The camera {camera} has no frame {index}.",
-            f"Its frames are 0 to {sensor.count - 1}.",
+        raise not_found(
+            "no_such_frame", f"The camera {camera} has no frame {index}.", f"Its frames are 0 to {sensor.count - 1}."
         )
     return sensor, frame
 
@@ -105,15 +102,13 @@ def _check_no_answer(
     of_corner = select(Answer).filter_by(**own).join(Apex, Apex.id == Answer.apex_id).where(Apex.corner == corner)
     rows = access.session.scalars(of_corner.order_by(Answer.version))
     if any(row.verdict for row in {row.apex_id: row for row in rows}.values()):
-        raise Problem(
-            409,
+        raise conflict(
             "answered",
             "This is the mark of a vertex that you have answered.",
             "Answer its task again, with the answer's version: POST /v1/tasks/{id}/answer.",
         )
     if mark is not None and mark.version >= MOST_ANSWERS:
-        raise Problem(
-            409,
+        raise conflict(
             "answered_too_often",
             f"You have moved this mark {MOST_ANSWERS} times; it stays where it is.",
             "If it is wrong, ask a reviewer to look at it.",

@@ -18,11 +18,7 @@ from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 
 
 def end_calibration(
-    session: Session,
-    calibration: Calibration,
-    state: WorkState,
-    problem: Json | None,
-    summary: Json | None = None,
+    session: Session, calibration: Calibration, state: WorkState, problem: Json | None, summary: Json | None = None
 ) -> None:
     """End a calibration whose runs have all ended, and count it in its fleet request."""
     calibration.state, calibration.problem, calibration.summary = state, problem, summary
@@ -71,10 +67,7 @@ def count_ended(session: Session, request_id: UUID, ended: Mapping[str, int]) ->
             **counts,
             remaining=left,
             wave=FleetRequest.wave - ended.get(VehicleState.SKIPPED, 0),
-            state=case(
-                (left > 0, RequestState.RUNNING),
-                else_=_end_state(counts),
-            ),
+            state=case((left > 0, RequestState.RUNNING), else_=_end_state(counts)),
             finished_at=case((left > 0, None), else_=now()),
         )
         .returning(FleetRequest.fleet_id)

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.comparisons import ResultComparison
 from service.platform.db.base import Json
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.platform.http.problems import Problem, not_found
+from service.platform.http.problems import not_found, unprocessable
 
 
 class _Origin(NamedTuple):
@@ -34,8 +34,7 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
 
     own, their = _origin(session, result), _origin(session, other)
     if (own.vehicle_id, result.camera) != (their.vehicle_id, other.camera):
-        raise Problem(
-            422,
+        raise unprocessable(
             "result_of_another_camera",
             "The two results belong to different cameras or vehicles, so their mounts differ.",
             "Compare two results of one camera of one vehicle.",

@@ -17,7 +17,7 @@ from service.platform.db.base import Json
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.fleets import RigCamera
 from service.platform.db.recordings import Sensor
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 
 
 def with_recorded_lenses(
@@ -51,8 +51,7 @@ def _stated_intrinsics(session: Session, camera: RigCamera, pairs: Correspondenc
         return None  # the recording's own notes say that its lens is of other images
     if stated is None:
         which = "P of rectified images" if kind == "rectified" else "its intrinsics"
-        raise Problem(
-            422,
+        raise unprocessable(
             "no_intrinsics_stated",
             f"The pairs of {camera.name} come from no recording that states {which}.",
             "Give the lens as intrinsics (--intrinsics), or neither ask for the recording's (intrinsics_from: "

@@ -16,7 +16,7 @@ from apexcal.documents.lenses import STATED_MODELS, model_of_lens, parameters_of
 from apexcal.documents.rules import LensUse
 from service.platform.db.base import Json
 from service.platform.db.fleets import RigCamera
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
 _FOCAL_SHARE = 0.10
@@ -42,16 +42,14 @@ def as_stated(camera: str, intrinsics: Json) -> Json:
     stated = [float(value) for value in intrinsics["D"]]
     model, D = model_of_lens(name, stated)
     if model is None:
-        raise Problem(
-            422,
+        raise unprocessable(
             "unknown_distortion_model",
             f"The intrinsics of {camera} are of the distortion model {name!r}, which is none here.",
             f"Known are {', '.join(STATED_MODELS)}. Leave the intrinsics out, or give their "
             "focal lengths and centre as bounds of the rig or the request.",
         )
     if D is None:
-        raise Problem(
-            422,
+        raise unprocessable(
             "distortion_without_equal",
             f"The intrinsics of {camera} have {len(stated)} coefficients ({name}), and {model} has "
             f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero, and no model here has them.",
@@ -60,8 +58,7 @@ def as_stated(camera: str, intrinsics: Json) -> Json:
         )
     K = [float(value) for value in intrinsics["K"]]
     if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
-        raise Problem(
-            422,
+        raise unprocessable(
             "invalid_intrinsics",
             f"K of {camera} is no camera matrix: it is [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows.",
             "A CameraInfo without a calibration has zeros there.",
@@ -81,16 +78,14 @@ def check_size(stated: Json, camera: RigCamera, what: str) -> None:
         Problem: 422 ``intrinsics_of_another_size``, ``intrinsics_of_raw_images``.
     """
     if not is_of_images(stated, camera):
-        raise Problem(
-            422,
+        raise unprocessable(
             "intrinsics_of_another_size",
             f"{what} for {stated['width']} x {stated['height']} pixels, "
             f"and its images have {camera.image_width} x {camera.image_height}.",
             "Leave them out, scale them to the images' size, or give bounds.",
         )
     if camera.images and camera.images["kind"] == "rectified" and any(stated["D"]):
-        raise Problem(
-            422,
+        raise unprocessable(
             "intrinsics_of_raw_images",
             f"{what} with a distortion, and its images are rectified.",
             "Give P[:, :3] of the CameraInfo as K, without D, or correct what the rig says of its images.",
@@ -126,8 +121,7 @@ def take_over(camera: str, stated: Json, models: Sequence[ModelName], use_as: Le
         return LensConstraints(stated, use_as, priors)
     lens = stated["model"]
     what = f"are of {lens}" if lens else f"({stated.get('distortion_model')}) are of a model that has no equal here"
-    raise Problem(
-        422,
+    raise unprocessable(
         "intrinsics_of_another_model",
         f"The intrinsics of {camera} {what}, and {' and '.join(models)} cannot take them over.",
         (f"Ask for {lens}, or take" if lens else "Take") + " focal lengths and centre alone "

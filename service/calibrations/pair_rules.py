@@ -6,7 +6,7 @@ from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MARK_SIGMA, SIGMAS, sta
 from apexcal.documents.rules import WeightRule, Weights
 from service.platform.db.base import Json
 from service.platform.db.calibrations import CorrespondenceSet
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 
 # Mean elevation error of a recording's vertices, the largest that was measured (docs/decisions/0008): of the refined
 # detector with the board's size open, and of the ring rules, which state no deviations and place the apex low.
@@ -29,8 +29,7 @@ def weighing(camera: str, pairs: Json, rule: WeightRule) -> Weights:
     if states_errors(pairs):
         return "equal" if rule == "equal" else "covariances"
     if rule == "covariances":
-        raise Problem(
-            422,
+        raise unprocessable(
             "no_covariances",
             f"The pairs of {camera} state no standard deviations that they could weigh by.",
             f"Detect with `refined`, import the columns {', '.join(SIGMAS)} or {MARK_SIGMA}, or leave the choice of "
@@ -71,8 +70,7 @@ def _check_motion(pairs: CorrespondenceSet, deviations: Json) -> None:
     names = ["line_time_us"] if CLOCK_SIGMA in pairs.columns else ["clock_ms", "line_time_us"]
     in_time = [name for name in names if deviations.get(name)]
     if in_time and not tells_motion(pairs.columns.get("stamp_ns") or [], pairs.columns.get(CORNER)):
-        raise Problem(
-            422,
+        raise unprocessable(
             "no_motion",
             f"The pairs of {pairs.camera} do not say how the apex moved, so nothing follows from {in_time[0]}.",
             f"Give stamp_ns of pairs from a walk, or leave {' and '.join(in_time)} out of common_errors.",

@@ -6,16 +6,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from apexcal.documents.bounds import LEAST_FOCAL_PX, Interval, preset_bounds
-from apexcal.documents.camera_models import (
-    ANGLES,
-    FOCAL_AND_CENTRE,
-    ModelName,
-    SearchForm,
-    all_names,
-    bare_name,
-)
+from apexcal.documents.camera_models import ANGLES, FOCAL_AND_CENTRE, ModelName, SearchForm, all_names, bare_name
 from apexcal.documents.fit_requests import FitRequest, in_radians
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 
 _OF_LENS = (
     "The lens as stated has it: is it in pixels of these images? Where it is right, give the rig bounds of {} that "
@@ -34,8 +27,7 @@ def check_names(
     names = all_names(models, search)
     for name in parameters:
         if bare_name(name) not in names:
-            raise Problem(
-                422,
+            raise unprocessable(
                 "unknown_parameter",
                 f"{where} names {name!r}, which is no parameter of {' or '.join(models)} in the form {search}.",
                 f"The parameters are {', '.join(names)}; angles are in radians, or in degrees with _deg behind.",
@@ -43,8 +35,8 @@ def check_names(
             )
     values = in_radians(parameters)
     if len(values) < len(parameters):
-        raise Problem(
-            422, "unknown_parameter", f"{where} names an angle twice, in radians and in degrees.", "Give it once."
+        raise unprocessable(
+            "unknown_parameter", f"{where} names an angle twice, in radians and in degrees.", "Give it once."
         )
     return values
 
@@ -53,8 +45,7 @@ def check_order(bounds: Mapping[str, Interval]) -> None:
     """Refuse bounds whose lower end is not below the upper end: 422 ``bounds_inside_out``."""
     for name, (low, high) in bounds.items():
         if not low < high:
-            raise Problem(
-                422,
+            raise unprocessable(
                 "bounds_inside_out",
                 f"The bounds of {name} are inside out: the lower end {low:g} is not below the upper end {high:g}.",
                 "Give them as [lower, upper]; a parameter that is known goes into `locked`.",
@@ -68,8 +59,7 @@ def check_locks(locked: Mapping[str, float], bounds: Mapping[str, Interval]) -> 
     """
     for name, value in locked.items():
         if name in ("f_x", "f_y") and value < LEAST_FOCAL_PX:
-            raise Problem(
-                422,
+            raise unprocessable(
                 "locked_out_of_bounds",
                 f"{name} is locked at {value:g}, and no camera has a focal length below {LEAST_FOCAL_PX:g} px.",
                 "It is half the image's width over the tangent of half its angle of view, in pixels.",
@@ -110,8 +100,7 @@ def _check(name: str, value: float, interval: Interval, whose: str, of: str, hin
     if low <= value <= high:
         return
     unit = " rad" if name in ANGLES else ""
-    raise Problem(
-        422,
+    raise unprocessable(
         "locked_out_of_bounds",
         f"{name}{of} is locked at {value:g}{unit}, outside of [{low:g}, {high:g}]{unit}, {whose}.",
         hint.format(name)

@@ -21,7 +21,7 @@ from service.calibrations.resolve import (
 )
 from service.calibrations.work_rules import FitWork, check_work, predicted_s
 from service.platform.db.base import Json, content_hash
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 from service.platform.jobs.bundles import run_cost
 
 # Members of a request that default to what its preset means.
@@ -121,8 +121,7 @@ def _free(camera: ResolvedCamera, fit: FitRequest) -> int:
     pairs = camera.pairs.count
     if pairs < max(free, 1):
         noun = "pair" if pairs == 1 else "pairs"
-        raise Problem(
-            422,
+        raise unprocessable(
             "too_few_pairs",
             f"{camera.name} has {pairs} {noun}, and {fit.model} has {free} free parameters.",
             "Mark more vertices, or lock what is known (intrinsics, lever arm), or ask for a smaller model.",

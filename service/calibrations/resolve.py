@@ -27,7 +27,7 @@ from service.calibrations.parameter_rules import check_camera_locks, check_locks
 from service.platform.db.base import Json
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.fleets import RigCamera
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,7 @@ def resolve_cameras(template: ResolvedTemplate, sources: Sequence[CameraPairs]) 
     cameras = [source.camera.name for source in sources]
     strangers = sorted(set(template.lenses) - set(cameras))
     if cameras and strangers:
-        raise Problem(
-            422,
+        raise unprocessable(
             "unknown_camera",
             f"intrinsics names {strangers[0]!r}, of which there are no pairs in this request.",
             f"Its cameras are {', '.join(cameras)}.",

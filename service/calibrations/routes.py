@@ -24,7 +24,7 @@ from service.platform.broker.hints import hint
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
 from service.platform.db.fleets import Rig, Vehicle
 from service.platform.http.pages import LongPaging, Page, Paging, fetch
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 from service.platform.http.router import Router
 from service.recordings.actions import delete_calibration
 
@@ -63,15 +63,13 @@ def _sources(access: Access, vehicle_id: UUID, set_ids: list[UUID]) -> tuple[Rig
     sets = [access.find(CorrespondenceSet, set_id, "engineer") for set_id in set_ids]
     for pair_set in sets:
         if pair_set.vehicle_id != vehicle.id:
-            raise Problem(
-                422,
+            raise unprocessable(
                 "set_of_another_vehicle",
                 f"The correspondence set {pair_set.id} belongs to another vehicle.",
                 "Ask for the calibration at the vehicle of the set.",
             )
     if len({pair_set.rig_id for pair_set in sets}) > 1:
-        raise Problem(
-            422,
+        raise unprocessable(
             "rigs_differ",
             "The correspondence sets belong to different rigs of the vehicle.",
             "Ask for one calibration for each rig.",
@@ -79,8 +77,7 @@ def _sources(access: Access, vehicle_id: UUID, set_ids: list[UUID]) -> tuple[Rig
     cameras = [pair_set.camera for pair_set in sets]
     twice = next((camera for camera in cameras if cameras.count(camera) > 1), None)
     if twice is not None:
-        raise Problem(
-            422,
+        raise unprocessable(
             "camera_twice",
             f"More than one correspondence set is of the camera {twice}.",
             "Give one set for each camera.",

@@ -21,7 +21,7 @@ from apexcal.documents.states import UNENDED
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.platform.http.pages import Page, Window
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 
 
 def calibration_views(
@@ -158,6 +158,6 @@ def _parse(cursor: str) -> tuple[UUID, int, int]:
             raise ValueError(cursor)
         return key
     except ValueError:
-        raise Problem(
-            422, "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of a page."
+        raise unprocessable(
+            "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of a page."
         ) from None

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from apexcal.documents.camera_models import ModelName
 from apexcal.documents.checks import figure
 from apexcal.documents.schedules import Schedule
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, unprocessable
 from service.platform.jobs.bundles import RunCost, comparison_s
 from service.platform.settings import get_settings
 
@@ -85,8 +85,7 @@ def check_job(what: str, seconds: float, hint: str, at_most_s: float = inf) -> N
     """Refuse a piece of work that a slow worker could not end within a task's time. Raises 422 ``work_too_long``."""
     limit = min(at_most_s, get_settings().task_limit_s / SLOWER)
     if seconds > limit:
-        raise Problem(
-            422,
+        raise unprocessable(
             "work_too_long",
             f"{what[0].upper()}{what[1:]} is predicted to take {seconds:,.0f} s in one piece, and a piece may take "
             f"{limit:,.0f} s.",
@@ -100,8 +99,7 @@ def check_fleet_total(seconds: float) -> None:
     """Refuse a fleet request whose calibrations together are too much. Raises 422 ``fleet_request_too_large``."""
     limit = get_settings().fleet_request_hours * _HOUR_S
     if seconds > limit:
-        raise Problem(
-            422,
+        raise unprocessable(
             "fleet_request_too_large",
             f"This request is predicted to take more than {_hours(limit)}, which is the most for one request.",
             "Ask in several requests: narrow the filter, ask for fewer models or folds, or for a smaller schedule.",
@@ -125,7 +123,7 @@ _PAIRS = "Give fewer pairs."
 
 
 def _too_large(what: str, hint: str, **fields: Any) -> Problem:
-    return Problem(422, "calibration_too_large", f"This calibration {what}.", hint, **fields)
+    return unprocessable("calibration_too_large", f"This calibration {what}.", hint, **fields)
 
 
 def _hours(seconds: float) -> str:

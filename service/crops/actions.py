@@ -29,7 +29,7 @@ from service.platform.db.annotations import CropPage
 from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
-from service.platform.http.problems import Problem, not_found
+from service.platform.http.problems import Problem, conflict, not_found, unprocessable
 
 # The pages too take a person for away who has touched nothing for ten minutes; then others get the marks.
 _AWAY = timedelta(minutes=10)
@@ -158,26 +158,21 @@ def judge(session: Session, page: CropPage, answer: CropAnswer) -> CropVerdict:
     wrong = sorted({str(vertex_id) for vertex_id in answer.wrong})
     strange = set(wrong) - {crop["vertex_id"] for crop in page.crops}
     if strange:
-        raise Problem(
-            422,
-            "not_on_page",
-            f"The vertex {min(strange)} is not on this page.",
-            "Name vertices of the page's own crops.",
+        raise unprocessable(
+            "not_on_page", f"The vertex {min(strange)} is not on this page.", "Name vertices of the page's own crops."
         )
     if page.answered_at is None:
         page.answer_id, page.wrong = answer.id, wrong
         page.answered_at = lock_person(session, page.person_id)
         session.flush()
     elif page.answer_id != answer.id:
-        raise Problem(
-            409,
+        raise conflict(
             "page_answered",
             "You have answered this page already, perhaps in another tab.",
             "Go on with the next page: POST /v1/detections/{id}/crops/next.",
         )
     elif page.wrong != wrong:
-        raise Problem(
-            409,
+        raise conflict(
             "answer_id_used",
             f"The id {answer.id} belongs to another answer.",
             "Make a new random id for each answer; send the same id only with the same answer.",
@@ -214,8 +209,7 @@ def _sentence(outcome: PageOutcome, *, accepts_all: bool) -> str:
 
 
 def _no_marks(camera: str) -> Problem:
-    return Problem(
-        409,
+    return conflict(
         "no_marks",
         f"The machine has not marked this detection's corners in {camera}.",
         "Wait until its analysis is done, or ask for one: POST /v1/analyses with the kind machine_marks.",
@@ -223,8 +217,7 @@ def _no_marks(camera: str) -> Problem:
 
 
 def _too_few(count: int) -> Problem:
-    return Problem(
-        409,
+    return conflict(
         "too_few_marks",
         f"The machine has {count} marks in this camera; a page of crops needs {LEAST_MARKS}.",
         "Mark these vertices by hand: POST /v1/detections/{id}/tasks/next, or the marking page.",
@@ -232,8 +225,7 @@ def _too_few(count: int) -> Problem:
 
 
 def _blind_first(count: int) -> Problem:
-    return Problem(
-        409,
+    return conflict(
         "blind_marks_first",
         f"{count} more of the vertices that the machine marked must be marked blind first: they show how far its "
         "marks are off in this recording.",

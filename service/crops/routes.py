@@ -19,7 +19,7 @@ from service.platform.db.analyses import AnalysisFile
 from service.platform.db.detections import Detection
 from service.platform.db.session import Database
 from service.platform.http.etags import Conditional
-from service.platform.http.problems import Problem
+from service.platform.http.problems import not_found
 from service.platform.http.router import MarkingRoute, Router
 from service.recordings.addresses import ByteRange
 
@@ -80,8 +80,7 @@ def _picture(
         tile = tile_of(page.crops[index]) if index < len(page.crops) else None
         file = session.get(AnalysisFile, page.analysis_id)
         if tile is None or file is None:
-            raise Problem(
-                404,
+            raise not_found(
                 "no_such_crop",
                 f"The page has no picture {index} of its own.",
                 "Read the picture at the address that the page gives for its crop.",
@@ -90,9 +89,7 @@ def _picture(
 
 
 @router.get(
-    "/crop-pages/{page_id}/crops/{index}",
-    response_class=Response,
-    responses={200: {"content": {"image/png": {}}}},
+    "/crop-pages/{page_id}/crops/{index}", response_class=Response, responses={200: {"content": {"image/png": {}}}}
 )
 async def get_crop(
     picture: Annotated[ByteRange, Depends(_picture)], request: Request, conditions: Conditional

@@ -22,7 +22,7 @@ from service.platform.db.base import content_hash
 from service.platform.db.detections import Detection, Vertex, marked_corners
 from service.platform.db.fleets import Rig
 from service.platform.db.recordings import Recording
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict
 
 _UP = ("up_x", "up_y", "up_z")
 
@@ -94,8 +94,7 @@ def _require_stated(session: Session, detection: Detection, corner: CornerName) 
     with session.execute(of_tips) as tips:
         stated = any(named(tip.corners, corner) for tip in tips)
     if not stated:
-        raise Problem(
-            409,
+        raise conflict(
             "corners_not_known",
             f"No vertex of this detection states the board's {corner} corner.",
             "Detect again with the detector refined and the board's measured size (options board_width_m and "

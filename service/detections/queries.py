@@ -13,7 +13,7 @@ from apexcal.documents.states import UNENDED, RecordingState, WorkState
 from service.platform.auth.access import Access
 from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.recordings import Recording, Sensor
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict, not_found
 
 _CAMERAS = (
     select(Sensor).where(Sensor.recording_id == bindparam("recording"), Sensor.kind == "camera").order_by(Sensor.name)
@@ -32,8 +32,7 @@ def ready_recording(access: Access, recording_id: UUID, role: Role) -> Recording
     hint = "Wait until its state is ready; GET /v1/recordings/{id} says how far it is."
     if recording.state == RecordingState.FAILED:
         hint = "Its `problem` says what to do; then upload it anew, or retry it."
-    raise Problem(
-        409,
+    raise conflict(
         "recording_not_ready",
         f"The recording {recording.name!r} is {recording.state}; its sweeps and frames cannot be read.",
         hint,
@@ -51,8 +50,7 @@ def done_detection(access: Access, detection_id: UUID, role: Role) -> Detection:
     if detection.state == WorkState.DONE:
         return detection
     waits = detection.state in UNENDED
-    raise Problem(
-        409,
+    raise conflict(
         "detection_not_done",
         f"The detection is {detection.state}; its vertices can be used when it is done.",
         "Wait for its job, or run another detection." if waits else "Run another detection.",
@@ -66,8 +64,7 @@ def find_camera(session: Session, recording_id: UUID, name: str) -> Sensor:
     for camera in cameras:
         if camera.name == name:
             return camera
-    raise Problem(
-        404,
+    raise not_found(
         "unknown_camera",
         f"The recording has no camera {name!r}.",
         f"Its cameras are {', '.join(camera.name for camera in cameras)}." if cameras else "It has no camera at all.",

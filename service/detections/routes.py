@@ -42,10 +42,7 @@ Joint = Annotated[bool, Query(description="with the covariance that the corners 
 
 
 @router.post(
-    "/recordings/{recording_id}/detections",
-    status_code=202,
-    response_model=DetectionView,
-    max_body_size=DOCUMENT,
+    "/recordings/{recording_id}/detections", status_code=202, response_model=DetectionView, max_body_size=DOCUMENT
 )
 def ask_detection(recording_id: UUID, body: DetectionRequest, access: WriteAccess) -> JSONResponse:
     """Find the board's vertices in a recording. [engineer]"""

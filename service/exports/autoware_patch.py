@@ -6,7 +6,7 @@ import yaml
 
 from service.exports.autoware import NAMES, mounted_edge, values
 from service.exports.calibrated import CalibratedCamera
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, unprocessable
 
 # PyYAML takes time with the square of how deep brackets lie in each other.
 _MOST_BRACKETS = 1000
@@ -56,4 +56,4 @@ def _entry(node: yaml.Node | None, key: str) -> yaml.Node:
 
 
 def _refused(what: str, hint: str) -> Problem:
-    return Problem(422, "autoware_not_read", what, hint)
+    return unprocessable("autoware_not_read", what, hint)

@@ -35,9 +35,5 @@ def _files(calibrated: Calibrated) -> Files:
 
 
 FORMAT = Format(
-    name="camera_info",
-    title="ROS camera_info",
-    write=_files,
-    kind="yaml",
-    direction="none: the lens alone",
+    name="camera_info", title="ROS camera_info", write=_files, kind="yaml", direction="none: the lens alone"
 )

@@ -23,7 +23,7 @@ from service.exports import (
 )
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.format import Files, Format, carried, lacking, obstacle
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, unprocessable
 
 FORMATS: dict[str, Format] = {
     format.name: format
@@ -56,12 +56,8 @@ def find_format(name: str) -> Format:
     """Raises :class:`Problem` 422 ``unknown_format``."""
     if name not in FORMATS:
         names = ["json", *FORMATS]
-        raise Problem(
-            422,
-            "unknown_format",
-            f"There is no format {name!r}.",
-            f"The formats are {', '.join(names)}.",
-            formats=names,
+        raise unprocessable(
+            "unknown_format", f"There is no format {name!r}.", f"The formats are {', '.join(names)}.", formats=names
         )
     return FORMATS[name]
 

@@ -20,7 +20,7 @@ from service.fleet_requests.vehicle_queries import Chosen, in_chunks
 from service.platform.db.base import Json
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.fleets import Rig
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, unprocessable
 from service.platform.jobs.bundles import run_cost
 
 _MOST_RUNS = 20_000
@@ -72,8 +72,7 @@ def check_total(session: Session, template: CalibrationTemplate, chosen: list[Ch
 
 def too_large(what: str, most: str) -> Problem:
     """A request for more than one may come to."""
-    return Problem(
-        422,
+    return unprocessable(
         "fleet_request_too_large",
         f"This request comes to {what}, and one request takes at most {most}.",
         "Ask in several requests: narrow the filter, or ask for fewer models or folds.",
@@ -126,8 +125,7 @@ def _plan(
         return VehiclePlan(vehicle, problem=problem.document())
 
 
-_NO_PAIRS: Json = Problem(
-    422,
+_NO_PAIRS: Json = unprocessable(
     "no_pairs",
     "The vehicle has no correspondence set.",
     "Mark a recording's vertices and build a set, or import pairs; then ask again.",

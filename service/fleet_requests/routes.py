@@ -10,12 +10,7 @@ from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
-from apexcal.documents.fleet_requests import (
-    DryRunView,
-    FleetRequestBody,
-    FleetRequestView,
-    RequestVehicleView,
-)
+from apexcal.documents.fleet_requests import DryRunView, FleetRequestBody, FleetRequestView, RequestVehicleView
 from apexcal.documents.states import VehicleState
 from service.fleet_requests.actions import ask, ask_all_to_end, preview, retry_failed
 from service.fleet_requests.views import in_state, request_views, vehicle_view, vehicles_of
@@ -70,10 +65,7 @@ def read_fleet_request(fleet_request_id: UUID, access: ReadAccess, conditions: C
 
 @router.get("/fleet-requests/{fleet_request_id}/vehicles", operation_id="fleet_requests.list_vehicles")
 def list_request_vehicles(
-    fleet_request_id: UUID,
-    access: ReadAccess,
-    window: Paging,
-    state: Annotated[VehicleState | None, Query()] = None,
+    fleet_request_id: UUID, access: ReadAccess, window: Paging, state: Annotated[VehicleState | None, Query()] = None
 ) -> Page[RequestVehicleView]:
     """The vehicles of a fleet request by name, each with its state, its calibration or why there is none."""
     row = access.find(FleetRequest, fleet_request_id)

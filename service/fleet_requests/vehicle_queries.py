@@ -26,7 +26,7 @@ from apexcal.documents.states import WorkState
 from service.platform.db.base import state_literal
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.platform.db.fleets import Rig, RigCamera, Vehicle, natural_order
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, unprocessable
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,7 @@ def with_newest_sets(
 
 def _no_match(session: Session, fleet_id: UUID) -> Problem:
     count = session.scalar(select(func.count()).where(Vehicle.fleet_id == fleet_id))
-    return Problem(
-        422,
+    return unprocessable(
         "no_vehicle_matches",
         f"The filter matches none of the fleet's vehicles; it has {count}.",
         "Widen the filter; an empty one means all vehicles. Patterns know * and ?, and tell A from a.",
@@ -108,8 +107,7 @@ def _vehicles(session: Session, fleet_id: UUID, chooser: VehicleFilter) -> dict[
     if chooser.vehicle_ids is not None:
         strange = [str(id) for id in chooser.vehicle_ids if id not in vehicles]
         if strange:
-            raise Problem(
-                422,
+            raise unprocessable(
                 "unknown_vehicle",
                 f"{len(strange)} of the {len(chooser.vehicle_ids)} vehicle ids are of no vehicle of this fleet; "
                 f"the first is {strange[0]}.",

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.fleets import RigOut
 from service.platform.db.fleets import Rig, RigCamera
-from service.platform.http.problems import Problem
+from service.platform.http.problems import not_found
 
 
 def rig_camera(session: Session, rig: Rig, name: str) -> RigCamera:
@@ -16,8 +16,7 @@ def rig_camera(session: Session, rig: Rig, name: str) -> RigCamera:
     for camera in cameras:
         if camera.name == name:
             return camera
-    raise Problem(
-        404,
+    raise not_found(
         "unknown_camera",
         f"The rig {rig.name!r} has no camera {name!r}.",
         f"Its cameras are {', '.join(camera.name for camera in cameras)}.",

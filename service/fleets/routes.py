@@ -21,7 +21,7 @@ from service.platform.db.base import new_id
 from service.platform.db.fleets import Fleet, Rig, Vehicle
 from service.platform.http.etags import Conditional, version_etag
 from service.platform.http.pages import Page, Paging, fetch
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict, forbidden
 from service.platform.http.router import DOCUMENT, Router
 from service.platform.settings import Settings
 from service.platform.storage.quota import uses
@@ -223,4 +223,4 @@ def _require_owner(access: Access) -> None:
 
 def _refuse_taken(access: Access, name: str, statement: Any, what: str) -> None:
     if access.session.scalar(statement.limit(1)) is not None:
-        raise Problem(409, "name_taken", f"There is a {what} named {name!r} already.", "Choose another name.")
+        raise conflict("name_taken", f"There is a {what} named {name!r} already.", "Choose another name.")

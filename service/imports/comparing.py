@@ -16,7 +16,7 @@ from apexcal.geometry.se3 import SE3, Floats, from_document
 from service.imports.contents import refused
 from service.imports.formats import files_view, transform_view
 from service.imports.plausibility import mount_doubts
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 
 ReadAs = Literal["stated", "inverted", "body", "inverted_body", "none"]
 # Within so much of the truth a nominal mount has to be; what is farther off is another reading of the transform.
@@ -45,8 +45,7 @@ def stated_comparison(body: ComparisonRequest, result: FitResult, spread: Betwee
             lens=lens, hints=hints,
         )  # fmt: skip
     if (stated.to_frame, stated.from_frame) == (solved.from_frame, solved.to_frame):
-        raise Problem(
-            422,
+        raise unprocessable(
             "invalid_request",
             f"T_camera_lidar maps points of {solved.from_frame!r} into {solved.to_frame!r}, and this one says the "
             "opposite.",
@@ -64,8 +63,8 @@ def stated_comparison(body: ComparisonRequest, result: FitResult, spread: Betwee
 
 def _stated(body: ComparisonRequest) -> tuple[SE3 | None, ReadCamera | None]:
     if (body.T_camera_lidar is None) == (body.files is None):
-        raise Problem(
-            422, "nothing_to_compare", "The body needs either T_camera_lidar or files.", "Send one of the two."
+        raise unprocessable(
+            "nothing_to_compare", "The body needs either T_camera_lidar or files.", "Send one of the two."
         )
     if body.T_camera_lidar is not None:
         return from_document(body.T_camera_lidar), None

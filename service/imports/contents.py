@@ -9,7 +9,7 @@ from typing import Any
 
 from apexcal.documents.errors import GeometryError
 from apexcal.geometry.se3 import SE3, Floats
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, unprocessable
 
 LIDAR = "lidar"
 # As of the transforms and lenses that requests bring: products of larger numbers are no numbers.
@@ -49,7 +49,7 @@ class Contents:
 
 def refused(what: str, hint: str) -> Problem:
     """A calibration file that cannot be used."""
-    return Problem(422, "calibration_file_not_read", what, hint)
+    return unprocessable("calibration_file_not_read", what, hint)
 
 
 def transform(to_frame: str, from_frame: str, R: Floats, t: Floats) -> SE3:

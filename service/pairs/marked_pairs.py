@@ -31,7 +31,7 @@ from service.platform.db.analyses import Analysis
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
 from service.platform.db.fleets import RigCamera
 from service.platform.db.recordings import Recording, Sensor
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict
 
 # A walker's board moves by a millimetre in this time.
 _STILL_NS = 1_000_000
@@ -92,8 +92,7 @@ def build(
         and not (exclude_flagged and consensus[vertex.id].outcome is ConsensusOutcome.TIED)
     ]
     if not rows:
-        raise Problem(
-            409,
+        raise conflict(
             "nothing_marked",
             f"None of the {len(vertices)} vertices that have a frame of {camera.name} is confirmed and marked.",
             "Mark vertices, or confirm the machine's marks, on the recording's page; or take these unseen "

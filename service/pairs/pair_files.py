@@ -14,7 +14,7 @@ from pydantic_core import from_json
 from apexcal.documents.corners import CORNERS
 from apexcal.documents.pairs import CORNER, MARK_SIGMA, REQUIRED, SIGMAS
 from service.platform.db.fleets import RigCamera
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, unprocessable
 
 _LEAST_MARK_SIGMA_PX = 0.01
 _OPTIONAL = ("stamp_ns", "group", *SIGMAS, MARK_SIGMA, CORNER)
@@ -37,7 +37,7 @@ _HINT = (
 
 def invalid(detail: str, **fields: Any) -> Problem:
     """The refusal of pairs that cannot be used."""
-    return Problem(422, "invalid_pairs", detail, _HINT, **fields)
+    return unprocessable("invalid_pairs", detail, _HINT, **fields)
 
 
 def read_csv(text: str) -> Columns:

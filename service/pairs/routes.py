@@ -34,7 +34,7 @@ from service.platform.db.session import Database, Encoded
 from service.platform.http.etags import Conditional, Conditions, content_etag
 from service.platform.http.limits import ConcurrencyLimiter, declared_length
 from service.platform.http.pages import Page, Paging, fetch
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, unprocessable
 from service.platform.http.router import Router
 from service.platform.http.threads import Threads
 from service.platform.settings import MIB, get_settings
@@ -85,11 +85,7 @@ def build_set(detection_id: UUID, body: BuildRequest, access: WriteAccess) -> JS
     recording = access.find(Recording, detection.recording_id, "engineer")
     camera = find_camera(access.session, recording.id, body.camera)
     built = build(
-        access.session,
-        detection,
-        camera,
-        exclude_flagged=body.exclude_flagged,
-        machine_marks=body.machine_marks,
+        access.session, detection, camera, exclude_flagged=body.exclude_flagged, machine_marks=body.machine_marks
     )
     # Its notes say what people answered.
     others = answered_by_others(access.session, detection.id, camera.id, access.person.id)
@@ -214,14 +210,13 @@ def select_pairs(set_id: UUID, body: SelectionRequest, access: WriteAccess) -> J
     of = access.find(CorrespondenceSet, set_id, "engineer")
     left_out = set(body.leave_out)
     if max(left_out) >= of.count:
-        raise Problem(
-            422,
+        raise unprocessable(
             "no_such_pair",
             f"The set has {of.count} pairs, numbered from 0; there is no pair {max(left_out)}.",
             "Give the numbers of its own pairs.",
         )
     if len(left_out) == of.count:
-        raise Problem(422, "nothing_left", "Without these the set has no pairs.", "Leave out fewer.")
+        raise unprocessable("nothing_left", "Without these the set has no pairs.", "Leave out fewer.")
     without = sorted(left_out)
     if of.left_out is not None:
         indices = of.own_indices(of.count + len(of.left_out))

@@ -15,7 +15,7 @@ from service.platform.db.calibrations import Calibration, CalibrationRun, Corres
 from service.platform.db.detections import Detection
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.db.people import Person
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict
 from service.publications.camera_rules import check_sensors, refuse_missing, refuse_nothing, refuse_swapped
 from service.publications.mounted_sensors import CalibratedSensor, swapped_sensors
 from service.publications.selection import Selection
@@ -80,7 +80,7 @@ def published_exports(session: Session, vehicle: Vehicle, selection: Selection) 
     results = [row.result.id for row in published_cameras(session, vehicle, selection).values()]
     calibrated = of_results(session, results)
     if len(calibrated.cameras) < len(results):
-        raise Problem(409, "conflict", "One of the calibrations was deleted at this moment.", "Ask again.")
+        raise conflict("conflict", "One of the calibrations was deleted at this moment.", "Ask again.")
     return calibrated
 
 

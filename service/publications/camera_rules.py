@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.publications import CURRENT
 from service.platform.db.calibrations import Publication
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, conflict, not_found, unprocessable
 from service.publications.mounted_sensors import LIDAR, Swapped
 from service.publications.selection import Selection
 
@@ -21,8 +21,7 @@ def check_sensors(session: Session, vehicle: Vehicle, mounted: Mapping[str, str]
     sensors = {LIDAR, *session.scalars(rigs)}
     strange = sorted(set(mounted) - sensors)
     if strange:
-        raise Problem(
-            422,
+        raise unprocessable(
             "unknown_sensor",
             f"{vehicle.name!r} has no sensor {strange[0]!r}.",
             f"Its sensors are {', '.join(sorted(sensors))}.",
@@ -34,15 +33,13 @@ def refuse_missing(vehicle: Vehicle, selection: Selection, missing: Sequence[str
     which = f"the camera {missing[0]!r}" if missing else "any camera"
     when = f" until {selection.as_of.isoformat()}" if selection.as_of else ""
     if selection.alias != CURRENT:
-        return Problem(
-            404,
+        return not_found(
             "no_calibration_yet",
             f"The alias {selection.alias!r} led nowhere for {which} of {vehicle.name!r}{when}.",
             f'Publish a result with {{"alias": "{selection.alias}"}} (POST /v1/results/{{id}}/publication), or ask '
             "for `current`.",
         )
-    return Problem(
-        404,
+    return not_found(
         "no_calibration_yet",
         f"Nothing has been published for {which} of {vehicle.name!r}{when}.",
         "Publish a result: POST /v1/results/{id}/publication, or ask for a calibration with "
@@ -93,8 +90,7 @@ def refuse_nothing(
 def refuse_swapped(vehicle: Vehicle, swapped: Sequence[Swapped]) -> Problem:
     """409 ``calibration_does_not_apply``."""
     more = f" ({len(swapped) - 1} more in `swapped`)" if len(swapped) > 1 else ""
-    return Problem(
-        409,
+    return conflict(
         "calibration_does_not_apply",
         f"The calibration of {vehicle.name!r} does not apply. {swapped[0].sentence}{more}",
         "Calibrate with the mounted sensors and publish that. `camera` narrows the answer to the others. If a serial "

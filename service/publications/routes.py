@@ -10,13 +10,7 @@ from fastapi.responses import JSONResponse, Response
 
 from apexcal.documents.base import Sought
 from apexcal.documents.fleet_health import FleetHealth, HealthOrder
-from apexcal.documents.publications import (
-    CURRENT,
-    AliasName,
-    PublicationRequest,
-    PublicationView,
-    WithdrawalRequest,
-)
+from apexcal.documents.publications import CURRENT, AliasName, PublicationRequest, PublicationView, WithdrawalRequest
 from apexcal.documents.states import CameraState
 from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.broker.hints import hint

@@ -11,7 +11,7 @@ from pydantic import AwareDatetime
 
 from apexcal.documents.base import Sought
 from apexcal.documents.publications import CURRENT, AliasName
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 
 
 class Selection(NamedTuple):
@@ -56,8 +56,7 @@ def _mounted(serials: Sequence[str]) -> Mapping[str, str]:
     for text in serials:
         name, equals, serial = text.partition("=")
         if not (name and equals and serial) or mounted.get(name, serial) != serial:
-            raise Problem(
-                422,
+            raise unprocessable(
                 "invalid_serial",
                 f"`serial` is {text!r}, which is not one sensor and its serial number.",
                 "Write front=SN123 for the camera `front`, and lidar=SN456 for the LiDAR.",

@@ -8,7 +8,7 @@ from sqlalchemy import ColumnElement, or_, select
 
 from service.platform.auth.access import Access
 from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict, not_found, unprocessable
 from service.publications.mounted_sensors import carries
 
 
@@ -20,8 +20,7 @@ def vehicle_of(access: Access, name: str | None, fleet: str | None, sensor: str 
             ``several_vehicles``, with their ids.
     """
     if name is None and sensor is None:
-        raise Problem(
-            422,
+        raise unprocessable(
             "vehicle_missing",
             "The request does not say whose calibration it wants.",
             "Give `vehicle`, its name, or `sensor`, the serial number of a sensor that it carries.",
@@ -50,13 +49,12 @@ def vehicle_of(access: Access, name: str | None, fleet: str | None, sensor: str 
             if carries(access.session, vehicle.id, sensor)
         ]
     if not vehicles:
-        raise Problem(
-            404, "no_such_vehicle", "There is no such vehicle that you may see.", "Check the name or serial number."
+        raise not_found(
+            "no_such_vehicle", "There is no such vehicle that you may see.", "Check the name or serial number."
         )
     if len(vehicles) > 1:
         ids = [str(vehicle.id) for vehicle in vehicles[:_SHOWN]]
-        raise Problem(
-            409,
+        raise conflict(
             "several_vehicles",
             f"Several vehicles fit: {', '.join(f'{vehicle.name!r}' for vehicle in vehicles[:_SHOWN])}.",
             "Give `fleet` too, or the vehicle's id.",

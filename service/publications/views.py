@@ -15,7 +15,7 @@ from apexcal.documents.publications import OverrideView, PublicationView
 from service.platform.db.calibrations import Publication, Result, moves_of
 from service.platform.db.people import Person
 from service.platform.http.pages import Page, Window
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 from service.publications.queries import is_newest
 
 
@@ -26,8 +26,7 @@ def publication_page(
     statement = moves_of(vehicle_id, camera, alias)
     if window.after is not None:
         if not (window.after.isascii() and window.after.isdecimal() and len(window.after) < 10):
-            raise Problem(
-                422,
+            raise unprocessable(
                 "invalid_cursor",
                 f"`after` is no cursor of this list: {window.after!r}.",
                 "Give the `next` of a page.",

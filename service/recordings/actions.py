@@ -22,7 +22,7 @@ from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.fleets import Rig, Vehicle
 from service.platform.db.recordings import LAYERS, Blob, PackedSweeps, Recording, Sensor, UploadPart
 from service.platform.db.session import put
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, conflict
 from service.platform.jobs.queue import abandon
 from service.platform.storage.blobs import condemn, sensor_keys
 from service.platform.storage.errors import EXPIRED
@@ -151,8 +151,7 @@ def delete_rig(session: Session, rig: Rig) -> None:
     """
     name = session.scalar(select(Recording.name).where(Recording.rig_id == rig.id).limit(1))
     if name is not None:
-        raise Problem(
-            409,
+        raise conflict(
             "rig_in_use",
             f"The recording {name!r} belongs to the rig {rig.name!r}.",
             "Give the recording another rig, or delete it first.",
@@ -172,8 +171,7 @@ def delete_vehicle(session: Session, vehicle: Vehicle) -> None:
     id_ = vehicle.id
     waiting = (FleetRequestVehicle.vehicle_id == id_, FleetRequestVehicle.state == VehicleState.QUEUED)
     if session.scalar(select(FleetRequestVehicle.id).where(*waiting).limit(1)) is not None:
-        raise Problem(
-            409,
+        raise conflict(
             "fleet_request_running",
             f"A fleet request calibrates the vehicle {vehicle.name!r}.",
             "Wait until it ends, or cancel it.",
@@ -246,8 +244,7 @@ def _refuse_in_use(session: Session, kind: str, vehicle_id: UUID, calibrations: 
     ]
     if used:
         with_it = ", or delete with ?with_published=true and lose that one too" if kind == "recording" else ""
-        raise Problem(
-            409,
+        raise conflict(
             "calibration_in_use",
             f"The vehicle's {' and '.join(used)} came from this {kind}.",
             f"Publish another calibration first, or withdraw this one{with_it}.",
@@ -271,4 +268,4 @@ def require_same_sensors(session: Session, recording: Recording, rig: Rig) -> No
 
 
 def _differ(what: str) -> Problem:
-    return Problem(409, "sensors_differ", what, "Correct the new rig, or upload the recording again with it.")
+    return conflict("sensors_differ", what, "Correct the new rig, or upload the recording again with it.")

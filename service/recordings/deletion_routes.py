@@ -9,7 +9,7 @@ from sqlalchemy import delete, select
 from service.platform.auth.access import WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.fleets import Fleet, Rig, Vehicle
-from service.platform.http.problems import Problem
+from service.platform.http.problems import forbidden
 from service.platform.http.router import Router
 from service.recordings.actions import delete_rig, delete_vehicle
 
@@ -37,7 +37,7 @@ def remove_fleet(id: UUID, access: WriteAccess) -> None:
     """Delete a fleet of which nothing is published, with its vehicles and memberships. Only an owner may."""
     fleet = access.find(Fleet, id, "admin", lock=True)
     if not access.identity.sees_all:
-        raise Problem(403, "owner_only", "Only an owner deletes fleets.", "Ask whoever runs the service.")
+        raise forbidden("owner_only", "Only an owner deletes fleets.", "Ask whoever runs the service.")
     for vehicle in access.session.scalars(select(Vehicle).where(Vehicle.fleet_id == fleet.id)).all():
         delete_vehicle(access.session, vehicle)
     access.session.expunge(fleet)

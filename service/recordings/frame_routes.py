@@ -15,7 +15,7 @@ from service.platform.db.recordings import CameraFrame, Recording
 from service.platform.db.session import Database
 from service.platform.http.etags import Conditional
 from service.platform.http.pages import LongPaging, Page, fetch
-from service.platform.http.problems import Problem
+from service.platform.http.problems import not_found
 from service.platform.http.router import Router
 from service.recordings.addresses import IN_PIECES, ByteRange
 from service.recordings.queries import find_camera
@@ -46,11 +46,7 @@ def get_frames(
 
 
 def _find(
-    id: UUID,
-    camera: Sought,
-    index: Annotated[int, Path(ge=0, lt=2**31)],
-    request: Request,
-    identity: CurrentIdentity,
+    id: UUID, camera: Sought, index: Annotated[int, Path(ge=0, lt=2**31)], request: Request, identity: CurrentIdentity
 ) -> ByteRange:
     database: Database = request.app.state.database
     with database.reading() as session:
@@ -58,8 +54,8 @@ def _find(
         sensor = find_camera(access, access.find(Recording, id), camera)
         frame = session.get(CameraFrame, (sensor.id, index))
         if frame is None:
-            raise Problem(
-                404, "no_such_frame", f"{camera} has no frame {index}.", f"It has {sensor.count}, numbered from 0."
+            raise not_found(
+                "no_such_frame", f"{camera} has no frame {index}.", f"It has {sensor.count}, numbered from 0."
             )
         media_type = frame.media_type if frame.media_type in _SHOWN else "application/octet-stream"
         return ByteRange(sensor.blob_key, index, frame.offset, frame.length, media_type)

@@ -15,7 +15,7 @@ from apexcal.documents.states import RecordingState
 from service.platform.auth.access import Access, CurrentIdentity
 from service.platform.db.recordings import Recording, UploadPart
 from service.platform.db.session import Database
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict
 from service.platform.http.router import Router
 from service.platform.http.store_problems import streamed
 from service.platform.storage.errors import EXPIRED, MissingBlobError
@@ -32,8 +32,8 @@ def _complete(id: UUID, request: Request, identity: CurrentIdentity) -> tuple[Re
     with database.reading() as session:
         row = Access(session, identity).find(Recording, id, "engineer")
         if row.state == RecordingState.UPLOADING:
-            raise Problem(
-                409, "upload_open", "The upload is not complete, so there is no file yet.", "Complete it first."
+            raise conflict(
+                "upload_open", "The upload is not complete, so there is no file yet.", "Complete it first."
             )
         if row.layers_gone:
             raise MissingBlobError(EXPIRED)

@@ -17,7 +17,7 @@ from apexcal.documents.recordings import MAX_PARTS, NewPart, PartAddress, PartVi
 from service.platform.auth.access import Access, CurrentIdentity, Identity
 from service.platform.db.recordings import Blob, Recording, UploadPart
 from service.platform.db.session import Database
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, conflict
 from service.platform.http.router import Router
 from service.platform.settings import Settings
 from service.platform.storage.errors import MissingBlobError
@@ -99,8 +99,7 @@ def _through_api(database: Database, identity: Identity, recording_id: UUID, num
     """What whoever may upload this recording is told where parts go the other way."""
     with database.reading() as session:
         Access(session, identity).find(Recording, recording_id, "engineer")
-    return Problem(
-        409,
+    return conflict(
         "parts_through_api",
         "This service takes the bytes of parts itself.",
         f"PUT them at /v1/recordings/{recording_id}/parts/{number}; `upload.parts` of GET .../parts says which way.",
@@ -131,12 +130,9 @@ async def _require_there(store: Store, key: str, announced: Announced) -> None:
     try:
         size = await store.size(key)
     except MissingBlobError:
-        raise Problem(
-            409, "part_not_put", f"Nothing was put at the address of part {announced.number}.", again
-        ) from None
+        raise conflict("part_not_put", f"Nothing was put at the address of part {announced.number}.", again) from None
     if size != announced.size:
-        raise Problem(
-            409,
+        raise conflict(
             "part_size_differs",
             f"{size} bytes were put at the address of part {announced.number}; announced were {announced.size}.",
             again,

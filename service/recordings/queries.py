@@ -14,7 +14,7 @@ from apexcal.documents.recordings import RecordingSummary, RecordingView, Sensor
 from service.platform.auth.access import Access
 from service.platform.db.fleets import RigCamera
 from service.platform.db.recordings import Recording, Sensor, UploadPart
-from service.platform.http.problems import Problem
+from service.platform.http.problems import not_found, unprocessable
 from service.platform.job_status.views import job_views
 
 
@@ -28,8 +28,7 @@ def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[s
     # A rig without cameras gets those that are named here.
     strange = sorted(set(reading.topics.cameras) - names) if names else []
     if strange:
-        raise Problem(
-            422,
+        raise unprocessable(
             "unknown_camera",
             f"A topic is given for {strange[0]!r}, and the rig has no camera of that name.",
             f"Its cameras are {', '.join(sorted(names))}.",
@@ -54,8 +53,7 @@ def find_camera(access: Access, row: Recording, camera: str) -> Sensor:
         if sensor.name == camera:
             return sensor
     names = ", ".join(sensor.name for sensor in cameras)
-    raise Problem(
-        404,
+    raise not_found(
         "no_such_camera",
         f"The recording has no camera {camera!r}.",
         f"Its cameras: {names}." if names else f"It is {row.state}: cameras are known once it is ready.",

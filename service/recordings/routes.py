@@ -27,7 +27,7 @@ from service.platform.db.fleets import Rig, Vehicle
 from service.platform.db.recordings import Recording
 from service.platform.http.etags import Conditional, version_etag
 from service.platform.http.pages import Page, Paging, fetch
-from service.platform.http.problems import Problem, not_found
+from service.platform.http.problems import conflict, not_found
 from service.platform.http.router import Router
 from service.platform.settings import Settings
 from service.platform.storage.quota import take
@@ -125,8 +125,7 @@ def patch_recording(id: UUID, body: RecordingEdit, access: WriteAccess, conditio
 
 def _refuse_if_read(row: Recording, code: str, what: str) -> None:
     if row.state not in (RecordingState.UPLOADING, RecordingState.FAILED):
-        raise Problem(
-            409,
+        raise conflict(
             code,
             f"The recording is {row.state}, read with the {what} that it has.",
             f"Upload it again with the other {what}.",

@@ -16,7 +16,7 @@ from service.platform.db.recordings import PackedSweep, PackedSweeps, Recording,
 from service.platform.db.session import Database
 from service.platform.http.etags import Conditional
 from service.platform.http.pages import LongPaging, Page, fetch
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict, not_found
 from service.platform.http.router import Router
 from service.recordings.addresses import IN_PIECES, ByteRange
 
@@ -49,15 +49,13 @@ def _packed(access: Access, recording: Recording) -> PackedSweeps:
     if packed is not None:
         return packed
     if recording.state != RecordingState.READY:
-        raise Problem(
-            409,
+        raise conflict(
             "recording_not_ready",
             f"The recording {recording.name!r} is {recording.state}; its sweeps cannot be read.",
             "Wait until its state is ready.",
             state=recording.state,
         )
-    raise Problem(
-        409,
+    raise conflict(
         "not_packed",
         f"The sweeps of {recording.name!r} are not packed: only packed sweeps are sent.",
         "A recording is packed right after it was read: wait for its job. Ask for one of an older version with POST "
@@ -74,8 +72,8 @@ def _find(
         packed = _packed(access, access.find(Recording, id))
         sweep = session.get(PackedSweep, (packed.sensor_id, index))
         if sweep is None:
-            raise Problem(
-                404, "no_such_sweep", f"The recording has no sweep {index}.", "Its sweeps are numbered from 0."
+            raise not_found(
+                "no_such_sweep", f"The recording has no sweep {index}.", "Its sweeps are numbered from 0."
             )
         return ByteRange(packed.blob_key, index, sweep.offset, sweep.length, MEDIA_TYPE)
 

@@ -19,7 +19,7 @@ from service.platform.auth.access import Access, Identity
 from service.platform.db.clock import now
 from service.platform.db.recordings import Blob, Recording, UploadPart
 from service.platform.db.session import Database
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, conflict
 from service.platform.settings import Settings
 from service.platform.storage.blobs import condemn, give_up, keep, reserve
 from service.platform.storage.errors import ReservationEndedError
@@ -35,8 +35,7 @@ def check_complete(row: Recording, parts: Sequence[UploadPart], declared: Comple
     numbers = {part.number for part in parts}
     missing = [number for number in range(1, declared.parts + 1) if number not in numbers]
     if missing:
-        raise Problem(
-            409,
+        raise conflict(
             "parts_missing",
             f"{len(missing)} of {declared.parts} parts have not arrived, the first of them {missing[0]}.",
             "Send the parts listed in `missing`, then complete again.",
@@ -44,8 +43,7 @@ def check_complete(row: Recording, parts: Sequence[UploadPart], declared: Comple
         )
     size = sum(part.size for part in parts)
     if len(numbers) != declared.parts or size != declared.size:
-        raise Problem(
-            409,
+        raise conflict(
             "size_differs",
             f"{len(numbers)} parts of {size} bytes arrived; declared are {declared.parts} of {declared.size}.",
             "Compare with GET .../parts. Did the file change meanwhile? Then upload it as a new recording.",
@@ -53,8 +51,7 @@ def check_complete(row: Recording, parts: Sequence[UploadPart], declared: Comple
     if row.state == RecordingState.UPLOADING:
         return True
     if row.sha256 != declared.sha256:
-        raise Problem(
-            409,
+        raise conflict(
             "upload_closed",
             f"This upload was completed with the SHA-256 {row.sha256}, not {declared.sha256}.",
             "Make a new recording to upload another file.",
@@ -229,8 +226,7 @@ def finish_part(
 
 def reservation_ended(number: int) -> Problem:
     """A part whose place in the store is none any more."""
-    return Problem(
-        409,
+    return conflict(
         "reservation_ended",
         f"Nothing is reserved for part {number} under this name, or no longer.",
         "Send the part again; where parts go straight to the store, ask for an address again and put it there.",
@@ -249,8 +245,7 @@ def forget_part(database: Database, key: str) -> None:
 
 def _refuse_other_bytes(part: UploadPart, announced: Announced) -> None:
     if part.sha256 != announced.sha256:
-        raise Problem(
-            409,
+        raise conflict(
             "part_differs",
             f"Part {part.number} was acknowledged with the SHA-256 {part.sha256}; these are other bytes.",
             "Did the file change while it was uploaded? Make a new recording for the changed file.",
@@ -267,8 +262,7 @@ def refuse_expired(recording: Recording) -> None:
 def _refuse_closed(recording: Recording) -> None:
     refuse_expired(recording)
     if recording.state != RecordingState.UPLOADING:
-        raise Problem(
-            409,
+        raise conflict(
             "upload_closed",
             f"The upload of this recording is complete: it is {recording.state}.",
             "Make a new recording to upload another file.",

@@ -16,7 +16,7 @@ from service.platform.db.base import Json
 from service.platform.db.recordings import Recording, UploadPart
 from service.platform.db.session import Database
 from service.platform.http.limits import declared_length
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict
 from service.platform.http.router import Router, header
 from service.platform.job_status.views import job_views
 from service.platform.settings import Settings
@@ -106,11 +106,8 @@ def retry(id: UUID, access: WriteAccess) -> JSONResponse:
     row = access.find(Recording, id, "engineer", lock=True)
     refuse_expired(row)
     if row.state != RecordingState.FAILED:
-        raise Problem(
-            409,
-            "not_failed",
-            f"Only a failed recording is ingested again; this one is {row.state}.",
-            "Follow its job.",
+        raise conflict(
+            "not_failed", f"Only a failed recording is ingested again; this one is {row.state}.", "Follow its job."
         )
     queue_ingestion(access.session, row)
     return _accepted(access, row)

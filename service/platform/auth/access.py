@@ -30,7 +30,7 @@ from service.platform.db.fleets import Fleet
 from service.platform.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person
 from service.platform.http.idempotency import RequestKey, kept_answer, of_caller, repeat, request_key
 from service.platform.http.lookups import Lookups
-from service.platform.http.problems import Problem, not_found
+from service.platform.http.problems import Problem, forbidden, not_found
 from service.platform.http.router import Transaction
 from service.platform.observability.logs import say_who
 
@@ -122,8 +122,7 @@ class Access:
         if actual is None:
             raise not_found()
         if rank(actual) < rank(role):
-            raise Problem(
-                403,
+            raise forbidden(
                 "role_too_low",
                 f"This takes the role {role} in the fleet, and you are {actual}.",
                 "Ask an admin of the fleet to change your role.",

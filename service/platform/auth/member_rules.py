@@ -13,7 +13,7 @@ from apexcal.documents.roles import Role, rank
 from service.platform.auth.access import Access
 from service.platform.auth.credential_actions import hold
 from service.platform.db.people import Membership, Person
-from service.platform.http.problems import Problem, not_found
+from service.platform.http.problems import forbidden, not_found
 
 # Engineers may invite people who mark and review; higher roles take an admin.
 _ENGINEER_INVITES: Role = "reviewer"
@@ -24,8 +24,7 @@ def check_may_give(access: Access, fleet_id: UUID, role: str) -> None:
     own = access.role(fleet_id)
     limit: Role = "admin" if own == "admin" else _ENGINEER_INVITES
     if own not in ("admin", "engineer") or rank(role) > rank(limit):
-        raise Problem(
-            403,
+        raise forbidden(
             "role_too_low",
             f"As {own} you may not give the role {role}.",
             f"You may give up to {limit}; ask an admin of the fleet for more." if own == "engineer" else "",
@@ -54,8 +53,7 @@ def hold_to_give(access: Access, *others: UUID) -> None:
     access.confirm()
     token = access.identity.token
     if token is not None and (token.fleet_id or token.role or token.ends):
-        raise Problem(
-            403,
+        raise forbidden(
             "token_gives_nothing",
             "A token cannot make tokens or sign-in links or change roles: what it makes would outlive it.",
             "Sign in with a link (a browser, or `apexcal token --link`), or ask on the service's own machine.",
@@ -72,8 +70,7 @@ def check_may_sign_in_as(access: Access, person: Person) -> None:
         for fleet_id in fleets:
             access.need(fleet_id, "admin")
         return
-    raise Problem(
-        403,
+    raise forbidden(
         "role_too_low",
         f"{person.name} has rights beyond this fleet, so a link for them is not yours to make.",
         "Ask whoever runs the service.",

@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 from fastapi import Request
 
-from service.platform.http.problems import Problem
+from service.platform.http.problems import forbidden
 
 _SAFE = frozenset(("GET", "HEAD", "OPTIONS"))
 _LOOPBACK = frozenset(("127.0.0.1", "localhost", "::1"))
@@ -23,8 +23,7 @@ def check_origin(request: Request, public_url: str, *, must_name: bool = True) -
     public = _origin(public_url)
     host = request.headers.get("host", "")
     if host.lower() != urlsplit(public).netloc and _host_name(host) not in _LOOPBACK:
-        raise Problem(
-            403,
+        raise forbidden(
             "host_refused",
             f"The service is not known by the name {host!r}.",
             f"Open it at {public_url}, or start it with the --public-url that people use.",
@@ -33,8 +32,7 @@ def check_origin(request: Request, public_url: str, *, must_name: bool = True) -
     if origin is None and not must_name:
         return
     if origin is None or _origin(origin) not in {public, f"http://{host.lower()}", f"https://{host.lower()}"}:
-        raise Problem(
-            403,
+        raise forbidden(
             "origin_refused",
             f"A page of {origin or 'an unnamed origin'} may not act for the signed-in person.",
             f"Use the service's own pages at {public_url}; programs send an API token, or Origin: {public}.",

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from service.platform.auth.credential_actions import hold, new_secret, secret_hash
 from service.platform.db.clock import moment
 from service.platform.db.people import BrowserSession, Person, SignInLink
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, not_found
 
 
 def make_link(
@@ -72,7 +72,7 @@ def _refusal(session: Session, hashed: str) -> Problem:
     hint = "Ask whoever invited you for a new link; each signs in once."
     row = session.scalar(select(SignInLink).where(SignInLink.secret_hash == hashed))
     if row is None:
-        return Problem(404, "link_unknown", "This sign-in link is not known here.", hint)
+        return not_found("link_unknown", "This sign-in link is not known here.", hint)
     if row.used_at is not None:
         return Problem(410, "link_used", "This sign-in link has been used.", hint)
     return Problem(410, "link_expired", f"This sign-in link ended at {row.expires_at:%Y-%m-%d %H:%M} UTC.", hint)

@@ -18,7 +18,7 @@ from service.platform.db.clock import moment
 from service.platform.db.fleets import Fleet
 from service.platform.db.people import ApiToken
 from service.platform.http.pages import Page, Paging, fetch
-from service.platform.http.problems import Problem, not_found
+from service.platform.http.problems import forbidden, not_found
 from service.platform.http.router import Router
 
 router = Router(tags=["people"])
@@ -32,9 +32,7 @@ def post_token(id: UUID, body: NewToken, access: WriteAccess) -> JSONResponse:
     access.need(id, "engineer")
     own = access.role(id)
     if rank(body.role) > rank(own or ""):
-        raise Problem(
-            403, "role_too_low", f"As {own} you cannot make a token for {body.role}.", "Choose a lesser role."
-        )
+        raise forbidden("role_too_low", f"As {own} you cannot make a token for {body.role}.", "Choose a lesser role.")
     secret = new_secret(TOKEN_PREFIX)
     now = moment(access.session)
     token = ApiToken(

@@ -12,14 +12,7 @@ from service.platform.db.annotations import (
     MarkingTask,
 )
 from service.platform.db.base import Base
-from service.platform.db.calibrations import (
-    Calibration,
-    CalibrationRun,
-    CorrespondenceSet,
-    Publication,
-    Result,
-    Slot,
-)
+from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result, Slot
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle

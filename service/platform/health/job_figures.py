@@ -94,12 +94,7 @@ def _queues(session: Session) -> Iterator[Metric]:
     jobs: Counter[tuple[str, str]] = Counter()
     for _, kind, state, _, count, _, _ in rows:
         jobs[kind, state] += count
-    yield _gauge(
-        "apexcal_jobs",
-        "Jobs that have not ended, by kind and state.",
-        ("kind", "state"),
-        jobs.items(),
-    )
+    yield _gauge("apexcal_jobs", "Jobs that have not ended, by kind and state.", ("kind", "state"), jobs.items())
     depth: dict[str, int] = dict.fromkeys(QUEUES, 0)
     oldest: dict[str, float] = dict.fromkeys(QUEUES, 0.0)
     for queue, _, state, sends, count, resent_at, moment in rows:

@@ -19,7 +19,7 @@ from prometheus_client.registry import Collector
 from service.platform.health.job_figures import JobFigures
 from service.platform.health.parts import Part
 from service.platform.http.figures import HttpFigures
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, forbidden
 from service.platform.settings import Settings
 
 router = APIRouter(tags=["health"])
@@ -77,8 +77,7 @@ def _may_read(request: Request) -> None:
             headers={"WWW-Authenticate": "Bearer"},
         )
     if not _from_this_host(request):
-        raise Problem(
-            403,
+        raise forbidden(
             "metrics_closed",
             "The metrics are open to programs on the service's own host only.",
             "Set APEXCAL_METRICS_TOKEN for the service and give it to Prometheus as its bearer token.",

@@ -17,7 +17,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from service.platform.db.people import IdempotencyKey
-from service.platform.http.problems import Problem
+from service.platform.http.problems import conflict, unprocessable
 from service.platform.http.router import with_location
 
 
@@ -51,7 +51,7 @@ async def request_key(request: Request) -> RequestKey | None:
         return None
     if not 0 < len(key) <= 200 or not key.isprintable():
         detail = "Idempotency-Key has between 1 and 200 printable characters."
-        raise Problem(422, "invalid_request", detail, "Send a UUID.")
+        raise unprocessable("invalid_request", detail, "Send a UUID.")
     scope = request.scope
     digest = hashlib.sha256(f"{scope['method']} {scope['path']}?".encode(errors="surrogatepass"))
     digest.update(scope["query_string"] + b"\n" + await request.body())
@@ -70,8 +70,7 @@ def kept_answer(session: Session, person_id: UUID, asked: RequestKey) -> Idempot
         select(IdempotencyKey).where(IdempotencyKey.person_id == person_id, IdempotencyKey.key == asked.key)
     )
     if kept is not None and kept.request_hash != asked.request_hash:
-        raise Problem(
-            422,
+        raise unprocessable(
             "idempotency_key_reused",
             "This Idempotency-Key was sent before with another request, or by another session or token.",
             "Use a fresh key for every new request, and the same key only to repeat one exactly.",
@@ -83,8 +82,7 @@ def repeat(kept: IdempotencyKey) -> Repeated:
     """The kept answer, to be raised. Raises :class:`Problem` ``answer_not_kept`` where it held a secret."""
     if kept.body is not None:
         return Repeated(kept.status, kept.body)
-    raise Problem(
-        409,
+    raise conflict(
         "answer_not_kept",
         "This request was done before. Its answer held a secret, which is shown once and not kept.",
         "If that answer never came, remove what the first request made and send it with a fresh Idempotency-Key.",

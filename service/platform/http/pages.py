@@ -13,7 +13,7 @@ from sqlalchemy import ColumnElement, Select, select, union_all
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from apexcal.documents.base import Page as Page
-from service.platform.http.problems import Problem
+from service.platform.http.problems import unprocessable
 
 _AFTER = "the `next` of the page before"
 # A cursor may hold two names of 200 letters of up to 4 bytes, in base64.
@@ -94,11 +94,8 @@ def _parse(key: InstrumentedAttribute[Any], text: str) -> UUID | int:
             raise ValueError(text)
         return number
     except ValueError:
-        raise Problem(
-            422,
-            "invalid_cursor",
-            f"`after` is no cursor of this list: {text!r}.",
-            "Give the `next` of a page as it is.",
+        raise unprocessable(
+            "invalid_cursor", f"`after` is no cursor of this list: {text!r}.", "Give the `next` of a page as it is."
         ) from None
 
 

@@ -6,6 +6,7 @@ import json
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from functools import partial
 from http import HTTPStatus
 from typing import Any
 
@@ -75,14 +76,25 @@ class _ProblemResponse(JSONResponse):
         return json.dumps(content, ensure_ascii=False, allow_nan=False).encode(errors="backslashreplace")
 
 
-def not_found() -> Problem:
+forbidden = partial(Problem, 403)
+"""What this person may not do."""
+conflict = partial(Problem, 409)
+"""What the present state of things does not allow."""
+unprocessable = partial(Problem, 422)
+"""What is wrong with the request itself."""
+
+
+def not_found(
+    code: str = "not_found",
+    detail: str = "There is nothing of this id that you may see.",
+    hint: str = "Check the id and which fleet it is in.",
+    **fields: Any,
+) -> Problem:
     """What is not there, and what a person may not know to be there.
 
-    It never says what was looked for: a route that looks at several rows would tell by it which of them exist.
+    By itself it never says what was looked for: a route that looks at several rows would tell which of them exist.
     """
-    return Problem(
-        404, "not_found", "There is nothing of this id that you may see.", "Check the id and which fleet it is in."
-    )
+    return Problem(404, code, detail, hint, **fields)
 
 
 def schema_mismatch() -> Problem:
@@ -149,7 +161,7 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(DocumentError)
     async def on_document(request: Request, error: DocumentError) -> JSONResponse:
-        return Problem(422, error.code, error.message, error.hint, **error.fields).response()
+        return unprocessable(error.code, error.message, error.hint, **error.fields).response()
 
     @app.exception_handler(RequestValidationError)
     async def on_invalid(request: Request, error: RequestValidationError) -> JSONResponse:
@@ -182,8 +194,7 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(IntegrityError)
     async def on_conflict(request: Request, error: IntegrityError) -> JSONResponse:
         log.warning("%s %s: %s", request.method, request.scope["path"], error.orig)
-        return Problem(
-            409,
+        return conflict(
             "conflict",
             "Somebody made or removed the same thing at this moment; nothing of this request was kept.",
             "Read the present state and send the request again if it still holds.",
@@ -233,8 +244,7 @@ def _of_validation(errors: Sequence[Any]) -> Problem:
     found = [_field_error(error) for error in errors[:_MOST_ERRORS]]
     first = found[0]
     more = f" ({len(errors) - 1} more, in `errors`)" if len(errors) > 1 else ""
-    return Problem(
-        422,
+    return unprocessable(
         "invalid_request",
         f"{first['field']}: {first['message']}{more}",
         "Correct the fields named in `errors` and send the request again.",
@@ -251,8 +261,7 @@ def check_query(names: Iterable[str], known: Sequence[str]) -> None:
     for name in strange[:_MOST_ERRORS]:
         close = get_close_matches(name, known, 1)
         errors.append({"field": f"query {name}", "message": _unread(close[0] if close else None)})
-    raise Problem(
-        422,
+    raise unprocessable(
         "invalid_request",
         f"{errors[0]['field']}: {errors[0]['message']}",
         f"The query of this address takes: {', '.join(known)}." if known else "This address takes no query.",

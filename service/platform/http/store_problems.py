@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Mapping
 from fastapi import FastAPI, Request
 from fastapi.responses import JSONResponse, StreamingResponse
 
-from service.platform.http.problems import Problem
+from service.platform.http.problems import Problem, forbidden
 from service.platform.storage.errors import MissingBlobError, StoreFullError, StoreUnavailableError
 from service.platform.storage.quota import QuotaExceededError
 
@@ -21,7 +21,7 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(QuotaExceededError)
     async def on_quota(request: Request, error: QuotaExceededError) -> JSONResponse:
-        return Problem(403, error.code, error.message, error.hint, **error.fields).response()
+        return forbidden(error.code, error.message, error.hint, **error.fields).response()
 
     @app.exception_handler(StoreFullError)
     async def on_full(request: Request, error: StoreFullError) -> JSONResponse:

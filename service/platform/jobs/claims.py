@@ -48,8 +48,7 @@ _CLAIM = (
         lease_until=now_plus("lease_s"),
     )
     .returning(
-        *(Job.id, Job.attempt, Job.kind, Job.queue),
-        *(Job.fleet_id, Job.subject_id, Job.payload, Job.request_id),
+        *(Job.id, Job.attempt, Job.kind, Job.queue), *(Job.fleet_id, Job.subject_id, Job.payload, Job.request_id)
     )
 )
 _MINE = (Job.id == bindparam("job")) & (Job.attempt == bindparam("mine")) & (Job.state == WorkState.RUNNING)

@@ -69,10 +69,6 @@ def _bucket(bucket: str, prefix: str | None, options: S3Options, endpoint: str) 
     retries: RetryConfig = {
         "max_retries": 4,
         "retry_timeout": patience,
-        "backoff": {
-            "init_backoff": timedelta(milliseconds=200),
-            "max_backoff": timedelta(seconds=2),
-            "base": 2,
-        },
+        "backoff": {"init_backoff": timedelta(milliseconds=200), "max_backoff": timedelta(seconds=2), "base": 2},
     }
     return S3Store(bucket, prefix=prefix, config=config, client_options=client, retry_config=retries)
