@@ -35,7 +35,7 @@ def holding(database: Database, reason: str) -> Iterator[Callable[[], None]]:
     """Hold every object for the block; call what is yielded to be sure that the hold was never interrupted."""
     hold_id = new_id()
     with database.writing() as session:
-        session.execute(delete(BlobHold).where(BlobHold.until < now()).execution_options(synchronize_session=False))
+        session.execute(delete(BlobHold).where(BlobHold.until < now()))
         session.add(BlobHold(id=hold_id, reason=reason, until=now(HOLD_S)))
     ended = threading.Event()
 
@@ -45,12 +45,7 @@ def holding(database: Database, reason: str) -> Iterator[Callable[[], None]]:
                 with database.writing() as session:
                     # Only while the hold is in force: a lapsed one proves nothing about removals meanwhile.
                     mine = (BlobHold.id == hold_id) & (BlobHold.until > now())
-                    session.execute(
-                        update(BlobHold)
-                        .where(mine)
-                        .values(until=now(HOLD_S))
-                        .execution_options(synchronize_session=False)
-                    )
+                    session.execute(update(BlobHold).where(mine).values(until=now(HOLD_S)))
             except SQLAlchemyError as error:
                 log.warning("could not renew the hold on the store (%s); trying again", type(error).__name__)
 

@@ -16,7 +16,7 @@ from service.annotations.consensus import agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.calibrations.resolve import camera_request
 from service.calibrations.work_rules import check_job
-from service.detections.queries import done_detection, find_camera
+from service.detections.queries import done_detection
 from service.fleets.rigs import rig_camera
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
@@ -26,6 +26,7 @@ from service.platform.db.fleets import Rig
 from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.http.problems import conflict
 from service.platform.jobs.bundles import run_cost
+from service.recordings.queries import find_camera
 
 # Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.
 _MARK_US = 2500.0

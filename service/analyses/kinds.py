@@ -23,7 +23,6 @@ from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
 from service.analyses import clock_offsets, machine_marks, pixel_points, validations
 from service.analyses.jobs import analysis_of
-from service.detections.queries import ready_recording
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
@@ -32,6 +31,7 @@ from service.platform.db.jobs import Job
 from service.platform.http.problems import conflict
 from service.platform.job_status.views import job_view
 from service.publications.check_queries import moment_checks
+from service.recordings.queries import ready_recording
 
 
 def _question(access: Access, request: PreviewRequest | SuggestionRequest | PackingRequest) -> Analysis:

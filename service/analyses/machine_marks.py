@@ -11,7 +11,7 @@ from apexcal.documents.machine_marks import MachineMark, MarksList, MarksRequest
 from service.analyses.jobs import analysis_of
 from service.annotations.disclosure_actions import DisclosureKey, tell
 from service.crops.queries import marks_of
-from service.detections.queries import done_detection, find_camera
+from service.detections.queries import done_detection
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
@@ -19,6 +19,7 @@ from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.recordings import Recording
 from service.platform.db.session import Database
 from service.platform.http.problems import conflict
+from service.recordings.queries import find_camera
 
 
 def plan(access: Access, request: MarksRequest) -> Analysis:

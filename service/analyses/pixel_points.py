@@ -9,13 +9,13 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.pixel_points import PixelPointsRequest
 from service.analyses.validations import plan_on_recording
-from service.detections.queries import find_camera
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.detections import Detection
 from service.platform.db.recordings import CameraFrame
 from service.platform.http.problems import not_found
+from service.recordings.queries import find_camera
 
 _ASKED = {"frame", "stamp_ns", "pixels", "k", "lidar_noise"}
 

@@ -12,13 +12,13 @@ from apexcal.documents.validations import (
     ValidationRequest,
 )
 from service.calibrations.lenses import as_stated, take_over
-from service.detections.queries import find_camera, ready_recording
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.calibrations import Calibration, CorrespondenceSet, Result, current_publication
 from service.platform.db.recordings import Recording
 from service.platform.http.problems import not_found, unprocessable
+from service.recordings.queries import find_camera, ready_recording
 
 # What a worker needs of a result; a document also has the errors of all its pairs.
 _NEEDED = ("intrinsics", "transform", "covariance", "sigma_px", "model", "status")

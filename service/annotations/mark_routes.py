@@ -18,7 +18,6 @@ from service.annotations.locks import lock_person
 from service.annotations.mark_actions import check_inside, find_mark, write_answer
 from service.annotations.progress_actions import counted
 from service.annotations.views import mark_view
-from service.detections.queries import find_camera
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.db.annotations import Answer
 from service.platform.db.base import new_id
@@ -27,6 +26,7 @@ from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.http.etags import Conditional, Conditions, version_etag
 from service.platform.http.problems import Problem, conflict, not_found
 from service.platform.http.router import MarkingRoute, Router
+from service.recordings.queries import find_camera
 
 router = Router(tags=["annotations"], route_class=MarkingRoute)
 

@@ -27,13 +27,14 @@ from service.annotations.progress_actions import read_progress
 from service.annotations.progress_queries import answered_sweeps, tally, visible_answers
 from service.annotations.task_actions import next_tasks
 from service.annotations.views import Subject, find_subject, mark_view, task_view
-from service.detections.queries import done_detection, find_camera
+from service.detections.queries import done_detection
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.detections import Detection
 from service.platform.db.recordings import Recording
 from service.platform.http.pages import LongPaging, Page, fetch
 from service.platform.http.router import MarkingRoute, Router
+from service.recordings.queries import find_camera
 
 router = Router(tags=["annotations"], route_class=MarkingRoute)
 

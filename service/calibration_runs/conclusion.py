@@ -71,7 +71,6 @@ def count_ended(session: Session, request_id: UUID, ended: Mapping[str, int]) ->
             finished_at=case((left > 0, None), else_=now()),
         )
         .returning(FleetRequest.fleet_id)
-        .execution_options(synchronize_session=False)
     ).scalar_one()
     hint(session, fleet_id, "fleet_request", request_id)
 

@@ -66,7 +66,7 @@ def _retry_run(session: Session, job: Job) -> Sequence[Job]:
     run = failed_subject(session, job, CalibrationRun, "run")
     _check_retried_alone(session, run.calibration_id)
     for table in (Slot, Result):
-        session.execute(delete(table).where(table.run_id == run.id).execution_options(synchronize_session=False))
+        session.execute(delete(table).where(table.run_id == run.id))
     run.state, run.failure, run.finished_at = WorkState.QUEUED, None, None
     run.schedule, run.iteration, run.remaining = None, 0, 0
     session.flush()
@@ -95,16 +95,10 @@ def _reopen(session: Session, calibration_id: UUID, runs: int) -> None:
             problem=None,
         )
         .returning(Calibration.id)
-        .execution_options(synchronize_session=False)
     ).one_or_none()
     if reopened is None:
         raise CannotRetryError("its calibration was cancelled; ask for a new one")
-    session.execute(
-        update(Result)
-        .where(Result.calibration_id == calibration_id)
-        .values(checks=None, verdict=None)
-        .execution_options(synchronize_session=False)
-    )
+    session.execute(update(Result).where(Result.calibration_id == calibration_id).values(checks=None, verdict=None))
     # The calibration is locked now, so none begins meanwhile: it would end the calibration without this run.
     conclusion = exists().where(Job.subject_id == calibration_id, Job.state.in_(UNENDED))
     if session.scalar(select(conclusion)):

@@ -67,12 +67,7 @@ def ask_to_end(session: Session, calibrations: Select[Any]) -> None:
     )
     cancel(session, runs)
     cancel(session, calibrations)  # their conclusion
-    session.execute(
-        update(CalibrationRun)
-        .where(CalibrationRun.id.in_(runs))
-        .values(cancel_requested=True)
-        .execution_options(synchronize_session=False)
-    )
+    session.execute(update(CalibrationRun).where(CalibrationRun.id.in_(runs)).values(cancel_requested=True))
 
 
 def _runs(plan: CalibrationPlan) -> Iterator[tuple[FitPlan, int]]:

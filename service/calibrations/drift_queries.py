@@ -16,7 +16,7 @@ from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import BetweenModels, Summary
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
-from service.platform.http.problems import unprocessable
+from service.platform.http.pages import invalid_cursor
 from service.publications.queries import withdrawals
 from service.publications.views import publication_views
 
@@ -89,9 +89,7 @@ def _before(session: Session, vehicle_id: UUID, camera: str, cursor: str) -> Any
     except ValueError:
         edge = None
     if edge is None:
-        raise unprocessable(
-            "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of an answer."
-        )
+        raise invalid_cursor(cursor)
     id, _, at = edge
     return or_(_pairs_at() < at, and_(_pairs_at() <= at, Calibration.id < id))
 

@@ -20,8 +20,7 @@ from apexcal.documents.results import SINGLE_HELD_OUT_PAIRS
 from apexcal.documents.states import UNENDED
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
-from service.platform.http.pages import Page, Window
-from service.platform.http.problems import unprocessable
+from service.platform.http.pages import Page, Window, invalid_cursor
 
 
 def calibration_views(
@@ -158,6 +157,4 @@ def _parse(cursor: str) -> tuple[UUID, int, int]:
             raise ValueError(cursor)
         return key
     except ValueError:
-        raise unprocessable(
-            "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of a page."
-        ) from None
+        raise invalid_cursor(cursor) from None

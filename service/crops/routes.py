@@ -12,7 +12,7 @@ from apexcal.documents.crops import CropAnswer, CropProgress, CropSheet, CropVer
 from service.crops.actions import find_page, judge, next_page, sheet_of
 from service.crops.pictures import tile_of
 from service.crops.queries import expected_corners, newest_marks, progress_of
-from service.detections.queries import done_detection, find_camera
+from service.detections.queries import done_detection
 from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.analyses import AnalysisFile
@@ -22,6 +22,7 @@ from service.platform.http.etags import Conditional
 from service.platform.http.problems import not_found
 from service.platform.http.router import MarkingRoute, Router
 from service.recordings.addresses import ByteRange
+from service.recordings.queries import find_camera
 
 router = Router(tags=["annotations"], route_class=MarkingRoute)
 

@@ -70,7 +70,6 @@ def _take_back_frontiers(session: Session, detection: Detection, rank: int) -> N
         update(MarkingFrontier)
         .where(MarkingFrontier.detection_id == detection.id)
         .values(rank=case((MarkingFrontier.rank > rank, rank), else_=MarkingFrontier.rank))
-        .execution_options(synchronize_session=False)
     )
 
 

@@ -74,7 +74,6 @@ def _end(session: Session, detection_id: UUID, state: WorkState, problem: Json |
         .where(Detection.id == detection_id)
         .values(remaining=Detection.remaining - 1)
         .returning(Detection.remaining, Detection.fleet_id)
-        .execution_options(synchronize_session=False)
     ).one_or_none()
     if counted is None or (state == WorkState.DONE and counted.remaining > 0):
         return
@@ -82,7 +81,6 @@ def _end(session: Session, detection_id: UUID, state: WorkState, problem: Json |
         update(Detection)
         .where(Detection.id == detection_id, Detection.state.in_(UNENDED))
         .values(state=state, problem=problem, finished_at=now())
-        .execution_options(synchronize_session=False)
     )
     hint(session, counted.fleet_id, "detection", detection_id)
 

@@ -21,7 +21,7 @@ from apexcal.documents.detections import (
 )
 from service.detections.actions import ask_corners, new_detection
 from service.detections.jobs import queue_detection
-from service.detections.queries import done_detection, find_camera, ready_recording, vertices_of
+from service.detections.queries import done_detection, vertices_of
 from service.detections.views import SUMMARY, detection_view, vertex_views
 from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
@@ -34,6 +34,7 @@ from service.platform.http.router import DOCUMENT, Router
 from service.platform.job_status.views import jobs_of
 from service.platform.jobs.queue import cancel
 from service.recordings.actions import delete_detection
+from service.recordings.queries import find_camera, ready_recording
 
 router = Router(tags=["detections"])
 

@@ -127,7 +127,6 @@ def ask_all_to_end(session: Session, row: FleetRequest) -> None:
         .where(vehicles.fleet_request_id == row.id, _IS_DUE)
         .values(state=VehicleState.CANCELLED, finished_at=now())
         .returning(vehicles.id)
-        .execution_options(synchronize_session=False)
     ).all()
     unended = select(vehicles.calibration_id).where(
         vehicles.fleet_request_id == row.id, vehicles.state == VehicleState.QUEUED
@@ -137,7 +136,6 @@ def ask_all_to_end(session: Session, row: FleetRequest) -> None:
         update(FleetRequest)
         .where(FleetRequest.id == row.id, FleetRequest.remaining > 0)
         .values(cancel_requested=True)
-        .execution_options(synchronize_session=False)
     )
     if dropped:
         count_ended(session, row.id, {VehicleState.CANCELLED: len(dropped)})
@@ -155,7 +153,6 @@ def retry_failed(session: Session, row: FleetRequest) -> None:
         .where(FleetRequestVehicle.fleet_request_id == row.id, FleetRequestVehicle.state == VehicleState.FAILED)
         .values(state=VehicleState.QUEUED, calibration_id=None, problem=None, finished_at=None)
         .returning(FleetRequestVehicle.id)
-        .execution_options(synchronize_session=False)
     ).all()
     if not failed:
         return

@@ -17,7 +17,6 @@ from starlette.requests import ClientDisconnect
 from apexcal.documents.base import Sought
 from apexcal.documents.correspondence_sets import BuildRequest, SelectionRequest, SetView, SetWithPairs
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
-from service.detections.queries import find_camera
 from service.fleets.rigs import rig_camera
 from service.pairs.label_files import FROM_ONE, is_labels, read_labels
 from service.pairs.marked_pairs import build

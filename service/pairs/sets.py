@@ -90,7 +90,7 @@ def keep_set(session: Session, candidate: CorrespondenceSet) -> tuple[Correspond
     if existing is not None:
         # A statement, not the object: its recording may be deleted at this moment, and then nothing is changed.
         of = update(CorrespondenceSet).where(CorrespondenceSet.id == existing.id)
-        session.execute(of.values(brought_at=now()), execution_options={"synchronize_session": False})
+        session.execute(of.values(brought_at=now()))
         return existing, False
     session.add(candidate)
     session.flush()

@@ -39,8 +39,7 @@ from service.platform.db.base import state_literal
 from service.platform.db.calibrations import Calibration, CalibrationRun, Publication, Result
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.db.recordings import Recording
-from service.platform.http.pages import Window
-from service.platform.http.problems import unprocessable
+from service.platform.http.pages import Window, invalid_cursor
 from service.publications.actions import PUBLISHED_LOOKS
 
 _GRAVITY: Final = {state.value: index for index, state in enumerate(CameraState)}
@@ -118,11 +117,7 @@ def _parse(cursor: str, kind: type[Any]) -> tuple[Any, str, UUID, str]:
             raise ValueError(cursor)
         return key, name, UUID(vehicle_id), camera
     except (ValueError, TypeError, AttributeError):
-        raise unprocessable(
-            "invalid_cursor",
-            f"`after` is no cursor of this list in this order: {cursor!r}.",
-            "Give the `next` of a page as it is, with the same `order`.",
-        ) from None
+        raise invalid_cursor(cursor) from None
 
 
 def _shown(page: CTE) -> Sequence[ColumnElement[Any]]:

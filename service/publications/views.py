@@ -14,8 +14,7 @@ from apexcal.documents.fleet_health import CameraHealth
 from apexcal.documents.publications import OverrideView, PublicationView
 from service.platform.db.calibrations import Publication, Result, moves_of
 from service.platform.db.people import Person
-from service.platform.http.pages import Page, Window
-from service.platform.http.problems import unprocessable
+from service.platform.http.pages import Page, Window, invalid_cursor
 from service.publications.queries import is_newest
 
 
@@ -26,11 +25,7 @@ def publication_page(
     statement = moves_of(vehicle_id, camera, alias)
     if window.after is not None:
         if not (window.after.isascii() and window.after.isdecimal() and len(window.after) < 10):
-            raise unprocessable(
-                "invalid_cursor",
-                f"`after` is no cursor of this list: {window.after!r}.",
-                "Give the `next` of a page.",
-            )
+            raise invalid_cursor(window.after)
         statement = statement.where(Publication.number < int(window.after))
     views = publication_views(session, statement.limit(window.limit + 1))
     items = views[: window.limit]

@@ -99,7 +99,7 @@ def remove_layers(session: Session, row: Recording, count: int) -> None:
         for table, which in ((PackedSweeps, packed), (AnalysisFile, of_analyses)):
             keys += session.scalars(select(table.blob_key).where(which)).all()
         session.execute(update(PackedSweeps).where(packed).values(blob_key=EXPIRED))
-        session.execute(delete(AnalysisFile).where(of_analyses).execution_options(synchronize_session=False))
+        session.execute(delete(AnalysisFile).where(of_analyses))
         condemn(session, keys)
         for sensor in sensors:
             sensor.blob_key = EXPIRED

@@ -35,7 +35,7 @@ def get_frames(
     to_ns: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
 ) -> Page[FrameView]:
     """A camera's frames in time order, up to 5000 a page; those from ``from_ns`` to ``to_ns``, both included."""
-    sensor = find_camera(access, access.find(Recording, id), camera)
+    sensor = find_camera(access.session, access.find(Recording, id).id, camera)
     statement = select(CameraFrame).where(CameraFrame.sensor_id == sensor.id)
     if from_ns is not None:
         statement = statement.where(CameraFrame.stamp_ns >= from_ns)
@@ -51,7 +51,7 @@ def _find(
     database: Database = request.app.state.database
     with database.reading() as session:
         access = Access(session, identity)
-        sensor = find_camera(access, access.find(Recording, id), camera)
+        sensor = find_camera(access.session, access.find(Recording, id).id, camera)
         frame = session.get(CameraFrame, (sensor.id, index))
         if frame is None:
             raise not_found(
@@ -61,7 +61,7 @@ def _find(
         return ByteRange(sensor.blob_key, index, frame.offset, frame.length, media_type)
 
 
-Found = Annotated[ByteRange, Depends(_find)]
+FrameRange = Annotated[ByteRange, Depends(_find)]
 
 
 @router.get(
@@ -70,12 +70,12 @@ Found = Annotated[ByteRange, Depends(_find)]
     response_class=Response,
     responses={200: {"content": {"image/jpeg": {}, "image/png": {}, "image/webp": {}}}},
 )
-async def get_frame(frame: Found, request: Request, conditions: Conditional) -> Response:
+async def get_frame(frame: FrameRange, request: Request, conditions: Conditional) -> Response:
     """One frame's image, as the camera or the ingestion encoded it."""
     return await frame.answer(request, conditions)
 
 
 @router.get("/recordings/{id}/cameras/{camera}/frames/{index}/address")
-def get_frame_address(frame: Found, request: Request) -> BlobAddress:
+def get_frame_address(frame: FrameRange, request: Request) -> BlobAddress:
     """Where the frame's bytes are read straight from the store, with a Range header; or that they are read here."""
     return frame.address(request)

@@ -6,16 +6,23 @@ from collections.abc import Sequence
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import select
+from sqlalchemy import bindparam, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.readings import Reading
 from apexcal.documents.recordings import RecordingSummary, RecordingView, SensorView
+from apexcal.documents.roles import Role
+from apexcal.documents.states import RecordingState
+from service.fleets.rigs import named_camera
 from service.platform.auth.access import Access
 from service.platform.db.fleets import RigCamera
 from service.platform.db.recordings import Recording, Sensor, UploadPart
-from service.platform.http.problems import not_found, unprocessable
+from service.platform.http.problems import conflict, unprocessable
 from service.platform.job_status.views import job_views
+
+_CAMERAS = (
+    select(Sensor).where(Sensor.recording_id == bindparam("recording"), Sensor.kind == "camera").order_by(Sensor.name)
+)
 
 
 def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[str, Any]:
@@ -44,20 +51,35 @@ def parts_of(session: Session, row: Recording) -> Sequence[UploadPart]:
     ).all()
 
 
-def find_camera(access: Access, row: Recording, camera: str) -> Sensor:
-    """A recording's camera by its name. Raises :class:`Problem` 404 ``no_such_camera`` naming those there are."""
-    cameras = access.session.scalars(
-        select(Sensor).where(Sensor.recording_id == row.id, Sensor.kind == "camera").order_by(Sensor.name)
-    ).all()
-    for sensor in cameras:
-        if sensor.name == camera:
-            return sensor
-    names = ", ".join(sensor.name for sensor in cameras)
-    raise not_found(
-        "no_such_camera",
-        f"The recording has no camera {camera!r}.",
-        f"Its cameras: {names}." if names else f"It is {row.state}: cameras are known once it is ready.",
+def ready_recording(access: Access, recording_id: UUID, role: Role) -> Recording:
+    """A recording whose sensors can be read.
+
+    Raises:
+        Problem: 409 ``recording_not_ready`` while it is being uploaded or ingested, or when that failed.
+    """
+    recording = access.find(Recording, recording_id, role)
+    require_ready(recording)
+    return recording
+
+
+def require_ready(recording: Recording) -> None:
+    """Raises :class:`Problem` 409 ``recording_not_ready``."""
+    if recording.state == RecordingState.READY:
+        return
+    hint = "Wait until its state is ready; GET /v1/recordings/{id} says how far it is."
+    if recording.state == RecordingState.FAILED:
+        hint = "Its `problem` says what to do; then upload it anew, or retry it."
+    raise conflict(
+        "recording_not_ready",
+        f"The recording {recording.name!r} is {recording.state}; its sweeps and frames cannot be read.",
+        hint,
+        state=recording.state,
     )
+
+
+def find_camera(session: Session, recording_id: UUID, name: str) -> Sensor:
+    """A recording's camera by its name in the rig. Raises :class:`Problem` 404 ``unknown_camera`` naming those."""
+    return named_camera(session.scalars(_CAMERAS, {"recording": recording_id}).all(), name, "The recording")
 
 
 def summaries(session: Session, rows: Sequence[Recording]) -> list[RecordingSummary]:

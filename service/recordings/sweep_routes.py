@@ -9,7 +9,6 @@ from fastapi import Depends, Path, Query, Request, Response
 from sqlalchemy import select
 
 from apexcal.documents.recordings import BlobAddress
-from apexcal.documents.states import RecordingState
 from apexcal.documents.sweeps import MEDIA_TYPE, SweepView
 from service.platform.auth.access import Access, CurrentIdentity, ReadAccess
 from service.platform.db.recordings import PackedSweep, PackedSweeps, Recording, Sensor
@@ -48,13 +47,7 @@ def _packed(access: Access, recording: Recording) -> PackedSweeps:
     packed = access.session.scalars(statement.where(Sensor.recording_id == recording.id)).one_or_none()
     if packed is not None:
         return packed
-    if recording.state != RecordingState.READY:
-        raise conflict(
-            "recording_not_ready",
-            f"The recording {recording.name!r} is {recording.state}; its sweeps cannot be read.",
-            "Wait until its state is ready.",
-            state=recording.state,
-        )
+    require_ready(recording)
     raise conflict(
         "not_packed",
         f"The sweeps of {recording.name!r} are not packed: only packed sweeps are sent.",
@@ -78,7 +71,7 @@ def _find(
         return ByteRange(packed.blob_key, index, sweep.offset, sweep.length, MEDIA_TYPE)
 
 
-Found = Annotated[ByteRange, Depends(_find)]
+SweepRange = Annotated[ByteRange, Depends(_find)]
 
 
 @router.get(
@@ -87,12 +80,12 @@ Found = Annotated[ByteRange, Depends(_find)]
     response_class=Response,
     responses={200: {"content": {MEDIA_TYPE: {}}}},
 )
-async def get_sweep(sweep: Found, request: Request, conditions: Conditional) -> Response:
+async def get_sweep(sweep: SweepRange, request: Request, conditions: Conditional) -> Response:
     """One sweep's points, packed; docs/api.md has the layout."""
     return await sweep.answer(request, conditions)
 
 
 @router.get("/recordings/{id}/sweeps/{index}/address")
-def get_sweep_address(sweep: Found, request: Request) -> BlobAddress:
+def get_sweep_address(sweep: SweepRange, request: Request) -> BlobAddress:
     """Where the sweep's bytes are read straight from the store, with a Range header; or that they are read here."""
     return sweep.address(request)

@@ -86,12 +86,7 @@ def revoke(session: Session, which: Any) -> EndedCredentials:
 def hand_over(session: Session, old: list[UUID], new: UUID) -> None:
     """What the ``old`` tokens made ends with the ``new`` one from now on."""
     for table in _MADE:
-        session.execute(
-            update(table)
-            .where(table.made_by.in_(old))
-            .values(made_by=new)
-            .execution_options(synchronize_session=False)
-        )
+        session.execute(update(table).where(table.made_by.in_(old)).values(made_by=new))
 
 
 def _end_ways_in(session: Session, links: Any, sessions: Any) -> EndedCredentials:
@@ -99,16 +94,7 @@ def _end_ways_in(session: Session, links: Any, sessions: Any) -> EndedCredential
     now = moment(session)
     unused = (SignInLink.used_at.is_(None), SignInLink.expires_at > now)
     ended = session.scalars(
-        update(SignInLink)
-        .where(links, *unused)
-        .values(expires_at=now)
-        .returning(SignInLink.id)
-        .execution_options(synchronize_session=False)
+        update(SignInLink).where(links, *unused).values(expires_at=now).returning(SignInLink.id)
     ).all()
-    gone = session.scalars(
-        delete(BrowserSession)
-        .where(sessions)
-        .returning(BrowserSession.id)
-        .execution_options(synchronize_session=False)
-    ).all()
+    gone = session.scalars(delete(BrowserSession).where(sessions).returning(BrowserSession.id)).all()
     return EndedCredentials(len(gone), len(ended))

@@ -43,7 +43,6 @@ def sign_in(session: Session, link: str, days: int) -> tuple[Person, str]:
         .where(SignInLink.secret_hash == hashed, SignInLink.used_at.is_(None), SignInLink.expires_at > now)
         .values(used_at=now)
         .returning(SignInLink.person_id, SignInLink.made_by)
-        .execution_options(synchronize_session=False)
     ).first()
     if row is None:
         raise _refusal(session, hashed)

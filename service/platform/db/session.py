@@ -182,7 +182,12 @@ class Database:
         self._snapshot = sessionmaker(
             self.engine.execution_options(**_repeatable(self.engine)), expire_on_commit=False
         )
-        self._writing = sessionmaker(self.engine.execution_options(**{_WRITES: True}), expire_on_commit=False)
+        # No statement changes objects that the session holds.
+        self._writing = sessionmaker(
+            self.engine.execution_options(**{_WRITES: True}),
+            expire_on_commit=False,
+            execution_options={"synchronize_session": False},
+        )
         self._alone = self.engine.execution_options(**{_ALONE: True}, **_autocommit(self.engine))
         self._reading = sessionmaker(self._alone, autoflush=False, expire_on_commit=False)
 
@@ -257,7 +262,7 @@ def put(
         statement = statement.on_conflict_do_update(index_elements=list(key), set_=dict(values))
     else:
         statement = statement.on_conflict_do_nothing(index_elements=list(key))
-    session.execute(statement.execution_options(synchronize_session=False))
+    session.execute(statement)
 
 
 # Seconds between the tries. Together less than half a lease; a database that is away for longer is no deadlock.

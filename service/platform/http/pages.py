@@ -13,7 +13,7 @@ from sqlalchemy import ColumnElement, Select, select, union_all
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from apexcal.documents.base import Page as Page
-from service.platform.http.problems import unprocessable
+from service.platform.http.problems import Problem, unprocessable
 
 _AFTER = "the `next` of the page before"
 # A cursor may hold two names of 200 letters of up to 4 bytes, in base64.
@@ -94,9 +94,13 @@ def _parse(key: InstrumentedAttribute[Any], text: str) -> UUID | int:
             raise ValueError(text)
         return number
     except ValueError:
-        raise unprocessable(
-            "invalid_cursor", f"`after` is no cursor of this list: {text!r}.", "Give the `next` of a page as it is."
-        ) from None
+        raise invalid_cursor(text) from None
+
+
+def invalid_cursor(cursor: str) -> Problem:
+    """The refusal of an ``after`` that no page of the list gave."""
+    hint = "Give the `next` of a page as it is, with the same query."
+    return unprocessable("invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", hint)
 
 
 def compressed(request: Request, document: BaseModel) -> Response:

@@ -59,7 +59,6 @@ def tally(session: Session) -> None:
         .where(JobEvent.id.in_(fresh.with_for_update(skip_locked=True).cte("fresh").select()), ~JobEvent.tallied)
         .values(tallied=True)
         .returning(JobEvent.kind, JobEvent.what, JobEvent.started_at, JobEvent.at)
-        .execution_options(synchronize_session=False)
     ).all()
     durations: dict[tuple[str, str], list[float]] = defaultdict(list)
     for kind, what, started_at, at in rows:

@@ -164,12 +164,7 @@ def cancel(session: Session, subjects: Iterable[UUID] | Select[UUID]) -> None:
         .with_for_update()
         .cte("unended")
     )
-    session.execute(
-        update(Job)
-        .where(Job.id.in_(select(unended.c.id)))
-        .values(cancel_requested=True)
-        .execution_options(synchronize_session=False)
-    )
+    session.execute(update(Job).where(Job.id.in_(select(unended.c.id))).values(cancel_requested=True))
 
 
 def abandon(session: Session, subject_ids: Iterable[UUID]) -> None:
@@ -182,7 +177,6 @@ def abandon(session: Session, subject_ids: Iterable[UUID]) -> None:
         .where(Job.id.in_(locked))
         .values(state=WorkState.CANCELLED, finished_at=now(), lease_until=None)
         .returning(*ATTEMPT)
-        .execution_options(synchronize_session=False)
     )
     for job in ended.all():
         note(session, job, WorkState.CANCELLED)

@@ -191,12 +191,7 @@ def _end_backoff(session: Session) -> None:
         .with_for_update(skip_locked=True)
         .cte("over")
     )
-    session.execute(
-        update(Job)
-        .where(Job.id.in_(select(over.c.id)))
-        .values(send_after=None)
-        .execution_options(synchronize_session=False)
-    )
+    session.execute(update(Job).where(Job.id.in_(select(over.c.id))).values(send_after=None))
 
 
 def _release_waiting(session: Session) -> None:

@@ -96,7 +96,7 @@ def _take_turn(database: Database, period_s: float) -> bool:
         # A row that nobody has made yet is as old as can be.
         put(session, Heartbeat, {"name": AUDIT}, first={"at": datetime.fromtimestamp(0, UTC)})
         late = update(Heartbeat).where(Heartbeat.name == AUDIT, Heartbeat.at < now(-period_s)).values(at=now())
-        taken = session.execute(late.returning(Heartbeat.name).execution_options(synchronize_session=False))
+        taken = session.execute(late.returning(Heartbeat.name))
         return taken.one_or_none() is not None
 
 

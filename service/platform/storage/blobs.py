@@ -53,11 +53,7 @@ def keep(session: Session, key: str, *, size: int, sha256: str | None = None) ->
     Raises :class:`ReservationEndedError` unless the key is reserved: what was condemned may be removed at any moment.
     """
     reserved = update(Blob).where(Blob.key == key, Blob.state == "reserved")
-    updated = session.execute(
-        reserved.values(state="stored", size=size, sha256=sha256)
-        .returning(Blob.key)
-        .execution_options(synchronize_session=False)
-    )
+    updated = session.execute(reserved.values(state="stored", size=size, sha256=sha256).returning(Blob.key))
     if updated.one_or_none() is None:
         raise ReservationEndedError(key)
 
@@ -94,7 +90,6 @@ def condemn_lost(session: Session) -> None:
             ),
         )
         .values(state="condemned")
-        .execution_options(synchronize_session=False)
     )
 
 

@@ -82,7 +82,7 @@ def test_frames_are_byte_ranges_and_cached_for_ever(api: Api, engineer, recordin
     assert engineer.get(f"{path}/0").headers["etag"] != answer.headers["etag"]
     assert engineer.get(f"{path}/12").json()["code"] == "no_such_frame"
     strange = engineer.get(f"/recordings/{recording['id']}/cameras/rear/frames").json()
-    assert strange["code"] == "no_such_camera" and "front" in strange["hint"]
+    assert strange["code"] == "unknown_camera" and "front" in strange["hint"]
 
 
 def test_lists_are_filtered_and_newest_first(api: Api, engineer, recording) -> None:
