@@ -6,8 +6,13 @@ The module of a subcommand is loaded when it is called: ``apexcal --help`` loads
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
+import inspect
+import re
+from collections.abc import Callable
+from copy import copy
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -74,6 +79,32 @@ _PASSED_ON: dict[str, Any] = {
 }
 
 
+def _described(run: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command whose options have the sentences below ``Args:`` of its docstring as their help."""
+    text, _, described = (inspect.getdoc(run) or "").partition("\n\nArgs:\n")
+    sentences = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", described, re.M)
+    helps = {name: " ".join(sentence.split()) for name, sentence in sentences}
+
+    @functools.wraps(run)
+    def command(**options: Any) -> Any:
+        return run(**options)
+
+    def with_help(parameter: inspect.Parameter) -> inspect.Parameter:
+        kind, stated = parameter.annotation, getattr(parameter.annotation, "__metadata__", None)
+        if parameter.name not in helps:
+            return parameter
+        usual = typer.Argument if parameter.default is inspect.Parameter.empty else typer.Option
+        info = copy(stated[0]) if stated else usual()
+        info.help = helps[parameter.name]
+        return parameter.replace(annotation=Annotated[kind.__origin__ if stated else kind, info])
+
+    parameters = [with_help(parameter) for parameter in inspect.signature(run, eval_str=True).parameters.values()]
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    command.__doc__ = text
+    return command
+
+
 class _Commands(TyperGroup):
     """Shows its commands by name and sentence, and loads the one that is called."""
 
@@ -97,8 +128,9 @@ class _Commands(TyperGroup):
         run = getattr(module, listed.name.replace("-", "_"))
         if "session" in run.__annotations__:
             run = importlib.import_module("apexcal.commands.session").with_session(run)
+        passed_on = "context" in run.__annotations__
         lone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-        lone.command(listed.name, **(_PASSED_ON if "context" in run.__annotations__ else {}))(run)
+        lone.command(listed.name, **(_PASSED_ON if passed_on else {}))(run if passed_on else _described(run))
         return name, typer.main.get_command(lone), rest
 
 

@@ -38,98 +38,62 @@ def _locked(texts: list[str] | None) -> dict[str, float]:
 
 def calibrate(
     session: Session,
-    detection: Annotated[
-        str, typer.Option(help="A marked detection: its id, or the recording whose newest it is, by name or @last.")
-    ] = "",
-    pairs: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="CSV of pairs (x,y,z,u,v and stamp_ns or group), or labels.txt of the paper's toolbox. For several "
-            "cameras, repeat it as CAMERA=FILE.",
-            metavar="FILE",
-        ),
-    ] = None,
-    machine_marks: Annotated[
-        bool,
-        typer.Option(
-            "--machine-marks", help="The machine's marks count as one more person's; unattended, if nobody marked."
-        ),
-    ] = False,
-    vehicle: Annotated[str, typer.Option(help="Vehicle, by name or id (with --pairs).")] = "",
-    rig: Annotated[str, typer.Option(help="Rig, by name or id (with --pairs).")] = "",
-    camera: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Camera; needed if the rig has several. Repeat it to calibrate several cameras and compare them.",
-            metavar="NAME",
-        ),
-    ] = None,
+    detection: str = "",
+    pairs: Annotated[list[str] | None, typer.Option(metavar="FILE")] = None,
+    machine_marks: Annotated[bool, typer.Option("--machine-marks")] = False,
+    vehicle: str = "",
+    rig: str = "",
+    camera: Annotated[list[str] | None, typer.Option(metavar="NAME")] = None,
     model: ModelsOption = None,
     preset: PresetOption = None,
-    search: Annotated[SearchForm | None, typer.Option(help="Form of the rotation. Otherwise the preset's.")] = None,
-    bounds: Annotated[BoundsPreset | None, typer.Option(help="Bounds of the search. Otherwise the preset's.")] = None,
-    rotation_range_deg: Annotated[
-        float | None,
-        typer.Option(
-            help="How many degrees the mount may be off the rig's about each axis: above 0; 180 is any mount. "
-            "Otherwise 30.",
-            metavar="DEG",
-            callback=_check_range,
-        ),
-    ] = None,
-    stated: Annotated[bool, typer.Option("--stated", help="Insist on a lens that the recording states.")] = False,
-    intrinsics: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="File of known intrinsics, of ROS, OpenCV, Kalibr or KITTI: [CAMERA=]FILE, or FILE#NAME for the "
-            "camera NAME of the file.",
-            metavar="FILE",
-        ),
-    ] = None,
-    intrinsics_as: Annotated[
-        LensUse | None,
-        typer.Option(
-            help="How a lens that the recording or --intrinsics states is used: prior (refined), locked, bounds "
-            "(looked for near it) or free (fitted, and compared with it). Otherwise prior."
-        ),
-    ] = None,
-    lock: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Lock a parameter: NAME=VALUE, in pixels, metres and radians, or degrees as NAME_deg. Repeat it for "
-            "several. Skew is locked at 0.",
-            metavar="NAME=VALUE",
-        ),
-    ] = None,
-    free_skew: Annotated[bool, typer.Option("--free-skew", help="Fit brown_conrady's skew, too.")] = False,
-    loss: Annotated[
-        Loss | None,
-        typer.Option(help="Of the search; saturating limits what a wrong mark costs. Otherwise the preset's."),
-    ] = None,
-    weights: Annotated[
-        WeightRule | None,
-        typer.Option(help="Whether stated errors weight the pairs. Otherwise auto: if all pairs state them."),
-    ] = None,
-    outliers: Annotated[
-        OutlierRule | None, typer.Option(help="Whether pairs that do not belong stay in. Otherwise the preset's.")
-    ] = None,
-    line_time_us: Annotated[
-        float | None,
-        typer.Option(
-            help="Rolling shutter: microseconds from an image row to the one below it. Otherwise 0: all at once.",
-            min=-1000.0,
-            max=1000.0,
-            metavar="US",
-        ),
-    ] = None,
+    search: SearchForm | None = None,
+    bounds: BoundsPreset | None = None,
+    rotation_range_deg: Annotated[float | None, typer.Option(metavar="DEG", callback=_check_range)] = None,
+    stated: Annotated[bool, typer.Option("--stated")] = False,
+    intrinsics: Annotated[list[str] | None, typer.Option(metavar="FILE")] = None,
+    intrinsics_as: LensUse | None = None,
+    lock: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE")] = None,
+    free_skew: Annotated[bool, typer.Option("--free-skew")] = False,
+    loss: Loss | None = None,
+    weights: WeightRule | None = None,
+    outliers: OutlierRule | None = None,
+    line_time_us: Annotated[float | None, typer.Option(min=-1000.0, max=1000.0, metavar="US")] = None,
     folds: FoldsOption = None,
-    seed: Annotated[int | None, typer.Option(help="Seed. Otherwise from the request's content.", min=0)] = None,
-    farm: Annotated[
-        Farm | None, typer.Option(help="How the work is split among workers; the result is the same. Otherwise auto.")
-    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0)] = None,
+    farm: Farm | None = None,
     publish: PublishOption = False,
 ) -> Reply:
-    """Fit every model to each camera's pairs, and say which one to take."""
+    """Fit every model to each camera's pairs, and say which one to take.
+
+    Args:
+        detection: A marked detection: its id, or the recording whose newest it is, by name or @last.
+        pairs: CSV of pairs (x,y,z,u,v and stamp_ns or group), or labels.txt of the paper's toolbox. For
+            several cameras, repeat it as CAMERA=FILE.
+        machine_marks: The machine's marks count as one more person's; unattended, if nobody marked.
+        vehicle: Vehicle, by name or id (with --pairs).
+        rig: Rig, by name or id (with --pairs).
+        camera: Camera; needed if the rig has several. Repeat it to calibrate several cameras and compare
+            them.
+        search: Form of the rotation. Otherwise the preset's.
+        bounds: Bounds of the search. Otherwise the preset's.
+        rotation_range_deg: How many degrees the mount may be off the rig's about each axis: above 0; 180 is
+            any mount. Otherwise 30.
+        stated: Insist on a lens that the recording states.
+        intrinsics: File of known intrinsics, of ROS, OpenCV, Kalibr or KITTI: [CAMERA=]FILE, or FILE#NAME for
+            the camera NAME of the file.
+        intrinsics_as: How a lens that the recording or --intrinsics states is used: prior (refined), locked,
+            bounds (looked for near it) or free (fitted, and compared with it). Otherwise prior.
+        lock: Lock a parameter: NAME=VALUE, in pixels, metres and radians, or degrees as NAME_deg. Repeat it
+            for several. Skew is locked at 0.
+        free_skew: Fit brown_conrady's skew, too.
+        loss: Of the search; saturating limits what a wrong mark costs. Otherwise the preset's.
+        weights: Whether stated errors weight the pairs. Otherwise auto: if all pairs state them.
+        outliers: Whether pairs that do not belong stay in. Otherwise the preset's.
+        line_time_us: Rolling shutter: microseconds from an image row to the one below it. Otherwise 0: all at
+            once.
+        seed: Seed. Otherwise from the request's content.
+        farm: How the work is split among workers; the result is the same. Otherwise auto.
+    """
     if detection and pairs:
         usage("not both: --detection takes the pairs from marks, --pairs from a file", "Leave one of them out")
     if not detection and not pairs:

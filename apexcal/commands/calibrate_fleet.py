@@ -25,31 +25,33 @@ _SHOWN = 20
 def calibrate_fleet(
     session: Session,
     fleet: FleetOption = "",
-    name: Annotated[str | None, typer.Option(help="Only vehicles whose name matches; * and ? are wildcards.")] = None,
-    rig: Annotated[str | None, typer.Option(help="Only rigs whose name matches; * and ? are wildcards.")] = None,
-    since: Annotated[
-        str | None, typer.Option("--not-since", help="Only vehicles not calibrated since, as 2026-11-01T00:00:00Z.")
-    ] = None,
-    new_pairs: Annotated[
-        bool, typer.Option("--new-pairs", help="Only vehicles with pairs newer than their published calibration.")
-    ] = False,
+    name: str | None = None,
+    rig: str | None = None,
+    since: Annotated[str | None, typer.Option("--not-since")] = None,
+    new_pairs: Annotated[bool, typer.Option("--new-pairs")] = False,
     model: ModelsOption = None,
     preset: PresetOption = None,
     folds: FoldsOption = None,
     publish: PublishOption = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be done.")] = False,
-    follow: Annotated[
-        str | None, typer.Option(help="Follow this request instead of making one.", metavar="REQUEST")
-    ] = None,
-    retry: Annotated[
-        str | None, typer.Option(help="Calibrate the failed vehicles of this request again.", metavar="REQUEST")
-    ] = None,
-    cancel: Annotated[str | None, typer.Option(help="End this request.", metavar="REQUEST")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run")] = False,
+    follow: Annotated[str | None, typer.Option(metavar="REQUEST")] = None,
+    retry: Annotated[str | None, typer.Option(metavar="REQUEST")] = None,
+    cancel: Annotated[str | None, typer.Option(metavar="REQUEST")] = None,
 ) -> Reply:
     """Calibrate each vehicle from its newest pairs; a vehicle without fitting pairs is skipped.
 
     If --not-since or --new-pairs leave no vehicle, nothing is done and the exit code is 0. It is 1 if a vehicle
     failed or was cancelled.
+
+    Args:
+        name: Only vehicles whose name matches; * and ? are wildcards.
+        rig: Only rigs whose name matches; * and ? are wildcards.
+        since: Only vehicles not calibrated since, as 2026-11-01T00:00:00Z.
+        new_pairs: Only vehicles with pairs newer than their published calibration.
+        dry_run: Only say what would be done.
+        follow: Follow this request instead of making one.
+        retry: Calibrate the failed vehicles of this request again.
+        cancel: End this request.
     """
     # An empty id is an error: treated as none, a mistyped --cancel would calibrate the whole fleet.
     requests = [each for each in (follow, retry, cancel) if each is not None]

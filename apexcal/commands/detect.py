@@ -41,12 +41,15 @@ _EXAMPLES: dict[DetectorName, str] = {
 def suggest(
     session: Session,
     recording: RecordingArgument,
-    out: Annotated[Path, typer.Option("--out", "-o", help="File to write the region into.")] = Path("region.json"),
+    out: Annotated[Path, typer.Option("--out", "-o")] = Path("region.json"),
     force: ForceOption = False,
 ) -> Reply:
     """Suggest a region: where somebody walked, or where the board of still poses stands. The LiDAR must not move.
 
     `apexcal detect RECORDING --region region.json --preview` shows what the region keeps. You may edit the file.
+
+    Args:
+        out: File to write the region into.
     """
     check_target(out, force)
     request = session.client.analyses.suggest(find_recording(session.client, recording).id)
@@ -60,31 +63,30 @@ def suggest(
 def detect(
     session: Session,
     recording: RecordingArgument,
-    keep: Annotated[list[str] | None, typer.Option(help=_KEEP, metavar="INEQUALITY")] = None,
-    region: Annotated[Path | None, typer.Option(help="JSON file of a region, for trees with `or`.")] = None,
-    detector: Annotated[
-        DetectorName, typer.Option(help="How vertices are found; docs/detecting.md compares the detectors.")
-    ] = "refined",
-    board: Annotated[str, typer.Option(help="Size of the board in metres, as 0.61x0.91 (refined).")] = "",
-    option: Annotated[
-        list[str] | None, typer.Option(help="An option of the detector; several times.", metavar="NAME=VALUE")
-    ] = None,
-    offset_ms: Annotated[
-        float,
-        typer.Option(help="Camera clock minus LiDAR clock: added to a vertex's time before its frame is looked for."),
-    ] = 0.0,
-    max_gap_ms: Annotated[float, typer.Option(help="Largest gap between a vertex and its frame.", min=0)] = 50.0,
-    interpolate: Annotated[
-        bool | None,
-        typer.Option(
-            "--interpolate/--nearest",
-            help="Move vertices along their track to their frames' times. Default: those that have a track.",
-            show_default=False,
-        ),
-    ] = None,
-    preview: Annotated[bool, typer.Option("--preview", help="Only say what the region keeps.")] = False,
+    keep: Annotated[list[str] | None, typer.Option(metavar="INEQUALITY")] = None,
+    region: Path | None = None,
+    detector: DetectorName = "refined",
+    board: str = "",
+    option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE")] = None,
+    offset_ms: float = 0.0,
+    max_gap_ms: Annotated[float, typer.Option(min=0)] = 50.0,
+    interpolate: Annotated[bool | None, typer.Option("--interpolate/--nearest", show_default=False)] = None,
+    preview: Annotated[bool, typer.Option("--preview")] = False,
 ) -> Reply:
-    """Find the board's top vertex in every sweep, inside a region of interest."""
+    """Find the board's top vertex in every sweep, inside a region of interest.
+
+    Args:
+        keep: Inequality that a point must meet, for example 'range < 9' or 'z / x > 0.2'; may be given
+            several times.
+        region: JSON file of a region, for trees with `or`.
+        detector: How vertices are found; docs/detecting.md compares the detectors.
+        board: Size of the board in metres, as 0.61x0.91 (refined).
+        option: An option of the detector; several times.
+        offset_ms: Camera clock minus LiDAR clock: added to a vertex's time before its frame is looked for.
+        max_gap_ms: Largest gap between a vertex and its frame.
+        interpolate: Move vertices along their track to their frames' times. Default: those that have a track.
+        preview: Only say what the region keeps.
+    """
     if not keep and region is None:
         usage(
             "no region of interest",

@@ -17,25 +17,26 @@ from apexcal.documents.validations import AxisCheck, CameraCheck, DriveCheck
 
 
 def check(
-    path: Annotated[Path, typer.Argument(help="Recording of a drive, as `apexcal upload` takes it.", exists=True)],
-    tf_from: Annotated[
-        Path | None,
-        typer.Option(help="URDF, or recording with /tf_static, that the mounts are read from instead.", exists=True),
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Folder for the pictures; DRIVE.check if not given.")
-    ] = None,
+    path: Annotated[Path, typer.Argument(exists=True)],
+    tf_from: Annotated[Path | None, typer.Option(exists=True)] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output")] = None,
     topic: TopicOption = None,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
     force: ForceOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Hold the deployed calibration, CameraInfo and /tf_static, against a drive: no board and no service is needed.
 
     Each turn of each camera gets pass, look, stop, or not told by this drive. Look at the pictures: they show mounts
     shifted, or turned by more than 1.5 degrees, which no verdict tells. Exit codes: 0 a camera passes, none is
     accused; 1 nothing is told; 2 the recording cannot be read, or wrong usage; 4 a camera has look or stop.
+
+    Args:
+        path: Recording of a drive, as `apexcal upload` takes it.
+        tf_from: URDF, or recording with /tf_static, that the mounts are read from instead.
+        output: Folder for the pictures; DRIVE.check if not given.
+        as_json: Print the outcome as JSON.
     """
     folder = output or path.resolve().with_name(f"{path.resolve().name}.check")
     if folder.exists() and not folder.is_dir():

@@ -34,15 +34,13 @@ def export(
     vehicle: VehicleOption = "",
     camera: CameraOption = "",
     fleet: FleetOption = "",
-    result: Annotated[str, typer.Option(help="Id of one result, instead of the current calibration.")] = "",
+    result: str = "",
     format: FormatOption = "json",
     alias: AliasOption = CURRENT,
-    urdf: Annotated[
-        Path | None, typer.Option(help="The vehicle's own URDF, or Autoware's YAML file, to change one pose in.")
-    ] = None,
-    joint: Annotated[str, typer.Option(help="The joint of --urdf, or the camera's entry in Autoware's file.")] = "",
-    camera_link: Annotated[str, typer.Option(help="The camera's optical link in --urdf, if not the frame.")] = "",
-    lidar_link: Annotated[str, typer.Option(help="The LiDAR's link in --urdf, if not the frame.")] = "",
+    urdf: Path | None = None,
+    joint: str = "",
+    camera_link: str = "",
+    lidar_link: str = "",
     output: TargetOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -50,6 +48,13 @@ def export(
 
     With --urdf: that file with the origin of --joint as it was calibrated, and every other byte as it is.
     Without --output it goes to the terminal; --output is a folder for a format of several files.
+
+    Args:
+        result: Id of one result, instead of the current calibration.
+        urdf: The vehicle's own URDF, or Autoware's YAML file, to change one pose in.
+        joint: The joint of --urdf, or the camera's entry in Autoware's file.
+        camera_link: The camera's optical link in --urdf, if not the frame.
+        lidar_link: The LiDAR's link in --urdf, if not the frame.
     """
     if result and (vehicle or camera):
         usage("a result belongs to one camera already", "Leave out --vehicle and --camera, or leave out --result")

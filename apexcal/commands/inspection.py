@@ -27,7 +27,7 @@ from apexcal.documents.rig_proposals import RigProposal
 
 
 def inspect(
-    path: Annotated[Path, typer.Argument(help="File or folder, as `apexcal upload` takes it.", exists=True)],
+    path: Annotated[Path, typer.Argument(exists=True)],
     topic: TopicOption = None,
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
@@ -36,17 +36,20 @@ def inspect(
     frame: FrameOption = None,
     looks: LooksOption = None,
     joint: JointOption = None,
-    rig_out: Annotated[
-        Path | None, typer.Option("--rig-out", help="File to write the proposed rig into, for --rig.")
-    ] = None,
+    rig_out: Annotated[Path | None, typer.Option("--rig-out")] = None,
     force: ForceOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Say what a recording holds, which cameras can be calibrated with it, and what is missing. It needs no service.
 
     It also proposes the rig: sensors, topics and frames of the recording, mounts of /tf_static, /robot_description or
     --urdf. Exit codes: 0 nothing is missing; 1 something is missing, as it says; 2 no camera can be calibrated, the
     recording cannot be read, or wrong usage.
+
+    Args:
+        path: File or folder, as `apexcal upload` takes it.
+        rig_out: File to write the proposed rig into, for --rig.
+        as_json: Print the outcome as JSON.
     """
     if rig_out:
         check_target(rig_out, force)

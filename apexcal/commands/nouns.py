@@ -42,12 +42,12 @@ NameArgument = Annotated[
 
 def ls(
     session: Session,
-    what: Annotated[_Listed, typer.Argument(help="What to list.")] = "vehicles",
-    name: Annotated[str, typer.Argument(help="Only vehicles, cameras or recordings with this in their name.")] = "",
+    what: Annotated[_Listed, typer.Argument()] = "vehicles",
+    name: Annotated[str, typer.Argument()] = "",
     fleet: FleetOption = "",
     vehicle: VehicleOption = "",
-    state: Annotated[list[CameraState] | None, typer.Option(help="Of vehicles: only cameras in this state.")] = None,
-    order: Annotated[HealthOrder, typer.Option(help="Of vehicles: what to sort by; - turns it round.")] = "vehicle",
+    state: list[CameraState] | None = None,
+    order: HealthOrder = "vehicle",
     camera: CameraOption = "",
     limit: LimitOption = 20,
 ) -> Reply:
@@ -55,6 +55,12 @@ def ls(
 
     Calibrations are those of one vehicle, publications those of one of its cameras, the newest first.
     `apexcal publish RESULT --reason WHY` publishes an older one again.
+
+    Args:
+        what: What to list.
+        name: Only vehicles, cameras or recordings with this in their name.
+        state: Of vehicles: only cameras in this state.
+        order: Of vehicles: what to sort by; - turns it round.
     """
     client = session.client
     listed_kind = what.removesuffix("s")
@@ -189,9 +195,13 @@ def rm(
     kind: NounArgument,
     name: NameArgument,
     fleet: FleetOption = "",
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y")] = False,
 ) -> Reply:
-    """Delete a thing and what belongs to it. What was published is kept: the service refuses."""
+    """Delete a thing and what belongs to it. What was published is kept: the service refuses.
+
+    Args:
+        yes: Do not ask.
+    """
     client, of = session.client, _KINDS[kind]
     thing = of.find(client, fleet, name)
     what = f"the {kind} {getattr(thing, 'name', '') or thing.id}"

@@ -13,13 +13,13 @@ from apexcal.commands.session import Reply, Session
 from apexcal.documents.roles import Role
 
 
-def invite(
-    session: Session,
-    name: Annotated[str, typer.Argument(help="The person's name, as others will see it.")],
-    role: Annotated[Role, typer.Option(help="What the person may do.")] = "annotator",
-    fleet: FleetOption = "",
-) -> Reply:
-    """Make a link that signs one person in, once. Send it to that person only."""
+def invite(session: Session, name: str, role: Role = "annotator", fleet: FleetOption = "") -> Reply:
+    """Make a link that signs one person in, once. Send it to that person only.
+
+    Args:
+        name: The person's name, as others will see it.
+        role: What the person may do.
+    """
     of = find_fleet(session.client, fleet)
     invitation = session.client.fleets.invite(of.id, name, role)
     until = f"{invitation.expires_at.astimezone():%Y-%m-%d %H:%M %Z}"
@@ -29,15 +29,21 @@ def invite(
 
 def token(
     session: Session,
-    name: Annotated[str, typer.Argument(help="What the token is for, as the list of tokens will show it.")],
-    role: Annotated[Role, typer.Option(help="What its bearer may do.")] = "viewer",
+    name: str,
+    role: Role = "viewer",
     fleet: FleetOption = "",
-    days: Annotated[int, typer.Option(help="Days that it is valid; 0 for no end.", min=0, max=3650)] = 0,
-    link: Annotated[str, typer.Option(help="A sign-in link of whoever makes the token; it works once.")] = "",
+    days: Annotated[int, typer.Option(min=0, max=3650)] = 0,
+    link: str = "",
 ) -> Reply:
     """Make an API token of one fleet, for programs and other machines. It is shown this once.
 
     A token cannot make tokens: away from the service's machine, give a sign-in link with --link.
+
+    Args:
+        name: What the token is for, as the list of tokens will show it.
+        role: What its bearer may do.
+        days: Days that it is valid; 0 for no end.
+        link: A sign-in link of whoever makes the token; it works once.
     """
     with Client.sign_in(link, session.url or None) if link else session.client as client:
         of = find_fleet(client, fleet)

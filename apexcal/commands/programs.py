@@ -30,18 +30,24 @@ _NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 def serve(
-    data: Annotated[Path, typer.Option(help="Folder for everything that the service keeps.")] = DEFAULT,
-    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 opens it to the network.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to listen on; 0 takes a free one.", min=0, max=65535)] = 8000,
-    public_url: Annotated[str, typer.Option(help="Where colleagues' browsers find the service.")] = "",
-    workers: Annotated[
-        int, typer.Option(help="Worker processes; 0 for one per core, at least two.", min=0, max=MOST)
-    ] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print its address as one line of JSON.")] = False,
+    data: Path = DEFAULT,
+    host: str = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535)] = 8000,
+    public_url: str = "",
+    workers: Annotated[int, typer.Option(min=0, max=MOST)] = 0,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Start the whole service on this machine: API and pages, broker, workers, sweeper. Ctrl-C stops it.
 
     It prints a one-time link that signs its owner in. Without --host only this machine reaches it.
+
+    Args:
+        data: Folder for everything that the service keeps.
+        host: Address to listen on; 0.0.0.0 opens it to the network.
+        port: Port to listen on; 0 takes a free one.
+        public_url: Where colleagues' browsers find the service.
+        workers: Worker processes; 0 for one per core, at least two.
+        as_json: Print its address as one line of JSON.
     """
     if host not in _LOOPBACK and not public_url:
         usage(
@@ -69,14 +75,17 @@ def serve(
 
 
 def worker(
-    queues: Annotated[str, typer.Option(help="Queues to work for, separated by commas.")] = QUEUES,
-    processes: Annotated[int, typer.Option(help="Pool processes; 0 for one per core.", min=0, max=MOST)] = 0,
-    name: Annotated[str, typer.Option(help="Name of this worker; the host's name is added.")] = "apexcal",
+    queues: str = QUEUES, processes: Annotated[int, typer.Option(min=0, max=MOST)] = 0, name: str = "apexcal"
 ) -> None:
     """Start a worker of a fleet on this host.
 
     It reads the same settings as the service: APEXCAL_DATABASE_URL, APEXCAL_BROKER_URL, APEXCAL_BLOB_URL.
     SIGTERM lets it finish or give back what it holds. (`apexcal serve` starts its own worker.)
+
+    Args:
+        queues: Queues to work for, separated by commas.
+        processes: Pool processes; 0 for one per core.
+        name: Name of this worker; the host's name is added.
     """
     missing = [key for key in _NEEDED if not os.environ.get(key)]
     if missing:

@@ -50,7 +50,7 @@ def publish(
 
 def withdraw(
     session: Session,
-    reason: Annotated[str, typer.Option(help="Why it must not be used; cars are told.", show_default=False)],
+    reason: Annotated[str, typer.Option(show_default=False)],
     vehicle: VehicleOption = "",
     camera: CameraOption = "",
     fleet: FleetOption = "",
@@ -58,6 +58,9 @@ def withdraw(
     """Take back a camera's current calibration. The camera is given nothing until something is published.
 
     `apexcal rollback` or `apexcal publish` publishes an older result again.
+
+    Args:
+        reason: Why it must not be used; cars are told.
     """
     reason = check_reason(reason)
     on, of = find_vehicle_camera(session.client, fleet, vehicle, camera)
@@ -71,7 +74,7 @@ def withdraw(
 
 def rollback(
     session: Session,
-    reason: Annotated[str, typer.Option(help="Why it goes back; kept with the publication.", show_default=False)],
+    reason: Annotated[str, typer.Option(show_default=False)],
     vehicle: VehicleOption = "",
     camera: CameraOption = "",
     fleet: FleetOption = "",
@@ -80,6 +83,9 @@ def rollback(
     """Restore the result that a camera had before the current one. Nothing is deleted.
 
     A second call goes back one further. `apexcal ls publications` lists all results, `apexcal publish` publishes any.
+
+    Args:
+        reason: Why it goes back; kept with the publication.
     """
     reason = check_reason(reason)
     on, of = find_vehicle_camera(session.client, fleet, vehicle, camera)
@@ -96,9 +102,9 @@ def rollback(
 
 def alias(
     session: Session,
-    name: Annotated[str, typer.Argument(help="The alias; without it all are listed.")] = "",
-    result: Annotated[str, typer.Option(help="Let it lead to this result.")] = "",
-    remove: Annotated[bool, typer.Option("--remove", help="Let it lead nowhere.")] = False,
+    name: Annotated[str, typer.Argument()] = "",
+    result: str = "",
+    remove: Annotated[bool, typer.Option("--remove")] = False,
     reason: ReasonOption = "",
     override: OverrideOption = False,
     vehicle: VehicleOption = "",
@@ -109,6 +115,11 @@ def alias(
     """List a camera's aliases, or the moves of one. With --result or --remove, move it.
 
     A vehicle that pulls with --alias NAME gets what the alias leads to. `current` moves with `apexcal publish`.
+
+    Args:
+        name: The alias; without it all are listed.
+        result: Let it lead to this result.
+        remove: Let it lead nowhere.
     """
     if result and remove:
         usage("--result and --remove exclude each other")

@@ -45,21 +45,19 @@ RingsOption = Annotated[int, typer.Option(help="Number of the LiDAR's rings, if 
 
 def upload(
     session: Session,
-    path: Annotated[Path, typer.Argument(help="File or folder of one of the formats above.", exists=True)],
+    path: Annotated[Path, typer.Argument(exists=True)],
     vehicle: VehicleOption = "",
     rig: RigOption = "",
     fleet: FleetOption = "",
-    name: Annotated[str, typer.Option(help="Name of the recording; otherwise the file's.")] = "",
-    marks: Annotated[int, typer.Option(help="How many people mark each vertex.", min=1)] = 1,
-    retain_days: Annotated[int, typer.Option(help="Delete it after so many days; 0 for never.", min=0)] = 0,
+    name: str = "",
+    marks: Annotated[int, typer.Option(min=1)] = 1,
+    retain_days: Annotated[int, typer.Option(min=0)] = 0,
     topic: TopicOption = None,
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
-    new: Annotated[
-        bool, typer.Option("--new", help="Start a new upload instead of continuing an interrupted one.")
-    ] = False,
-    wait: Annotated[bool, typer.Option(help="Wait until it is ready.")] = True,
+    new: Annotated[bool, typer.Option("--new")] = False,
+    wait: bool = True,
 ) -> Reply:
     """Upload a recording. Repeat the command to continue an interrupted upload.
 
@@ -67,6 +65,14 @@ def upload(
     Velodyne or, with its metadata in one folder, of an Ouster; folder, .zip or .tar of clouds (PCD, PLY, KITTI .bin,
     .npy, .csv) and images, or KITTI's raw layout; video (.mp4, .avi, .mkv) as the camera beside any of these. Sources
     that belong together go into one folder. A folder is sent as a tar that is never written anywhere.
+
+    Args:
+        path: File or folder of one of the formats above.
+        name: Name of the recording; otherwise the file's.
+        marks: How many people mark each vertex.
+        retain_days: Delete it after so many days; 0 for never.
+        new: Start a new upload instead of continuing an interrupted one.
+        wait: Wait until it is ready.
     """
     reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
     on = find_vehicle(session.client, fleet, vehicle)
@@ -89,13 +95,17 @@ def upload(
 def reread(
     session: Session,
     recording: RecordingArgument,
-    rig: Annotated[str, typer.Option(help="Another rig of the same vehicle, by name or id.")] = "",
+    rig: str = "",
     topic: TopicOption = None,
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
 ) -> Reply:
-    """Read a failed recording again from its original. Options add to those given before."""
+    """Read a failed recording again from its original. Options add to those given before.
+
+    Args:
+        rig: Another rig of the same vehicle, by name or id.
+    """
     reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
     recordings = session.client.recordings
     of = find_recording(session.client, recording)
@@ -116,19 +126,18 @@ def copy(
     recording: RecordingArgument,
     output: TargetOption = None,
     camera: CamerasOption = None,
-    joint: Annotated[
-        list[str] | None, typer.Option(help="CAMERA=FRAME: the frame of /tf_static whose pose is replaced.")
-    ] = None,
-    for_viewers: Annotated[
-        bool,
-        typer.Option("--for-viewers", help="Write an MCAP file for Foxglove or Lichtblick, with undistorted frames."),
-    ] = False,
+    joint: list[str] | None = None,
+    for_viewers: Annotated[bool, typer.Option("--for-viewers")] = False,
     keep: KeepOption = False,
 ) -> Reply:
     """Copy a bag with CameraInfo and /tf_static as published. Every other message stays, byte for byte.
 
     With --for-viewers it writes points, frames, undistorted frames and calibrations. Any kind of recording will do.
     Without --output the service names the file.
+
+    Args:
+        joint: CAMERA=FRAME: the frame of /tf_static whose pose is replaced.
+        for_viewers: Write an MCAP file for Foxglove or Lichtblick, with undistorted frames.
     """
     joints = assignments(joint, "--joint", "front=camera_link")
     if joints and for_viewers:

@@ -54,20 +54,23 @@ def report(
 
 def compare(
     session: Session,
-    files: Annotated[
-        list[Path] | None, typer.Argument(help="Calibration file of OpenCV, or all of KITTI's.", exists=True)
-    ] = None,
-    other: Annotated[str, typer.Option("--with", help="Id of another result, instead of files.")] = "",
-    of: Annotated[str, typer.Option(help="The camera's name in the files, if they hold several.")] = "",
+    files: Annotated[list[Path] | None, typer.Argument(exists=True)] = None,
+    other: Annotated[str, typer.Option("--with")] = "",
+    of: str = "",
     result: ResultOption = "",
-    image_size: Annotated[
-        tuple[int, int] | None, typer.Option(help="Width and height, for files that say none.")
-    ] = None,
+    image_size: tuple[int, int] | None = None,
     vehicle: VehicleOption = "",
     camera: CameraOption = "",
     fleet: FleetOption = "",
 ) -> Reply:
-    """Say how far a camera's calibration is from another result, or from what a file of another program states."""
+    """Say how far a camera's calibration is from another result, or from what a file of another program states.
+
+    Args:
+        files: Calibration file of OpenCV, or all of KITTI's.
+        other: Id of another result, instead of files.
+        of: The camera's name in the files, if they hold several.
+        image_size: Width and height, for files that say none.
+    """
     if bool(files) == bool(other):
         usage("a result is compared either with files or with another result", "Give files, or --with RESULT")
     if result and (vehicle or camera):
@@ -88,10 +91,8 @@ def compare(
 
 def validate(
     session: Session,
-    kind: Annotated[str, typer.Argument(help="pairs, lanes or edges.")],
-    data_of: Annotated[
-        str, typer.Argument(metavar="DATA", help="Id of a correspondence set for pairs; otherwise a recording.")
-    ],
+    kind: str,
+    data_of: Annotated[str, typer.Argument(metavar="DATA")],
     camera: CameraOption = "",
     result: ResultOption = "",
 ) -> Reply:
@@ -99,6 +100,10 @@ def validate(
 
     `pairs` compares the errors with what the calibration states. `lanes` asks whether the ground's bright points lie
     on bright pixels. `edges` asks whether depth steps lie on image gradients, and finds a camera that was knocked.
+
+    Args:
+        kind: pairs, lanes or edges.
+        data_of: Id of a correspondence set for pairs; otherwise a recording.
     """
     client, result_id = session.client, find_result(session.client, result, camera) if result else None
     if kind == "pairs":
@@ -123,21 +128,26 @@ def drift(
     session: Session,
     vehicle: VehicleArgument,
     camera: CameraNameOption,
-    limit: Annotated[int, typer.Option(help="How many of the newest results at most.", min=2, max=100)] = 20,
+    limit: Annotated[int, typer.Option(min=2, max=100)] = 20,
     fleet: FleetOption = "",
 ) -> Reply:
-    """Compare a camera's recommended results over time: how far the mount moved, and whether more than chance."""
+    """Compare a camera's recommended results over time: how far the mount moved, and whether more than chance.
+
+    Args:
+        limit: How many of the newest results at most.
+    """
     view = session.client.calibrations.drift(find_vehicle(session.client, fleet, vehicle).id, camera, limit=limit)
     return Reply(view, "\n".join([view.sentence, *map(_drift_line, view.steps)]))
 
 
 def recalibrate(
-    session: Session,
-    result: ResultArgument,
-    leave_out: Annotated[str, typer.Option(help="Numbers of the pairs to leave out, from 0: 3,17,40.")],
-    camera: CameraOption = "",
+    session: Session, result: ResultArgument, leave_out: Annotated[str, typer.Option()], camera: CameraOption = ""
 ) -> Reply:
-    """Repeat a result's calibration without some of its pairs. Its report shows which to leave out."""
+    """Repeat a result's calibration without some of its pairs. Its report shows which to leave out.
+
+    Args:
+        leave_out: Numbers of the pairs to leave out, from 0: 3,17,40.
+    """
     try:
         numbers = [int(number) for number in leave_out.split(",")]
     except ValueError:

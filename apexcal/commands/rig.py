@@ -22,17 +22,21 @@ New = TypeVar("New", FleetOut, VehicleOut)
 
 def rig(
     session: Session,
-    description: Annotated[
-        Path | None, typer.Argument(help="JSON file of the rig: docs/rigs.md.", exists=True)
-    ] = None,
-    fleet: Annotated[
-        str, typer.Option(help="Fleet, by name; a new name makes one. Needed where there are several.")
-    ] = "",
-    vehicle: Annotated[str, typer.Option(help="Vehicle, by name; a new name makes one.")] = "Vehicle",
-    correct: Annotated[str, typer.Option(help="Id of a rig: its --images are corrected, and none is added.")] = "",
-    images: Annotated[list[str] | None, typer.Option(help="CAMERA=raw or =rectified; CAMERA= forgets it.")] = None,
+    description: Annotated[Path | None, typer.Argument(exists=True)] = None,
+    fleet: str = "",
+    vehicle: str = "Vehicle",
+    correct: str = "",
+    images: list[str] | None = None,
 ) -> Reply:
-    """Add a rig to a vehicle: its LiDAR, its cameras and roughly where they are. Or correct what its images are."""
+    """Add a rig to a vehicle: its LiDAR, its cameras and roughly where they are. Or correct what its images are.
+
+    Args:
+        description: JSON file of the rig: docs/rigs.md.
+        fleet: Fleet, by name; a new name makes one. Needed where there are several.
+        vehicle: Vehicle, by name; a new name makes one.
+        correct: Id of a rig: its --images are corrected, and none is added.
+        images: CAMERA=raw or =rectified; CAMERA= forgets it.
+    """
     if bool(description) == bool(correct) or bool(correct) != bool(images):
         raise typer.BadParameter("Give a description, or --correct with --images.")
     client = session.client

@@ -46,19 +46,12 @@ _POLL_S = 2.0
 
 def solve(
     session: Session,
-    recording: Annotated[Path, typer.Argument(help="File or folder that `apexcal upload` takes.", exists=True)],
+    recording: Annotated[Path, typer.Argument(exists=True)],
     output: OutputOption,
     urdf: UrdfOption = None,
-    board: Annotated[str, typer.Option(help="Size of the board in metres, as 0.61x0.91.")] = "",
-    description: Annotated[
-        Path | None,
-        typer.Option(
-            "--rig", help="JSON file of the rig (docs/rigs.md), instead of what the recording proposes.", exists=True
-        ),
-    ] = None,
-    machine_marks: Annotated[
-        bool, typer.Option("--machine-marks", help="The machine marks, and nobody looks at its marks.")
-    ] = False,
+    board: str = "",
+    description: Annotated[Path | None, typer.Option("--rig", exists=True)] = None,
+    machine_marks: Annotated[bool, typer.Option("--machine-marks")] = False,
     camera: CameraOption = "",
     topic: TopicOption = None,
     frame: FrameOption = None,
@@ -67,7 +60,7 @@ def solve(
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
-    fleet: Annotated[str, typer.Option(help="Fleet, by name; a new name makes one.")] = "",
+    fleet: str = "",
     format: FormatOption = "urdf",
     force: ForceOption = False,
 ) -> Reply:
@@ -77,6 +70,13 @@ def solve(
     address where a person confirms the machine's marks, and waits. It starts a service on --data where none runs.
     With --urdf the output is that file with the camera's joint as calibrated. If a check says stop, it writes no file
     and exits with 4.
+
+    Args:
+        recording: File or folder that `apexcal upload` takes.
+        board: Size of the board in metres, as 0.61x0.91.
+        description: JSON file of the rig (docs/rigs.md), instead of what the recording proposes.
+        machine_marks: The machine marks, and nobody looks at its marks.
+        fleet: Fleet, by name; a new name makes one.
     """
     check_target(output, force)
     reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
