@@ -45,21 +45,25 @@ class Settings(BaseSettings):
         secrets_dir=_SECRETS if _SECRETS.is_dir() else None,
     )
 
-    data_dir: Path = Field(default=Path("var/apexcal"), description="scratch space and, embedded, everything else")
-    database_url: str = Field(default="", description="empty: SQLite in data_dir")
-    database_roles: dict[str, SecretStr] = Field(
-        default={}, description="for migrations alone: roles of PostgreSQL to make, as JSON, with their passwords"
-    )
-    broker_url: str = Field(default="", description="empty: the embedded broker's socket in data_dir")
-    blob_url: str = Field(default="", description="s3://bucket/prefix; empty: the folder `blobs` in data_dir")
-    public_url: str = Field(default="http://127.0.0.1:8000", description="where people's browsers find the service")
+    data_dir: Path = Path("var/apexcal")
+    """Scratch space and, embedded, everything else."""
+    database_url: str = ""
+    """Empty: SQLite in data_dir."""
+    database_roles: dict[str, SecretStr] = {}
+    """For migrations alone: roles of PostgreSQL to make, as JSON, with their passwords."""
+    broker_url: str = ""
+    """Empty: the embedded broker's socket in data_dir."""
+    blob_url: str = ""
+    """`s3://bucket/prefix`; empty: the folder `blobs` in data_dir."""
+    public_url: str = "http://127.0.0.1:8000"
+    """Where people's browsers find the service."""
 
     s3_endpoint: str = Field(
-        default="",
-        validation_alias=AliasChoices("APEXCAL_S3_ENDPOINT", "AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL"),
-        description="address of the S3 server; empty: Amazon's for the region",
+        default="", validation_alias=AliasChoices("APEXCAL_S3_ENDPOINT", "AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
     )
-    s3_public_endpoint: str = Field(default="", description="the same server as clients reach it; empty: s3_endpoint")
+    """Address of the S3 server; empty: Amazon's for the region."""
+    s3_public_endpoint: str = ""
+    """The same server as clients reach it; empty: s3_endpoint."""
     s3_region: str = Field(
         default="us-east-1", validation_alias=AliasChoices("APEXCAL_S3_REGION", "AWS_REGION", "AWS_DEFAULT_REGION")
     )
@@ -69,76 +73,78 @@ class Settings(BaseSettings):
     s3_secret_access_key: SecretStr = Field(
         default=SecretStr(""), validation_alias=AliasChoices("APEXCAL_S3_SECRET_ACCESS_KEY", "AWS_SECRET_ACCESS_KEY")
     )
-    store_timeout_s: float = Field(default=20.0, gt=0, description="longest wait for one answer of S3")
-    uploads: Literal["presigned", "api"] = Field(
-        default="presigned", description="how parts reach S3: straight from the client, or through the API"
-    )
-    downloads: Literal["presigned", "api"] = Field(
-        default="api", description="how frames and originals leave S3: straight to the client, or through the API"
-    )
-    presigned_s: float = Field(default=900.0, ge=1, le=3600, description="how long a presigned address works")
-    audit: Literal["remove", "report", "off"] = Field(
-        default="remove", description="what the audit of the store does with objects that no row knows"
-    )
-    audit_hours: float = Field(default=24.0, gt=0, description="period of that audit")
-    orphan_hours: float = Field(default=24.0, ge=1, description="younger objects are left alone by it")
+    store_timeout_s: float = Field(default=20.0, gt=0)
+    """Longest wait for one answer of S3."""
+    uploads: Literal["presigned", "api"] = "presigned"
+    """How parts reach S3: straight from the client, or through the API."""
+    downloads: Literal["presigned", "api"] = "api"
+    """How frames and originals leave S3: straight to the client, or through the API."""
+    presigned_s: float = Field(default=900.0, ge=1, le=3600)
+    """How long a presigned address works."""
+    audit: Literal["remove", "report", "off"] = "remove"
+    """What the audit of the store does with objects that no row knows."""
+    audit_hours: float = Field(default=24.0, gt=0)
+    """Period of that audit."""
+    orphan_hours: float = Field(default=24.0, ge=1)
+    """Younger objects are left alone by it."""
 
-    lease_s: float = Field(default=10.0, description="how long a silent worker keeps its job")
-    renew_s: float = Field(default=3.0, description="how often a worker renews its lease")
-    resend_s: float = Field(default=10.0, description="first resend of an unclaimed job; doubles each time")
-    sweep_s: float = Field(default=2.0, description="period of the sweep")
-    stalled_s: float = Field(
-        default=180.0, gt=0, description="a sweeper ends, to be started again, after so long without progress"
-    )
-    max_lost_leases: int = Field(default=5, description="a job that loses this many leases fails")
-    max_stumbles: int = Field(
-        default=30, description="a job fails after its database, store or disk failed so often: about an hour"
-    )
-    task_limit_s: int = Field(default=1800, description="a task that runs longer is ended and its lease expires")
-    calibration_hours: float = Field(
-        default=24.0, gt=0, description="processor hours that one calibration may be predicted to take"
-    )
-    fleet_request_hours: float = Field(
-        default=240.0, gt=0, description="processor hours that one fleet request may be predicted to take"
-    )
+    lease_s: float = 10.0
+    """How long a silent worker keeps its job."""
+    renew_s: float = 3.0
+    """How often a worker renews its lease."""
+    resend_s: float = 10.0
+    """First resend of an unclaimed job; doubles each time."""
+    sweep_s: float = 2.0
+    """Period of the sweep."""
+    stalled_s: float = Field(default=180.0, gt=0)
+    """A sweeper ends, to be started again, after so long without progress."""
+    max_lost_leases: int = 5
+    """A job that loses this many leases fails."""
+    max_stumbles: int = 30
+    """A job fails after its database, store or disk failed so often: about an hour."""
+    task_limit_s: int = 1800
+    """A task that runs longer is ended and its lease expires."""
+    calibration_hours: float = Field(default=24.0, gt=0)
+    """Processor hours that one calibration may be predicted to take."""
+    fleet_request_hours: float = Field(default=240.0, gt=0)
+    """Processor hours that one fleet request may be predicted to take."""
 
-    fleet_quota_bytes: int = Field(
-        default=200 * 10**9,
-        ge=0,
-        description="what a fleet's recordings may take where `apexcal admin quota` says nothing else: a hundred "
-        "recordings of a gigabyte, each as it came and as it is read",
-    )
-    upload_hours: float = Field(default=24.0, gt=0, description="an upload that got no part for so long is removed")
-    fleet_ingests: int = Field(
-        default=1,
-        ge=1,
-        description="recordings of one fleet read at once; fewer than processes on `ingest` leave room to others",
-    )
-    part_bytes: int = Field(default=16 * MIB, description="size of an upload part that clients are told to use")
-    max_part_bytes: int = Field(default=64 * MIB, description="largest upload part that is accepted")
-    min_free_bytes: int = Field(default=512 * MIB, description="uploads are answered with 507 below this")
-    ingest_memory_bytes: int = Field(
-        default=4096 * MIB, description="address space of a process that decodes uploads"
-    )
-    ingest_cpu_s: int = Field(default=1200, description="processor time of a process that decodes uploads")
-    ingest_file_bytes: int = Field(default=16 * 1024 * MIB, description="largest file that such a process writes")
-    ingest_wall_s: float = Field(
-        default=120.0, gt=0, description="seconds by the clock that reading any upload may take"
-    )
-    ingest_wall_s_per_mib: float = Field(
-        default=10.0, ge=0, description="further seconds for each MiB of it; never past four fifths of task_limit_s"
-    )
-    ingest_silence_s: float = Field(
-        default=60.0, gt=0, description="such a process is ended after so long without progress"
-    )
-    ingest_output_ratio: float = Field(default=20.0, gt=0, description="bytes it may write for each byte uploaded")
-    ingest_video_ratio: float = Field(default=300.0, gt=0, description="the same where it decodes video")
-    ingest_output_floor_bytes: int = Field(default=16 * MIB, gt=0, description="bytes it may write in any case")
+    fleet_quota_bytes: int = Field(default=200 * 10**9, ge=0)
+    """What a fleet's recordings may take where `apexcal admin quota` says nothing else: a hundred recordings of a
+    gigabyte, each as it came and as it is read."""
+    upload_hours: float = Field(default=24.0, gt=0)
+    """An upload that got no part for so long is removed."""
+    fleet_ingests: int = Field(default=1, ge=1)
+    """Recordings of one fleet read at once; fewer than processes on `ingest` leave room to others."""
+    part_bytes: int = 16 * MIB
+    """Size of an upload part that clients are told to use."""
+    max_part_bytes: int = 64 * MIB
+    """Largest upload part that is accepted."""
+    min_free_bytes: int = 512 * MIB
+    """Uploads are answered with 507 below this."""
+    ingest_memory_bytes: int = 4096 * MIB
+    """Address space of a process that decodes uploads."""
+    ingest_cpu_s: int = 1200
+    """Processor time of a process that decodes uploads."""
+    ingest_file_bytes: int = 16 * 1024 * MIB
+    """Largest file that such a process writes."""
+    ingest_wall_s: float = Field(default=120.0, gt=0)
+    """Seconds by the clock that reading any upload may take."""
+    ingest_wall_s_per_mib: float = Field(default=10.0, ge=0)
+    """Further seconds for each MiB of it; never past four fifths of task_limit_s."""
+    ingest_silence_s: float = Field(default=60.0, gt=0)
+    """Such a process is ended after so long without progress."""
+    ingest_output_ratio: float = Field(default=20.0, gt=0)
+    """Bytes it may write for each byte uploaded."""
+    ingest_video_ratio: float = Field(default=300.0, gt=0)
+    """The same where it decodes video."""
+    ingest_output_floor_bytes: int = Field(default=16 * MIB, gt=0)
+    """Bytes it may write in any case."""
 
-    celery_events: bool = Field(default=True, description="workers and senders tell Celery's events of each job")
-    celery_control: bool = Field(
-        default=False, description="workers obey Celery's remote control: whoever reaches the broker can stop them"
-    )
+    celery_events: bool = True
+    """Workers and senders tell Celery's events of each job."""
+    celery_control: bool = False
+    """Workers obey Celery's remote control: whoever reaches the broker can stop them."""
 
     mark_lease_s: float = Field(default=120.0, description="how long a person keeps a marking task unanswered")
     log: Literal["", "text", "json"] = Field(default="", description="empty: json on PostgreSQL, else text")
@@ -149,13 +155,18 @@ class Settings(BaseSettings):
     connections: int = Field(default=1000, ge=16, description="open connections of an API process")
     job_days: int = Field(default=90, ge=1, description="ended jobs and their history go after this many days")
 
-    audit_days: int = Field(default=400, ge=1, description="what the audit says of people's actions goes after this")
+    audit_days: int = Field(default=400, ge=1)
+    """What the audit says of people's actions goes after this."""
 
-    session_days: int = Field(default=30, description="a browser session ends after this many days")
-    invitation_hours: int = Field(default=72, description="an unused sign-in link ends after this many hours")
+    session_days: int = 30
+    """A browser session ends after this many days."""
+    invitation_hours: int = 72
+    """An unused sign-in link ends after this many hours."""
 
-    alive_file: Path | None = Field(default=None, description="touched by workers and the sweeper, for health checks")
-    supervisor_status: Path | None = Field(default=None, description="where `apexcal serve` notes its children")
+    alive_file: Path | None = None
+    """Touched by workers and the sweeper, for health checks."""
+    supervisor_status: Path | None = None
+    """Where `apexcal serve` notes its children."""
 
     @field_validator("database_url")
     @classmethod
