@@ -36,11 +36,6 @@ class ApiError(ClientError):
         super().__init__(self.detail, str(fields.get("hint") or ""))
 
     @property
-    def is_temporary(self) -> bool:
-        """Whether the same request may succeed later."""
-        return self.status >= 500 or self.status in (408, 429)
-
-    @property
     def is_about_the_input(self) -> bool:
         """Whether the values of the request are wrong by themselves, whatever the service holds."""
         return self.code in (

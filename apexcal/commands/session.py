@@ -21,7 +21,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from apexcal.cli import FAILED, UNREACHABLE, USAGE
 from apexcal.client import ApiError, Client, ClientError, InputError, TokenError, UnreachableError, Work
-from apexcal.commands.terminal import complain, console, note, usage, visible
+from apexcal.commands.terminal import complain, console, note, usage
+from apexcal.documents.base import visible
 from apexcal.documents.served_folder import is_served, read_status
 from apexcal.embedded.folder import DEFAULT
 
@@ -45,7 +46,7 @@ class Reply(NamedTuple):
     def print(self, *, as_json: bool) -> None:
         """Print one of the two on standard output."""
         if as_json:
-            print(visible(json.dumps(as_document(self.document), indent=2, ensure_ascii=False)))
+            print(visible(json.dumps(as_document(self.document), indent=2, ensure_ascii=False), "\n"))
             return
         for part in [self.text] if isinstance(self.text, str) else self.text:
             console().print(escape(part) if isinstance(part, str) else part, soft_wrap=isinstance(part, str))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NoReturn
@@ -13,6 +12,7 @@ from rich.markup import escape
 from rich.segment import Segment
 
 from apexcal.cli import FAILED, USAGE
+from apexcal.documents.base import visible
 from apexcal.errors import as_sentence
 from apexcal.kept_file import replace_whole
 
@@ -23,14 +23,7 @@ class _Terminal(Console):
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """The pieces that are written."""
         for piece in super().render(renderable, options):
-            yield piece if piece.control else Segment(visible(piece.text), piece.style)
-
-
-def visible(text: str) -> str:
-    """The text, its line ends kept, with everything else that cannot be seen spelled as in JSON."""
-    if text.isprintable():
-        return text
-    return "".join(letter if letter.isprintable() or letter == "\n" else json.dumps(letter)[1:-1] for letter in text)
+            yield piece if piece.control else Segment(visible(piece.text, "\n"), piece.style)
 
 
 def console(*, errors: bool = False) -> Console:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import unicodedata
 from collections.abc import Mapping
 from typing import Annotated, Any, Generic, Self, TypeVar
@@ -46,6 +47,13 @@ def legible_text(text: str) -> str:
     if all(letter in _BLANK or letter in _JOINERS or letter.isspace() for letter in text):
         raise ValueError("holds nothing that can be seen")
     return text
+
+
+def visible(text: str, keep: str = "") -> str:
+    """The text with everything that cannot be seen spelled as in JSON, but for the letters to ``keep``."""
+    if text.isprintable():
+        return text
+    return "".join(letter if letter.isprintable() or letter in keep else json.dumps(letter)[1:-1] for letter in text)
 
 
 Name = Annotated[

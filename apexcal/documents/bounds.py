@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import pi, radians
-from typing import Final, Literal, get_args
+from typing import Final, Literal
 
 from apexcal.documents.camera_models import ModelName, SearchForm, parameter_names
 
 BoundsPreset = Literal["image-size", "paper-table-1"]
-BOUNDS_PRESETS: Final[tuple[BoundsPreset, ...]] = get_args(BoundsPreset)
 DEFAULT_ROTATION_RANGE_DEG: Final = 30.0
 # No camera has a shorter focal length, and a division by a tiny one may overflow.
 LEAST_FOCAL_PX: Final = 1.0

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
-from apexcal.documents.errors import DocumentError
+from apexcal.documents.errors import DocumentError, chosen
 
 ModelName = Literal["pinhole", "brown_conrady", "kannala_brandt", "rational_polynomial"]
 SearchForm = Literal["rotation_vector", "euler"]
@@ -121,9 +121,6 @@ def parse_model(name: object) -> ModelName:
     Raises:
         DocumentError: ``unknown_model``; for `fisheye`, which people use for two models, it names both.
     """
-    for model in MODELS:
-        if name == model:
-            return model
     if name == "fisheye":
         raise DocumentError(
             "unknown_model",
@@ -132,22 +129,12 @@ def parse_model(name: object) -> ModelName:
             "brown_conrady (the radial and tangential polynomial, which the paper calls fisheye).",
             models=list(MODELS),
         )
-    raise DocumentError(
-        "unknown_model",
-        f"There is no camera model {name!r}.",
-        f"The models are {', '.join(MODELS)}.",
-        models=list(MODELS),
-    )
+    return chosen(name, MODELS, "model")
 
 
 def parse_search_form(name: object) -> SearchForm:
     """The search form of that name. Raises DocumentError ``unknown_search_form``."""
-    for form in SEARCH_FORMS:
-        if name == form:
-            return form
-    raise DocumentError(
-        "unknown_search_form", f"There is no search form {name!r}.", f"The forms are {', '.join(SEARCH_FORMS)}."
-    )
+    return chosen(name, SEARCH_FORMS, "search_form")
 
 
 def parameter_names(model: ModelName, form: SearchForm) -> tuple[str, ...]:

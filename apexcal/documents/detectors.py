@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, Literal, NamedTuple
 
-from apexcal.documents.errors import DocumentError
+from apexcal.documents.errors import DocumentError, chosen
 
 DetectorName = Literal["strict", "tolerant", "refined"]
 Quality = Literal["fine", "usable"]
@@ -133,15 +133,7 @@ FLAGS: Final[Mapping[str, str]] = {
 
 def parse_detector(name: str) -> DetectorName:
     """The detector of that name. Raises DocumentError ``unknown_detector`` that lists the names there are."""
-    for detector in DETECTORS:
-        if name == detector:
-            return detector
-    raise DocumentError(
-        "unknown_detector",
-        f"There is no detector {name!r}.",
-        f"The detectors are {', '.join(DETECTORS)}.",
-        detectors=list(DETECTORS),
-    )
+    return chosen(name, DETECTORS, "detector")
 
 
 def sentences_of(detector: str, reasons: Iterable[str]) -> dict[str, str]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, TypeVar
+
+Choice = TypeVar("Choice", bound=str)
 
 
 class DocumentError(ValueError):
@@ -18,6 +21,16 @@ class DocumentError(ValueError):
         self.message = message
         self.hint = hint
         self.fields = fields
+
+
+def chosen(name: object, choices: Iterable[Choice], what: str) -> Choice:
+    """Return the one of the choices that a name is. Raises DocumentError ``unknown_`` and ``what``, naming them."""
+    names = tuple(choices)
+    if name in names:
+        return names[names.index(name)]  # type: ignore[arg-type]
+    noun = what.replace("_", " ")
+    hint = f"The {noun}s are {', '.join(names)}."
+    raise DocumentError(f"unknown_{what}", f"There is no {noun} {name!r}.", hint, **{f"{what}s": list(names)})
 
 
 class InputError(DocumentError):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal, get_args
+from typing import Literal
 
 Loss = Literal["mean", "saturating"]
 OutlierRule = Literal["keep", "exclude"]
@@ -26,6 +26,5 @@ CommonError = Literal[
     "line_time_us",
     "person_px",
 ]
-COMMON_ERRORS: Final[tuple[CommonError, ...]] = get_args(CommonError)
 """Errors that all pairs share: of the vertices' direction, of the tip in the board's plane, of the range, of the
 marks, of the offset between the clocks, of the camera's line time; and those that all marks of one person share."""

@@ -6,11 +6,11 @@ import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from math import inf
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal
 
 from apexcal.documents.bounds import BoundsPreset
 from apexcal.documents.camera_models import SearchForm
-from apexcal.documents.errors import DocumentError
+from apexcal.documents.errors import DocumentError, chosen
 from apexcal.documents.rules import Loss, OutlierRule
 
 PresetName = Literal["default", "paper", "toolbox"]
@@ -77,12 +77,7 @@ _WORDS: Final = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"
 
 def parse_preset(name: object) -> Preset:
     """The preset of that name. Raises DocumentError ``unknown_preset``."""
-    for preset in get_args(PresetName):
-        if name == preset:
-            return PRESETS[preset]
-    raise DocumentError(
-        "unknown_preset", f"There is no preset named {name!r}.", f"The presets are {', '.join(PRESETS)}."
-    )
+    return PRESETS[chosen(name, PRESETS, "preset")]
 
 
 def schedule_of(preset: Preset, overrides: Mapping[str, Any]) -> Schedule:

@@ -16,10 +16,10 @@ import typer
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
+from apexcal.documents.base import visible
 from service.platform.db.revisions import is_older, newest
 from service.platform.db.session import Database
 from service.platform.jobs.messages import COURIER, Sender
-from service.platform.observability.logs import visible
 from service.platform.settings import Settings, SettingsError, get_settings
 from service.platform.storage.errors import StoreFullError, StoreUnavailableError
 from service.platform.storage.store import Store, open_store

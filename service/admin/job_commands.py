@@ -9,12 +9,12 @@ from typing import Annotated, Any
 import typer
 from sqlalchemy import select
 
+from apexcal.documents.base import visible
 from apexcal.documents.states import WorkState
 from service.admin.context import AdminError, JsonOption, command, opened, spoken, table
 from service.platform.db.jobs import Job, JobEvent
 from service.platform.jobs.kinds import CannotRetryError
 from service.platform.jobs.queue import retry
-from service.platform.observability.logs import visible
 
 # What a column of the database holds.
 _LARGEST = 2**63 - 1

@@ -12,6 +12,7 @@ import typer
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.base import visible
 from apexcal.documents.served_folder import is_served, read_status
 from service.admin.context import AdminError, JsonOption, as_id, command, opened, spoken, table
 from service.platform.auth.credential_actions import end_credentials, revoke
@@ -19,7 +20,6 @@ from service.platform.auth.session_actions import make_link
 from service.platform.db.clock import now, utc_now
 from service.platform.db.fleets import Fleet
 from service.platform.db.people import ApiToken, AuditEntry, Membership, Person
-from service.platform.observability.logs import visible
 from service.platform.settings import Settings
 
 users = typer.Typer(no_args_is_help=True, help="List people, make sign-in links, shut somebody out.")

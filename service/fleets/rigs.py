@@ -28,11 +28,7 @@ def named_camera(cameras: Sequence[Camera], name: str, of: str) -> Camera:
         if camera.name == name:
             return camera
     names = [camera.name for camera in cameras]
-    hint = (
-        f"Its cameras are {', '.join(names)}."
-        if names
-        else "It has none yet."
-    )
+    hint = f"Its cameras are {', '.join(names)}." if names else "It has none yet."
     raise not_found("unknown_camera", f"{of} has no camera {name!r}.", hint, cameras=names)
 
 

@@ -18,11 +18,11 @@ def read_camera_info(name: str, document: Mapping[str, Any]) -> Contents:
     width, height = (_first(document, *names) for names in (("image_width", "width"), ("image_height", "height")))
     if width is None or height is None:
         raise refused(f"{name} says no image size.", "It has image_width and image_height, or width and height.")
-    K = numbers(f"K of {name}", _data(_first(document, "camera_matrix", "K", "k")), 9)
-    D = numbers(f"D of {name}", _data(_first(document, "distortion_coefficients", "D", "d") or []))
+    K = numbers(f"K of {name}", _first(document, "camera_matrix", "K", "k"), 9)
+    D = numbers(f"D of {name}", _first(document, "distortion_coefficients", "D", "d") or [])
     lens = FileLens(str(document["distortion_model"])[:64], K, D, image_size(f"The images of {name}", width, height))
     notes: list[str] = []
-    R = _data(_first(document, "rectification_matrix", "R", "r"))
+    R = _first(document, "rectification_matrix", "R", "r")
     if R is not None and numbers(f"R of {name}", R) not in ([1, 0, 0, 0, 1, 0, 0, 0, 1], [0] * 9):
         notes.append("The file rectifies (R is not the identity). K and D are for the images as recorded.")
     return Contents([FileCamera(str(document.get("camera_name") or "camera")[:200], lens=lens)], notes=notes)
@@ -30,7 +30,3 @@ def read_camera_info(name: str, document: Mapping[str, Any]) -> Contents:
 
 def _first(document: Mapping[str, Any], *names: str) -> Any:
     return next((document[name] for name in names if document.get(name) is not None), None)
-
-
-def _data(matrix: Any) -> Any:
-    return matrix.get("data") if isinstance(matrix, dict) else matrix

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import isfinite
+from math import isfinite, prod
 from typing import Any
+
+import numpy as np
 
 from apexcal.documents.errors import GeometryError
 from apexcal.geometry.se3 import SE3, Floats
@@ -63,8 +65,12 @@ def transform(to_frame: str, from_frame: str, R: Floats, t: Floats) -> SE3:
 
 
 def numbers(where: str, values: Any, count: int | None = None) -> list[float]:
-    """Plain numbers of a list, or of a list of rows. Raises :class:`Problem` ``calibration_file_not_read``."""
+    """Plain numbers of a list, of a list of rows, or of a matrix with its shape (``data``).
+
+    Raises :class:`Problem` ``calibration_file_not_read``.
+    """
     flat: list[Any] = []
+    values = values.get("data") if isinstance(values, dict) else values
     for value in values if isinstance(values, list) else [values]:
         flat += value if isinstance(value, list) else [value]
         if len(flat) > _MOST_NUMBERS:
@@ -93,6 +99,11 @@ def image_size(where: str, width: Any, height: Any) -> tuple[int, int]:
     if any(count != int(count) or not 1 <= count <= 32768 for count in pixels):
         raise refused(f"{where} are {pixels[0]:g} x {pixels[1]:g} pixels.", "Both are whole numbers up to 32768.")
     return int(pixels[0]), int(pixels[1])
+
+
+def matrix(where: str, values: Any, *shape: int) -> Floats:
+    """A matrix, or a vector, of this shape. Raises :class:`Problem` ``calibration_file_not_read``."""
+    return np.reshape(numbers(where, values, prod(shape)), shape)
 
 
 def camera_matrix(f_x: float, f_y: float, c_x: float, c_y: float) -> list[float]:

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from apexcal.geometry.se3 import SE3
 from service.imports.contents import (
     Contents,
@@ -17,6 +15,7 @@ from service.imports.contents import (
     FileLens,
     camera_matrix,
     image_size,
+    matrix,
     numbers,
     refused,
     transform,
@@ -46,7 +45,7 @@ def read_kalibr(name: str, document: Mapping[str, Any]) -> Contents:
             topic = member.get("rostopic")
             cameras.append(FileCamera(key[:200], topic and str(topic)[:300], _lens(f"{key} of {name}", member)))
         if "T_cn_cnm1" in member and before is not None:
-            T = np.array(numbers(f"T_cn_cnm1 of {key}", member["T_cn_cnm1"], 16)).reshape(4, 4)
+            T = matrix(f"T_cn_cnm1 of {key}", member["T_cn_cnm1"], 4, 4)
             chained.append(transform(key[:200], before, T[:3, :3], T[:3, 3]))
         if "T_cam_imu" in member:
             notes.append(f"T_cam_imu of {key} is left out: it leads to the IMU, not to a LiDAR.")
@@ -74,12 +73,7 @@ def _lens(where: str, camera: Mapping[str, Any]) -> FileLens:
     missing = [field for field in ("intrinsics", "distortion_model", "resolution") if field not in camera]
     if missing:
         raise refused(f"{where} has no {' and no '.join(missing)}.", "Send the camchain as Kalibr wrote it.")
-    K = camera_matrix(*_focal_first(numbers(f"intrinsics of {where}", camera["intrinsics"], 4)))
+    f_u, f_v, p_u, p_v = numbers(f"intrinsics of {where}", camera["intrinsics"], 4)
     D = numbers(f"distortion_coeffs of {where}", camera.get("distortion_coeffs") or [])
     size = image_size(f"The images of {where}", *numbers(f"resolution of {where}", camera["resolution"], 2))
-    return FileLens(str(camera["distortion_model"])[:64], K, D, size)
-
-
-def _focal_first(values: list[float]) -> tuple[float, float, float, float]:
-    f_u, f_v, p_u, p_v = values
-    return f_u, f_v, p_u, p_v
+    return FileLens(str(camera["distortion_model"])[:64], camera_matrix(f_u, f_v, p_u, p_v), D, size)

@@ -21,6 +21,7 @@ from service.imports.contents import (
     FileLens,
     camera_matrix,
     image_size,
+    matrix,
     numbers,
     refused,
     transform,
@@ -83,8 +84,8 @@ def read_fast_livo2(name: str, document: Mapping[str, Any]) -> Contents:
         notes.append(f"{name} has no cam_model: send vikit's camera file with it for the lens.")
     mount = document.get("extrin_calib")
     if isinstance(mount, dict) and {"Rcl", "Pcl"} <= set(mount):
-        R = np.array(numbers(f"Rcl of {name}", mount["Rcl"], 9)).reshape(3, 3)
-        T_camera_lidar = transform("camera", LIDAR, R, np.array(numbers(f"Pcl of {name}", mount["Pcl"], 3)))
+        R = matrix(f"Rcl of {name}", mount["Rcl"], 3, 3)
+        T_camera_lidar = transform("camera", LIDAR, R, matrix(f"Pcl of {name}", mount["Pcl"], 3))
     else:
         notes.append(f"{name} has no Rcl and Pcl: no mount on the LiDAR is known.")
     return Contents([FileCamera("camera", lens=lens, T_camera_lidar=T_camera_lidar)], notes=notes)
@@ -127,11 +128,11 @@ def read_sensors_calibration(name: str, document: Mapping[str, Any]) -> Contents
             continue
         where = f"{key[:80]} of {name}"
         if "cam_K" in param:
-            K, D = (numbers(f"{member} of {where}", _data(param.get(member))) for member in ("cam_K", "cam_dist"))
+            K, D = (numbers(f"{member} of {where}", param.get(member)) for member in ("cam_K", "cam_dist"))
             size = image_size(f"The images of {where}", param.get("img_dist_w"), param.get("img_dist_h"))
             lenses[str(entry.get("sensor_name"))[:200]] = FileLens("plumb_bob", numbers(where, K, 9), D, size)
         elif "sensor_calib" in param:
-            T = np.array(numbers(f"sensor_calib of {where}", _data(param["sensor_calib"]), 16)).reshape(4, 4)
+            T = matrix(f"sensor_calib of {where}", param["sensor_calib"], 4, 4)
             to_frame, from_frame = (str(entry.get(end))[:200] for end in ("target_sensor_name", "sensor_name"))
             mounts[to_frame] = transform(to_frame, from_frame, T[:3, :3], T[:3, 3])
     cameras = [
@@ -141,7 +142,3 @@ def read_sensors_calibration(name: str, document: Mapping[str, Any]) -> Contents
     if not cameras:
         raise refused(f"{name} has neither a cam_K nor a sensor_calib.", _AS_WRITTEN)
     return Contents(cameras)
-
-
-def _data(matrix: Any) -> Any:
-    return matrix.get("data") if isinstance(matrix, dict) else []

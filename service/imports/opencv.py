@@ -9,10 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from apexcal.geometry.se3 import SE3
-from service.imports.contents import LIDAR, Contents, FileCamera, FileLens, image_size, numbers, refused, transform
+from service.imports.contents import (
+    LIDAR,
+    Contents,
+    FileCamera,
+    FileLens,
+    image_size,
+    matrix,
+    numbers,
+    refused,
+    transform,
+)
 
 _K = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "CameraMatrix", "CameraMat", "K")
 _D = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "DistCoeff", "D")
@@ -42,13 +50,13 @@ def read_opencv_stereo(name: str, document: Mapping[str, Any]) -> Contents:
     """
     cameras: list[FileCamera] = []
     for number in "12":
-        D = numbers(f"D{number} of {name}", _data(document.get(f"D{number}", [])))
-        K = numbers(f"M{number} of {name}", _data(document[f"M{number}"]), 9)
+        D = numbers(f"D{number} of {name}", document.get(f"D{number}", []))
+        K = numbers(f"M{number} of {name}", document[f"M{number}"], 9)
         cameras.append(FileCamera(number, lens=FileLens(_model_of(D), K, D, _size(name, document))))
     if not {"R", "T"} <= set(document):
         return Contents(cameras)
-    R = np.array(numbers(f"R of {name}", _data(document["R"]), 9)).reshape(3, 3)
-    return Contents(cameras, [transform("2", "1", R, np.array(numbers(f"T of {name}", _data(document["T"]), 3)))])
+    R = matrix(f"R of {name}", document["R"], 3, 3)
+    return Contents(cameras, [transform("2", "1", R, matrix(f"T of {name}", document["T"], 3))])
 
 
 def read_opencv(name: str, document: Mapping[str, Any]) -> Contents:
@@ -57,10 +65,10 @@ def read_opencv(name: str, document: Mapping[str, Any]) -> Contents:
     if K is None:
         raise refused(f"{name} has no camera matrix ({', '.join(_K)}).", "Send the file with the camera's lens.")
     D = next((key for key in _D if key in document), None)
-    coefficients = numbers(f"{D} of {name}", _data(document[D])) if D else []
+    coefficients = numbers(f"{D} of {name}", document[D]) if D else []
     fisheye = bool(document.get("fisheye_model", 0))
     model = "equidistant" if fisheye else _model_of(coefficients)
-    lens = FileLens(model, numbers(f"{K} of {name}", _data(document[K]), 9), coefficients, _size(name, document))
+    lens = FileLens(model, numbers(f"{K} of {name}", document[K], 9), coefficients, _size(name, document))
     notes = (
         [] if "fisheye_model" in document else ["The file does not say fisheye_model, so it is not cv2.fisheye's."]
     )
@@ -85,10 +93,6 @@ def _size(name: str, document: Mapping[str, Any]) -> tuple[int, int] | None:
 def _mount(name: str, document: Mapping[str, Any]) -> SE3 | None:
     if "T_camera_lidar" not in document:
         return None
-    T = np.array(numbers(f"T_camera_lidar of {name}", _data(document["T_camera_lidar"]), 16)).reshape(4, 4)
+    T = matrix(f"T_camera_lidar of {name}", document["T_camera_lidar"], 4, 4)
     to_frame, from_frame = str(document.get("camera_frame") or "camera"), str(document.get("lidar_frame") or LIDAR)
     return transform(to_frame[:200], from_frame[:200], T[:3, :3], T[:3, 3])
-
-
-def _data(matrix: Any) -> Any:
-    return matrix.get("data") if isinstance(matrix, dict) else matrix

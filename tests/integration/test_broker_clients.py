@@ -19,7 +19,7 @@ from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
 from service.platform.db.jobs import Worker
 from service.platform.db.session import Database
-from service.platform.jobs.messages import OLD_TASK, Message, Sender, task_of
+from service.platform.jobs.messages import Message, Sender, task_of
 from service.platform.settings import Settings
 from service.platform.storage.store import open_store
 from tests.service.platform.jobs.support import job, make_fleet, make_jobs
@@ -108,16 +108,6 @@ def test_orders_and_nonsense_change_nothing(workers: Workers) -> None:
         app.send_task("apexcal.kind_of_a_newer_version", args=(1,), queue="solve")
         app.send_task(TASK, args=(1,), queue="solve", serializer="pickle")
     workers.still_work()
-
-
-def test_a_message_of_a_version_before_is_carried_out(workers: Workers) -> None:
-    """It names the task of all kinds, which lay in the broker while the workers were replaced."""
-    (made,) = make_jobs(workers.database, workers.fleet_id, 1)
-    with Celery("version before", broker=workers.broker.url, set_as_current=False) as app:
-        app.send_task(OLD_TASK, args=(made,), queue="solve")
-    wait_until(lambda: job(workers.database, made).attempt > 0, "an attempt at the job", 8)
-    # The sweep had no hand in it: it sends again ten seconds after the first time.
-    assert job(workers.database, made).sends == 1
 
 
 def test_orders_are_obeyed_where_the_operator_allows_them(workers: Workers, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from celery.signals import (
 )
 
 from service.platform.jobs.kinds import kinds
-from service.platform.jobs.messages import OLD_TASK, task_of
+from service.platform.jobs.messages import task_of
 from service.platform.settings import get_settings
 from workers.app import app
 from workers.readers.isolation.isolate import hide_from_others
@@ -50,7 +50,7 @@ def look_at_job(task: Any, job_id: int) -> None:
         raise JobFailedError(failure)
 
 
-for _name in (*_KINDS, OLD_TASK):
+for _name in _KINDS:
     app.task(look_at_job, name=_name, bind=True, throws=(JobFailedError,))
 
 

@@ -17,8 +17,6 @@ from service.platform.settings import get_settings
 if TYPE_CHECKING:
     from celery import Celery
 
-OLD_TASK = "apexcal.run_job"
-"""The task of every job in messages of versions before kinds had tasks of their own."""
 COURIER = "jobs"
 
 log = logging.getLogger(__name__)

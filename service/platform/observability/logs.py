@@ -15,6 +15,8 @@ from typing import Any
 
 from structlog.contextvars import bind_contextvars, bound_contextvars, get_contextvars
 
+from apexcal.documents.base import visible
+
 # Celery says of every message that it came and that it went; the job's own lines say more.
 _CHATTY = ("celery.worker.strategy", "celery.app.trace")
 
@@ -24,13 +26,6 @@ say_who = bind_contextvars
 """``say_who(person=...)``: lines of the rest of this request carry these fields."""
 who = get_contextvars
 """The fields of the present request or job."""
-
-
-def visible(text: str) -> str:
-    """The text with everything that cannot be seen spelled as in JSON: line ends, escapes, directions, surrogates."""
-    if text.isprintable():
-        return text
-    return "".join(character if character.isprintable() else json.dumps(character)[1:-1] for character in text)
 
 
 def formatter(form: str) -> logging.Formatter:
