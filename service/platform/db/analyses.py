@@ -8,10 +8,10 @@ from sqlalchemy import BigInteger, ForeignKey, Index, String
 from sqlalchemy.orm import Mapped, mapped_column
 
 from apexcal.documents.states import WorkState
-from service.platform.db.base import Base, Created, Json, RowId, belongs_to
+from service.platform.db.base import Base, Dated, Json, belongs_to
 
 
-class Analysis(Base):
+class Analysis(Dated):
     """One question and its answer. ``kind`` is that of ``AnalysisKind``, and its job's.
 
     ``asked`` holds all that the worker needs besides what the row names; ``result`` is the answer, ``single_pairs``
@@ -19,13 +19,11 @@ class Analysis(Base):
     asked anew is another row. It goes with each thing that it is of.
     """
 
-    __tablename__ = "analysis"
     __table_args__ = (
         Index("ix_analysis_recording_id_kind", "recording_id", "kind"),
         Index("ix_analysis_vehicle_id_id", "vehicle_id", "id"),
     )
 
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
     recording_id: Mapped[UUID | None] = belongs_to("recording.id", nullable=True, index=False)
@@ -39,13 +37,10 @@ class Analysis(Base):
     single_pairs: Mapped[Json | None] = mapped_column(deferred=True)
     problem: Mapped[Json | None]
     job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
-    created_at: Mapped[Created]
 
 
 class AnalysisFile(Base):
     """The file that an analysis made, and its name for whoever takes it."""
-
-    __tablename__ = "analysis_file"
 
     analysis_id: Mapped[UUID] = belongs_to("analysis.id", primary_key=True, index=False)
     blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"), index=True)

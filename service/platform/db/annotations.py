@@ -9,10 +9,10 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.platform.db.base import Base, Corner, Created, RowId, Version, belongs_to, partial_index
+from service.platform.db.base import Base, Corner, Dated, Version, belongs_to, partial_index
 
 
-class Answer(Base):
+class Answer(Dated):
     """What a person said of a corner of the board in one frame of one camera. Rows are added, and say it for ever.
 
     An answer on a task has a ``verdict`` on the apex; with a confirmation ``u`` and ``v``, where (0, 0) is the centre
@@ -24,7 +24,6 @@ class Answer(Base):
     now, and which row's verdict is theirs on the apex, in all cameras.
     """
 
-    __tablename__ = "answer"
     __table_args__ = (
         UniqueConstraint("apex_id", "person_id", "sensor_id", "version"),
         partial_index(
@@ -36,7 +35,6 @@ class Answer(Base):
         partial_index("uq_answer_verdict", "apex_id", "person_id", where="IS_TRUE(is_verdict)", unique=True),
     )
 
-    id: Mapped[RowId]
     recording_id: Mapped[UUID] = belongs_to("recording.id")
     person_id: Mapped[UUID] = belongs_to("person.id")
     sensor_id: Mapped[UUID] = belongs_to("sensor.id")
@@ -50,7 +48,6 @@ class Answer(Base):
     reviewed: Mapped[bool] = mapped_column(insert_default=False)
     is_mark: Mapped[bool] = mapped_column(insert_default=False)
     is_verdict: Mapped[bool] = mapped_column(insert_default=False)
-    created_at: Mapped[Created]
 
 
 class Disclosure(Base):
@@ -59,7 +56,6 @@ class Disclosure(Base):
     It names what was seen, not the apex of one detection: another detection may pair the frame with another apex.
     """
 
-    __tablename__ = "disclosure"
     __table_args__ = (
         Index("ix_disclosure_recording_id_person_id_sweep_index", "recording_id", "person_id", "sweep_index"),
     )
@@ -74,23 +70,20 @@ class Disclosure(Base):
     told_at: Mapped[datetime]
 
 
-class MarkingTask(Base):
+class MarkingTask(Dated):
     """A vertex and camera that a person was given to judge, leased so that nobody gets it twice."""
 
-    __tablename__ = "marking_task"
     __table_args__ = (
         UniqueConstraint("vertex_id", "sensor_id", "person_id"),
         partial_index("ix_marking_task_open", "sensor_id", "leased_until", where="answered_at IS NULL"),
     )
 
-    id: Mapped[RowId]
     detection_id: Mapped[UUID] = belongs_to("detection.id")
     vertex_id: Mapped[UUID] = belongs_to("vertex.id", index=False)
     sensor_id: Mapped[UUID] = belongs_to("sensor.id")
     person_id: Mapped[UUID] = belongs_to("person.id")
     leased_until: Mapped[datetime]
     answered_at: Mapped[datetime | None]
-    created_at: Mapped[Created]
 
 
 class MarkingFrontier(Base):
@@ -99,8 +92,6 @@ class MarkingFrontier(Base):
     The search for the next one starts here. It holds for ``marks_wanted`` marks of each vertex. Whatever makes a
     vertex take answers again removes the rows of its recording.
     """
-
-    __tablename__ = "marking_frontier"
 
     detection_id: Mapped[UUID] = belongs_to("detection.id", primary_key=True, index=False)
     sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True)
@@ -119,8 +110,6 @@ class MarkingProgress(Base):
     now, everything is counted again.
     """
 
-    __tablename__ = "marking_progress"
-
     detection_id: Mapped[UUID] = belongs_to("detection.id", primary_key=True, index=False)
     sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True)
     person_id: Mapped[UUID] = belongs_to("person.id", primary_key=True)
@@ -131,7 +120,7 @@ class MarkingProgress(Base):
     mine: Mapped[int]
 
 
-class CropPage(Base):
+class CropPage(Dated):
     """A page of crops with marks of the machine, which a person was given, and what they said of it.
 
     ``crops`` are in the page's order: ``vertex_id``, the drawn pixel ``u`` and ``v``, the crop's ``side_px``, and
@@ -139,12 +128,10 @@ class CropPage(Base):
     The client makes ``answer_id``: an answer that is sent twice is one.
     """
 
-    __tablename__ = "crop_page"
     __table_args__ = (
         partial_index("uq_crop_page_open", "analysis_id", "person_id", where="answered_at IS NULL", unique=True),
     )
 
-    id: Mapped[RowId]
     detection_id: Mapped[UUID] = belongs_to("detection.id")
     analysis_id: Mapped[UUID] = belongs_to("analysis.id")
     sensor_id: Mapped[UUID] = belongs_to("sensor.id")
@@ -152,5 +139,4 @@ class CropPage(Base):
     crops: Mapped[list[Any]]
     answer_id: Mapped[UUID | None]
     wrong: Mapped[list[Any] | None]
-    created_at: Mapped[Created]
     answered_at: Mapped[datetime | None]

@@ -34,7 +34,7 @@ from sqlalchemy import (
     literal_column,
     text,
 )
-from sqlalchemy.orm import DeclarativeBase, aliased, mapped_column
+from sqlalchemy.orm import DeclarativeBase, Mapped, aliased, declared_attr, mapped_column
 from sqlalchemy.types import TypeDecorator
 
 from apexcal.documents.corners import TOP
@@ -146,6 +146,27 @@ class Base(DeclarativeBase):
         float: Finite,
         UUID: Uuid,
     }
+
+    @declared_attr.directive
+    def __tablename__(cls) -> str:  # noqa: N805 - a class
+        """The class's name in small letters: ``calibration_run``."""
+        return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+
+
+class Row(Base):
+    """A row with an id of its own."""
+
+    __abstract__ = True
+
+    id: Mapped[RowId]
+
+
+class Dated(Row):
+    """A row that says when it was made."""
+
+    __abstract__ = True
+
+    created_at: Mapped[Created]
 
 
 def partial_index(name: str, *columns: str, where: str, unique: bool = False) -> Index:

@@ -34,7 +34,7 @@ FULL = -1
 """The fold of a fit to all pairs."""
 
 
-class CorrespondenceSet(Base):
+class CorrespondenceSet(Dated):
     """Immutable 3D-2D pairs of one camera.
 
     ``pairs`` is an object of equally long lists: x y z (metres, LiDAR frame), u v (pixels), and where known
@@ -43,7 +43,6 @@ class CorrespondenceSet(Base):
     came again: by it, or else by ``created_at``, sets are newer than others.
     """
 
-    __tablename__ = "correspondence_set"
     __table_args__ = (
         UniqueConstraint("rig_id", "camera", "content_hash"),
         Index("ix_correspondence_set_rig_id_id", "rig_id", "id"),
@@ -53,7 +52,6 @@ class CorrespondenceSet(Base):
         ),
     )
 
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
     rig_id: Mapped[UUID] = belongs_to("rig.id")
@@ -69,7 +67,6 @@ class CorrespondenceSet(Base):
     flagged: Mapped[int] = mapped_column(default=0)
     notes: Mapped[list[Any]] = mapped_column(default=list)
     created_by: Mapped[UUID | None] = refers_to("person.id")
-    created_at: Mapped[Created]
     brought_at: Mapped[datetime | None]
 
     @cached_property
@@ -90,17 +87,15 @@ class CorrespondenceSet(Base):
         return [i for i in range(count) if i not in left_out]
 
 
-class Calibration(Base):
+class Calibration(Dated):
     """A request: every model on every camera's correspondences. ``remaining`` counts the runs that have not ended."""
 
-    __tablename__ = "calibration"
     __table_args__ = (
         Index("ix_calibration_vehicle_id_created_at", "vehicle_id", "created_at"),
         Index("ix_calibration_vehicle_id_id", "vehicle_id", "id"),
         partial_index("ix_calibration_done", "vehicle_id", "finished_at", where="state = 'done'"),
     )
 
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
     rig_id: Mapped[UUID] = belongs_to("rig.id")
@@ -113,7 +108,6 @@ class Calibration(Base):
     summary: Mapped[Json | None]
     problem: Mapped[Json | None]
     created_by: Mapped[UUID | None] = refers_to("person.id")
-    created_at: Mapped[Created]
     finished_at: Mapped[datetime | None]
 
     @property
@@ -122,21 +116,19 @@ class Calibration(Base):
         return Summary.model_validate(self.summary or {"cameras": {}, "rig": None})
 
 
-class CalibrationRun(Base):
+class CalibrationRun(Dated):
     """One fit: a model on a camera's pairs, all of them (fold -1) or without the held-out block of a fold.
 
     ``problem`` is the complete document that the solver reads; ``schedule`` is the state of the narrowing after
     ``iteration`` finished iterations; ``remaining`` counts the bundles of the running one.
     """
 
-    __tablename__ = "calibration_run"
     __table_args__ = (
         UniqueConstraint("calibration_id", "camera", "model", "fold"),
         partial_index("ix_calibration_run_unended", "id", where=_UNENDED),
         partial_index("ix_calibration_run_cancelled", "id", where=f"IS_TRUE(cancel_requested) AND {_UNENDED}"),
     )
 
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     calibration_id: Mapped[UUID] = belongs_to("calibration.id", index=False)
     set_id: Mapped[UUID] = belongs_to("correspondence_set.id")
@@ -153,14 +145,11 @@ class CalibrationRun(Base):
     cancel_requested: Mapped[bool] = mapped_column(default=False)
     schedule: Mapped[Json | None]
     failure: Mapped[Json | None]
-    created_at: Mapped[Created]
     finished_at: Mapped[datetime | None]
 
 
 class Slot(Base):
     """The best individual of one GA slot. Written once, by whichever twin finished first."""
-
-    __tablename__ = "slot"
 
     run_id: Mapped[UUID] = belongs_to("calibration_run.id", primary_key=True, index=False)
     iteration: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
@@ -172,7 +161,7 @@ class Slot(Base):
     worker: Mapped[Name]
 
 
-class Result(Base):
+class Result(Dated):
     """What a run found; ``document`` is the solver's solution, with the held-out figures where there are any.
 
     ``document`` has the checks of the fit, ``checks`` those of its calibration and of other data; ``verdict`` is the
@@ -181,9 +170,6 @@ class Result(Base):
     image, one standard deviation. The large columns come last: SQLite reads a row up to the column that it needs.
     """
 
-    __tablename__ = "result"
-
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     calibration_id: Mapped[UUID] = belongs_to("calibration.id")
     run_id: Mapped[UUID] = belongs_to("calibration_run.id", index=False)
@@ -193,7 +179,6 @@ class Result(Base):
     verdict: Mapped[CheckVerdict | None] = mapped_column(String(4))
     error_20m_mm: Mapped[float | None]
     compared_with: Mapped[UUID | None]
-    created_at: Mapped[Created]
     document: Mapped[Json]
     checks: Mapped[list[Any] | None]
     __table_args__ = (UniqueConstraint("run_id"),)
@@ -222,7 +207,7 @@ class Result(Base):
         return [*self.fit.checks, *(Check.model_validate(check) for check in self.checks or ())]
 
 
-class Publication(Base):
+class Publication(Dated):
     """A move of an alias of a vehicle's camera: to which result, or nowhere; by whom, when and why.
 
     ``number`` counts an alias's moves from 1. The highest number says where the alias leads; no clock decides.
@@ -231,10 +216,8 @@ class Publication(Base):
     the checks that the result did not pass when it was published.
     """
 
-    __tablename__ = "publication"
     __table_args__ = (Index("uq_publication_number", "vehicle_id", "camera", "alias", "number", unique=True),)
 
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
     camera: Mapped[Name]
@@ -245,7 +228,6 @@ class Publication(Base):
     published_by: Mapped[UUID | None] = refers_to("person.id")
     reason: Mapped[str | None] = mapped_column(String(500))
     overridden: Mapped[list[Any] | None]
-    created_at: Mapped[Created]
 
 
 def newest_publication(session: Session, vehicle_id: UUID, camera: str, alias: str = CURRENT) -> Publication | None:

@@ -11,29 +11,15 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.states import WorkState
-from service.platform.db.base import (
-    Base,
-    Corner,
-    Created,
-    Digest,
-    Json,
-    Name,
-    Nanoseconds,
-    RowId,
-    belongs_to,
-    refers_to,
-)
+from service.platform.db.base import Base, Corner, Dated, Digest, Json, Name, Nanoseconds, Row, belongs_to, refers_to
 
 
-class Detection(Base):
+class Detection(Dated):
     """One run of a detector inside a region. ``remaining`` counts the shards that have not ended.
 
     ``marked_corners`` are the board's corners that people are to mark; null for the tip alone.
     """
 
-    __tablename__ = "detection"
-
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     recording_id: Mapped[UUID] = belongs_to("recording.id")
     region: Mapped[Json]
@@ -47,20 +33,17 @@ class Detection(Base):
     problem: Mapped[Json | None]
     marked_corners: Mapped[list[Any] | None]
     created_by: Mapped[UUID | None] = refers_to("person.id")
-    created_at: Mapped[Created]
     finished_at: Mapped[datetime | None]
 
 
-class Apex(Base):
+class Apex(Row):
     """A board's vertex in one sweep, whichever detection runs found it. Verdicts belong to it.
 
     ``corner``: which of the board's corners it is.
     """
 
-    __tablename__ = "apex"
     __table_args__ = (Index("ix_apex_recording_id_sweep_index", "recording_id", "sweep_index"),)
 
-    id: Mapped[RowId]
     recording_id: Mapped[UUID] = belongs_to("recording.id", index=False)
     sweep_index: Mapped[int]
     x: Mapped[float]
@@ -69,7 +52,7 @@ class Apex(Base):
     corner: Mapped[Corner]
 
 
-class Vertex(Base):
+class Vertex(Row):
     """A vertex as one detection run measured it, in metres in the LiDAR frame.
 
     ``rank`` orders the marking: any first part of the order covers the whole recording evenly. ``covariance`` is
@@ -81,13 +64,11 @@ class Vertex(Base):
     people are to mark has a row of its own, with the tip's sweep, time and rank (``corner_actions.py``).
     """
 
-    __tablename__ = "vertex"
     __table_args__ = (
         UniqueConstraint("detection_id", "apex_id"),
         Index("ix_vertex_detection_id_rank", "detection_id", "rank"),
     )
 
-    id: Mapped[RowId]
     detection_id: Mapped[UUID] = belongs_to("detection.id", index=False)
     apex_id: Mapped[UUID] = belongs_to("apex.id")
     rank: Mapped[int]
@@ -114,7 +95,6 @@ class VertexFrame(Base):
     time, and the gap is zero; ``corners`` are the board's other corners, moved with it.
     """
 
-    __tablename__ = "vertex_frame"
     __table_args__ = (Index("ix_vertex_frame_sensor_id_frame_index", "sensor_id", "frame_index"),)
 
     vertex_id: Mapped[UUID] = belongs_to("vertex.id", primary_key=True, index=False)

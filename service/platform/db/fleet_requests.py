@@ -8,10 +8,10 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.platform.db.base import Base, Created, Json, RowId, belongs_to, partial_index, refers_to
+from service.platform.db.base import Created, Dated, Json, Row, belongs_to, partial_index, refers_to
 
 
-class FleetRequest(Base):
+class FleetRequest(Dated):
     """One call for calibrations of many vehicles: running, done, done_with_failures or cancelled.
 
     ``asked`` is the filter and the calibration's template. ``matched`` vehicles are ``remaining`` (not ended),
@@ -20,13 +20,11 @@ class FleetRequest(Base):
     newest retry.
     """
 
-    __tablename__ = "fleet_request"
     __table_args__ = (
         Index("ix_fleet_request_fleet_id_id", "fleet_id", "id"),
         partial_index("ix_fleet_request_running", "id", where="state = 'running'"),
     )
 
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     asked: Mapped[Json]
     state: Mapped[str] = mapped_column(String(20))
@@ -40,19 +38,17 @@ class FleetRequest(Base):
     request_id: Mapped[str | None] = mapped_column(String(64))
     cancel_requested: Mapped[bool] = mapped_column(default=False)
     created_by: Mapped[UUID | None] = refers_to("person.id")
-    created_at: Mapped[Created]
     started_at: Mapped[Created]
     finished_at: Mapped[datetime | None]
 
 
-class FleetRequestVehicle(Base):
+class FleetRequestVehicle(Row):
     """A vehicle of a fleet request: queued until its calibration ends, then done, failed or cancelled; or skipped.
 
     A queued one without a calibration is due: the upkeep makes it.
     That a queued one is being worked on is told by its jobs, not by this row. Ids sort by the vehicles' names.
     """
 
-    __tablename__ = "fleet_request_vehicle"
     __table_args__ = (
         UniqueConstraint("fleet_request_id", "vehicle_id"),
         Index("ix_fleet_request_vehicle_fleet_request_id_state_id", "fleet_request_id", "state", "id"),
@@ -65,7 +61,6 @@ class FleetRequestVehicle(Base):
         ),
     )
 
-    id: Mapped[RowId]
     fleet_request_id: Mapped[UUID] = belongs_to("fleet_request.id", index=False)
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
     calibration_id: Mapped[UUID | None] = refers_to("calibration.id")

@@ -9,10 +9,10 @@ from uuid import UUID
 from sqlalchemy import BigInteger, Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship, validates
 
-from service.platform.db.base import Base, Bytes, Created, Json, Name, RowId, Version, belongs_to
+from service.platform.db.base import Bytes, Dated, Json, Name, Row, Version, belongs_to
 
 
-class Fleet(Base):
+class Fleet(Dated):
     """What roles are bound to: every row below belongs to exactly one fleet.
 
     ``quota_bytes`` is what it may take; None: what the settings say. ``row_bytes`` is what its rows took when they
@@ -21,16 +21,12 @@ class Fleet(Base):
     must show to be published.
     """
 
-    __tablename__ = "fleet"
-
-    id: Mapped[RowId]
     name: Mapped[Name] = mapped_column(unique=True)
     quota_bytes: Mapped[int | None] = mapped_column(BigInteger)
     row_bytes: Mapped[Bytes] = mapped_column(default=0)
     policy: Mapped[Json | None]
     retention: Mapped[Json | None]
     version: Mapped[Version]
-    created_at: Mapped[Created]
 
 
 def natural_order(name: str) -> str:
@@ -38,18 +34,15 @@ def natural_order(name: str) -> str:
     return re.sub("[0-9]+", lambda digits: digits[0].lstrip("0").zfill(10), name.casefold())[:200]
 
 
-class Vehicle(Base):
+class Vehicle(Dated):
     """One vehicle of a fleet. ``sort_name`` follows from its name: lists are sorted by it."""
 
-    __tablename__ = "vehicle"
     __table_args__ = (UniqueConstraint("fleet_id", "name"), Index("ix_vehicle_fleet_id_id", "fleet_id", "id"))
 
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     name: Mapped[Name]
     sort_name: Mapped[Name]
     version: Mapped[Version]
-    created_at: Mapped[Created]
 
     @validates("name")
     def _sorts_by_it(self, key: str, name: str) -> str:
@@ -57,17 +50,15 @@ class Vehicle(Base):
         return name
 
 
-class Rig(Base):
+class Rig(Dated):
     """One LiDAR and one or more cameras on a vehicle. ``T_vehicle_lidar`` is a transform document or absent.
 
     ``camera_transforms`` are those between cameras that are known otherwise, with their standard deviations. Members
     of ``policy`` replace the fleet's. Serial numbers are those of the mounted sensors, if known.
     """
 
-    __tablename__ = "rig"
     __table_args__ = (UniqueConstraint("vehicle_id", "name"),)
 
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
     name: Mapped[Name]
@@ -78,21 +69,18 @@ class Rig(Base):
     camera_transforms: Mapped[list[Any] | None]
     policy: Mapped[Json | None]
     version: Mapped[Version]
-    created_at: Mapped[Created]
     cameras: Mapped[list[RigCamera]] = relationship(order_by="RigCamera.position", passive_deletes=True)
 
 
-class RigCamera(Base):
+class RigCamera(Row):
     """One camera of a rig: its nominal mount ``T_camera_lidar`` (a transform document), image size and bounds.
 
     ``joint`` holds ``T_parent_lidar`` and ``T_child_camera`` around the joint that its results are also given for.
     ``images`` says whether they are raw or rectified, and of rectified ones the rotation ``R`` of their CameraInfo.
     """
 
-    __tablename__ = "rig_camera"
     __table_args__ = (UniqueConstraint("rig_id", "name"),)
 
-    id: Mapped[RowId]
     rig_id: Mapped[UUID] = belongs_to("rig.id")
     position: Mapped[int]
     name: Mapped[Name]

@@ -31,7 +31,6 @@ class Job(Base):
     ``request_id`` says which request caused it.
     """
 
-    __tablename__ = "job"
     __table_args__ = (
         Index("ix_job_state_queue_fleet_id", "state", "queue", "fleet_id"),
         Index("ix_job_subject_id", "subject_id"),
@@ -74,7 +73,6 @@ class JobEvent(Base):
     requeued (an operator started its work anew). ``tallied`` says that the totals hold it.
     """
 
-    __tablename__ = "job_event"
     __table_args__ = (
         Index("ix_job_event_untallied", "id", postgresql_where=text("NOT tallied"), sqlite_where=text("tallied = 0")),
     )
@@ -97,8 +95,6 @@ class JobTotal(Base):
     ``seconds`` sums how long the attempts took; ``buckets`` counts them by duration.
     """
 
-    __tablename__ = "job_total"
-
     kind: Mapped[str] = mapped_column(String(20), primary_key=True)
     what: Mapped[str] = mapped_column(String(20), primary_key=True)
     count: Mapped[int] = mapped_column(BigInteger, default=0)
@@ -108,8 +104,6 @@ class JobTotal(Base):
 
 class Worker(Base):
     """A worker process that answers: its queues, how many pool processes it has, whether its kernels are compiled."""
-
-    __tablename__ = "worker"
 
     name: Mapped[str] = mapped_column(String(200), primary_key=True)
     queues: Mapped[str] = mapped_column(String(200))
@@ -122,8 +116,6 @@ class Worker(Base):
 
 class Heartbeat(Base):
     """When something that must keep happening last happened, for example the sweep."""
-
-    __tablename__ = "heartbeat"
 
     name: Mapped[str] = mapped_column(String(40), primary_key=True)
     at: Mapped[datetime]

@@ -9,28 +9,22 @@ from uuid import UUID
 from sqlalchemy import String, UniqueConstraint, Uuid
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.platform.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to
+from service.platform.db.base import Base, Created, Dated, Digest, Json, Name, belongs_to
 
 # The token that it was made with, and ends with. No foreign key: a younger token may take its place (`hand_over`),
 # and a backup is restored in the order of ids.
 MadeBy = Annotated[UUID | None, mapped_column(Uuid)]
 
 
-class Person(Base):
+class Person(Dated):
     """Somebody who signs in, or a program that has a token. An owner may make fleets and sees all of them."""
 
-    __tablename__ = "person"
-
-    id: Mapped[RowId]
     name: Mapped[Name]
     is_owner: Mapped[bool] = mapped_column(default=False)
-    created_at: Mapped[Created]
 
 
 class Membership(Base):
     """A person's role in one fleet."""
-
-    __tablename__ = "membership"
 
     person_id: Mapped[UUID] = belongs_to("person.id", primary_key=True)
     fleet_id: Mapped[UUID] = belongs_to("fleet.id", primary_key=True)
@@ -38,39 +32,28 @@ class Membership(Base):
     created_at: Mapped[Created]
 
 
-class SignInLink(Base):
+class SignInLink(Dated):
     """A link that signs its person in once."""
 
-    __tablename__ = "sign_in_link"
-
-    id: Mapped[RowId]
     secret_hash: Mapped[Digest] = mapped_column(unique=True)
     person_id: Mapped[UUID] = belongs_to("person.id")
     made_by: Mapped[MadeBy]
     expires_at: Mapped[datetime] = mapped_column(index=True)
     used_at: Mapped[datetime | None]
-    created_at: Mapped[Created]
 
 
-class BrowserSession(Base):
+class BrowserSession(Dated):
     """A signed-in browser."""
 
-    __tablename__ = "browser_session"
-
-    id: Mapped[RowId]
     secret_hash: Mapped[Digest] = mapped_column(unique=True)
     person_id: Mapped[UUID] = belongs_to("person.id")
     made_by: Mapped[MadeBy]
     expires_at: Mapped[datetime] = mapped_column(index=True)
-    created_at: Mapped[Created]
 
 
-class ApiToken(Base):
+class ApiToken(Dated):
     """A program's bearer token: it acts as its person, within one fleet and role where these are given."""
 
-    __tablename__ = "api_token"
-
-    id: Mapped[RowId]
     secret_hash: Mapped[Digest] = mapped_column(unique=True)
     name: Mapped[Name]
     person_id: Mapped[UUID] = belongs_to("person.id")
@@ -79,18 +62,14 @@ class ApiToken(Base):
     made_by: Mapped[MadeBy]
     expires_at: Mapped[datetime | None]
     revoked_at: Mapped[datetime | None]
-    created_at: Mapped[Created]
 
 
-class AuditEntry(Base):
+class AuditEntry(Dated):
     """Who downloaded, deleted or published something, or changed roles and credentials, from where.
 
     Ids name rows that may be gone; ``path`` names the thing.
     """
 
-    __tablename__ = "audit_entry"
-
-    id: Mapped[RowId]
     person_id: Mapped[UUID | None]
     token_id: Mapped[UUID | None]
     address: Mapped[str] = mapped_column(String(64))
@@ -100,17 +79,15 @@ class AuditEntry(Base):
     created_at: Mapped[Created] = mapped_column(index=True)
 
 
-class IdempotencyKey(Base):
+class IdempotencyKey(Dated):
     """The answer that was given to a POST, kept so that a repeated one gets it again.
 
     ``fleet_id`` and ``role`` are what the POST took: the answer is repeated only to who still has them. There is no
     ``body`` where it held a secret.
     """
 
-    __tablename__ = "idempotency_key"
     __table_args__ = (UniqueConstraint("person_id", "key"),)
 
-    id: Mapped[RowId]
     person_id: Mapped[UUID] = belongs_to("person.id")
     key: Mapped[Name]
     request_hash: Mapped[Digest]

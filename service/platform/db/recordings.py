@@ -14,11 +14,12 @@ from service.platform.db.base import (
     Base,
     Bytes,
     Created,
+    Dated,
     Digest,
     Json,
     Name,
     Nanoseconds,
-    RowId,
+    Row,
     Version,
     belongs_to,
     partial_index,
@@ -34,7 +35,6 @@ class Blob(Base):
     remove is tried again after ``remove_after``.
     """
 
-    __tablename__ = "blob"
     __table_args__ = (Index("ix_blob_state_created_at", "state", "created_at"),)
 
     key: Mapped[str] = mapped_column(String(300), primary_key=True)
@@ -48,17 +48,14 @@ class Blob(Base):
     created_at: Mapped[Created]
 
 
-class BlobHold(Base):
+class BlobHold(Row):
     """While one is in force no object is removed: a backup copies what its snapshot of the rows names."""
 
-    __tablename__ = "blob_hold"
-
-    id: Mapped[RowId]
     reason: Mapped[str] = mapped_column(String(100))
     until: Mapped[datetime]
 
 
-class Recording(Base):
+class Recording(Dated):
     """A recording in one of the states uploading, queued, ingesting, ready, failed.
 
     ``reading`` is what its owner knows of the file and the file does not say. ``taken_bytes`` is what it takes of its
@@ -67,7 +64,6 @@ class Recording(Base):
     ``layers_gone`` counts those of `LAYERS` that its fleet's retention removed.
     """
 
-    __tablename__ = "recording"
     __table_args__ = (
         Index("ix_recording_fleet_id_id", "fleet_id", "id"),
         Index("ix_recording_fleet_id_state_id", "fleet_id", "state", "id"),
@@ -78,7 +74,6 @@ class Recording(Base):
         partial_index("ix_recording_retain_until", "retain_until", where="retain_until IS NOT NULL"),
     )
 
-    id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
     rig_id: Mapped[UUID] = belongs_to("rig.id", index=False)
@@ -100,7 +95,6 @@ class Recording(Base):
     expires_at: Mapped[datetime | None]
     created_by: Mapped[UUID | None] = refers_to("person.id")
     version: Mapped[Version]
-    created_at: Mapped[Created]
 
 
 # In the order in which retention removes them: the file as it came, the cameras' images, the LiDAR's sweeps.
@@ -110,8 +104,6 @@ LAYERS = ("original", "images", "sweeps")
 class UploadPart(Base):
     """One acknowledged part of a recording's original file, numbered from 1."""
 
-    __tablename__ = "upload_part"
-
     recording_id: Mapped[UUID] = belongs_to("recording.id", primary_key=True, index=False)
     number: Mapped[int] = mapped_column(primary_key=True)
     blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"))
@@ -119,13 +111,11 @@ class UploadPart(Base):
     sha256: Mapped[Digest]
 
 
-class Sensor(Base):
+class Sensor(Row):
     """One normalised sensor of a recording: a LiDAR named ``lidar`` or a camera with its name in the rig."""
 
-    __tablename__ = "sensor"
     __table_args__ = (UniqueConstraint("recording_id", "name"),)
 
-    id: Mapped[RowId]
     recording_id: Mapped[UUID] = belongs_to("recording.id")
     kind: Mapped[str] = mapped_column(String(20))
     name: Mapped[Name]
@@ -141,7 +131,6 @@ class Sensor(Base):
 class CameraFrame(Base):
     """Where a camera frame's encoded image lies in its sensor's blob."""
 
-    __tablename__ = "camera_frame"
     __table_args__ = (Index("ix_camera_frame_sensor_id_stamp_ns", "sensor_id", "stamp_ns"),)
 
     sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
@@ -157,16 +146,12 @@ class CameraFrame(Base):
 class PackedSweeps(Base):
     """The file of a LiDAR's sweeps as they go over the wire. A sensor has none until its sweeps are packed."""
 
-    __tablename__ = "packed_sweeps"
-
     sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
     blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"))
 
 
 class PackedSweep(Base):
     """Where a sweep's bytes lie in that file. ``index`` is the sweep's number in the order of the stamps."""
-
-    __tablename__ = "packed_sweep"
 
     sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
     index: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
