@@ -16,9 +16,8 @@ from service.analyses.kinds import plan_of, view_of
 from service.analyses.machine_marks import list_marks
 from service.analyses.queries import AnalysisDownload, analysis_file, job_of, list_analyses, shown_pairs
 from service.annotations.disclosure_actions import tell_pairs
-from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.platform.auth.access import CurrentIdentity, ReadAccess, WriteAccess, brief_access
 from service.platform.db.analyses import Analysis
-from service.platform.db.session import Database
 from service.platform.http.etags import Conditional, content_etag
 from service.platform.http.pages import Paging
 from service.platform.http.router import DOCUMENT, Router
@@ -101,9 +100,8 @@ def get_marks(request: Request, analysis_id: UUID, access: ReadAccess) -> MarksL
 
 def _file(analysis_id: UUID, request: Request, identity: CurrentIdentity) -> AnalysisDownload:
     """The session ends here, before any byte is read."""
-    database: Database = request.app.state.database
-    with database.reading() as session:
-        return analysis_file(Access(session, identity), database, analysis_id)
+    with brief_access(request, identity) as access:
+        return analysis_file(access, request.app.state.database, analysis_id)
 
 
 @router.get("/analyses/{analysis_id}/file", dependencies=[IN_PIECES], response_class=StreamingResponse)

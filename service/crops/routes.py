@@ -13,11 +13,10 @@ from service.crops.actions import find_page, judge, next_page, sheet_of
 from service.crops.pictures import tile_of
 from service.crops.queries import expected_corners, newest_marks, progress_of
 from service.detections.queries import done_detection
-from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.platform.auth.access import CurrentIdentity, ReadAccess, WriteAccess, brief_access
 from service.platform.broker.hints import hint
 from service.platform.db.analyses import AnalysisFile
 from service.platform.db.detections import Detection
-from service.platform.db.session import Database
 from service.platform.http.etags import Conditional
 from service.platform.http.problems import not_found
 from service.platform.http.router import MarkingRoute, Router
@@ -75,11 +74,10 @@ def _picture(
     page_id: UUID, index: Annotated[int, Path(ge=0, lt=2**31)], request: Request, identity: CurrentIdentity
 ) -> ByteRange:
     """The session ends here, before any byte is read."""
-    database: Database = request.app.state.database
-    with database.reading() as session:
-        page = find_page(Access(session, identity), page_id)
+    with brief_access(request, identity) as access:
+        page = find_page(access, page_id)
         tile = tile_of(page.crops[index]) if index < len(page.crops) else None
-        file = session.get(AnalysisFile, page.analysis_id)
+        file = access.session.get(AnalysisFile, page.analysis_id)
         if tile is None or file is None:
             raise not_found(
                 "no_such_crop",

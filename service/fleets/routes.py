@@ -64,8 +64,6 @@ def patch_fleet(id: UUID, body: Named, request: Request, access: WriteAccess, co
     taken = select(Fleet.id).where(Fleet.name == body.name, Fleet.id != id)
     _refuse_taken(access, body.name, taken, "fleet")
     fleet.name = body.name
-    fleet.version += 1
-    conditions.offer(version_etag(fleet.version))
     return _fleets(access, [fleet], request)[0]
 
 
@@ -102,14 +100,12 @@ def get_vehicle(id: UUID, access: ReadAccess, conditions: Conditional) -> Vehicl
 def patch_vehicle(id: UUID, body: Named, access: WriteAccess, conditions: Conditional) -> VehicleOut:
     """Rename a vehicle."""
     vehicle = access.find(Vehicle, id, "engineer", lock=True)
-    conditions.require(version_etag(vehicle.version))
+    conditions.edit(vehicle)
     taken = select(Vehicle.id).where(
         Vehicle.fleet_id == vehicle.fleet_id, Vehicle.name == body.name, Vehicle.id != id
     )
     _refuse_taken(access, body.name, taken, "vehicle")
     vehicle.name = body.name
-    vehicle.version += 1
-    conditions.offer(version_etag(vehicle.version))
     return VehicleOut.model_validate(vehicle)
 
 
@@ -150,14 +146,12 @@ def patch_serials(id: UUID, body: SensorSerials, access: WriteAccess, conditions
     A swapped sensor needs a new rig.
     """
     rig = access.find(Rig, id, "engineer", lock=True)
-    conditions.require(version_etag(rig.version))
+    conditions.edit(rig)
     if "lidar" in body.model_fields_set:
         rig.lidar_serial = body.lidar
     for name, serial in body.cameras.items():
         rig_camera(access.session, rig, name).serial = serial
-    rig.version += 1
     access.session.flush()
-    conditions.offer(version_etag(rig.version))
     return rig_view(rig)
 
 
@@ -168,12 +162,10 @@ def patch_images(id: UUID, body: CameraImages, access: WriteAccess, conditions: 
     The lens that a recording states, and the frame of exports, follow from it. Marks and results stay.
     """
     rig = access.find(Rig, id, "engineer", lock=True)
-    conditions.require(version_etag(rig.version))
+    conditions.edit(rig)
     for name, images in body.cameras.items():
         rig_camera(access.session, rig, name).images = images and images.model_dump(mode="json")
-    rig.version += 1
     access.session.flush()
-    conditions.offer(version_etag(rig.version))
     return rig_view(rig)
 
 
@@ -181,10 +173,8 @@ def patch_images(id: UUID, body: CameraImages, access: WriteAccess, conditions: 
 def put_rig_policy(id: UUID, body: PublicationPolicy, access: WriteAccess, conditions: Conditional) -> RigOut:
     """State what this rig's results must show to be published; `{}` states nothing. [admin]"""
     rig = access.find(Rig, id, "admin", lock=True)
-    conditions.require(version_etag(rig.version))
+    conditions.edit(rig)
     rig.policy = body.model_dump(exclude_none=True) or None
-    rig.version += 1
-    conditions.offer(version_etag(rig.version))
     return rig_view(rig)
 
 
@@ -194,10 +184,8 @@ def put_fleet_policy(
 ) -> FleetOut:
     """State what all results of the fleet must show to be published; `{}` states nothing. [admin]"""
     fleet = access.find(Fleet, id, "admin", lock=True)
-    conditions.require(version_etag(fleet.version))
+    conditions.edit(fleet)
     fleet.policy = body.model_dump(exclude_none=True) or None
-    fleet.version += 1
-    conditions.offer(version_etag(fleet.version))
     return _fleets(access, [fleet], request)[0]
 
 

@@ -22,7 +22,7 @@ from service.pairs.label_files import FROM_ONE, is_labels, read_labels
 from service.pairs.marked_pairs import build
 from service.pairs.pair_files import MAX_BYTES, invalid, notes_on_image, read_csv, read_json
 from service.pairs.sets import keep_set, pairs_of, set_in_pieces, set_view
-from service.platform.auth.access import Access, CurrentIdentity, Identity, ReadAccess, WriteAccess
+from service.platform.auth.access import Access, CurrentIdentity, Identity, ReadAccess, WriteAccess, brief_access
 from service.platform.broker.hints import hint
 from service.platform.db.base import PAIR_BYTES
 from service.platform.db.calibrations import CorrespondenceSet
@@ -113,9 +113,8 @@ class _Imported(NamedTuple):
 
 def _importing(rig_id: UUID, request: Request, identity: CurrentIdentity) -> None:
     """Refuse who may not import to this rig, before the body is read."""
-    database: Database = request.app.state.database
-    with database.reading() as session:
-        Access(session, identity).find(Rig, rig_id, "engineer")
+    with brief_access(request, identity) as access:
+        access.find(Rig, rig_id, "engineer")
 
 
 async def _imported(

@@ -10,9 +10,8 @@ from sqlalchemy import select
 
 from apexcal.documents.base import Sought
 from apexcal.documents.recordings import BlobAddress, FrameView
-from service.platform.auth.access import Access, CurrentIdentity, ReadAccess
+from service.platform.auth.access import CurrentIdentity, ReadAccess, brief_access
 from service.platform.db.recordings import CameraFrame, Recording
-from service.platform.db.session import Database
 from service.platform.http.etags import Conditional
 from service.platform.http.pages import LongPaging, Page, fetch
 from service.platform.http.problems import not_found
@@ -48,11 +47,9 @@ def get_frames(
 def _find(
     id: UUID, camera: Sought, index: Annotated[int, Path(ge=0, lt=2**31)], request: Request, identity: CurrentIdentity
 ) -> ByteRange:
-    database: Database = request.app.state.database
-    with database.reading() as session:
-        access = Access(session, identity)
+    with brief_access(request, identity) as access:
         sensor = find_camera(access.session, access.find(Recording, id).id, camera)
-        frame = session.get(CameraFrame, (sensor.id, index))
+        frame = access.session.get(CameraFrame, (sensor.id, index))
         if frame is None:
             raise not_found(
                 "no_such_frame", f"{camera} has no frame {index}.", f"It has {sensor.count}, numbered from 0."

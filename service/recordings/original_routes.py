@@ -12,9 +12,8 @@ from fastapi.responses import StreamingResponse
 
 from apexcal.documents.recordings import Original, OriginalPart
 from apexcal.documents.states import RecordingState
-from service.platform.auth.access import Access, CurrentIdentity
+from service.platform.auth.access import CurrentIdentity, brief_access
 from service.platform.db.recordings import Recording, UploadPart
-from service.platform.db.session import Database
 from service.platform.http.problems import conflict
 from service.platform.http.router import Router
 from service.platform.http.store_problems import streamed
@@ -28,16 +27,15 @@ router = Router(tags=["recordings"])
 
 def _complete(id: UUID, request: Request, identity: CurrentIdentity) -> tuple[Recording, Sequence[UploadPart]]:
     """A recording whose upload is complete, and its parts. The session ends here, before any byte is read."""
-    database: Database = request.app.state.database
-    with database.reading() as session:
-        row = Access(session, identity).find(Recording, id, "engineer")
+    with brief_access(request, identity) as access:
+        row = access.find(Recording, id, "engineer")
         if row.state == RecordingState.UPLOADING:
             raise conflict(
                 "upload_open", "The upload is not complete, so there is no file yet.", "Complete it first."
             )
         if row.layers_gone:
             raise MissingBlobError(EXPIRED)
-        return row, parts_of(session, row)
+        return row, parts_of(access.session, row)
 
 
 Complete = Annotated[tuple[Recording, Sequence[UploadPart]], Depends(_complete)]

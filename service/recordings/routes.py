@@ -101,7 +101,7 @@ def get_recording(id: UUID, access: ReadAccess, conditions: Conditional) -> Reco
 def patch_recording(id: UUID, body: RecordingEdit, access: WriteAccess, conditions: Conditional) -> RecordingView:
     """Rename a recording, ask for more marks of each vertex, replace its rig; before it is ready, its reading."""
     row = access.find(Recording, id, "engineer", lock=True)
-    conditions.require(version_etag(row.version))
+    conditions.edit(row)
     if body.rig_id and body.rig_id != row.rig_id:
         rig = access.session.get(Rig, body.rig_id)
         if rig is None or rig.vehicle_id != row.vehicle_id:
@@ -116,10 +116,8 @@ def patch_recording(id: UUID, body: RecordingEdit, access: WriteAccess, conditio
         row.reading = reading_document(access.session, row.rig_id, body.reading)
     for name, value in body.model_dump(exclude_none=True, exclude={"rig_id", "reading"}).items():
         setattr(row, name, value)
-    row.version += 1
     access.session.flush()
     hint(access.session, row.fleet_id, "recording", row.id)
-    conditions.offer(version_etag(row.version))
     return view(access.session, row)
 
 

@@ -10,9 +10,8 @@ from sqlalchemy import select
 
 from apexcal.documents.recordings import BlobAddress
 from apexcal.documents.sweeps import MEDIA_TYPE, SweepView
-from service.platform.auth.access import Access, CurrentIdentity, ReadAccess
+from service.platform.auth.access import Access, CurrentIdentity, ReadAccess, brief_access
 from service.platform.db.recordings import PackedSweep, PackedSweeps, Recording, Sensor
-from service.platform.db.session import Database
 from service.platform.http.etags import Conditional
 from service.platform.http.pages import LongPaging, Page, fetch
 from service.platform.http.problems import conflict, not_found
@@ -59,11 +58,9 @@ def _packed(access: Access, recording: Recording) -> PackedSweeps:
 def _find(
     id: UUID, index: Annotated[int, Path(ge=0, lt=2**31)], request: Request, identity: CurrentIdentity
 ) -> ByteRange:
-    database: Database = request.app.state.database
-    with database.reading() as session:
-        access = Access(session, identity)
+    with brief_access(request, identity) as access:
         packed = _packed(access, access.find(Recording, id))
-        sweep = session.get(PackedSweep, (packed.sensor_id, index))
+        sweep = access.session.get(PackedSweep, (packed.sensor_id, index))
         if sweep is None:
             raise not_found(
                 "no_such_sweep", f"The recording has no sweep {index}.", "Its sweeps are numbered from 0."

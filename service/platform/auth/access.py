@@ -301,6 +301,11 @@ def _accessing(
         yield Access(session, identity, key)
 
 
+def brief_access(request: Request, identity: Identity) -> AbstractContextManager[Access]:
+    """An :class:`Access` that only reads, and ends before any byte of a long answer is read."""
+    return _accessing(request.app.state.database.reading, identity)
+
+
 # Each dependency of a dependency is solved by itself, at a cost, so these call what they need.
 async def read_access(request: Request) -> Transaction:
     """What opens an :class:`Access` that only reads."""

@@ -12,10 +12,9 @@ from fastapi.responses import StreamingResponse
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from apexcal.documents.roles import Role
-from service.platform.auth.access import Access, CurrentIdentity
+from service.platform.auth.access import CurrentIdentity, brief_access
 from service.platform.broker.hints import Hint
 from service.platform.db.fleets import Fleet
-from service.platform.db.session import Database
 from service.platform.events.fanout import Fanout
 from service.platform.events.follower import Follower, anything
 from service.platform.http.problems import not_found
@@ -40,9 +39,8 @@ class EventStream(StreamingResponse):
 
 
 def _role(id: UUID, request: Request, identity: CurrentIdentity) -> Role:
-    database: Database = request.app.state.database
-    with database.reading() as session:
-        role = identity.role(Access(session, identity).find(Fleet, id).id)
+    with brief_access(request, identity) as access:
+        role = identity.role(access.find(Fleet, id).id)
     if role is None:
         raise not_found()
     return role

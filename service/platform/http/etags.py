@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from hashlib import sha256
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Depends, FastAPI, Request, Response
 
@@ -70,6 +70,12 @@ class Conditions:
                 f"Somebody changed this meanwhile: it is {etag} now, and the edit was made on {given}.",
                 "Read it again, decide whether your change still holds, and send it with the new ETag.",
             )
+
+    def edit(self, row: Any) -> None:
+        """Give a row its next version, and the answer that one's ETag. Raises :class:`Problem` as :meth:`require`."""
+        self.require(version_etag(row.version))
+        row.version += 1
+        self.offer(version_etag(row.version))
 
     def creates_only(self) -> bool:
         """Whether the request may only create (If-None-Match: *)."""
