@@ -20,8 +20,8 @@ def delete_analysis(access: Access, analysis_id: UUID) -> None:
     # Jobs first, as workers lock them before the rows that they work for.
     abandon(session, [row.id])
     with recounting(session, row.recording_id, besides=row.job_id):
-        made = session.get(AnalysisFile, row.id)
-        if made is not None:
-            condemn(session, [made.blob_key])
+        file = session.get(AnalysisFile, row.id)
+        if file is not None:
+            condemn(session, [file.blob_key])
         session.delete(row)
     tell_followers(session, row)

@@ -21,39 +21,41 @@ from service.publications.camera_queries import published_exports
 from service.publications.selection import Selection
 
 
-def plan_copy(session: Session, recording: Recording, wanted: CopyRequest) -> Json:
+def plan_copy(session: Session, recording: Recording, request: CopyRequest) -> Json:
     """Plain data for the worker, and ``results`` by camera.
 
     Raises:
         Problem: as for what a vehicle is given; 422 ``camera_not_recorded``, ``lens_without_equal``,
             ``frames_not_usable``.
     """
-    sensors, cameras = recorded_cameras(session, recording, wanted)
+    sensors, cameras = recorded_cameras(session, recording, request)
     lidar_frame = frame_of(sensors["lidar"], cameras[0].lidar_frame)
-    frames = {one.name: frame_of(sensors[one.name], one.T_own_lidar.to_frame) for one in cameras}
+    frames = {camera.name: frame_of(sensors[camera.name], camera.T_own_lidar.to_frame) for camera in cameras}
     fixed = (recording.facts or {}).get("static_transforms") or ()
     tree = recorded_tree(pose for pose in fixed if pose.get("origin") != "robot_description")
     return {
         "lidar_frame": lidar_frame,
-        "cameras": [_camera(one, sensors[one.name], frames[one.name]) for one in cameras],
-        "poses": _poses(tree, lidar_frame, cameras, frames, wanted.joints),
-        "results": {one.name: one.source for one in cameras},
+        "cameras": [_camera(camera, sensors[camera.name], frames[camera.name]) for camera in cameras],
+        "poses": _poses(tree, lidar_frame, cameras, frames, request.joints),
+        "results": {camera.name: camera.source for camera in cameras},
     }
 
 
 def recorded_cameras(
-    session: Session, recording: Recording, wanted: CopyRequest
+    session: Session, recording: Recording, request: CopyRequest
 ) -> tuple[dict[str, Sensor], list[CalibratedCamera]]:
     """The recording's sensors by name, and those of its cameras that are wanted and given a calibration.
 
     Raises:
         Problem: as for what a vehicle is given; 422 ``camera_not_recorded``.
     """
-    sensors = {one.name: one for one in session.scalars(select(Sensor).where(Sensor.recording_id == recording.id))}
+    of_recording = select(Sensor).where(Sensor.recording_id == recording.id)
+    sensors = {sensor.name: sensor for sensor in session.scalars(of_recording)}
     vehicle = session.get_one(Vehicle, recording.vehicle_id)
-    published = published_exports(session, vehicle, Selection(wanted.cameras, wanted.alias)).cameras
-    cameras = [one for one in published if one.name in sensors]
-    missing = [name for name in (*wanted.cameras, *wanted.joints) if name not in {one.name for one in cameras}]
+    published = published_exports(session, vehicle, Selection(request.cameras, request.alias)).cameras
+    cameras = [camera for camera in published if camera.name in sensors]
+    names = {camera.name for camera in cameras}
+    missing = [name for name in (*request.cameras, *request.joints) if name not in names]
     if missing or not cameras:
         raise unprocessable(
             "camera_not_recorded",
@@ -100,13 +102,13 @@ def _poses(
     joints: Mapping[str, str],
 ) -> list[Json]:
     """The poses to write, one for each camera; each is solved in the tree with those before it."""
-    found: list[Json] = []
+    poses: list[Json] = []
     for camera in cameras:
         T_camera_lidar = replace(camera.T_own_lidar, to_frame=frames[camera.name], from_frame=lidar)
         others = [frame for name, frame in frames.items() if name != camera.name]
         pose, is_new = _pose(tree, T_camera_lidar, others, joints.get(camera.name))
         tree.put(Joint(pose.from_frame, True, pose))
-        found.append(
+        poses.append(
             {
                 "parent": pose.to_frame,
                 "child": pose.from_frame,
@@ -115,7 +117,7 @@ def _poses(
                 "is_new": is_new,
             }
         )
-    return found
+    return poses
 
 
 def _pose(tree: FrameTree, T_camera_lidar: SE3, others: Sequence[str], named: str | None) -> tuple[SE3, bool]:

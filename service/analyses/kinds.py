@@ -72,7 +72,7 @@ def _report(access: Access, request: ReportRequest) -> Analysis:
         vehicle_id=access.session.get_one(Calibration, result.calibration_id).vehicle_id,
         set_id=access.session.get_one(CalibrationRun, result.run_id).set_id,
         result_id=result.id,
-        asked={"checks": [one.model_dump(mode="json") for one in now]},
+        asked={"checks": [check.model_dump(mode="json") for check in now]},
     )
 
 

@@ -66,8 +66,8 @@ def shown_pairs(access: Access, row: Analysis) -> CorrespondenceSet | None:
 def analysis_file(access: Access, database: Database, analysis_id: UUID) -> AnalysisDownload:
     """The file that an analysis made. Raises :class:`Problem` 404, 403, and 409 ``no_file``."""
     row = access.find(Analysis, analysis_id)
-    made = access.session.get(AnalysisFile, row.id)
-    if made is None:
+    file = access.session.get(AnalysisFile, row.id)
+    if file is None:
         raise conflict(
             "no_file",
             f"This analysis ({row.kind}) is {row.state}; it has no file.",
@@ -78,8 +78,8 @@ def analysis_file(access: Access, database: Database, analysis_id: UUID) -> Anal
     is_page, pairs = row.kind == "report", shown_pairs(access, row)
     if pairs is None:
         access.need(row.fleet_id, "reviewer" if is_page else "engineer")
-    size = access.session.get_one(Blob, made.blob_key).size
-    download = AnalysisDownload(made.blob_key, size, made.file_name, is_page)
+    size = access.session.get_one(Blob, file.blob_key).size
+    download = AnalysisDownload(file.blob_key, size, file.file_name, is_page)
     if pairs is not None:
         tell_pairs(access, database, pairs, "result")
     return download

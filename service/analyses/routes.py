@@ -37,7 +37,7 @@ _PAGE_POLICY = (
 
 
 @router.post("/analyses", status_code=202, response_model=AnyAnalysis, max_body_size=DOCUMENT)
-def ask(wanted: Annotated[AnalysisRequest, Body()], access: WriteAccess) -> JSONResponse:
+def ask(request: Annotated[AnalysisRequest, Body()], access: WriteAccess) -> JSONResponse:
     """Ask something that a worker answers. [engineer; reviewer for a report]
 
     `preview` counts what a region keeps. `suggestion` computes a region from what moves against the still background.
@@ -51,7 +51,7 @@ def ask(wanted: Annotated[AnalysisRequest, Body()], access: WriteAccess) -> JSON
     `edge_validation` test a calibration on pairs that it was not fitted to, or on a drive. Files count towards the
     fleet's quota until they are deleted.
     """
-    row = plan_of(access, wanted)
+    row = plan_of(access, request)
     return access.answer(view_of(row, queue_analysis(access.session, row)), 202)
 
 

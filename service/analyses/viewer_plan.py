@@ -19,24 +19,24 @@ from service.publications.camera_queries import published_cameras
 from service.publications.selection import Selection
 
 
-def plan_viewer_file(session: Session, recording: Recording, wanted: CopyRequest) -> Json:
+def plan_viewer_file(session: Session, recording: Recording, request: CopyRequest) -> Json:
     """Plain data for the worker, and ``results`` by camera.
 
     Raises:
         Problem: as for what a vehicle is given; 422 ``camera_not_recorded``.
     """
-    sensors, cameras = recorded_cameras(session, recording, wanted)
+    sensors, cameras = recorded_cameras(session, recording, request)
     vehicle = session.get_one(Vehicle, recording.vehicle_id)
     offsets = {
-        name: one.clock_offset_ns
-        for name, one in published_cameras(session, vehicle, Selection(wanted.cameras, wanted.alias)).items()
+        name: camera.clock_offset_ns
+        for name, camera in published_cameras(session, vehicle, Selection(request.cameras, request.alias)).items()
     }
     lidar = frame_of(sensors["lidar"], cameras[0].lidar_frame)
-    recorded = {one.name: frame_of(sensors[one.name], one.frame) for one in cameras}
+    recorded = {camera.name: frame_of(sensors[camera.name], camera.frame) for camera in cameras}
     plan = viewer_file(cameras, lidar, recorded, offsets)
-    facts = {"recording": recording.name, "alias": wanted.alias}
-    facts |= {f"result of {one.name}": one.source for one in cameras}
-    return plan | {"for_viewers": True, "results": {one.name: one.source for one in cameras}, "facts": facts}
+    facts = {"recording": recording.name, "alias": request.alias}
+    facts |= {f"result of {camera.name}": camera.source for camera in cameras}
+    return plan | {"for_viewers": True, "results": {camera.name: camera.source for camera in cameras}, "facts": facts}
 
 
 def viewer_file(
@@ -50,19 +50,19 @@ def viewer_file(
         offsets_ns: by camera, its clock minus the LiDAR's, if that is known.
     """
     frames: dict[str, str] = {}
-    for one in cameras:
-        choices = (recorded[one.name], one.frame, f"{one.name}_optical")
-        frames[one.name] = _first_free([lidar, *frames.values()], choices)
+    for camera in cameras:
+        choices = (recorded[camera.name], camera.frame, f"{camera.name}_optical")
+        frames[camera.name] = _first_free([lidar, *frames.values()], choices)
     return {
         "lidar_frame": lidar,
-        "cameras": [_camera(one, frames[one.name], offsets_ns.get(one.name) or 0) for one in cameras],
+        "cameras": [_camera(camera, frames[camera.name], offsets_ns.get(camera.name) or 0) for camera in cameras],
         "poses": _poses(lidar, cameras, frames),
     }
 
 
 def _first_free(taken: Sequence[str], choices: Sequence[str]) -> str:
     """A frame's name that no other frame has: drivers often give several cameras the same default name."""
-    name = next((one for one in choices if one not in taken), choices[-1])
+    name = next((choice for choice in choices if choice not in taken), choices[-1])
     while name in taken:
         name += "_"
     return name
@@ -87,11 +87,11 @@ def _camera(camera: CalibratedCamera, frame: str, clock_offset_ns: int) -> Json:
 
 def _poses(lidar: str, cameras: Sequence[CalibratedCamera], frames: dict[str, str]) -> list[Json]:
     """The LiDAR in the vehicle where the rig states that, and each camera in the LiDAR's frame."""
-    stated = next((one.T_vehicle_lidar for one in cameras if one.T_vehicle_lidar), None)
+    stated = next((camera.T_vehicle_lidar for camera in cameras if camera.T_vehicle_lidar), None)
     poses: list[SE3] = []
     if stated is not None and stated.to_frame not in (lidar, *frames.values()):
         poses.append(replace(stated, from_frame=lidar))
-    poses += [replace(one.T_lidar_camera, to_frame=lidar, from_frame=frames[one.name]) for one in cameras]
+    poses += [replace(camera.T_lidar_camera, to_frame=lidar, from_frame=frames[camera.name]) for camera in cameras]
     return [
         {
             "parent": pose.to_frame,

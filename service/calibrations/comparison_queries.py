@@ -39,7 +39,7 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
             "The two results belong to different cameras or vehicles, so their mounts differ.",
             "Compare two results of one camera of one vehicle.",
         )
-    found = side_by_side(result.fit, other.fit, result.spread, other.spread)
+    difference = side_by_side(result.fit, other.fit, result.spread, other.spread)
     shares_pairs = own.shares_pairs(their)
     width, height = result.fit.intrinsics.image_size
     return ResultComparison(
@@ -49,10 +49,10 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
         camera=result.camera,
         model=result.model,
         other_model=other.model,
-        sentence=_sentence(result.camera, found, shares_pairs=shares_pairs),
+        sentence=_sentence(result.camera, difference, shares_pairs=shares_pairs),
         shares_pairs=shares_pairs,
         image_size=(width, height),
-        **found,
+        **difference,
     )
 
 
@@ -70,17 +70,17 @@ def _origin(session: Session, result: Result) -> _Origin:
     return _Origin(*row)
 
 
-def _sentence(camera: str, found: Json, *, shares_pairs: bool) -> str:
-    said = (
-        f"The mounts of {camera} differ by {found['rotation_deg']:.3f} degrees and {found['translation_mm']:.1f} mm"
+def _sentence(camera: str, apart: Json, *, shares_pairs: bool) -> str:
+    sentence = (
+        f"The mounts of {camera} differ by {apart['rotation_deg']:.3f} degrees and {apart['translation_mm']:.1f} mm"
     )
-    if found["sigmas"] is None:
-        return f"{said}. One of the results states no standard deviations, so this cannot be judged."
-    said += f", {found['sigmas']:.1f} standard deviations of what both state: "
-    said += "more than chance." if found["differs"] else "chance explains it."
+    if apart["sigmas"] is None:
+        return f"{sentence}. One of the results states no standard deviations, so this cannot be judged."
+    sentence += f", {apart['sigmas']:.1f} standard deviations of what both state: "
+    sentence += "more than chance." if apart["differs"] else "chance explains it."
     if shares_pairs:
-        said += (
+        sentence += (
             " Both were fitted to the same pairs or to pairs of one recording. They share errors, so the difference "
             "is more standard deviations than that."
         )
-    return said
+    return sentence

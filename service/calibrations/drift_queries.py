@@ -49,10 +49,10 @@ def drift_of(session: Session, vehicle_id: UUID, camera: str, limit: int, after:
     newest_first = (_pairs_at().desc(), Calibration.id.desc())
     # One more: the first of the answer is compared with the one before it too.
     rows = session.execute(statement.order_by(*newest_first).limit(limit + 1)).all()
-    found = _recommended(session, camera, [(summary, at) for _, summary, at in rows][::-1])
+    results = _recommended(session, camera, [(summary, at) for _, summary, at in rows][::-1])
     within = {row[0] for row in rows[:limit]}
-    shown = [place for place, one in enumerate(found) if one.calibration_id in within]
-    steps = [_step(found, shown, place) for place in shown]
+    shown = [index for index, result in enumerate(results) if result.calibration_id in within]
+    steps = [_step(results, shown, index) for index in shown]
     return Drift(
         vehicle_id=vehicle_id,
         camera=camera,
@@ -105,17 +105,17 @@ def _recommended(session: Session, camera: str, dated: list[tuple[Json | None, d
     of_results = select(
         Result.id, Result.calibration_id, Result.model, Result.verdict, *(Result.document[name] for name in _COMPARED)
     ).where(Result.id.in_(chosen))
-    known: dict[UUID, Any] = {row[0]: row for row in session.execute(of_results)}
-    withdrawn = _withdrawn(session, list(known))
-    found: list[_Recommended] = []
+    rows: dict[UUID, Any] = {row[0]: row for row in session.execute(of_results)}
+    withdrawn = _withdrawn(session, list(rows))
+    results: list[_Recommended] = []
     for result_id, (at, spread) in chosen.items():
-        if result_id in known:
-            _, calibration_id, name, verdict, *parts = known[result_id]
+        if result_id in rows:
+            _, calibration_id, name, verdict, *parts = rows[result_id]
             result = ComparedResult.model_validate(dict(zip(_COMPARED, parts, strict=True)))
-            found.append(
+            results.append(
                 _Recommended(result_id, calibration_id, name, verdict, result, at, spread, withdrawn.get(result_id))
             )
-    return found
+    return results
 
 
 def _withdrawn(session: Session, result_ids: list[UUID]) -> dict[UUID, PublicationView | None]:
@@ -126,11 +126,11 @@ def _withdrawn(session: Session, result_ids: list[UUID]) -> dict[UUID, Publicati
     return {result_id: move and views[move.id] for result_id, move in last.items()}
 
 
-def _step(found: list[_Recommended], shown: list[int], place: int) -> DriftStep:
+def _step(results: list[_Recommended], shown: list[int], index: int) -> DriftStep:
     """``found[place]`` beside the one before it and the first shown. Withdrawn results are no standard."""
-    own = found[place]
-    earlier = [at for at in range(place) if found[at].withdrawn is None]
-    first = next((at for at in shown if at < place and found[at].withdrawn is None), None)
+    own = results[index]
+    earlier = [at for at in range(index) if results[at].withdrawn is None]
+    first = next((at for at in shown if at < index and results[at].withdrawn is None), None)
     return DriftStep(
         result_id=own.id,
         calibration_id=own.calibration_id,
@@ -139,32 +139,32 @@ def _step(found: list[_Recommended], shown: list[int], place: int) -> DriftStep:
         intrinsics=own.result.intrinsics,
         transform=own.result.transform,
         std=(own.spread or own.result).std,
-        from_previous=_apart(own, found[earlier[-1]]) if earlier else None,
-        from_first=None if first is None else _apart(own, found[first]),
+        from_previous=_apart(own, results[earlier[-1]]) if earlier else None,
+        from_first=None if first is None else _apart(own, results[first]),
         withdrawn=own.withdrawn,
     )
 
 
-def _apart(one: _Recommended, other: _Recommended) -> ResultDifference | None:
+def _apart(later: _Recommended, earlier: _Recommended) -> ResultDifference | None:
     # Imported here: it needs NumPy, which takes a twentieth of the service's start.
     from apexcal.geometry.result_differences import compared
 
-    apart = compared(one.result, other.result, one.spread, other.spread)
+    apart = compared(later.result, earlier.result, later.spread, earlier.spread)
     if apart is not None:
-        apart.incomparable = _incomparable(one, other)
+        apart.incomparable = _incomparable(later, earlier)
         apart.differs = apart.differs and apart.incomparable is None
     return apart
 
 
-def _incomparable(one: _Recommended, other: _Recommended) -> str | None:
+def _incomparable(later: _Recommended, earlier: _Recommended) -> str | None:
     """Why the difference of two mounts does not say that the mount moved; None if it does."""
-    if one.model != other.model:
-        return f"their lens models are {other.model} and {one.model}, and a mount belongs to its lens"
-    if one.result.lens != other.result.lens:
-        return f"the lens of the earlier result is {other.result.lens}, that of the later {one.result.lens}"
+    if later.model != earlier.model:
+        return f"their lens models are {earlier.model} and {later.model}, and a mount belongs to its lens"
+    if later.result.lens != earlier.result.lens:
+        return f"the lens of the earlier result is {earlier.result.lens}, that of the later {later.result.lens}"
     failed = [
         f"the {which} result (pairs of {each.at:%Y-%m-%d %H:%M})"
-        for which, each in (("earlier", other), ("later", one))
+        for which, each in (("earlier", earlier), ("later", later))
         if each.verdict != "pass"
     ]
     if len(failed) == 2:
@@ -181,17 +181,17 @@ def _sentence(camera: str, steps: list[DriftStep]) -> str:
         return f"{camera} has {count} recommended result{'' if count == 1 else 's'}: drift needs two.{withdrawn}"
     jumps = [step for step in standing if step.from_previous and step.from_previous.differs]
     last = standing[-1].from_first
-    said = f"Over {len(standing)} results of {camera} "
+    opening = f"Over {len(standing)} results of {camera} "
     if last is None:
-        return f"{said}drift cannot be judged: not all of them state standard deviations.{withdrawn}"
+        return f"{opening}drift cannot be judged: not all of them state standard deviations.{withdrawn}"
     size = f"{last.rotation_deg:.2f} degrees and {last.translation_mm:.0f} mm"
     size += f" ({last.sigmas:.1f} standard deviations)"
     if jumps:
         when = ", ".join(f"{step.at:%Y-%m-%d}" for step in jumps)
-        return f"{said}the mount moved (at {when}). The last one differs from the first by {size}.{withdrawn}"
+        return f"{opening}the mount moved (at {when}). The last one differs from the first by {size}.{withdrawn}"
     if last.incomparable:
         unsaid = f"Whether the mount moved cannot be said: {last.incomparable}."
-        return f"{said}the last one differs from the first by {size}. {unsaid}{withdrawn}"
+        return f"{opening}the last one differs from the first by {size}. {unsaid}{withdrawn}"
     if last.differs:
-        return f"{said}no step is significant, but the last one differs from the first by {size}.{withdrawn}"
-    return f"{said}the mount did not move significantly: the last one differs from the first by {size}.{withdrawn}"
+        return f"{opening}no step is significant, but the last one differs from the first by {size}.{withdrawn}"
+    return f"{opening}the mount did not move significantly: the last one differs from the first by {size}.{withdrawn}"

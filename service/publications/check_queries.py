@@ -56,7 +56,7 @@ def moment_checks(session: Session, result: Result) -> JudgedResult:
     policy = PublicationPolicy.model_validate((own.fleet_policy or {}) | (own.rig_policy or {}))
     published = current_publication(session, own.vehicle_id, result.camera)
     current = None if published is None or published.result_id is None else session.get(Result, published.result_id)
-    beside = next((one for one in result.stored_checks if one.name == _CURRENT.name), None)
+    beside = next((check for check in result.stored_checks if check.name == _CURRENT.name), None)
     checks = [
         _current(result, current, beside),
         _ended(result),

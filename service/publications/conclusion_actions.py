@@ -56,5 +56,5 @@ def _publish(session: Session, calibration: Calibration, summary: CameraSummary)
     result = session.get_one(Result, chosen.result_id, populate_existing=True)
     summary.checks, policy = judged_now(session, result)
     if is_asked and policy.publishes(summary.checks):
-        publish_by_itself(session, calibration, result, [one.sentence for one in failing(summary.checks)])
+        publish_by_itself(session, calibration, result, [check.sentence for check in failing(summary.checks)])
         summary.published = True

@@ -30,11 +30,11 @@ def calibrated_copy(context: Context, claim: Claim, lease: Lease) -> Callable[[S
     question = analysis.asked
     write_file, ending = (viewer_file, "for-viewers") if question.get("for_viewers") else (_copy, "calibrated")
     with context.scratch() as folder:
-        made = write_file(context, recording, question, folder, lease)
-        file = folder / "copy" / made["file"]
+        facts = write_file(context, recording, question, folder, lease)
+        file = folder / "copy" / facts["file"]
         key = store_file(context, claim, file, f"recordings/{recording.id}/copies")
         name = f"{_stem(recording.file_name)}-{ending}{file.suffix}"
-        counts = {count: made[count] for count in ("copied", "replaced", "added", "left_out") if count in made}
+        counts = {count: facts[count] for count in ("copied", "replaced", "added", "left_out") if count in facts}
         return keeping(claim, key, file, name, counts)
 
 

@@ -31,14 +31,14 @@ def vertex_columns(corners: Corners | None) -> Json:
         return {}
     joint = np.array(corners.covariance)
     blocks = [joint[first : first + 3, first : first + 3] for first in range(3, len(joint), 3)]
-    lower = [[_short(value) for value in line[: place + 1]] for place, line in enumerate(corners.covariance)]
-    stated = [_corner(*one) for one in zip(corners.names, corners.xyz, blocks, strict=True)]
+    lower = [[_short(value) for value in line[: row + 1]] for row, line in enumerate(corners.covariance)]
+    stated = [_corner(*corner) for corner in zip(corners.names, corners.xyz, blocks, strict=True)]
     return {"corners": stated, "corner_covariance": lower}
 
 
 def frame_columns(vertex: Vertex, xyz: Floats, covariance: Floats) -> list[Json] | None:
     """The column of a vertex's frame: its corners, moved with the vertex to ``xyz`` (3,), covariance (3, 3)."""
-    return [_corner(*one) for one in moved(vertex, xyz, covariance)] or None
+    return [_corner(*corner) for corner in moved(vertex, xyz, covariance)] or None
 
 
 def _corner(name: CornerName, xyz: ArrayLike, covariance: ArrayLike) -> Json:

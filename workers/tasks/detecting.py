@@ -57,24 +57,24 @@ Pairs = dict[UUID, list[Pair | None]]
 def detect(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Detection | None]:
     """Detect in the sweeps ``first`` to ``stop`` of the payload, or in all of them."""
     with context.database.reading() as session:
-        asked = session.get_one(Detection, claim.subject_id)
-        key = lidar_key(session, asked.recording_id)
-        cameras = _camera_stamps(session, asked.recording_id)
-        still = said_still(session, asked.recording_id)
+        run = session.get_one(Detection, claim.subject_id)
+        key = lidar_key(session, run.recording_id)
+        cameras = _camera_stamps(session, run.recording_id)
+        still = said_still(session, run.recording_id)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
         shard = range(claim.payload.get("first", 0), claim.payload.get("stop", len(lidar)))
-        region = Region.from_document(asked.region)
+        region = Region.from_document(run.region)
 
         def report(index: int) -> None:
             lease.check()
             if (index - shard.start) % _REPORT_EVERY == 0:
                 lease.report((index - shard.start) / max(len(shard), 1), "looking for vertices")
 
-        margin = 0 if asked.pairing["mode"] == "nearest" else MARGIN_SWEEPS
-        found = detect_range(
-            lidar, region, asked.detector, asked.options, indices=shard, on_sweep=report, margin=margin, still=still
+        margin = 0 if run.pairing["mode"] == "nearest" else MARGIN_SWEEPS
+        batch = detect_range(
+            lidar, region, run.detector, run.options, indices=shard, on_sweep=report, margin=margin, still=still
         )
-    return writing(asked, found, {sensor: _pair(found, stamps, asked.pairing) for sensor, stamps in cameras.items()})
+    return writing(run, batch, {sensor: _pair(batch, stamps, run.pairing) for sensor, stamps in cameras.items()})
 
 
 def writing(run: Detection, batch: Detections, pairs: Pairs) -> Callable[[Session], Detection | None]:

@@ -185,15 +185,15 @@ def _frames(out: Path, sensor: SensorManifest) -> list[Json]:
 
 def keep_image_kinds(session: Session, rig_id: UUID, sensors: Sequence[SensorManifest]) -> list[str]:
     """State in the rig what the recording tells of its cameras' images; sentences for the recording's owner."""
-    cameras = {one.name: one for one in session.scalars(select(RigCamera).where(RigCamera.rig_id == rig_id))}
-    seen = [(cameras[one.name], one) for one in sensors if one.name in cameras]
-    for camera, sensor in seen:
+    cameras = {camera.name: camera for camera in session.scalars(select(RigCamera).where(RigCamera.rig_id == rig_id))}
+    pairs = [(cameras[sensor.name], sensor) for sensor in sensors if sensor.name in cameras]
+    for camera, sensor in pairs:
         if camera.images is None and sensor.image_kind is not None:
             R = (sensor.camera_info or {}).get("R") if sensor.image_kind == "rectified" else None
             camera.images = {"kind": sensor.image_kind, "rotation": R and {"matrix": [R[:3], R[3:6], R[6:]]}}
             session.get_one(Rig, rig_id).version += 1
-    sentences = (_sentence(camera, sensor) for camera, sensor in seen)
-    return [f"{camera.name}: {said}" for (camera, _), said in zip(seen, sentences, strict=True) if said]
+    sentences = (_sentence(camera, sensor) for camera, sensor in pairs)
+    return [f"{camera.name}: {sentence}" for (camera, _), sentence in zip(pairs, sentences, strict=True) if sentence]
 
 
 def _sentence(camera: RigCamera, sensor: SensorManifest) -> str | None:

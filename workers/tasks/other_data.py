@@ -41,7 +41,7 @@ def other_data(session: Session, results: Sequence[Result]) -> dict[UUID, list[J
     used = {row.recording_id or (pairs and pairs.recording_id) for row, pairs, *_ in rows}
     named = select(Recording.id, Recording.name).where(Recording.id.in_(used))
     names: dict[UUID | None, str] = {row.id: row.name for row in session.execute(named)} if rows else {}
-    told: dict[UUID, dict[tuple[str, UUID | None], Json]] = defaultdict(dict)
+    by_result: dict[UUID, dict[tuple[str, UUID | None], Json]] = defaultdict(dict)
     for row, pairs, fitted_set, fitted_recording in rows:
         of_pairs = pairs.recording_id if pairs else None
         is_fitted = row.set_id == fitted_set or (of_pairs is not None and of_pairs == fitted_recording)
@@ -51,5 +51,5 @@ def other_data(session: Session, results: Sequence[Result]) -> dict[UUID, list[J
         at = f"{row.created_at:%Y-%m-%d %H:%M} UTC"
         content = row.result | {"kind": DATA_BY_KIND[row.kind], "data": data, "at": at, "id": str(row.id)}
         assert row.result_id is not None
-        told[row.result_id].setdefault((row.kind, row.set_id or row.recording_id), content)
-    return {result.id: list(told[result.id].values()) for result in results}
+        by_result[row.result_id].setdefault((row.kind, row.set_id or row.recording_id), content)
+    return {result.id: list(by_result[result.id].values()) for result in results}

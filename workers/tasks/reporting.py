@@ -50,9 +50,9 @@ def report(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
     with context.database.reading() as session:
         analysis = session.get_one(Analysis, claim.subject_id)
         result = session.get_one(Result, analysis.result_id)
-        now = [Check.model_validate(one) for one in analysis.asked["checks"]]
-        names = {one.name for one in now}
-        checks = [*(one for one in result.stored_checks if one.name not in names), *now]
+        now = [Check.model_validate(check) for check in analysis.asked["checks"]]
+        names = {check.name for check in now}
+        checks = [*(check for check in result.stored_checks if check.name not in names), *now]
         material = _material(session, result, checks, lease)
         places = _places(session, material, result)
     lease.report(0.1, "computing the report")

@@ -204,7 +204,7 @@ def _finish(run_input: RunInput, run: Any, state: State, schedule: tuple[Json, i
     }
     # What is not set are the coefficients that a lens does not have.
     document = result.model_copy(update=of_job).model_dump(mode="json", exclude_unset=True)
-    found = {
+    row = {
         "fleet_id": run.fleet_id,
         "calibration_id": run.calibration_id,
         "run_id": run.id,
@@ -215,7 +215,7 @@ def _finish(run_input: RunInput, run: Any, state: State, schedule: tuple[Json, i
     }
 
     def write(session: Session) -> RunEnd:
-        session.connection().execute(_INSERT_RESULT, found)
+        session.connection().execute(_INSERT_RESULT, row)
         return RunEnd(run, schedule)
 
     return write

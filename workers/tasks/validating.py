@@ -30,27 +30,27 @@ from workers.validation.lane_check import LaneCheck
 from workers.validation.pair_score import score_pairs
 
 
-def pair_validation(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def pair_validation(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], None]:
     """Errors of a calibration on a set's pairs, without a fit."""
     lease.report(0.0, "scoring pairs")
     with context.database.reading() as session:
-        row = session.get_one(Analysis, held.subject_id)
+        row = session.get_one(Analysis, claim.subject_id)
         calibration = KnownCalibration.of(row.asked["calibration"])
         columns = session.get_one(CorrespondenceSet, row.set_id).columns
     points = np.column_stack([columns[name] for name in "xyz"]).astype(np.float64)
     marks = np.column_stack([columns[name] for name in "uv"]).astype(np.float64)
-    found = score_pairs(calibration, points, marks)
-    return _writing(held, found, {name: found.pop(name) for name in SINGLE_PAIRS})
+    score = score_pairs(calibration, points, marks)
+    return _writing(claim, score, {name: score.pop(name) for name in SINGLE_PAIRS})
 
 
-def lane_validation(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def lane_validation(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], None]:
     """Lane markers of a drive against its frames."""
-    return _check(context, held, lease, LaneCheck)
+    return _check(context, claim, lease, LaneCheck)
 
 
-def edge_validation(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+def edge_validation(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], None]:
     """Depth edges of a drive against its frames."""
-    return _check(context, held, lease, EdgeCheck)
+    return _check(context, claim, lease, EdgeCheck)
 
 
 class _Drive(NamedTuple):
@@ -95,8 +95,8 @@ def _drive(session: Session, row: Analysis, calibration: KnownCalibration) -> _D
     frames = session.scalars(
         select(CameraFrame).where(CameraFrame.sensor_id == camera.id).order_by(CameraFrame.index)
     ).all()
-    wanted = check_image_size(camera, frames, calibration)
-    places = spread([(frame.stamp_ns, frame.offset, frame.length) for frame in wanted])
+    fitting = check_image_size(camera, frames, calibration)
+    places = spread([(frame.stamp_ns, frame.offset, frame.length) for frame in fitting])
     return _Drive(lidar_key(session, row.recording_id), camera.blob_key, places)
 
 

@@ -78,8 +78,8 @@ class CorrespondenceSet(Dated):
         session = object_session(self)
         assert session is not None
         whole = session.get_one(CorrespondenceSet, self.whole_id)
-        kept = self.own_indices(whole.count)
-        return {name: [values[i] for i in kept] for name, values in whole.columns.items()}
+        indices = self.own_indices(whole.count)
+        return {name: [values[i] for i in indices] for name, values in whole.columns.items()}
 
     def own_indices(self, count: int) -> list[int]:
         """Where the set's pairs are among the ``count`` pairs of the whole set."""

@@ -102,11 +102,11 @@ class Envelope:
     ) -> list[tuple[bytes, bytes]]:
         ours = self._api if path.startswith("/v1/") else self._pages
         if self._drain.asked:
-            headers = [one for one in headers if one[0] != b"connection"]
+            headers = [header for header in headers if header[0] != b"connection"]
             ours = [*ours, (b"connection", b"close")]
         names = {name for name, _ in headers}
         named = (request_ids.HEADER.encode(), request_id.encode())
-        return [*headers, *(one for one in ours if one[0] not in names), named]
+        return [*headers, *(header for header in ours if header[0] not in names), named]
 
     def _note(self, scope: Scope, status: int, seconds: float) -> None:
         route = getattr(scope.get("route"), "path", None) or "pages"

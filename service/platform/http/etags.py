@@ -55,19 +55,19 @@ class Conditions:
 
     def require(self, etag: str) -> None:
         """Raises :class:`Problem` unless the edit names the present version ``etag`` in If-Match."""
-        given = self._request.headers.get("if-match")
-        if given is None:
+        header = self._request.headers.get("if-match")
+        if header is None:
             raise Problem(
                 428,
                 "if_match_required",
                 "This edit does not say which version it changes.",
                 "Read the resource and send its ETag as If-Match.",
             )
-        if not names(given, etag):
+        if not names(header, etag):
             raise Problem(
                 412,
                 "version_conflict",
-                f"Somebody changed this meanwhile: it is {etag} now, and the edit was made on {given}.",
+                f"Somebody changed this meanwhile: it is {etag} now, and the edit was made on {header}.",
                 "Read it again, decide whether your change still holds, and send it with the new ETag.",
             )
 
@@ -87,16 +87,16 @@ def names(header: str | None, etag: str) -> bool:
     if header is None:
         return False
     # If-None-Match compares weakly: proxies that compress make W/"v3" of "v3".
-    given = [tag.strip().removeprefix("W/") for tag in header.split(",")]
-    return "*" in given or etag in given
+    tags = [tag.strip().removeprefix("W/") for tag in header.split(",")]
+    return "*" in tags or etag in tags
 
 
 def install(app: FastAPI) -> None:
     """Answer :class:`NotModified` with 304."""
 
     @app.exception_handler(NotModified)
-    async def on_not_modified(request: Request, found: NotModified) -> Response:
-        return Response(status_code=304, headers={"ETag": found.etag, "Cache-Control": "private, no-cache"})
+    async def on_not_modified(request: Request, error: NotModified) -> Response:
+        return Response(status_code=304, headers={"ETag": error.etag, "Cache-Control": "private, no-cache"})
 
 
 async def conditions(request: Request, response: Response) -> Conditions:

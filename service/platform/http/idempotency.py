@@ -38,10 +38,10 @@ class RequestKey:
     request_hash: str
 
 
-def of_caller(asked: RequestKey, *caller: object) -> RequestKey:
+def of_caller(key: RequestKey, *caller: object) -> RequestKey:
     """The same key, and a hash that is also of who asks: a session or token, and what it is limited to."""
-    digest = hashlib.sha256("\n".join([asked.request_hash, *map(str, caller)]).encode())
-    return RequestKey(asked.key, digest.hexdigest())
+    digest = hashlib.sha256("\n".join([key.request_hash, *map(str, caller)]).encode())
+    return RequestKey(key.key, digest.hexdigest())
 
 
 async def request_key(request: Request) -> RequestKey | None:
@@ -58,30 +58,30 @@ async def request_key(request: Request) -> RequestKey | None:
     return RequestKey(key, digest.hexdigest())
 
 
-def kept_answer(session: Session, person_id: UUID, asked: RequestKey) -> IdempotencyKey | None:
+def kept_answer(session: Session, person_id: UUID, key: RequestKey) -> IdempotencyKey | None:
     """The answer that is kept under this key, or None where the key is new.
 
     Raises :class:`Problem` ``idempotency_key_reused`` where the key belongs to another request.
     """
     if session.get_bind().dialect.name == "postgresql":
         # Twins of one request wait here for each other; SQLite has one writer at a time anyway.
-        session.execute(select(func.pg_advisory_xact_lock(_lock_number(person_id, asked.key))))
-    kept = session.scalar(
-        select(IdempotencyKey).where(IdempotencyKey.person_id == person_id, IdempotencyKey.key == asked.key)
+        session.execute(select(func.pg_advisory_xact_lock(_lock_number(person_id, key.key))))
+    row = session.scalar(
+        select(IdempotencyKey).where(IdempotencyKey.person_id == person_id, IdempotencyKey.key == key.key)
     )
-    if kept is not None and kept.request_hash != asked.request_hash:
+    if row is not None and row.request_hash != key.request_hash:
         raise unprocessable(
             "idempotency_key_reused",
             "This Idempotency-Key was sent before with another request, or by another session or token.",
             "Use a fresh key for every new request, and the same key only to repeat one exactly.",
         )
-    return kept
+    return row
 
 
-def repeat(kept: IdempotencyKey) -> Repeated:
+def repeat(row: IdempotencyKey) -> Repeated:
     """The kept answer, to be raised. Raises :class:`Problem` ``answer_not_kept`` where it held a secret."""
-    if kept.body is not None:
-        return Repeated(kept.status, kept.body)
+    if row.body is not None:
+        return Repeated(row.status, row.body)
     raise conflict(
         "answer_not_kept",
         "This request was done before. Its answer held a secret, which is shown once and not kept.",
@@ -98,6 +98,6 @@ def install(app: FastAPI) -> None:
     """Answer :class:`Repeated` with the kept answer."""
 
     @app.exception_handler(Repeated)
-    async def on_repeated(request: Request, found: Repeated) -> Response:
-        answer = JSONResponse(found.body, status_code=found.status, headers={"Idempotency-Replayed": "true"})
+    async def on_repeated(request: Request, error: Repeated) -> Response:
+        answer = JSONResponse(error.body, status_code=error.status, headers={"Idempotency-Replayed": "true"})
         return with_location(request, answer)

@@ -72,7 +72,7 @@ def fetch(
         statement = statement.where(*any_of)
     elif any_of:
         ids = statement.with_only_columns(key.label("key"))
-        parts = [ids.where(one).order_by(order).limit(window.limit + 1).subquery() for one in any_of]
+        parts = [ids.where(condition).order_by(order).limit(window.limit + 1).subquery() for condition in any_of]
         statement = statement.where(key.in_(union_all(*(select(part.c.key) for part in parts))))
     statement = statement.order_by(None).order_by(order).limit(window.limit + 1)
     single = len(statement.column_descriptions) == 1

@@ -108,9 +108,9 @@ def schema_mismatch() -> Problem:
 
 
 def _is_of_another_schema(error: DBAPIError) -> bool:
-    said = str(error.orig)
+    message = str(error.orig)
     return type(error.orig).__name__ in ("UndefinedColumn", "UndefinedTable") or any(
-        words in said for words in ("no such column", "no such table", "has no column named")
+        words in message for words in ("no such column", "no such table", "has no column named")
     )
 
 
@@ -133,9 +133,9 @@ _FAILURES = (
 def _failure_of(error: Exception) -> tuple[str, str, str]:
     """Code, detail and hint of what the database, or the pool of connections to it, fails with."""
     cause = getattr(error, "orig", None) or error
-    said = f"{getattr(cause, 'sqlstate', None)} {cause}"
+    message = f"{getattr(cause, 'sqlstate', None)} {cause}"
     for signs, code, detail, hint in _FAILURES:
-        if any(sign in said for sign in signs):
+        if any(sign in message for sign in signs):
             return code, detail, hint
     return "database_unavailable", "The database does not answer at the moment.", _LATER
 
@@ -241,32 +241,32 @@ def _of_status(request: Request, error: HTTPException) -> Problem:
 
 
 def _of_validation(errors: Sequence[Any]) -> Problem:
-    found = [_field_error(error) for error in errors[:_MOST_ERRORS]]
-    first = found[0]
+    fields = [_field_error(error) for error in errors[:_MOST_ERRORS]]
+    first = fields[0]
     more = f" ({len(errors) - 1} more, in `errors`)" if len(errors) > 1 else ""
     return unprocessable(
         "invalid_request",
         f"{first['field']}: {first['message']}{more}",
         "Correct the fields named in `errors` and send the request again.",
-        errors=found,
+        errors=fields,
     )
 
 
-def check_query(names: Iterable[str], known: Sequence[str]) -> None:
+def check_query(names: Iterable[str], read: Sequence[str]) -> None:
     """Raises :class:`Problem` 422 ``invalid_request`` where a query names what its route does not read."""
-    strange = sorted(set(names) - set(known))
+    strange = sorted(set(names) - set(read))
     if not strange:
         return
     errors: list[dict[str, str]] = []
     for name in strange[:_MOST_ERRORS]:
-        close = get_close_matches(name, known, 1)
+        close = get_close_matches(name, read, 1)
         errors.append({"field": f"query {name}", "message": _unread(close[0] if close else None)})
     raise unprocessable(
         "invalid_request",
         f"{errors[0]['field']}: {errors[0]['message']}",
-        f"The query of this address takes: {', '.join(known)}." if known else "This address takes no query.",
+        f"The query of this address takes: {', '.join(read)}." if read else "This address takes no query.",
         errors=errors,
-        known=[*known],
+        known=[*read],
     )
 
 

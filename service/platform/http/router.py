@@ -89,10 +89,10 @@ class Route(APIRoute):
         handler = super().get_route_handler()
         is_download = _DOWNLOADS.search(self.path) is not None
         parameters = get_flat_params(self.dependant)
-        known = sorted({one.alias for one in parameters if isinstance(one.field_info, Query)})
+        names = sorted({parameter.alias for parameter in parameters if isinstance(parameter.field_info, Query)})
 
         async def checked(request: Request) -> Response:
-            check_query(request.query_params, known)
+            check_query(request.query_params, names)
             answer = await handler(request)
             if is_download and answer.status_code < 300:
                 await _note_download(request)
@@ -113,11 +113,11 @@ class Route(APIRoute):
         @functools.wraps(endpoint)
         async def called(**values: Any) -> Response:
             request, injected = (values[name] for name in names)
-            for one in more:
-                del values[one.name]
+            for parameter in more:
+                del values[parameter.name]
             threads: Threads = request.app.state.threads
-            sessions = [one for one in values.values() if isinstance(one, Transaction)]
-            reads = not any(one.writes for one in sessions) and (sessions or request.method in _READS)
+            sessions = [value for value in values.values() if isinstance(value, Transaction)]
+            reads = not any(value.writes for value in sessions) and (sessions or request.method in _READS)
             lane: Lane = threads.reading if reads else getattr(threads, self.writers)
             caller = sessions[0].caller if sessions else None
             entry = audit_entry(request) if _AUDITED.search(f"{request.method} {self.path}") else None
@@ -133,8 +133,8 @@ class Route(APIRoute):
     ) -> Response:
         with ExitStack() as stack:
             opened = {
-                name: stack.enter_context(one.open()) if isinstance(one, Transaction) else one
-                for name, one in values.items()
+                name: stack.enter_context(value.open()) if isinstance(value, Transaction) else value
+                for name, value in values.items()
             }
             answer = endpoint(**opened)
             for name, value in values.items():
@@ -151,9 +151,9 @@ class Route(APIRoute):
                 raise ResponseValidationError(errors=errors, body=answer)
             content = self.response_field.serialize_json(valid)
         status = injected.status_code or self.status_code or 200
-        made = Response(content, status, media_type="application/json" if content is not None else None)
-        made.headers.raw.extend(injected.headers.raw)
-        return made
+        response = Response(content, status, media_type="application/json" if content is not None else None)
+        response.headers.raw.extend(injected.headers.raw)
+        return response
 
 
 def audit_entry(request: Request) -> Json:
@@ -195,7 +195,7 @@ def with_location(request: Request, answer: Response) -> Response:
 
 def _name_of(kind: type, signature: inspect.Signature) -> str:
     """The parameter of exactly this type, or the name of a new one."""
-    names = (name for name, one in signature.parameters.items() if one.annotation is kind)
+    names = (name for name, parameter in signature.parameters.items() if parameter.annotation is kind)
     return next(names, f"_{kind.__name__.lower()}")
 
 

@@ -40,17 +40,17 @@ class Pages:
         await response(scope, receive, send)
 
     def _response(self, path: str, encodings: str, *, takes_pages: bool) -> Response:
-        asked = self._file(path)
-        if asked is None and (path.startswith("assets/") or not takes_pages):
+        page = self._file(path)
+        if page is None and (path.startswith("assets/") or not takes_pages):
             raise HTTPException(404)
-        file = asked or self._root / "index.html"
+        file = page or self._root / "index.html"
         if not file.is_file():
             return HTMLResponse(_NOT_BUILT)
         # Vite names the files under assets/ by their content.
         forever = file.is_relative_to(self._root / "assets")
         headers = {
             "Cache-Control": "public, max-age=31536000, immutable" if forever else "no-cache",
-            "Vary": "Accept-Encoding" if asked else "Accept, Accept-Encoding",
+            "Vary": "Accept-Encoding" if page else "Accept, Accept-Encoding",
         }
         media_type = guess_type(file.name)[0] or "application/octet-stream"
         for encoding, suffix in _COMPRESSED.items():
@@ -65,18 +65,18 @@ class Pages:
     def _file(self, path: str) -> Path | None:
         """The file at this address, where there is one; what no file can be called is none."""
         try:
-            asked = (self._root / path).resolve()
-            is_ours = asked.is_relative_to(self._root) and asked.is_file() and asked.name != "index.html"
-            is_ours = is_ours and asked.suffix not in _COMPRESSED.values()
+            file = (self._root / path).resolve()
+            is_ours = file.is_relative_to(self._root) and file.is_file() and file.name != "index.html"
+            is_ours = is_ours and file.suffix not in _COMPRESSED.values()
         except (OSError, ValueError):  # longer than names may be; with a NUL
             return None
-        return asked if is_ours else None
+        return file if is_ours else None
 
 
 def _accepts(header: str, token: str) -> bool:
     """Whether an Accept or Accept-Encoding takes this, by its name and not with a weight of 0."""
-    for one in header.lower().split(","):
-        name, _, weight = (part.strip() for part in one.partition(";"))
+    for choice in header.lower().split(","):
+        name, _, weight = (part.strip() for part in choice.partition(";"))
         if name == token:
             return not re.fullmatch(r"q=0(\.0*)?", weight)
     return False
