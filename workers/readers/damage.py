@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 from workers.readers.bounded import ExpandsError
@@ -53,3 +53,13 @@ def damage(name: str, what: str, hint: str, *kinds: type[Exception]) -> Generato
 
 def _damaged(name: str, what: str, hint: str, why: str) -> ReadError:
     return ReadError("recording_damaged", f"{name} is {what} but cannot be read: {why}.", hint)
+
+
+@contextmanager
+def on_error(close: Callable[[], object]) -> Generator[None]:
+    """Close what was opened if the block fails: a file that is refused stays open for nobody."""
+    try:
+        yield
+    except BaseException:
+        close()
+        raise

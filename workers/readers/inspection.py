@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
@@ -57,8 +58,7 @@ def inspect_recording(
         ReadError: it is no recording, is damaged, or its LiDAR or cameras are not clear.
         InputError: the URDF cannot be used, or an answer is about no sensor.
     """
-    recording = open_recording(path, options or ReadOptions())
-    try:
+    with closing(open_recording(path, options)) as recording:
         chosen = choose_sensors(recording, lidar, cameras)
         times, delays = _times(recording, chosen)
         sensors = [_inspected(name, sensor, times[name], delays.get(name)) for name, sensor in chosen.items()]
@@ -70,8 +70,6 @@ def inspect_recording(
             *_length_faults(sensors, is_still=(options or ReadOptions()).point_times == "stamp_only"),
             *_frame_faults(sensors, transforms, proposal),
         ]
-    finally:
-        recording.close()
     lidar_stops = any(fault.verdict == "stop" and fault.sensor in ("", "lidar") for fault in faults)
     stopped = {fault.sensor for fault in faults if fault.verdict == "stop"}
     names = [name for name in chosen if name != "lidar"]
@@ -89,11 +87,8 @@ def inspect_recording(
 
 def static_transforms_of(path: Path) -> Sequence[StaticTransform]:
     """The fixed transforms of a recording. Raises ReadError ``no_static_transforms`` if there are none."""
-    recording = open_recording(path, ReadOptions())
-    try:
+    with closing(open_recording(path)) as recording:
         transforms = recording.static_transforms
-    finally:
-        recording.close()
     if not transforms:
         hint = "Record /tf_static or /robot_description, or give a URDF."
         raise ReadError("no_static_transforms", f"{path.name} states no fixed transforms.", hint)

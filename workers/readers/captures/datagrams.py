@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import OrderedDict
+from ipaddress import ip_address
 from typing import Final
 
 _ETHERNET: Final = 1
@@ -23,10 +24,8 @@ Datagram = tuple[bytes, int, int, bytes]
 
 def endpoint(sender: bytes, port: int) -> str:
     """A sender and the port it sends to, as people write them."""
-    if len(sender) == 4:
-        return f"{'.'.join(str(byte) for byte in sender)}:{port}"
-    words = (sender[i : i + 2].hex().lstrip("0") or "0" for i in range(0, 16, 2))
-    return f"[{':'.join(words)}]:{port}"
+    address = ip_address(sender)
+    return f"{address}:{port}" if address.version == 4 else f"[{address}]:{port}"
 
 
 # What nearly every frame of a sensor is: Ethernet, IPv4 without options, in one piece.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
 
@@ -44,8 +45,7 @@ def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None
         return copy, copy_rosbag1(path, copy, edits, on_done)
     if head.startswith(_STORAGE):
         return copy_file(path, out, edits, on_done)
-    tree = open_tree(path)
-    try:
+    with closing(open_tree(path)) as tree:
         contents = look_into(tree)
         sources = list(contents.sources)
         if len(sources) != 1 or contents.series:
@@ -54,8 +54,6 @@ def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None
         if not inner.is_dir() and not _is_bag(inner):
             raise _refused(path, "holds no bag and no MCAP file")
         return _copied(inner, out, edits, on_done)
-    finally:
-        tree.close()
 
 
 def _is_bag(path: Path) -> bool:

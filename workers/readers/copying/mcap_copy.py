@@ -7,6 +7,7 @@ change; chunks keep their compression. Messages that are added stand in chunks o
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from io import BytesIO
 from pathlib import Path
 from typing import Final
@@ -30,8 +31,7 @@ def copy_mcap(path: Path, out: Path, edits: Edits, is_first: bool, on_done: Call
     Raises:
         ReadError: as :class:`McapBag` and :class:`Editor` do.
     """
-    bag = McapBag(path)
-    try:
+    with closing(McapBag(path)) as bag:
         editor = Editor(bag, edits)
         writer = McapWriter(out, None, "zstd")
         try:
@@ -39,8 +39,6 @@ def copy_mcap(path: Path, out: Path, edits: Edits, is_first: bool, on_done: Call
                 _Copy(bag, writer, editor, is_first).run(on_done)
         finally:
             writer.abandon()
-    finally:
-        bag.close()
     return editor
 
 

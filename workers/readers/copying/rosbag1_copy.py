@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
 
@@ -31,14 +32,11 @@ class _Place:
 
 def copy_rosbag1(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> EditCounts:
     """Raises :class:`ReadError` as :class:`Rosbag1Bag` and :class:`Editor` do."""
-    bag = Rosbag1Bag(path)
-    try:
+    with closing(Rosbag1Bag(path)) as bag:
         editor = Editor(bag, edits)
         with bag.damage():
             _copy(bag, out, editor, on_done)
         editor.check_complete()
-    finally:
-        bag.close()
     return editor.counts
 
 

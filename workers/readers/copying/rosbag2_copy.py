@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tarfile
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
@@ -25,21 +26,17 @@ OnDone = Callable[[float], None]
 
 def copy_file(path: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Path, EditCounts]:
     """Copy one file of a bag. Returns where it is, with its format's suffix, and what was done."""
-    scratch = Scratch(path.name)
-    try:
+    with closing(Scratch(path.name)) as scratch:
         copy, editor = _copy_one(path, out, edits, scratch, True, on_done)
-    finally:
-        scratch.close()
     editor.check_complete()
     return copy, editor.counts
 
 
 def copy_folder(folder: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Path, EditCounts]:
     """Copy a bag's folder into a tar. New poses go into its first file with a message."""
-    scratch = Scratch(folder.name)
     work = out.parent / f"{out.name}-files"
     work.mkdir()
-    try:
+    with closing(Scratch(folder.name)) as scratch:
         warnings: list[str] = []
         files = bag_files(folder, warnings)
         editors: list[Editor] = []
@@ -61,8 +58,6 @@ def copy_folder(folder: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple
                 text = _metadata(read_metadata(folder / METADATA), copies, editors)
             file.write(text)
         return _packed([metadata, *copies], out), _summed(editors)
-    finally:
-        scratch.close()
 
 
 def _copy_one(

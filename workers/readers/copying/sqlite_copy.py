@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
 
@@ -38,11 +39,9 @@ def copy_sqlite(path: Path, out: Path, edits: Edits, is_first: bool, on_done: Ca
     Raises:
         ReadError: as :class:`SqliteBag` and :class:`Editor` do.
     """
-    bag = SqliteBag(path)
-    try:
+    with closing(SqliteBag(path)) as bag:
         editor = Editor(bag, edits)
-        db = sqlite3.connect(out, isolation_level=None)
-        try:
+        with closing(sqlite3.connect(out, isolation_level=None)) as db:
             # Nothing but the new file is written, and a file that was not finished is of no use.
             for pragma in ("journal_mode=OFF", "synchronous=OFF", "temp_store=MEMORY", "cache_size=-4000"):
                 db.execute(f"PRAGMA {pragma}")
@@ -50,10 +49,6 @@ def copy_sqlite(path: Path, out: Path, edits: Edits, is_first: bool, on_done: Ca
             with bag.damage():
                 _Copy(bag, db, editor, out.parent).run(is_first, on_done)
             db.execute("COMMIT")
-        finally:
-            db.close()
-    finally:
-        bag.close()
     return editor
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO, Final, Self, cast, get_args
 
 import numpy as np
@@ -15,6 +14,7 @@ from mcap.reader import SeekingReader
 from mcap.records import ChunkIndex
 from numpy.typing import NDArray
 
+from workers.readers.damage import on_error
 from workers.readers.normalised.cdr import POINT_CLOUD_SCHEMA, PointLayout
 from workers.readers.recording import ReadError, StampConvention, Sweep, TimeSource
 
@@ -52,14 +52,11 @@ class LidarFile:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._file: BinaryIO = self.path.open("rb")
-        try:
-            self._read_index()
-        except (McapError, struct.error, KeyError, UnicodeDecodeError, OSError, ValueError) as error:
-            self._file.close()
-            raise _broken(self.path, str(error) or type(error).__name__) from error
-        except BaseException:
-            self._file.close()
-            raise
+        with on_error(self._file.close):
+            try:
+                self._read_index()
+            except (McapError, struct.error, KeyError, UnicodeDecodeError, OSError, ValueError) as error:
+                raise _broken(self.path, str(error) or type(error).__name__) from error
 
     def _read_index(self) -> None:
         reader = SeekingReader(self._file)
@@ -169,7 +166,5 @@ class LidarFile:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
+from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -184,17 +185,15 @@ def normalise(
     """
     out = Path(out_dir)
     out.mkdir(parents=True, exist_ok=True)
-    recording = open_recording(path, options)
     files: list[Path] = []
     try:
-        chosen = choose_sensors(recording, lidar, cameras, sizes)
-        return _normalise(recording, out, chosen, on_progress or (lambda progress: None), files)
+        with closing(open_recording(path, options)) as recording:
+            chosen = choose_sensors(recording, lidar, cameras, sizes)
+            return _normalise(recording, out, chosen, on_progress or (lambda progress: None), files)
     except BaseException:
         for file in files:
             file.unlink(missing_ok=True)
         raise
-    finally:
-        recording.close()
 
 
 def _normalise(

@@ -23,7 +23,7 @@ from mcap.records import Schema
 from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 
-from workers.readers.damage import damage
+from workers.readers.damage import damage, on_error
 from workers.readers.mcap_io.records import (
     FOOTER_BYTES,
     HEAD,
@@ -67,7 +67,7 @@ class McapBag(Container):
         # Places of messages outside chunks, by channel; found only where the file is looked through.
         self._loose: dict[int, array[int]] = {}
         self.file = path.open("rb")
-        try:
+        with on_error(self.file.close):
             with self.damage():
                 self.contents = self._summary() or self._look_through()
             if not self.contents.channels:
@@ -76,9 +76,6 @@ class McapBag(Container):
                     f"{path.name} is an MCAP file of {self.size} bytes without any channel.",
                     "Copy or upload the file again; look at what recorded it.",
                 )
-        except BaseException:
-            self.file.close()
-            raise
 
     @contextmanager
     def damage(self) -> Generator[None]:

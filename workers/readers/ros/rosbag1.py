@@ -16,7 +16,7 @@ from rosbags.rosbag1.reader import Chunk, Header
 from rosbags.serde import SerdeError
 
 from apexcal.documents.readings import ReadOptions
-from workers.readers.damage import damage
+from workers.readers.damage import damage, on_error
 from workers.readers.progress import beat
 from workers.readers.recording import ReadError
 from workers.readers.ros.containers import Container, spread
@@ -66,15 +66,11 @@ class Rosbag1Bag(Container):
         self.size = path.stat().st_size
         self.reader = _Reader(path)
         self._connections: dict[str, list[Connection]] = {}
-        try:
-            with self.damage():
-                self.reader.open()
-                for connection in self.reader.connections:
-                    self._connections.setdefault(connection.topic, []).append(connection)
-                self._check_index()
-        except BaseException:
-            self.close()
-            raise
+        with on_error(self.close), self.damage():
+            self.reader.open()
+            for connection in self.reader.connections:
+                self._connections.setdefault(connection.topic, []).append(connection)
+            self._check_index()
 
     def _check_index(self) -> None:
         """Refuse an index that names a message twice: a small bag would be read without end.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 
 from workers.readers.bounded import decompress_zstd
-from workers.readers.damage import damage
+from workers.readers.damage import damage, on_error
 from workers.readers.recording import ReadError
 from workers.readers.ros.containers import Container, spread
 from workers.readers.ros.sqlite_file import MAX_VALUE_BYTES, SqliteFile
@@ -42,12 +42,8 @@ class SqliteBag(Container):
         self.size = path.stat().st_size
         with self.damage():
             self.file = SqliteFile(path)
-        try:
-            with self.damage():
-                self.ids, self._topics = self._read_topics()
-        except BaseException:
-            self.file.close()
-            raise
+        with on_error(self.file.close), self.damage():
+            self.ids, self._topics = self._read_topics()
 
     @contextmanager
     def damage(self) -> Generator[None]:

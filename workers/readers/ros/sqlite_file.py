@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from workers.readers.damage import on_error
 from workers.readers.progress import beat
 from workers.readers.recording import ReadError
 
@@ -68,7 +69,7 @@ class SqliteFile:
         # A bag is uploaded alone: a journal beside it would be another file's.
         uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         self._db = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
-        try:
+        with on_error(self._db.close):
             for limit, value in _LIMITS.items():
                 self._db.setlimit(limit, value)
             self._db.set_progress_handler(self._overdue, _STEPS)
@@ -80,9 +81,6 @@ class SqliteFile:
                 self._db.execute(f"PRAGMA {pragma}")
             self.columns = self._ordinary_tables()
             self.tables = frozenset(self.columns)
-        except BaseException:
-            self._db.close()
-            raise
         self._db.set_authorizer(_permitted)
 
     def _overdue(self) -> bool:

@@ -15,6 +15,7 @@ from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.packets import SAMPLE_PACKETS, Packet, PacketSource, PacketStream, SweepCutter
 from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
 from workers.readers.clouds.pointcloud2 import cloud_columns
+from workers.readers.damage import on_error
 from workers.readers.images.still_images import image_frame
 from workers.readers.images.transcode import raw_to_png
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, StaticTransform, Sweep
@@ -71,11 +72,8 @@ class TopicRecording(Recording):
         self._decoders: dict[str, Decoder] = {}
         self._other_topics: list[str] = []
         self._sentences: list[str] = []
-        try:
+        with on_error(container.close):
             self._sensors = self._find_sensors()
-        except BaseException:
-            container.close()
-            raise
 
     def _find_sensors(self) -> list[Sensor]:
         sensors: list[Sensor] = []

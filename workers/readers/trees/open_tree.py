@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from workers.readers.damage import on_error
 from workers.readers.detect import is_tar
 from workers.readers.trees.file_tree import FileTree, Folder, OnDisk
 from workers.readers.trees.scratch import Scratch, damaged_archive, packing_of
@@ -36,7 +37,7 @@ def _unpacked(path: Path, packing: str) -> FileTree:
     """A compressed tar, or a single compressed file, decompressed into a scratch folder."""
     scratch = Scratch(path.name)
     inner = next((path.name[: -len(s)] for s in _SUFFIXES if path.name.lower().endswith(s)), path.name)
-    try:
+    with on_error(scratch.close):
         file = scratch.unpack(path, packing, f"{_UNPACKED}/{inner if inner.strip('.') else 'recording'}")
         with file.open("rb") as unpacked:
             head = unpacked.read(512)
@@ -45,6 +46,3 @@ def _unpacked(path: Path, packing: str) -> FileTree:
         if is_tar(head):
             return Tar(file, path.name, scratch)
         return OnDisk(file.parent, path.name, [file.name], scratch)
-    except BaseException:
-        scratch.close()
-        raise

@@ -6,6 +6,7 @@ import tarfile
 from pathlib import Path
 from typing import Any, cast
 
+from workers.readers.damage import on_error
 from workers.readers.recording import ReadError
 from workers.readers.trees.file_tree import FileTree, FileWindow, Stream, check_tree, checked_path, refused, shortened
 from workers.readers.trees.scratch import Scratch, damaged_archive
@@ -30,12 +31,9 @@ class Tar(FileTree):
         self._end = 0
         self._size = file.stat().st_size
         self._file = file.open("rb")
-        try:
+        with on_error(self._file.close):
             self._list()
             check_tree(self.name, self._sizes)
-        except BaseException:
-            self._file.close()
-            raise
 
     def _list(self) -> None:
         try:

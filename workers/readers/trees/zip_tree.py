@@ -10,6 +10,7 @@ from lzma import LZMAError
 from pathlib import Path
 from typing import IO, Final
 
+from workers.readers.damage import on_error
 from workers.readers.recording import ReadError
 from workers.readers.trees.file_tree import FileTree, Stream, check_tree, checked_path, refused, shortened
 from workers.readers.trees.scratch import damaged_archive, expands_too_far, refused_expanding
@@ -40,14 +41,11 @@ class Zip(FileTree):
             self._zip = zipfile.ZipFile(file)
         except _BROKEN as error:
             raise damaged_archive(self.name, str(error)) from error
-        try:
+        with on_error(self._zip.close):
             for info in self._zip.infolist():
                 self._take(info)
             self._check_sizes()
             check_tree(self.name, self._sizes)
-        except BaseException:
-            self._zip.close()
-            raise
 
     def _check_directory(self, file: Path) -> None:
         """Refuse an absurd directory by its end record, before it is read."""
