@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-from uuid import UUID
-
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.comparisons import ResultComparison
+from service.calibrations.views import origin_of
 from service.platform.db.base import Json
-from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.platform.http.problems import not_found, unprocessable
-
-
-class _Origin(NamedTuple):
-    """What a result was fitted to."""
-
-    vehicle_id: UUID
-    set_id: UUID
-    recording_id: UUID | None
-
-    def shares_pairs(self, other: _Origin) -> bool:
-        return self.set_id == other.set_id or (
-            self.recording_id is not None and self.recording_id == other.recording_id
-        )
+from service.platform.db.calibrations import Result
+from service.platform.http.problems import unprocessable
 
 
 def comparison_of(session: Session, result: Result, other: Result) -> ResultComparison:
@@ -32,20 +16,23 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
     # Imported here: it needs NumPy, which takes a twentieth of the service's start.
     from apexcal.geometry.result_differences import side_by_side
 
-    own, their = _origin(session, result), _origin(session, other)
-    if (own.vehicle_id, result.camera) != (their.vehicle_id, other.camera):
+    _, calibration, pairs = origin_of(session, result)
+    _, other_calibration, other_pairs = origin_of(session, other)
+    if (calibration.vehicle_id, result.camera) != (other_calibration.vehicle_id, other.camera):
         raise unprocessable(
             "result_of_another_camera",
             "The two results belong to different cameras or vehicles, so their mounts differ.",
             "Compare two results of one camera of one vehicle.",
         )
     difference = side_by_side(result.fit, other.fit, result.spread, other.spread)
-    shares_pairs = own.shares_pairs(their)
+    shares_pairs = pairs.id == other_pairs.id or (
+        pairs.recording_id is not None and pairs.recording_id == other_pairs.recording_id
+    )
     width, height = result.fit.intrinsics.image_size
     return ResultComparison(
         result_id=result.id,
         other_id=other.id,
-        vehicle_id=own.vehicle_id,
+        vehicle_id=calibration.vehicle_id,
         camera=result.camera,
         model=result.model,
         other_model=other.model,
@@ -54,20 +41,6 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
         image_size=(width, height),
         **difference,
     )
-
-
-def _origin(session: Session, result: Result) -> _Origin:
-    row = session.execute(
-        select(Calibration.vehicle_id, CorrespondenceSet.id, CorrespondenceSet.recording_id)
-        .select_from(CalibrationRun)
-        .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
-        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
-        .where(CalibrationRun.id == result.run_id)
-    ).one_or_none()
-    if row is None:
-        # Deleted at this moment.
-        raise not_found()
-    return _Origin(*row)
 
 
 def _sentence(camera: str, apart: Json, *, shares_pairs: bool) -> str:

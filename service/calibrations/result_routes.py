@@ -7,7 +7,6 @@ from uuid import UUID
 
 from fastapi import Query, Request
 from fastapi.responses import Response
-from sqlalchemy import select
 
 from apexcal.documents.base import Sought, Stored
 from apexcal.documents.comparisons import Drift, ResultComparison
@@ -15,7 +14,7 @@ from apexcal.documents.results import ResultView
 from service.annotations.disclosure_actions import may_see_pairs, tell_pairs
 from service.calibrations.comparison_queries import comparison_of
 from service.calibrations.drift_queries import drift_of
-from service.calibrations.views import result_document
+from service.calibrations.views import origin_of, result_document
 from service.exports.answers import WantedFormat, exported
 from service.exports.queries import of_result
 from service.platform.auth.access import ReadAccess
@@ -23,7 +22,6 @@ from service.platform.db.base import weigh
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.fleets import Vehicle
 from service.platform.http.etags import Conditional
-from service.platform.http.problems import not_found
 from service.platform.http.router import Router
 from service.publications.check_queries import checks_now
 

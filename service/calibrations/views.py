@@ -21,6 +21,21 @@ from apexcal.documents.states import UNENDED
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.platform.http.pages import Page, Window, invalid_cursor
+from service.platform.http.problems import not_found
+
+
+def origin_of(session: Session, result: Result) -> tuple[CalibrationRun, Calibration, CorrespondenceSet]:
+    """What a result was fitted in and to. Raises :class:`Problem` 404 where it is deleted at this moment."""
+    row = session.execute(
+        select(CalibrationRun, Calibration, CorrespondenceSet)
+        .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .where(CalibrationRun.id == result.run_id)
+    ).one_or_none()
+    if row is None:
+        raise not_found()
+    run, calibration, pairs = row
+    return run, calibration, pairs
 
 
 def calibration_views(
