@@ -49,7 +49,7 @@ SAY_NOTHING = frozenset(
 CEILINGS = {
     "apexcal": 2,
     "service": 0,
-    "service/platform": 11,
+    "service/platform": 10,
     "workers": 0,
     "workers/geometry": 8,
     "workers/judge": 18,

@@ -43,7 +43,7 @@ class PartFigures(Collector):
         """The parts' state, as fresh as /readyz has it."""
         works = GaugeMetricFamily("apexcal_part_up", "Whether a part of the service works.", labels=("part",))
         parts: list[Part] = self._app.state.parts
-        answers = [(part, part.asked()) for part in parts]
+        answers = [(part, part.current_look()) for part in parts]
         for part, future in answers:
             wait([future], part.patience())
             works.add_metric([part.name], float(part.answer(future)["ok"]))

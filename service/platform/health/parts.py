@@ -39,7 +39,7 @@ class Part:
         self._began = self._ended = 0.0
         self._was = ""
 
-    def asked(self) -> Future[Answer]:
+    def current_look(self) -> Future[Answer]:
         """The look that answers now: the last one while it is fresh or under way, else a new one."""
         with self._guard:
             if self._future is None or (self._future.done() and self._is_stale(self._future.result())):
@@ -86,7 +86,7 @@ class Part:
 
 async def ask_parts(parts: Iterable[Part]) -> dict[str, Answer]:
     """What is found of each part, within :data:`PATIENCE_S`."""
-    answers = [(part, part.asked()) for part in parts]
+    answers = [(part, part.current_look()) for part in parts]
     for part, future in answers:
         await asyncio.wait([asyncio.wrap_future(future)], timeout=part.patience())
     return {part.name: part.answer(future) for part, future in answers}
