@@ -13,7 +13,7 @@ import time
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar, Unpack
 from urllib.parse import SplitResult, quote, urlsplit
 
 import httpx
@@ -30,6 +30,15 @@ M = TypeVar("M", bound=BaseModel)
 TIMEOUT = httpx.Timeout(60.0, connect=5.0, write=300.0)
 # What a header can carry behind "Bearer ": visible ASCII.
 _TOKEN = re.compile(r"[!-~]+")
+
+
+class RequestParts(TypedDict, total=False):
+    """What a request carries besides its address; None is as what is left out."""
+
+    params: Mapping[str, Any] | None
+    json: Any
+    content: bytes | None
+    headers: Mapping[str, str] | None
 
 
 class HttpTransport:
@@ -83,19 +92,10 @@ class HttpTransport:
         """
         return read(self.create(path, json=body, key=key), kind)
 
-    def create(
-        self,
-        path: str,
-        *,
-        params: Mapping[str, Any] | None = None,
-        json: Any = None,
-        content: bytes | None = None,
-        headers: Mapping[str, str] | None = None,
-        key: str | None = None,
-    ) -> httpx.Response:
+    def create(self, path: str, *, key: str | None = None, **request: Unpack[RequestParts]) -> httpx.Response:
         """POST anything, with an idempotency key as of :meth:`post`."""
-        headers = {**(headers or {}), "Idempotency-Key": key or str(uuid.uuid4())}
-        return self.send("POST", path, params=params, json=json, content=content, headers=headers)
+        request["headers"] = {**(request.get("headers") or {}), "Idempotency-Key": key or str(uuid.uuid4())}
+        return self.send("POST", path, **request)
 
     def patch(self, path: str, kind: type[M], body: Any, *, version: int | None = None) -> M:
         """Edit this version of a row; :class:`ApiError` ``version_conflict`` where it has changed meanwhile."""
@@ -135,15 +135,7 @@ class HttpTransport:
         self.send("DELETE", path, params=_given(query))
 
     def send(
-        self,
-        method: str,
-        path: str,
-        *,
-        params: Mapping[str, Any] | None = None,
-        json: Any = None,
-        content: bytes | None = None,
-        headers: Mapping[str, str] | None = None,
-        most_bytes: int | None = None,
+        self, method: str, path: str, *, most_bytes: int | None = None, **request: Unpack[RequestParts]
     ) -> httpx.Response:
         """One request, tried again while the service is away or busy. No redirect is followed.
 
@@ -151,17 +143,16 @@ class HttpTransport:
         must not be compressed then. Every request of this client may be repeated: reads and deletes by nature, parts
         by their digest, edits by their version, creations by their key.
         """
-        strange = _not_finite(json)
+        strange = _not_finite(request.get("json"))
         if strange is not None:
             raise InputError(f"{strange or 'what would be sent'} is not a finite number", "JSON has no such numbers.")
-        named = {"params": params, "json": json, "content": content, "headers": headers}
-        request = {name: value for name, value in named.items() if value is not None}
+        parts = _given(request)
         # A service that never answered is more likely misspelt than restarting.
         pauses_s = self._pauses_s if self._reached else self._pauses_s[:2]
         for pause_s in (*pauses_s, None):
             wait_s = 0.0
             try:
-                with self._http.stream(method, path, **request) as streamed:
+                with self._http.stream(method, path, **parts) as streamed:
                     response = _read(streamed, most_bytes)
             except httpx.TransportError as error:
                 if pause_s is None:
