@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import Files, Format, yaml_list
+from service.exports.calibrated import CalibratedCamera, file_name
+from service.exports.format import Format, each_camera, yaml_list
 
 
 def camera_info(camera: CalibratedCamera) -> str:
@@ -30,10 +30,10 @@ def _matrix(name: str, rows: int, columns: int, data: list[float]) -> list[str]:
     return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: {yaml_list(data)}"]
 
 
-def _files(calibrated: Calibrated) -> Files:
-    return {f"{file_name(camera.name)}.yaml": camera_info(camera) for camera in calibrated.cameras}
-
-
 FORMAT = Format(
-    name="camera_info", title="ROS camera_info", write=_files, kind="yaml", direction="none: the lens alone"
+    name="camera_info",
+    title="ROS camera_info",
+    write=each_camera({"{}.yaml": camera_info}),
+    kind="yaml",
+    direction="none: the lens alone",
 )

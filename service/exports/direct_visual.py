@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 
-from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import WITHOUT_RATIONAL, Files, Format, numbers
+from service.exports.calibrated import CalibratedCamera
+from service.exports.format import WITHOUT_RATIONAL, Format, each_camera, numbers
 
 
 def _document(camera: CalibratedCamera) -> str:
@@ -23,14 +23,10 @@ def _document(camera: CalibratedCamera) -> str:
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
 
 
-def _files(calibrated: Calibrated) -> Files:
-    return {f"{file_name(camera.name)}/calib.json": _document(camera) for camera in calibrated.cameras}
-
-
 FORMAT = Format(
     name="direct_visual",
     title="direct_visual_lidar_calibration",
-    write=_files,
+    write=each_camera({"{}/calib.json": _document}),
     lenses=WITHOUT_RATIONAL,
     kind="zip",
     direction="T_lidar_camera maps the camera's points into the LiDAR",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import WITHOUT_RATIONAL, Files, Format, yaml_list, yaml_number
+from service.exports.calibrated import CalibratedCamera
+from service.exports.format import WITHOUT_RATIONAL, Format, each_camera, yaml_list, yaml_number
 
 
 def _extrinsics(camera: CalibratedCamera) -> str:
@@ -27,18 +27,10 @@ def _lens(camera: CalibratedCamera) -> str:
     return "\n".join([*lines, ""])
 
 
-def _files(calibrated: Calibrated) -> Files:
-    files: Files = {}
-    for camera in calibrated.cameras:
-        folder = file_name(camera.name)
-        files |= {f"{folder}/extrinsics.yaml": _extrinsics(camera), f"{folder}/camera.yaml": _lens(camera)}
-    return files
-
-
 FORMAT = Format(
     name="fast_livo2",
     title="FAST-LIVO2",
-    write=_files,
+    write=each_camera({"{}/extrinsics.yaml": _extrinsics, "{}/camera.yaml": _lens}),
     lenses=WITHOUT_RATIONAL,
     kind="zip",
     direction="Rcl, Pcl map LiDAR points into the folder's camera",

@@ -6,7 +6,7 @@ Numbers are written so that reading gives the same bits.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -80,6 +80,15 @@ class Format:
     one_lidar: bool = False
     one_tree: bool = False
     plain_frames: bool = False
+
+
+def each_camera(writers: Mapping[str, Callable[[CalibratedCamera], str]]) -> Callable[[Calibrated], Files]:
+    """What writes files of each camera: ``{}`` in their names is the camera's."""
+    return lambda calibrated: {
+        name.format(file_name(camera.name)): write(camera)
+        for camera in calibrated.cameras
+        for name, write in writers.items()
+    }
 
 
 def obstacle(target: Format, calibrated: Calibrated) -> tuple[str, str] | None:

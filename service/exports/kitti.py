@@ -10,8 +10,8 @@ from datetime import datetime
 import numpy as np
 
 from apexcal.geometry.se3 import SE3, Floats
-from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import RADIAL_TANGENTIAL, Files, Format, numbers
+from service.exports.calibrated import CalibratedCamera
+from service.exports.format import RADIAL_TANGENTIAL, Format, each_camera, numbers
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 
@@ -24,8 +24,21 @@ def _time(at: datetime) -> str:
     return f"calib_time: {at.day:02d}-{_MONTHS[at.month - 1]}-{at.year} {at:%H:%M:%S}"
 
 
-def _rigid(at: datetime, T: SE3) -> str:
-    return "\n".join([_time(at), _line("R", T.R), _line("T", T.t), ""])
+def _rigid(camera: CalibratedCamera, T: SE3) -> str:
+    return "\n".join([_time(camera.at), _line("R", T.R), _line("T", T.t), ""])
+
+
+def _velo_to_cam(camera: CalibratedCamera) -> str:
+    return _rigid(camera, camera.T_camera_lidar)
+
+
+def _imu_to_velo(camera: CalibratedCamera) -> str:
+    return _rigid(camera, _T_lidar_vehicle(camera))
+
+
+def _T_lidar_vehicle(camera: CalibratedCamera) -> SE3:  # noqa: N802 - a transform
+    """The vehicle's frame takes the place of KITTI's IMU; it is the LiDAR's if no rig states it."""
+    return (camera.T_vehicle_lidar or SE3(camera.lidar_frame, camera.lidar_frame)).inverse()
 
 
 def _cam_to_cam(camera: CalibratedCamera) -> str:
@@ -48,41 +61,28 @@ def _cam_to_cam(camera: CalibratedCamera) -> str:
     return "\n".join([_time(camera.at), _line("corner_dist", [0.0]), *lines, ""])
 
 
-def _files(calibrated: Calibrated) -> Files:
-    """A folder for each camera. In one folder KITTI's cameras differ by a shift along x alone.
-
-    The vehicle's frame takes the place of KITTI's IMU; it is the LiDAR's if no rig states it.
-    """
-    files: Files = {}
-    for camera in calibrated.cameras:
-        folder, T_vehicle_lidar = file_name(camera.name), camera.T_vehicle_lidar
-        lidar = SE3(camera.lidar_frame, camera.lidar_frame)
-        files[f"{folder}/calib_velo_to_cam.txt"] = _rigid(camera.at, camera.T_camera_lidar)
-        files[f"{folder}/calib_imu_to_velo.txt"] = _rigid(camera.at, (T_vehicle_lidar or lidar).inverse())
-        files[f"{folder}/calib_cam_to_cam.txt"] = _cam_to_cam(camera)
-    return files
+def _object(camera: CalibratedCamera) -> str:
+    """The camera stands at each of KITTI's four places."""
+    P = np.c_[np.array(camera.K), np.zeros(3)]
+    named = {
+        **{f"P{number}": P for number in range(4)},
+        "R0_rect": np.eye(3),
+        "Tr_velo_to_cam": camera.T_camera_lidar.matrix[:3],
+        "Tr_imu_to_velo": _T_lidar_vehicle(camera).matrix[:3],
+    }
+    return "\n".join([*map(_line, named, named.values()), ""])
 
 
-def _object_files(calibrated: Calibrated) -> Files:
-    """A ``calib.txt`` for each camera, which stands at each of KITTI's four places."""
-    files: Files = {}
-    for camera in calibrated.cameras:
-        P, T_vehicle_lidar = np.c_[np.array(camera.K), np.zeros(3)], camera.T_vehicle_lidar
-        vehicle = (T_vehicle_lidar or SE3(camera.lidar_frame, camera.lidar_frame)).inverse()
-        named = {
-            **{f"P{number}": P for number in range(4)},
-            "R0_rect": np.eye(3),
-            "Tr_velo_to_cam": camera.T_camera_lidar.matrix[:3],
-            "Tr_imu_to_velo": vehicle.matrix[:3],
-        }
-        files[f"{file_name(camera.name)}/calib.txt"] = "\n".join([*map(_line, named, named.values()), ""])
-    return files
-
-
+# In one folder KITTI's cameras differ by a shift along x alone.
+_FILES = {
+    "{}/calib_velo_to_cam.txt": _velo_to_cam,
+    "{}/calib_imu_to_velo.txt": _imu_to_velo,
+    "{}/calib_cam_to_cam.txt": _cam_to_cam,
+}
 FORMAT = Format(
     name="kitti",
     title="KITTI raw",
-    write=_files,
+    write=each_camera(_FILES),
     kind="zip",
     direction="(R|T)_velo_to_cam maps LiDAR points into the folder's camera",
     lenses=RADIAL_TANGENTIAL,
@@ -90,7 +90,7 @@ FORMAT = Format(
 OBJECT = Format(
     name="kitti_object",
     title="KITTI object",
-    write=_object_files,
+    write=each_camera({"{}/calib.txt": _object}),
     kind="zip",
     direction="Tr_velo_to_cam maps LiDAR points into the folder's camera",
     of_undistorted=True,

@@ -7,8 +7,8 @@ import json
 import numpy as np
 
 from apexcal.geometry.se3 import Floats
-from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import Files, Format, numbers
+from service.exports.calibrated import CalibratedCamera
+from service.exports.format import Format, each_camera, numbers
 
 
 def _matrix(name: str, values: Floats) -> list[str]:
@@ -34,14 +34,10 @@ def _camera(camera: CalibratedCamera) -> str:
     return "\n".join([*lines, ""])
 
 
-def _files(calibrated: Calibrated) -> Files:
-    return {f"{file_name(camera.name)}.yaml": _camera(camera) for camera in calibrated.cameras}
-
-
 FORMAT = Format(
     name="opencv",
     title="OpenCV",
-    write=_files,
+    write=each_camera({"{}.yaml": _camera}),
     kind="yaml",
     direction="T_camera_lidar maps LiDAR points into the camera",
 )
