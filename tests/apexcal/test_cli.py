@@ -80,7 +80,7 @@ _UNKNOWN_WORDS = (
     (["--weights", "equals"], "'covariances'"),
     (["--outliers", "drop"], "'exclude'"),
     (["--model", "fisheye"], "kannala_brandt (the equidistant model"),
-    (["--model", "pinhole", "--model", "ocam"], "there is no camera model 'ocam'"),
+    (["--model", "pinhole", "--model", "ocam"], "there is no model 'ocam'"),
     (["--rotation-range-deg", "181"], "at most 180 degrees"),
     (["--rotation-range-deg", "0"], "0 is not above 0"),
     (["--rotation-range-deg", "nan"], "nan is not above 0"),
