@@ -19,7 +19,7 @@ from service.exports.answers import WantedFormat, exported
 from service.exports.queries import of_result
 from service.platform.auth.access import ReadAccess
 from service.platform.db.base import weigh
-from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.platform.db.calibrations import FULL, Result
 from service.platform.db.fleets import Vehicle
 from service.platform.http.etags import Conditional
 from service.platform.http.router import Router
@@ -41,16 +41,7 @@ def read_result(
     result = access.find(Result, result_id)
     if format_name is not None:
         return exported(format_name, of_result(access.session, result.id), conditions)
-    row = access.session.execute(
-        select(CalibrationRun, Calibration, CorrespondenceSet)
-        .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
-        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
-        .where(CalibrationRun.id == result.run_id)
-    ).one_or_none()
-    if row is None:
-        # Deleted at this moment.
-        raise not_found()
-    run, calibration, pairs = row
+    run, calibration, pairs = origin_of(access.session, result)
     weigh(pairs.count)
     with_pairs = may_see_pairs(access, pairs)
     checks = checks_now(access.session, result) if result.fold == FULL else None

@@ -24,7 +24,7 @@ from service.platform.broker.hints import hint
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
 from service.platform.db.fleets import Rig, Vehicle
 from service.platform.http.pages import LongPaging, Page, Paging, fetch
-from service.platform.http.problems import unprocessable
+from service.platform.http.problems import Problem, unprocessable
 from service.platform.http.router import Router
 from service.recordings.actions import delete_calibration
 

@@ -60,7 +60,7 @@ def patch_fleet(id: UUID, body: Named, request: Request, access: WriteAccess, co
     """Rename a fleet. Only an owner may: a name that is taken would tell of a fleet of others."""
     fleet = access.find(Fleet, id, "admin", lock=True)
     _require_owner(access)
-    conditions.require(version_etag(fleet.version))
+    conditions.edit(fleet)
     taken = select(Fleet.id).where(Fleet.name == body.name, Fleet.id != id)
     _refuse_taken(access, body.name, taken, "fleet")
     fleet.name = body.name
@@ -206,7 +206,7 @@ def _fleets(access: Access, fleets: Sequence[Fleet], request: Request) -> list[F
 
 def _require_owner(access: Access) -> None:
     if not access.identity.sees_all:
-        raise Problem(403, "owner_only", "Only an owner names fleets.", "Ask whoever runs the service.")
+        raise forbidden("owner_only", "Only an owner names fleets.", "Ask whoever runs the service.")
 
 
 def _refuse_taken(access: Access, name: str, statement: Any, what: str) -> None:

@@ -38,6 +38,7 @@ from service.platform.http.router import Router
 from service.platform.http.threads import Threads
 from service.platform.settings import MIB, get_settings
 from service.platform.storage.quota import STORED_PAIR_BYTES, take_rows
+from service.recordings.queries import find_camera
 
 router = Router(tags=["calibrations"])
 

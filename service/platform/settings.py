@@ -146,14 +146,18 @@ class Settings(BaseSettings):
     celery_control: bool = False
     """Workers obey Celery's remote control: whoever reaches the broker can stop them."""
 
-    mark_lease_s: float = Field(default=120.0, description="how long a person keeps a marking task unanswered")
-    log: Literal["", "text", "json"] = Field(default="", description="empty: json on PostgreSQL, else text")
-    metrics_token: SecretStr = Field(
-        default=SecretStr(""), description="bearer token of /metrics; empty: open to the service's own host only"
-    )
-    drain_s: float = Field(default=0.0, ge=0, description="how long /readyz says 503 before the API stops listening")
-    connections: int = Field(default=1000, ge=16, description="open connections of an API process")
-    job_days: int = Field(default=90, ge=1, description="ended jobs and their history go after this many days")
+    mark_lease_s: float = 120.0
+    """How long a person keeps a marking task unanswered."""
+    log: Literal["", "text", "json"] = ""
+    """Empty: json on PostgreSQL, else text."""
+    metrics_token: SecretStr = SecretStr("")
+    """Bearer token of /metrics; empty: open to the service's own host only."""
+    drain_s: float = Field(default=0.0, ge=0)
+    """How long /readyz says 503 before the API stops listening."""
+    connections: int = Field(default=1000, ge=16)
+    """Open connections of an API process."""
+    job_days: int = Field(default=90, ge=1)
+    """Ended jobs and their history go after this many days."""
 
     audit_days: int = Field(default=400, ge=1)
     """What the audit says of people's actions goes after this."""

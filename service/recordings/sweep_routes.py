@@ -17,6 +17,7 @@ from service.platform.http.pages import LongPaging, Page, fetch
 from service.platform.http.problems import conflict, not_found
 from service.platform.http.router import Router
 from service.recordings.addresses import IN_PIECES, ByteRange
+from service.recordings.queries import require_ready
 
 router = Router(tags=["recordings"])
 

@@ -17,11 +17,10 @@ from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import BetweenModels, ModelSummary, Summary
 from service.platform.db.base import (
     Base,
-    Created,
+    Dated,
     Digest,
     Json,
     Name,
-    RowId,
     belongs_to,
     partial_index,
     refers_to,
