@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from uuid import UUID
 
 from sqlalchemy import ColumnElement, Select, and_, bindparam, exists, select
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
+from service.platform.db.base import lasting_alias
 from service.platform.db.calibrations import Publication, Result, moves_of
 
 # Made once: they would take a tenth of what the end of a calibration costs.
-_LATER, _NEXT = aliased(Publication), aliased(Publication)
+_LATER, _NEXT = lasting_alias(Publication, "later"), lasting_alias(Publication, "following")
 _IS_NEXT = and_(
     *(_NEXT.vehicle_id == Publication.vehicle_id, _NEXT.camera == Publication.camera),
     *(_NEXT.alias == Publication.alias, _NEXT.number == Publication.number + 1, _NEXT.led_to.is_(None)),
