@@ -14,6 +14,7 @@ from workers.geometry.models import MODELS
 from workers.solver.fitness import Fitness, fitness_of
 from workers.solver.genetic import SearchOutcome, genetic_search
 from workers.solver.outcomes import Stop
+from workers.solver.polish import polish
 from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.random_streams import stream_key
 from workers.solver.residuals import residuals_and_jacobian
@@ -52,8 +53,8 @@ def run_slot(
     """Run slot number `slot` of `iteration` inside [lower, upper] (vectors in the order of `problem.names`).
 
     A pure function of its arguments, to the bit on one kind of processor: the randomness is keyed by (seed, model,
-    camera, fold, iteration, slot). Locked parameters keep their value. Releases the interpreter's lock. Raises what
-    the problem's `stop` raises.
+    camera, fold, iteration, slot). Locked parameters keep their value. A schedule whose slots are to agree polishes
+    the best. Releases the interpreter's lock. Raises what the problem's `stop` raises.
     """
     fitness = fitness_of(problem, np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64))
     outcome = SearchOutcome(np.zeros(0, dtype=np.float32), 0)
@@ -61,6 +62,8 @@ def run_slot(
         outcome = search(fitness, problem.schedule, stream_key(problem, iteration, slot), problem.stop)
     problem.stop.check()
     p = fitness.parameters(outcome.best)
+    if problem.schedule.agreeing:
+        p = np.array(polish(problem, p).parameters)
     return SlotOutcome(fitness.loss_px(p), tuple(p.tolist()), outcome.evaluations)
 
 
