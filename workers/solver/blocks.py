@@ -22,8 +22,8 @@ LEAST_PAIRS: Final = 40
 class Blocks:
     """Labels (N,) of the pairs' groups, or of the time blocks if there are no groups, from 0 in the order of time.
 
-    kind: `group`, what the pairs themselves name; `time`, `order`: there are no groups. moments (N,): of the pairs, or
-    of their groups' beginnings, by their stamps (s) or their places; None if there are too few.
+    kind: `group`, what the pairs themselves name; `time`, `order`: there are no groups. moments (N,): of the pairs,
+    or of their groups' beginnings, by their stamps (s) or their places; None if there are too few.
     """
 
     labels: Indices

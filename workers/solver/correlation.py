@@ -80,8 +80,8 @@ class Component:
 class Shares(NamedTuple):
     """The likeliest sizes of what pairs share, and the logarithm of their likelihood.
 
-    noise: sigma^2. components and variances (K,): with their T and tau^2. unsure (1 + K + L, 1 + K + L): covariance of
-    the logarithms of sigma^2, the K variances and the L finite T; zero for what is at an end of its range.
+    noise: sigma^2. components and variances (K,): with their T and tau^2. unsure (1 + K + L, 1 + K + L): covariance
+    of the logarithms of sigma^2, the K variances and the L finite T; zero for what is at an end of its range.
     """
 
     likelihood: float

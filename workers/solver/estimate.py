@@ -11,11 +11,10 @@ from apexcal.documents.camera_models import CAMERA_MODELS
 from apexcal.documents.precision import PersonBias, SharedErrors
 from apexcal.documents.results import Outlier
 from apexcal.geometry.rotations import vector_from_rotation
-from workers.solver.common_errors import beside_decentring, common_errors
+from workers.solver.common_errors import beside_decentring, common_errors, with_people
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.outcomes import Outcome
 from workers.solver.outliers import judge, without
-from workers.solver.people import with_people
 from workers.solver.polish import Fit, polish, refine
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of

@@ -15,10 +15,9 @@ from apexcal.documents.camera_models import ANGLES
 from apexcal.documents.checks import ALONE_LIMIT_DEG, ALONE_LIMIT_MM, figure
 from apexcal.documents.lenses import stated_deviation
 from apexcal.documents.precision import NextStep, NextSteps, StepKind
-from workers.solver.common_errors import beside_decentring, column_of, common_errors
+from workers.solver.common_errors import beside_decentring, column_of, columns_of, common_errors
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.estimate import Estimate
-from workers.solver.people import columns_of
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict
 from workers.solver.weighting import whitened

@@ -91,7 +91,7 @@ def _over_time(both: Shares, without: Shares, used: Used, widening: float) -> Ov
     evidence = max(0.0, 2.0 * (both.likelihood - without.likelihood))
     return OverTime(
         # As many independent ones tell their mean as well (Bayley and Hammersley 1946).
-        blocks=max(1, round(float(np.ptp(moments)) / (2.0 * lasting.lasts))),
+        blocks=max(1, round(float(moments.max() - moments.min()) / (2.0 * lasting.lasts))),
         shift_px=float(np.sqrt(0.5 * squares * both.variances[-1])),
         evidence=evidence,
         counted=evidence > _COUNTED,

@@ -11,6 +11,7 @@ from apexcal.documents.schedules import Schedule
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from apexcal.geometry.se3 import SE3, to_document
 from workers.geometry.models import MODELS
+from workers.solver.correlation import Component, Linearised, shares_of
 from workers.solver.fitness import Fitness, fitness_of
 from workers.solver.genetic import SearchOutcome, genetic_search
 from workers.solver.outcomes import Stop
@@ -77,3 +78,7 @@ def warm_up() -> None:
         problem = fit_problem(request, points, points[:, 1:] * 100.0 + 200.0)
         run_slot(problem, problem.lower.tolist(), problem.upper.tolist(), 0, 0)
         residuals_and_jacobian(problem, 0.5 * (problem.lower + problem.upper))
+    shapes, lasting = np.tile(np.eye(2), (32, 1, 1)), np.arange(32.0)
+    fit = Linearised(points[:, 1:], shapes, np.eye(2), np.zeros(2))
+    shares = shares_of(fit, [Component(shapes, np.zeros(32, np.int64), lasting, 1.0)], 1.0)
+    shares.components[0].product(shapes)

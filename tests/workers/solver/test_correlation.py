@@ -111,7 +111,8 @@ def test_the_covariance_is_that_of_noise_groups_and_what_lasts():
     expected = (Q @ J.T @ V @ J @ Q) * np.outer(scale, scale)
     unit = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(errors.covariance() / np.outer(unit, unit), expected / np.outer(unit, unit), atol=2e-3)
-    assert named.over_time.shift_px == pytest.approx(np.sqrt(errors.variances[-1])) and 0.7 < named.over_time.shift_px < 3.0
+    assert named.over_time.shift_px == pytest.approx(np.sqrt(errors.variances[-1]))
+    assert 0.7 < named.over_time.shift_px < 3.0
 
 
 def test_it_is_told_for_how_long_errors_last():

@@ -76,6 +76,8 @@ def test_the_covariance_is_that_of_noise_offsets_and_turns(of_poses):
     )
     growth = np.stack([np.diag(Q @ again.J.T @ part @ again.J @ Q) for part in parts], axis=1) * np.exp(logs)
     unsure = np.einsum("fi,ij,fj->f", growth, np.linalg.inv(curvature), growth)
+    freedom = 2.0 * np.diag(expected) ** 2 / unsure
+    np.testing.assert_allclose(list(document["degrees_of_freedom"].values()), freedom, rtol=1e-2)
     half = stats.t.ppf(0.975, freedom) * np.sqrt(np.diag(expected)) * again.unit
     np.testing.assert_allclose(list(document["interval95_half_width"].values()), half, rtol=1e-3)
 
