@@ -87,12 +87,12 @@ def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> Shared |
 def _over_time(both: Shares, without: Shares, used: Used, widening: float) -> OverTime:
     lasting = both.components[-1]
     moments = lasting.moments[used]
-    squares = float(np.mean(np.sum(lasting.shapes[used] ** 2, axis=(1, 2))))
+    squares: Floats = np.sum(lasting.shapes[used] ** 2, axis=(1, 2))
     evidence = max(0.0, 2.0 * (both.likelihood - without.likelihood))
     return OverTime(
         # As many independent ones tell their mean as well (Bayley and Hammersley 1946).
         blocks=max(1, round(float(moments.max() - moments.min()) / (2.0 * lasting.lasts))),
-        shift_px=float(np.sqrt(0.5 * squares * both.variances[-1])),
+        shift_px=float(np.sqrt(0.5 * np.mean(squares) * both.variances[-1])),
         evidence=evidence,
         counted=evidence > _COUNTED,
         widening=widening,
