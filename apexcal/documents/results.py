@@ -32,7 +32,7 @@ from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
 
 Status = Literal["ok", "unfinished", "not_converged", "not_determined", "not_explained"]
-Stopped = Literal["converged", "goal", "iterations"]
+Stopped = Literal["agreed", "converged", "goal", "iterations"]
 
 
 class Errors(Document):

@@ -1,26 +1,41 @@
-"""What a result's deviations become where other models predict held-out pairs as well: the models' spread is added.
+"""What a result's deviations become where other models predict held-out pairs as well: those of the models' mixture.
 
-A fit's deviations hold if its model is right. To them this adds the other models' weighted second moment about the
-fit: the between-model variance of Bayesian model averaging (Hoeting and others 1999).
+A fit's deviations hold if its model is right. Bayesian model averaging (Hoeting and others 1999) has a peak for each
+model, so that an interval is a quantile of the mixture, not a multiple of its deviation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import special
 
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import BetweenModels
 from apexcal.geometry.result_differences import MOUNT, TURNS, difference
 
+# scipy publishes no types.
+_normal: Callable[[NDArray[np.float64]], NDArray[np.float64]] = special.ndtr
+_SIGMAS95: Final = 1.959963984540054
+_HALVINGS: Final = 50
 # A difference of so many stated deviations is more than a result's own noise.
 _SURPRISE: Final = 2.0
 
 
+class _Peak(NamedTuple):
+    """A model's share, how far its parameter lies from the result's, and its own deviation and half-width."""
+
+    share: float
+    apart: float
+    std: float
+    half_width: float
+
+
 def spread_of(model: str, results: Mapping[str, FitResult], weight: Mapping[str, float]) -> BetweenModels | None:
-    """The deviations of ``model`` with the spread of the models added, by parameter; None where there is no other.
+    """The mixture's deviations and intervals about ``model``, by parameter; None where there is no other model.
 
     ``results``: of fits to all pairs, by model. ``weight``: of the judged models. Models that the pairs do not
     determine take no part.
@@ -35,23 +50,55 @@ def spread_of(model: str, results: Mapping[str, FitResult], weight: Mapping[str,
     # A model that the pairs do not determine may have all of the weight.
     if model not in weights or len(weights) < 2 or not own.std or whole <= 0.0:
         return None
-    differences = {name: difference(results[name], own) for name in weights if name != model}
-    added = {
-        name: sum(weights[other] / whole * apart[name] ** 2 for other, apart in differences.items() if name in apart)
-        for name in own.std
-    }
-    std = {
-        name: None if value is None else float(np.hypot(value, added[name] ** 0.5)) for name, value in own.std.items()
-    }
-    widened = {name: wide / value for name, value in own.std.items() if value and (wide := std[name])}
+    shares = {name: share / whole for name, share in weights.items()}
+    apart = {name: difference(results[name], own) for name in shares}
+    peaks = {name: _peaks(name, model, results, shares, apart) for name in own.std}
     return BetweenModels(
-        weights={name: share / whole for name, share in weights.items()},
-        std=std,
+        weights=shares,
+        std={name: None if mixture is None else _deviation(mixture) for name, mixture in peaks.items()},
         interval95_half_width={
-            name: None if value is None else value * widened.get(name, 1.0)
-            for name, value in own.interval95_half_width.items()
+            name: None if mixture is None else _half_width95(mixture) for name, mixture in peaks.items()
         },
     )
+
+
+def _peaks(
+    parameter: str,
+    model: str,
+    results: Mapping[str, FitResult],
+    shares: Mapping[str, float],
+    apart: Mapping[str, Mapping[str, float]],
+) -> list[_Peak] | None:
+    """The parameter's peaks; a model that lacks it or leaves it open counts as the result. None where it is open."""
+    std, half_width = (of.get(parameter) for of in (results[model].std, results[model].interval95_half_width))
+    if std is None or half_width is None:
+        return None
+    return [
+        _Peak(
+            share,
+            apart[name].get(parameter, 0.0),
+            results[name].std.get(parameter) or std,
+            results[name].interval95_half_width.get(parameter) or half_width,
+        )
+        for name, share in shares.items()
+    ]
+
+
+def _deviation(peaks: Sequence[_Peak]) -> float:
+    """Root of the mixture's second moment about the result."""
+    return float(np.sqrt(sum(peak.share * (peak.std**2 + peak.apart**2) for peak in peaks)))
+
+
+def _half_width95(peaks: Sequence[_Peak]) -> float:
+    """h with 0.95 of the mixture within h of the result; a peak is the Gaussian of its own interval."""
+    share, apart, _, half_width = np.array(peaks).T
+    deviation = np.maximum(half_width / _SIGMAS95, 1e-300)
+    low, high = 0.0, float(np.max(np.abs(apart) + 2.0 * half_width))
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        inside = share @ (_normal((middle - apart) / deviation) - _normal((-middle - apart) / deviation))
+        low, high = (middle, high) if inside < 0.95 else (low, middle)
+    return high
 
 
 def spread_sentence(model: str, results: Mapping[str, FitResult], spread: BetweenModels | None) -> str | None:

@@ -11,15 +11,14 @@ from apexcal.documents.camera_models import CAMERA_MODELS
 from apexcal.documents.precision import PersonBias, SharedErrors
 from apexcal.documents.results import Outlier
 from apexcal.geometry.rotations import vector_from_rotation
-from workers.solver.common_errors import beside_decentring, common_errors
+from workers.solver.common_errors import beside_decentring, common_errors, with_people
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.outcomes import Outcome
 from workers.solver.outliers import judge, without
-from workers.solver.people import with_people
 from workers.solver.polish import Fit, polish, refine
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
-from workers.solver.shared_errors import shared_errors
+from workers.solver.shared_errors import own_noise, shared_errors
 from workers.solver.uncertainty import Uncertainty, turns_are_free, uncertainty, units_of
 from workers.solver.weighting import whitened
 
@@ -151,11 +150,12 @@ def _with_shared_errors(result: Estimate) -> Estimate:
         return result
     here = whitened(result.holding, p)
     fit, scale = linearised(here, p)
-    noise = spread.sigma_px**2
-    unsure = np.array([[2.0 * noise**2 / spread.freedom if spread.freedom else 0.0]])
-    alone = ErrorModel(fit, scale, noise, *common_errors(here, p), unsure)
+    unsure = np.array([[2.0 / spread.freedom if spread.freedom else 0.0]])
+    alone = ErrorModel(fit, scale, spread.sigma_px**2, *common_errors(here, p), unsure)
     plain, bias = with_people(here, alone)
-    plain = replace(plain.with_own_noise(), moved=_moved(here, result.parameters, p))
+    # A planned noise has no residuals to be told from.
+    plain = own_noise(plain) if plain.terms and spread.freedom else plain
+    plain = replace(plain, moved=_moved(here, result.parameters, p))
     shared = shared_errors(here, p, plain)
     errors = plain if shared is None else shared.errors
     stated = beside_decentring(here, p, errors)

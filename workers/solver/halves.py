@@ -128,7 +128,7 @@ def _ratios(errors: ErrorModel, rows: Floats, first: Used, second: Used) -> tupl
     # Linear steps from the full fit: parameters that the pairs hardly determine, like higher distortion terms, bend
     # the ends of the polished fits.
     step = errors.step(first) - errors.step(second)
-    covariance, parts = errors.difference(first, second), errors.parts(first, second)
+    covariance, parts = errors.covariance(first, second), errors.parts(first, second)
     over_parameters = _root_mahalanobis(errors, step, covariance, parts)
     moved: Floats = rows @ _directions(covariance)[1]
     stated: Floats = np.sum(moved**2, axis=1)

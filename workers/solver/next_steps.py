@@ -15,10 +15,9 @@ from apexcal.documents.camera_models import ANGLES
 from apexcal.documents.checks import ALONE_LIMIT_DEG, ALONE_LIMIT_MM, figure
 from apexcal.documents.lenses import stated_deviation
 from apexcal.documents.precision import NextStep, NextSteps, StepKind
-from workers.solver.common_errors import beside_decentring, column_of, common_errors
+from workers.solver.common_errors import beside_decentring, column_of, columns_of, common_errors
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.estimate import Estimate
-from workers.solver.people import columns_of
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict
 from workers.solver.weighting import whitened
@@ -185,29 +184,26 @@ def _planned(problem: FitProblem, p: Floats, estimate: Estimate) -> _Plan:
         people = there.people if there.people is not None else np.ones((len(there.points), 1))
         shifts = estimate.bias.px * columns_of(there, people)
         common, terms = np.concatenate([common, shifts], axis=2), terms + ("person_px",) * shifts.shape[2]
+    # The marks of a step lie near each other in time, in groups of their own.
+    alone = np.arange(len(points))
     shared = tuple(
         replace(
             each,
-            labels=np.concatenate([each.labels, each.labels.max() + 1 + np.arange(len(points))]),
-            # The marks of a step lie in one time block, and in groups of their own.
+            labels=np.concatenate([each.labels, each.labels.max() + 1 + alone]),
+            moments=np.concatenate([each.moments, 0.0 * alone]),
             shapes=np.concatenate(
                 [
                     each.shapes,
                     each.shapes[near]
-                    * np.sqrt((1.0 if _of_groups(estimate, k) else MARKS) / problem.weights[near])[:, None, None],
+                    * np.sqrt((MARKS if each.lasts < np.inf else 1.0) / problem.weights[near])[:, None, None],
                 ]
             ),
         )
-        for k, each in enumerate(errors.shared)
+        for each in errors.shared
     )
     planned = replace(errors, fit=fit, scale=scale, common=common, terms=terms, shared=shared, moved=np.zeros(0))
     planned = replace(beside_decentring(there, p, planned), moved=np.zeros(0))
     return _Plan(planned, np.arange(len(there.points)) < n, {n + i: name for i, name in enumerate(names)})
-
-
-def _of_groups(estimate: Estimate, component: int) -> bool:
-    blocks = estimate.holding.blocks
-    return blocks is not None and blocks.kind == "group" and component == 0
 
 
 def _places(problem: FitProblem, p: Floats) -> tuple[Floats, list[str]]:

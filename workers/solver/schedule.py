@@ -2,19 +2,20 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal, cast
+from typing import Any, Final, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.results import Stopped
 from apexcal.geometry.rotations import shortest_vector
 from workers.solver.optima import MOST_SLOTS
 from workers.solver.outcomes import SolveError
 from workers.solver.problem import FitProblem
 from workers.solver.slot import SlotOutcome, run_slot
 
-Stopped = Literal["converged", "goal", "iterations"]
-_REASONS: Final[tuple[Stopped, ...]] = ("converged", "goal", "iterations")
+_REASONS: Final[tuple[Stopped, ...]] = get_args(Stopped)
+_EXACT_PX: Final = 1e-6  # losses of computed pairs differ by rounding
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class State:
     iteration: how many are done. best_loss (px, infinite before the first) never rises. half_width: the box's
     half-widths before clipping to the initial bounds. stalled: iterations since the last relative decrease above
     the tolerance. first_slot_parameters: the bests of the first slots of the first iteration, which looked
-    everywhere. history: best_loss after each iteration.
+    everywhere. history: best_loss after each iteration. agreeing: slots that ended at best_loss.
     """
 
     iteration: int
@@ -36,6 +37,7 @@ class State:
     history: tuple[float, ...]
     stopped: Stopped | None
     first_slot_parameters: tuple[tuple[float, ...], ...] = ()
+    agreeing: int = 0
 
 
 def start(problem: FitProblem) -> State:
@@ -79,6 +81,7 @@ def advance(problem: FitProblem, state: State, outcomes: Sequence[SlotOutcome]) 
     for outcome in outcomes:
         if outcome.loss < best_loss or not best_parameters:
             best_loss, best_parameters = outcome.loss, outcome.parameters
+    losses = [state.best_loss] * state.agreeing + [outcome.loss for outcome in outcomes]
     decreased = state.iteration == 0 or state.best_loss - best_loss > schedule.tolerance * abs(state.best_loss)
     return _stop(
         problem,
@@ -93,6 +96,7 @@ def advance(problem: FitProblem, state: State, outcomes: Sequence[SlotOutcome]) 
             first_slot_parameters=state.first_slot_parameters
             or tuple(outcome.parameters for outcome in outcomes[:MOST_SLOTS]),
             history=(*state.history, best_loss),
+            agreeing=sum(loss - best_loss <= schedule.tolerance * abs(best_loss) + _EXACT_PX for loss in losses),
         ),
     )
 
@@ -102,6 +106,8 @@ def _stop(problem: FitProblem, state: State) -> State:
     reason: Stopped | None = None
     if schedule.goal_px is not None and state.best_loss <= schedule.goal_px:
         reason = "goal"
+    elif 0 < schedule.agreeing <= state.agreeing:
+        reason = "agreed"
     elif state.stalled >= schedule.patience:
         reason = "converged"
     elif state.iteration >= schedule.max_iterations:
@@ -118,6 +124,7 @@ def to_document(state: State) -> dict[str, Any]:
         "half_width": list(state.half_width),
         "stalled": state.stalled,
         "evaluations": state.evaluations,
+        "agreeing": state.agreeing,
         "first_slot_parameters": [list(parameters) for parameters in state.first_slot_parameters],
         "history": list(state.history),
         "stopped": state.stopped,
@@ -137,6 +144,7 @@ def from_document(document: Mapping[str, Any]) -> State:
         best_parameters=numbers("best_parameters"),
         half_width=numbers("half_width"),
         stalled=int(document["stalled"]),
+        agreeing=int(document["agreeing"]),
         evaluations=int(document["evaluations"]),
         history=numbers("history"),
         stopped=next((reason for reason in _REASONS if reason == document["stopped"]), None),

@@ -23,12 +23,12 @@ from service.platform.handovers import RunEnd, SlotBundle
 from service.platform.jobs.claims import CancelledError, Claim, Lease
 from workers.judge.fit_checks import checks_of_fit
 from workers.solver.blocks import blocks_of
+from workers.solver.common_errors import shares_of
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
 from workers.solver.held_out import Fold, folds, held_out
 from workers.solver.motion import velocities_of
 from workers.solver.outcomes import NEVER, SolveError, Stop
-from workers.solver.people import shares_of
 from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.provenance import pairs_sha256, sources_sha256
 from workers.solver.rolling_shutter import at_their_rows

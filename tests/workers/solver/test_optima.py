@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
+from apexcal.documents.schedules import Schedule
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simulated
 from workers.geometry.models import MODELS
@@ -121,7 +122,7 @@ def _along(problem, best, direction, loss_px):
 
 
 def test_an_end_that_is_no_minimum_is_no_optimum(monkeypatch):
-    problem = small_board(0)
+    problem = replace(small_board(0), schedule=Schedule())  # its slots are not polished
     state, _ = run_schedule(problem)
     deep = polish(problem, state.best_parameters)
     assert other_optima(problem, deep, state.first_slot_parameters)

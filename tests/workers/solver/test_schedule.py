@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from tests.workers.solver.rigs import simulated
 from workers.solver.outcomes import SolveError
+from workers.solver.polish import polish
 from workers.solver.schedule import advance, bounds_of, from_document, run_schedule, start, to_document
 from workers.solver.slot import SlotOutcome, run_slot
 
@@ -78,6 +79,30 @@ def test_stop_rules():
     assert run([3, 2, 1, 0.5, 0.25, 0.1], patience=3) == ("iterations", 5)
     # A relative decrease above the tolerance starts the patience again.
     assert run([3, 3, 3, 2.99, 2.99, 2.99], patience=3, max_iterations=6) == ("iterations", 6)
+
+
+def test_slots_agree_on_the_lowest_loss_alone():
+    problem = replace(PROBLEM, schedule=replace(PROBLEM.schedule, slots=2, agreeing=2, patience=9, max_iterations=9))
+
+    def run(*iterations):
+        state = start(problem)
+        for losses in iterations:
+            state = advance(problem, state, outcomes_of(losses))
+        return state.stopped, state.agreeing
+
+    assert run([3.0, 3.0001]) == ("agreed", 2)
+    assert run([3.0, 2.0]) == (None, 1)
+    assert run([3.0, 2.0], [4.0, 2.0]) == ("agreed", 2)
+    assert run([3.0, 2.0], [2.0, 1.0]) == (None, 1)  # two ended at 2, which is not the lowest
+    assert run([0.0, 1e-9]) == ("agreed", 2)
+
+
+def test_by_default_two_polished_slots_are_enough():
+    for seed in range(3):
+        problem, truth = simulated("brown_conrady", 70 + seed, mount_deg=100, rotation_range_deg=180)
+        state, (outcomes, *_) = run_schedule(problem)
+        assert (len(outcomes), state.stopped, state.iteration) == (2, "agreed", 1)
+        assert polish(problem, state.best_parameters).cost < 1.001 * polish(problem, truth).cost
 
 
 def test_slots_must_all_report():

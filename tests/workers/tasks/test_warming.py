@@ -2,6 +2,7 @@
 
 import pytest
 
+from workers.solver import correlation
 from workers.tasks.warming import _REGION, _SWEEPS, _sweep, warm_up
 from workers.vertices.detectors import detect_range
 from workers.vertices.refined import apex, corner, planes, rays, window
@@ -21,11 +22,13 @@ KERNELS = (
     rays.choose_rays,
     rays.mixed_rays,
     window._image,
+    correlation._product,
+    correlation._whiten,
 )
 
 
 @pytest.mark.timeout(900)  # in a fresh clone all are compiled here, where `make` did not do so
-def test_every_kernel_of_the_detectors_has_its_machine_code_afterwards():
+def test_every_kernel_has_its_machine_code_afterwards():
     warm_up()
     assert [kernel.__name__ for kernel in KERNELS if not kernel.signatures] == []
 

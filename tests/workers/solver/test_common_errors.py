@@ -10,7 +10,7 @@ from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import simulated
 from tests.workers.solver.test_shared_errors import intervals_held
 from tests.workers.solver.walks import Recomputed, finish, walked
-from workers.solver.people import shares_of
+from workers.solver.common_errors import shares_of
 
 STATED = {"person_px": 0.289}
 
