@@ -126,20 +126,6 @@ def test_what_cannot_be_is_wrong_usage_before_anything_is_done(words, said):
     assert said in refused.stderr
 
 
-def test_a_number_that_is_not_finite_is_said_where_it_stands(tmp_path):
-    (tmp_path / "region.json").write_text('{"quantity": "x", "op": ">", "value": Infinity}')
-    words = ["--region", str(tmp_path / "region.json"), "--url", "http://127.0.0.1:9", "--token", "apx_x"]
-    refused = CliRunner().invoke(app, ["detect", "x", *words])
-    assert refused.exit_code == 2
-    assert "region.json holds Infinity" in refused.stderr and "finite number" in refused.stderr
-
-
-def test_an_unknown_command_is_wrong_usage():
-    shown = program("nonsense")
-    assert shown.returncode == 2
-    assert "Traceback" not in shown.stderr
-
-
 def test_a_token_that_is_none_is_said_with_where_it_is_from(embedded, tmp_path):
     """Nothing of the token itself is printed."""
     here = ("invite", "Ada", "--url", embedded.url)
@@ -318,15 +304,6 @@ def test_several_vehicles_of_a_name_are_told_apart_and_several_fleets_asked_for(
     unnamed = apexcal("rig", simulated / "rig.json", "--vehicle", "Twin", "--data", embedded.data)
     assert unnamed.returncode == 2
     assert "--fleet" in unnamed.stderr
-
-
-def test_a_token_of_a_fleet_signs_a_program_in(embedded, owner):
-    fleet = owner.fleets.create("Tokens")
-    made = json.loads(
-        apexcal("token", "robot", "--fleet", "Tokens", "--days", 1, "--data", embedded.data, "--json").stdout
-    )
-    with Client(embedded.url, made["token"]) as robot:
-        assert [(each.id, each.role) for each in robot.fleets.list()] == [(fleet.id, "viewer")]
 
 
 def test_a_token_of_a_fleet_makes_none_and_a_sign_in_link_does(embedded, owner):
