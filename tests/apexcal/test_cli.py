@@ -205,48 +205,6 @@ def test_a_worker_needs_the_services_environment():
     assert "'paint', ''" in shown.stderr
 
 
-def test_from_a_rig_file_to_a_calibration(embedded, simulated, tmp_path):
-    """The command's whole path: rig, invite, upload, preview, detect, calibrate from pairs, export."""
-    here = ("--data", embedded.data, "--json")
-    names = ("--fleet", "Command", "--vehicle", "Car")
-    rig = json.loads(program("rig", simulated / "rig.json", *names, *here).stdout)
-    invitation = json.loads(apexcal("invite", "Ada", "--fleet", "Command", *here).stdout)
-    assert "/sign-in#" in invitation["link"]
-    uploaded = apexcal("upload", simulated / "recording.bag", *names, *here)
-    assert uploaded.returncode == 0, uploaded.stderr
-    recording = json.loads(uploaded.stdout)
-    assert recording["state"] == "ready"
-    keep = ("--keep", "x > 2", "--keep", "x < 33", "--keep", "z > -1.7")
-    kept = json.loads(apexcal("detect", recording["id"], *keep, "--preview", *here).stdout)["result"]
-    assert 0 < kept["points_kept"] < kept["points"]
-    found = json.loads(apexcal("detect", recording["id"], *keep, *here).stdout)
-    assert found["state"] == "done"
-    (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
-    calibrated = apexcal(
-        *("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"]),
-        *("--model", "brown_conrady", *known_lens(simulated, tmp_path), "--folds", "0", "--publish", *here),
-    )
-    # The marks of one short walk span a part of the image: a person looks, then publishes.
-    assert calibrated.returncode == 4, calibrated.stderr
-    done = json.loads(calibrated.stdout)
-    assert done["state"] == "done"
-    result = done["summary"]["cameras"]["front"]["models"]["brown_conrady"]["result_id"]
-    published = apexcal("publish", result, *here)
-    assert published.returncode == 0, published.stderr
-    target = tmp_path / "front.json"
-    assert apexcal("export", "--vehicle", rig["vehicle_id"], "-o", target, "--data", embedded.data).returncode == 0
-    current = json.loads(target.read_text())
-    assert current["T_camera_lidar"]["from_frame"] == "velodyne"
-    assert current["model"] == "brown_conrady"
-    again = apexcal("export", "--vehicle", rig["vehicle_id"], "-o", target, "--data", embedded.data)
-    assert again.returncode == 2
-    fisheye = ("--vehicle", rig["vehicle_id"], "--model", "fisheye")
-    refused = apexcal("calibrate", "--pairs", tmp_path / "pairs.csv", *fisheye, *here)
-    assert refused.returncode == 2
-    assert "brown_conrady" in refused.stderr
-    assert "kannala_brandt" in refused.stderr
-
-
 def test_a_preset_means_what_it_says_where_nothing_else_is_given(embedded, simulated, tmp_path):
     """The command fills nothing in that the preset would."""
     here = ("--data", embedded.data, "--json")
