@@ -23,8 +23,7 @@ from tests.faults.jobs import SHORT, pairs
 from tests.support.uploads import RIG
 
 SignIn = Callable[[str, str], Page]
-# A machine of two cores shows the sweep after 0.15 s, an overlay sooner, and half as many pictures a second as an idle
-# page.
+# A machine of two cores shows the sweep after 0.15 s, an overlay sooner, and half as many pictures as an idle page.
 MOST_SECONDS = 2.0
 SHARE_OF_IDLE = 0.25
 
