@@ -112,6 +112,7 @@ _NONSENSE = (
     (["suggest", "walk", "--out", "/nonexistent/region.json"], ""),
     (["calibrate-fleet", "--cancel", _ID, "--name", "Van"], ""),
     (["export", "--output", "/"], ""),
+    (["copy", "walk.bag", "-o", "seen.mcap", "--for-viewers", "--joint", "front=camera"], "--joint"),
     (["publish", "the-best"], ""),
     (["publish", _ID, "--override"], ""),
     (["rollback", "--reason", " "], ""),
