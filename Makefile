@@ -16,7 +16,7 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-readers bench-annotators bench-marks bench-neighbours faults faults-hosts check lock clean
+.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-readers bench-annotators bench-marks bench-neighbours faults faults-hosts check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -51,16 +51,13 @@ screenshots: setup frontend  ## pictures of every page, light and dark, three wi
 bench-detection: setup  ## accuracy of the detectors on simulated walks, and throughput; SHORT=1 for a short form, ONLY=drawn,streets for parts
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.detection
 
-bench-timeoffset: setup  ## how well the offset between the clocks is found from a walk
-	$(BIN)/python -m benchmarks.clock_offset
-
 bench-paper: setup  ## the paper's two recordings, simulated, beside the errors that it reports; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.paper
 
 bench-accuracy: setup  ## how often the solver ends on the optimum, and whether its error bars hold; RIGS=50 for a short form
 	$(BIN)/python -m benchmarks.accuracy
 
-bench-coverage: setup  ## whether what is published holds, on data with blunders and shared errors; DRAWS=40 RUNS=1 for a short form
+bench-coverage: setup  ## whether what a calibration states holds, on data with blunders and shared errors; DRAWS=40 for a short form
 	$(BIN)/python -m benchmarks.coverage
 
 bench-judge: setup  ## whether what is published by itself is right, and which check finds what; DRAWS=30 for a short form
@@ -72,7 +69,7 @@ bench-drives: setup  ## how often a knocked camera is noticed on drives, and a s
 bench-solver: $(STAMPS)/bench  ## one slot of the genetic algorithm beside the bare evaluation of its individuals, and two peers; ROUNDS=1 for a short form
 	$(BIN)/python -m benchmarks.solver
 
-bench-worth: $(STAMPS)/bench  ## where the genetic algorithm helps and where not, as curves; RIGS=6 for a short form
+bench-worth: setup  ## where the genetic algorithm helps and where not; RIGS=6 for a short form
 	$(BIN)/python -m benchmarks.worth
 
 bench-fleet: setup  ## one request for a thousand vehicles beside the bare solver on the same cores; VEHICLES=50 for a short form
@@ -81,7 +78,7 @@ bench-fleet: setup  ## one request for a thousand vehicles beside the bare solve
 bench-growth: setup  ## how costs grow with recordings, pairs, vehicles and history, as exponents; SHORT=1 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.growth
 
-bench-farm: setup  ## what the farm costs beside the bare solver: calibrations, single trips, slots, more workers; SHORT=1 for a short form
+bench-farm: setup  ## what a trip through the queue costs a job, on both databases; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.farm
 
 bench-retrieval: setup  ## how fast 10,000 vehicles get their calibrations, and whether any answer is old; SHORT=1 for a short form

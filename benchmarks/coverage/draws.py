@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.geometry.rotations import vector_from_rotation
-from benchmarks.coverage.calibrations import planned
 from benchmarks.coverage.marks import Errors
 from benchmarks.judge.cases import Draw, Random, drawn, random_lens
+from benchmarks.judge.judging import MOUNT, planned
 from benchmarks.judge.pairs import draw_pairs
 from service.platform.db.calibrations import FULL
 from workers.geometry.models import INTRINSICS
@@ -39,7 +39,6 @@ _LINE_TIME_US: Final = 26.0
 _DENSE: Final = (600, 700)
 _EVERY_SWEEP: Final = (1000, 1300)
 _MEASURED: Final = {"tip_across_mm": 0.0, "tip_up_mm": 0.0, "range_mm": 0.0}
-_MOUNT: Final = ("rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z")
 GROSS: Final = 3.0
 """Standard deviations."""
 
@@ -119,7 +118,7 @@ def draw_score(numbered: tuple[str, int]) -> DrawScore | None:
     """The draw of a cell with that seed; None if the pairs leave a direction open."""
     cell, seed = numbered
     draw = CELLS[cell](seed, np.random.default_rng([seed, 71]))
-    (fit,) = planned(draw.paired, draw.known, draw.request).fits
+    (fit,) = planned(draw).fits
     problem = read_run(fit.of_fold(FULL), FULL, draw.known).problem
     truth = true_parameters(draw, problem)
     fitted = estimate(problem, truth)
@@ -128,14 +127,14 @@ def draw_score(numbered: tuple[str, int]) -> DrawScore | None:
     spread = fitted.spread
     error = fitted.parameters - truth
     turn = fitted_turn(draw, problem, fitted)
-    by_name = dict(zip(_MOUNT, [*np.degrees(turn), *error[3:6]], strict=True))
+    by_name = dict(zip(MOUNT, [*np.degrees(turn), *error[3:6]], strict=True))
     half = dict(zip(spread.names, spread.half_width95.tolist(), strict=True))
     std = dict(zip(spread.names, spread.std.tolist(), strict=True))
     shutter = rolling_shutter(fitted)
     return DrawScore(
-        {name: abs(by_name[name]) <= half[name] for name in _MOUNT},
+        {name: abs(by_name[name]) <= half[name] for name in MOUNT},
         _pixels(draw, fitted),
-        [by_name[name] / std[name] for name in _MOUNT],
+        [by_name[name] / std[name] for name in MOUNT],
         not all(split.holds for split in halves_of(fitted)),
         shutter and (shutter.line_time_us, shutter.std_us, shutter.shown),
     )
@@ -173,7 +172,7 @@ def _pixels(draw: Draw, fitted: Estimate) -> list[float]:
 def summary(cell: str, draws: Sequence[DrawScore | None]) -> dict[str, Any]:
     """The figures of a cell."""
     seen = [draw for draw in draws if draw is not None]
-    mount = {name: float(np.mean([draw.mount[name] for draw in seen])) for name in _MOUNT}
+    mount = {name: float(np.mean([draw.mount[name] for draw in seen])) for name in MOUNT}
     z = np.array([draw.z for draw in seen])
     pixels = np.mean([draw.pixels for draw in seen], axis=0).tolist()
     figures: dict[str, Any] = {

@@ -26,8 +26,8 @@ class Errors:
 
     ``blunders``: share of marks on another corner of the board.
     ``on_hand``: share of marks on the hand below the tip. ``noises_px``: of the people, stated by each mark
-    where there are several. ``elevation_deg``: of all vertices. ``pose_m``, ``pose_deg``: offset and turn of each
-    pose of a still board, the same for its pairs. ``second_half_deg``: turn of the mount about the vertical in the
+    where there are several. ``elevation_deg``: of all vertices. ``pose_m``: offset of each pose of a still board, the
+    same for its pairs. ``second_half_deg``: turn of the mount about the vertical in the
     second half. ``line_time_us``: of a rolling shutter.
     """
 
@@ -36,7 +36,6 @@ class Errors:
     noises_px: tuple[float, ...] = (NOISE_PX,)
     elevation_deg: float = 0.0
     pose_m: float = 0.0
-    pose_deg: float = 0.0
     second_half_deg: float = 0.0
     line_time_us: float = 0.0
 
@@ -110,11 +109,6 @@ def _turned(paired: Paired, errors: Errors, apex: Floats) -> Floats:
 def _moved(paired: Paired, errors: Errors, random: np.random.Generator) -> Floats:
     """(N, 3) what vertices are off besides their detector's errors, metres."""
     moved = np.radians(errors.elevation_deg) * axes(paired.xyz)[:, :, 1]
-    poses = int(paired.pose.max()) + 1
     if errors.pose_m:
-        moved = moved + random.normal(0.0, errors.pose_m, (poses, 3))[paired.pose]
-    if errors.pose_deg:
-        middle = np.stack([paired.xyz[paired.pose == pose].mean(axis=0) for pose in range(poses)])
-        turns = np.radians(random.normal(0.0, errors.pose_deg, (poses, 3)))
-        moved = moved + np.cross(turns[paired.pose], paired.xyz - middle[paired.pose])
+        moved = moved + random.normal(0.0, errors.pose_m, (int(paired.pose.max()) + 1, 3))[paired.pose]
     return moved

@@ -1,4 +1,4 @@
-"""Six poses of a still board, each corner marked again and again, as public recordings of tripods have them."""
+"""Poses of a still board, each corner marked again and again, as public recordings of tripods have them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ import numpy as np
 from benchmarks.coverage.walks import CORNERS, Paired
 from workers.geometry.spherical import axes
 
-POSES: Final = 6
 PAIRS: Final = 210
 
 
-def still(paired: Paired, poses: int = POSES) -> Paired:
+def still(paired: Paired, poses: int) -> Paired:
     """The board of a walk in a few of its places where all its corners are seen, as 210 pairs in all.
 
     Each vertex has errors of its own, of the size that the detector states at that place.

@@ -7,7 +7,7 @@ DRAWN (default 30) walks of 30 s whose sensor, scene, person and board are drawn
 scenes without a board. SHORT=1 does a tenth of it. ONLY=drawn,streets does parts: plain, distractors, variants, held,
 spinning, drawn, streets, speed. SEED repeats a run; THROUGHPUT_SECONDS (default 60) is the length of what is timed.
 Shares are of the sweeps in which two rings or more meet the board; errors are against the apex at the moment when the
-sensor looked at it; pixels at a focal length of 400. Human-readable lines go to stderr, one line of JSON to stdout.
+sensor looked at it; pixels at a focal length of 400. One line of JSON goes to stdout.
 """
 
 from __future__ import annotations
@@ -48,7 +48,6 @@ def main() -> None:
         if "drawn" in parts:
             asked = [(seed + number, _DRAWN_SECONDS) for number in range(_count("DRAWN", 30))]
             answer["drawn"] = drawn_figures(list(_each(pool, run_drawn, asked, "drawn walks")))
-            _say_drawn(answer["drawn"])
         if "streets" in parts:
             answer["streets"] = _streets(pool, [seed + number for number in range(_count("STREETS", 200))])
     answer |= {"walks": walks, "seconds_each": _SECONDS, "seed": seed}
@@ -76,8 +75,6 @@ def _walked(pool: Executor, parts: set[str], walks: int, seed: int) -> dict[str,
     results = {key: figures(of_case) for key, of_case in found.items()}
     if groups:
         _compare(results, figures(found["plain", "refined"][:fewer])["accepted_share"])
-    for (case, key), result in results.items():
-        _say(case if key == "refined" and case != "plain" else key, result)
     answer: dict[str, Any] = {key: results["plain", key] for key in PLAIN.detectors} if "plain" in parts else {}
     for group, members in groups.items():
         answer[group] = {case.name: results[case.name, "refined"] for case in members}
@@ -96,7 +93,6 @@ def _streets(pool: Executor, seeds: Sequence[int]) -> dict[str, Any]:
     sweeps = STREET_SWEEPS * len(seeds)
     false = {"scenes": len(seeds), "sweeps": sweeps, "vertices": sum(counts), "share": sum(counts) / max(sweeps, 1)}
     false |= {"seeds": [seed for seed, count in zip(seeds, counts, strict=True) if count], "road": road_vertices()}
-    print(f"streets without a board: {false}", file=sys.stderr)
     return false
 
 
@@ -104,33 +100,6 @@ def _each(pool: Executor, work: Callable[[Asked], Answer], asked: Sequence[Asked
     for done, answer in enumerate(pool.map(work, asked), start=1):
         print(f"\r{done} of {len(asked)} {what}", end="\n" if done == len(asked) else "", file=sys.stderr, flush=True)
         yield answer
-
-
-def _say(name: str, result: dict[str, Any]) -> None:
-    for label, part in ((name, result), ("  fine", result.get("fine")), *_bands(result)):
-        if part and "rms_deg" in part:
-            more = f" ({part['share_minus_plain']:+.3f})" if "share_minus_plain" in part else ""
-            print(
-                f"{label:24s} share {part['accepted_share']:.3f}{more}  elevation {part['rms_elevation_deg']:.4f}  "
-                f"azimuth {part['rms_azimuth_deg']:.4f}  total {part['rms_deg']:.4f} deg ({part['rms_px']:.2f} px)  "
-                f"bias {part['bias_deg']:+.4f}  gross {part['gross_share']:.4f}  covered "
-                f"{part.get('coverage_2sigma', float('nan')):.3f}  normalised {part.get('normalised_rms', 0.0):.2f}",
-                file=sys.stderr,
-            )
-
-
-def _say_drawn(result: dict[str, Any]) -> None:
-    _say("drawn", result)
-    for walk in result["each"]:
-        print(
-            f"  {walk['seed']}: share {walk['share']:.2f} gross {walk['gross']:.3f} covered {walk['coverage']:.2f} "
-            f"bias {walk['bias_deg']:.3f} +- {walk['bias_sigma_deg']:.3f}  {walk['about']}  {walk['rejected']}",
-            file=sys.stderr,
-        )
-
-
-def _bands(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    return [(f"  {band}", part) for band, part in result["by_range"].items()]
 
 
 if __name__ == "__main__":

@@ -10,14 +10,20 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.checks import Check, CheckVerdict, verdict_of
 from apexcal.documents.errors import DocumentError
 from apexcal.documents.results import FitResult
-from benchmarks.coverage.calibrations import planned
-from benchmarks.coverage.scores import derivative, projected
+from apexcal.geometry.rotations import rotation_from_vector
+from apexcal.geometry.se3 import SE3, from_document
 from benchmarks.judge.cases import CASES, Case, Draw
-from service.platform.db.calibrations import FULL
+from service.calibrations.plan import CalibrationPlan, plan_request
+from service.calibrations.resolve import CameraPairs
+from service.platform.db.calibrations import FULL, CorrespondenceSet
+from service.platform.db.fleets import RigCamera
 from service.platform.http.problems import Problem
+from workers.geometry.models import INTRINSICS, parse_model
+from workers.geometry.projection import project
 from workers.judge.calibration_checks import checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
 from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD
@@ -28,6 +34,8 @@ from workers.solver.schedule import run_schedule
 from workers.tasks.solving import read_run, solved
 
 Floats = NDArray[np.float64]
+MOUNT: Final = ("rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z")
+_STEP: Final = 1e-3
 DISTANCE_M: Final = 20.0
 SIGMAS: Final = 3.0
 BROKEN: Final = "broken"
@@ -75,7 +83,7 @@ def numbered(asked: tuple[int, int, bool]) -> Outcome:
 
 def calibrated(draw: Draw, with_folds: bool) -> tuple[FitResult, list[Check]]:
     """The result of the one model that was asked for, and all of its checks. Raises what the product raises."""
-    (fit,) = planned(draw.paired, draw.known, draw.request).fits
+    (fit,) = planned(draw).fits
     whole = read_run(fit.of_fold(FULL), FULL, draw.known)
     state, _ = run_schedule(whole.problem)
     result = solved(whole, state)
@@ -89,6 +97,17 @@ def calibrated(draw: Draw, with_folds: bool) -> tuple[FitResult, list[Check]]:
     return result, result.checks + checks_of_calibration(
         result, camera=FRONT, summary=summary, ended_well=True, pairs=pairs
     )
+
+
+def planned(draw: Draw) -> CalibrationPlan:
+    """The fits that the service plans for a draw."""
+    paired, known = draw.paired, draw.known
+    width, height = paired.camera.image_size
+    camera = RigCamera(name=FRONT, image_width=width, image_height=height, nominal=paired.nominal, bounds={})
+    pairs = CorrespondenceSet(
+        pairs=known, count=len(known["x"]), notes=[], source="import" if paired.is_still else "annotations"
+    )
+    return plan_request(CalibrationTemplate.model_validate(draw.request), [CameraPairs(camera, pairs)])
 
 
 def error_of(draw: Draw, result: FitResult) -> tuple[float, bool]:
@@ -111,3 +130,29 @@ def _at_the_end(draw: Draw, points: Floats) -> Floats:
     angle = np.radians(draw.turned_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     return points @ turn.T
+
+
+def projected(result: FitResult, points: Floats) -> Floats:
+    lens = result.intrinsics
+    return project(parse_model(lens.model), lens.by_name(), from_document(result.transform).apply(points))[0]
+
+
+def derivative(result: FitResult, key: str, points: Floats) -> Floats:
+    """(N, 2) px by a person's unit of one parameter, by central differences."""
+    step = _STEP * max(abs(result.std[key] or 1.0), 1e-9)
+    return (_moved(result, key, step, points) - _moved(result, key, -step, points)) / (2.0 * step)
+
+
+def _moved(result: FitResult, key: str, step: float, points: Floats) -> Floats:
+    mount, lens, model = from_document(result.transform), result.intrinsics.by_name(), parse_model(result.model)
+    if key in INTRINSICS[model]:
+        lens[key] += step
+    elif key.startswith("t_"):
+        t = mount.t.copy()
+        t[MOUNT.index(key) - 3] += step
+        mount = SE3(mount.to_frame, mount.from_frame, mount.R, t)
+    else:
+        turn = np.zeros(3)
+        turn[MOUNT.index(key)] = np.radians(step)
+        mount = SE3(mount.to_frame, mount.from_frame, rotation_from_vector(turn) @ mount.R, mount.t)
+    return project(model, lens, mount.apply(points))[0]

@@ -56,7 +56,7 @@ def draw_pairs(
     rig = SimulatedRig(settings)
     camera = _camera(rig, lens, random, decentring)
     frames = rig.cameras[0].times_ns
-    walked = Walked(rig, [])
+    walked = Walked(rig)
     apex = walked.poses(frames).apex
     is_low = np.abs(apex[:, 2] - np.median(apex[:, 2])) <= 0.5 * heights_m
     seen = np.flatnonzero(_inside(camera, camera.project(apex)) & is_low)

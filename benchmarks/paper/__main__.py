@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import os
 import secrets
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any, Final
@@ -36,7 +35,7 @@ _ERRORS: Final = ("train_px", "heldout_px", "truth_px")
 
 
 def main() -> None:
-    """Run everything and print tables to stderr, one line of JSON to stdout."""
+    """Run everything and print one line of JSON."""
     began = time.perf_counter()
     short = bool(os.environ.get("SHORT"))
     rigs = int(os.environ.get("RIGS", "1" if short else "2"))
@@ -66,7 +65,6 @@ def _wanted(seed: int, short: bool) -> tuple[Wanted, Wanted]:
 def _answer(walked: list[Walked], scores: list[Score], seed: int, repeats: int, seconds: float) -> dict[str, Any]:
     rigs = len(walked) // 2
     table = {way: {model: _means(scores, way, model) for model in MODELS} for way in WAYS}
-    _print(walked, table)
     lens = {way: table[way]["brown_conrady"] for way in WAYS}
     offsets = np.array([one.offset_ms - 30.0 for one in scores if one.way == "refined+clock"])
     return {
@@ -88,18 +86,6 @@ def _means(scores: list[Score], way: str, model: str) -> dict[str, float]:
     """Over rigs and draws."""
     rows = [one for one in scores if (one.way, one.model) == (way, model)]
     return {key: round(float(np.mean([getattr(one, key) for one in rows])), 3) for key in _ERRORS}
-
-
-def _print(walked: list[Walked], table: dict[str, dict[str, dict[str, float]]]) -> None:
-    for one in walked:
-        for detector, vertices in one.vertices.items():
-            share = len(vertices) / one.sweeps[detector]
-            print(f"{one.wanted.name:6}{detector:10}{share:7.1%} of the sweeps give a vertex", file=sys.stderr)
-    print(f"\n{'mean px':32}{'train':>10}{'held out':>10}{'truth':>10}", file=sys.stderr)
-    for model in MODELS:
-        rows = {"the paper": PAPER[model], **{way: table[way][model].values() for way in WAYS}}
-        for name, errors in rows.items():
-            print(f"{name:16}{model:16}" + "".join(f"{error:10.2f}" for error in errors), file=sys.stderr)
 
 
 if __name__ == "__main__":

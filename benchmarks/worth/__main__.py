@@ -1,7 +1,7 @@
-"""`python -m benchmarks.worth`: success against what makes a calibration hard, as PNGs and one line of JSON.
+"""`python -m benchmarks.worth`: success against what makes a calibration hard, as one line of JSON.
 
-RIGS (default 24) fresh rigs a point, shared among the camera models; QUESTIONS narrows, SEED repeats a run; the
-pictures go to OUT (default var/worth). Seconds are processor seconds of one core. Progress goes to stderr.
+RIGS (default 24) fresh rigs a point, shared among the camera models; QUESTIONS narrows, SEED repeats a run. Seconds
+are processor seconds of one core. Progress goes to stderr.
 """
 
 import json
@@ -12,13 +12,11 @@ import time
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from benchmarks.worth.figures import draw  # noqa: E402
 from benchmarks.worth.methods import RIGHT_PX  # noqa: E402
 from benchmarks.worth.questions import QUESTIONS, Place, answer  # noqa: E402
 from benchmarks.worth.summary import curve  # noqa: E402
@@ -43,9 +41,8 @@ def main() -> None:
         question = QUESTIONS[name]
         points = [[told[name, at, n] for n in range(rigs)] for at in range(len(question.values))]
         curves[name] = curve(question, points)
-    pictures = draw(curves, Path(os.environ.get("OUT", "var/worth")))
     seconds = round(time.perf_counter() - began, 1)
-    result = {"rigs": rigs, "seed": seed, "right_px": RIGHT_PX, "curves": curves, "pictures": pictures}
+    result = {"rigs": rigs, "seed": seed, "right_px": RIGHT_PX, "curves": curves}
     print(json.dumps(result | {"seconds": seconds}))
 
 

@@ -35,37 +35,21 @@ class Case:
     request: dict[str, Any] = field(default_factory=dict)
 
 
-Reached = tuple[Fit | None, Sequence[float] | None]
-"""Where a way ended, and what its search had found before the polish, where it searched."""
-
-
-def by_search(problem: FitProblem) -> Reached:
+def by_search(problem: FitProblem) -> Fit | None:
     """The genetic algorithm with the default preset, and the polish."""
-    found = run_schedule(problem)[0].best_parameters
-    return polish(problem, found), found
+    return polish(problem, run_schedule(problem)[0].best_parameters)
 
 
-def by_one_slot(problem: FitProblem) -> Reached:
+def by_one_slot(problem: FitProblem) -> Fit | None:
     """One slot of it over the whole bounds, and the polish."""
-    found = run_slot(problem, problem.lower.tolist(), problem.upper.tolist(), 0, 0).parameters
-    return polish(problem, found), found
+    return polish(problem, run_slot(problem, problem.lower.tolist(), problem.upper.tolist(), 0, 0).parameters)
 
 
-def from_centre(problem: FitProblem) -> Reached:
-    """Least squares from the centre of the bounds."""
-    return baseline(problem), None
-
-
-def from_linear(problem: FitProblem) -> Reached:
-    """Least squares from the linear cameras that RANSAC finds."""
-    return linear_baseline(problem), None
-
-
-METHODS: dict[str, Callable[[FitProblem], Reached]] = {
+METHODS: dict[str, Callable[[FitProblem], Fit | None]] = {
     "ga": by_search,
     "one_slot": by_one_slot,
-    "centre": from_centre,
-    "linear": from_linear,
+    "centre": baseline,  # least squares from the centre of the bounds
+    "linear": linear_baseline,  # from the linear cameras that RANSAC finds
 }
 
 
@@ -83,10 +67,8 @@ def compare(case: Case, seed: int) -> dict[str, Any]:
     ways: dict[str, dict[str, Any]] = {}
     for name, method in METHODS.items():
         began = time.process_time()
-        fit, found = method(problem)
+        fit = method(problem)
         ways[name] = {"seconds": time.process_time() - began, **_judged(problem, check, fit, best)}
-        if found is not None:
-            ways[name]["right_before_polish"] = _field_error(check, found) <= RIGHT_PX
     return {
         "model": case.rig.model,
         "ways": ways,

@@ -32,18 +32,15 @@ CHECKS = 300
 class Question:
     """One quantity that is varied.
 
-    title and label (with its unit) are for people; values: where rigs are drawn; make(model, value, rng) draws one,
-    models are those it is drawn for, in turn. figure: the picture that its panel is part of. counts_pairs: the value
-    is the number of pairs, of which a model needs one for each free parameter.
+    values: where rigs are drawn, in the unit of `label`; make(model, value, rng) draws one, models are those it is
+    drawn for, in turn. counts_pairs: the value is the number of pairs, of which a model needs one for each free
+    parameter.
     """
 
-    figure: str
-    title: str
     label: str
     values: tuple[float, ...]
     make: Callable[[ModelName, float, np.random.Generator], Case]
     models: tuple[ModelName, ...] = MODELS
-    logarithmic: bool = False
     counts_pairs: bool = False
 
     def models_at(self, value: float) -> tuple[ModelName, ...]:
@@ -60,7 +57,7 @@ def case_of(question: Question, model: ModelName, value: float, rng: np.random.G
             return question.make(model, value, rng)
         except _NotSeenError:
             continue
-    raise ValueError(f"No rig can be drawn for {question.title} at {value}.")
+    raise ValueError(f"No rig can be drawn for {question.label} at {value}.")
 
 
 class _NotSeenError(Exception):
@@ -118,32 +115,17 @@ def _anywhere(rig: Rig, share: float, rng: np.random.Generator) -> Floats:
 
 _THICKNESS_M = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 _SHARES = (10.0, 20.0, 30.0, 40.0, 50.0)
-_OF_MARKS = "wrong marks (% of 222)"
 QUESTIONS: Mapping[str, Question] = {
-    "mount": Question(
-        "known", "How well the mount is known", "mount known to ± (degrees)",
-        (5.0, 30.0, 45.0, 60.0, 90.0, 120.0, 150.0, 180.0), _mount,
-    ),
-    "pairs": Question(
-        "known", "How many vertices are marked", "pairs", (12.0, 16.0, 24.0, 40.0, 80.0, 222.0), _pairs,
-        logarithmic=True, counts_pairs=True,
-    ),
-    "outliers_random": Question(
-        "outliers", "Wrong anywhere in the image", _OF_MARKS, (0.0, *_SHARES, 60.0), _marked(_anywhere)
-    ),
-    "outliers_any_mount": Question(
-        "outliers", "Wrong anywhere, mount unknown", _OF_MARKS, (0.0, *_SHARES, 60.0), _marked(_anywhere, 180.0)
-    ),
-    "outliers_corner": Question("outliers", "Another corner of the board", _OF_MARKS, _SHARES, _marked(other_corner)),
-    "outliers_swapped": Question("outliers", "Next frames swapped", _OF_MARKS, _SHARES, _marked(swapped_neighbours)),
-    "outliers_run": Question("outliers", "One run slipped by a frame", _OF_MARKS, _SHARES, _marked(slipped_run)),
-    "plane": Question(
-        "flat", "All vertices near one height", "spread of the heights (m)", _THICKNESS_M, _on_plane, logarithmic=True
-    ),
-    "line": Question(
-        "flat", "All vertices near one line", "thickness of the line (m)", _THICKNESS_M, _on_line, logarithmic=True
-    ),
-}  # fmt: skip
+    "mount": Question("mount known to ± (degrees)", (5.0, 30.0, 45.0, 60.0, 90.0, 120.0, 150.0, 180.0), _mount),
+    "pairs": Question("pairs", (12.0, 16.0, 24.0, 40.0, 80.0, 222.0), _pairs, counts_pairs=True),
+    "outliers_random": Question("wrong marks anywhere (% of 222)", (0.0, *_SHARES, 60.0), _marked(_anywhere)),
+    "outliers_any_mount": Question("the same, mount unknown", (0.0, *_SHARES, 60.0), _marked(_anywhere, 180.0)),
+    "outliers_corner": Question("another corner of the board (%)", _SHARES, _marked(other_corner)),
+    "outliers_swapped": Question("next frames swapped (%)", _SHARES, _marked(swapped_neighbours)),
+    "outliers_run": Question("one run slipped by a frame (%)", _SHARES, _marked(slipped_run)),
+    "plane": Question("spread of the heights (m)", _THICKNESS_M, _on_plane),
+    "line": Question("thickness of a line (m)", _THICKNESS_M, _on_line),
+}
 
 Place = tuple[str, int, int]
 """A question, the index of its value, and the number of the rig there."""

@@ -14,7 +14,6 @@ from benchmarks.worth.questions import Question
 def curve(question: Question, points: Sequence[Sequence[dict[str, Any]]]) -> dict[str, Any]:
     """The numbers of one question: for every method a list along the values, and what the optimum is worth."""
     found: dict[str, Any] = {
-        "label": question.label,
         "values": list(question.values),
         "rigs": [len(rigs) for rigs in points],
     }
@@ -26,10 +25,9 @@ def curve(question: Question, points: Sequence[Sequence[dict[str, Any]]]) -> dic
             "low95": [low for low, _ in intervals],
             "high95": [high for _, high in intervals],
             "right": [share([rig["ways"][name]["right"] for rig in rigs]) for rigs in points],
-            **_before_polish(name, points),
             "seconds": round(float(np.mean([rig["ways"][name]["seconds"] for rigs in points for rig in rigs])), 4),
         }
-    return found | {"optimum": _optimum(points)} | _by_model(question, points)
+    return found | {"optimum": _optimum(points)}
 
 
 def wilson(hits: int, tries: int) -> tuple[float, float]:
@@ -41,13 +39,6 @@ def wilson(hits: int, tries: int) -> tuple[float, float]:
 def share(hits: Sequence[bool]) -> float:
     """How many of them are true, from 0 to 1."""
     return round(float(np.mean(hits)), 4)
-
-
-def _before_polish(name: str, points: Sequence[Sequence[dict[str, Any]]]) -> dict[str, Any]:
-    key = "right_before_polish"
-    if key not in points[0][0]["ways"][name]:
-        return {}
-    return {key: [share([rig["ways"][name][key] for rig in rigs]) for rigs in points]}
 
 
 def _optimum(points: Sequence[Sequence[dict[str, Any]]]) -> dict[str, Any]:
@@ -62,17 +53,3 @@ def _optimum(points: Sequence[Sequence[dict[str, Any]]]) -> dict[str, Any]:
             share([rig["known"] and not rig["right"] for rig in rigs]) for rigs in points
         ]
     return worth
-
-
-def _by_model(question: Question, points: Sequence[Sequence[dict[str, Any]]]) -> dict[str, Any]:
-    if len(question.models) == 1:
-        return {}
-    found: dict[str, Any] = {}
-    for model in question.models:
-        own = [[rig for rig in rigs if rig["model"] == model] for rigs in points]
-        found[model] = {
-            name: [share([rig["ways"][name]["success"] for rig in rigs]) if rigs else None for rigs in own]
-            for name in METHODS
-        }
-        found[model]["optimum_right"] = [share([rig["right"] for rig in rigs]) if rigs else None for rigs in own]
-    return {"by_model": found}

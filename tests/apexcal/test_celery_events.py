@@ -16,13 +16,11 @@ from sqlalchemy import select
 
 from apexcal.client import Client
 from apexcal.errors import FailedError
-from apexcal.regions import read_region
 from apexcal.rigs import read_rig
-from benchmarks.demo.annotators import mark_everything
-from benchmarks.demo.truth import Truth
 from service.platform.db.models import Job
 from service.platform.db.session import Database
 from tests.apexcal.conftest import Embedded
+from tests.faults.jobs import ask
 from tests.support.processes import wait_until
 
 QUICK = {"slots": 2, "population": 300, "generations": 20, "max_iterations": 3}
@@ -106,25 +104,18 @@ def test_each_job_of_a_calibration_is_told_by_its_kind(
     for job_id, (kind, _, state) in jobs.items():
         assert ("task-failed" in events_of[job_id]) == (state == "failed"), (kind, state)
     kinds = {kind for kind, *_ in jobs.values()}
-    assert kinds >= {"ingest", "packing", "suggestion", "detect", "machine_marks", "solve", "conclude", "report"}
+    assert kinds >= {"ingest", "packing", "suggestion", "solve", "conclude", "report"}
     workers = {event["hostname"].partition("@")[0] for event in events if event["type"] == "worker-heartbeat"}
     assert workers >= {"worker", "worker-ingest"}
 
 
 def calibrate(owner: Client, folder: Path) -> None:
-    """From the upload to the report, as people do it."""
+    """An upload with what follows it, a calibration of its vehicle, and a report."""
     fleet = owner.fleets.create(f"events {time.monotonic_ns()}")
     vehicle = owner.vehicles.create(fleet.id, "Van 7")
     rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "front"))
     recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=150)
     owner.wait(owner.analyses.suggest(recording.id), timeout_s=150)
-    region = read_region(folder / "region.json")
-    detection = owner.wait(owner.detections.create(recording.id, region, detector="tolerant"), timeout_s=150)
-    owner.wait(owner.analyses.mark(detection.id, "front"), timeout_s=150)
-    truth = Truth(folder / "truth.json")
-    mark_everything(owner, fleet.id, detection, "front", truth, lambda share, message: None)
-    pairs = owner.correspondence_sets.build(detection.id, "front")
-    requested = owner.calibrations.create(vehicle.id, [pairs.id], ["pinhole"], folds=0, farm="slots", schedule=QUICK)
-    calibration = owner.wait(requested, timeout_s=150)
+    calibration = owner.wait(ask(owner, f"of pairs {time.monotonic_ns()}", schedule=QUICK), timeout_s=150)
     result = calibration.summary.cameras["front"].models["pinhole"].result_id
     owner.wait(owner.analyses.report(result), timeout_s=150)

@@ -74,20 +74,6 @@ def test_going_on_with_another_file_is_refused_before_anything_is_sent(owner, ri
         owner.recordings.resume(recording, large)
 
 
-def test_an_upload_that_is_no_recording_fails_with_what_to_do_and_keeps_the_original(owner, rig, large, tmp_path):
-    recording = owner.recordings.upload(large, rig.vehicle_id, rig.id)
-    with pytest.raises(FailedError) as failed:
-        owner.wait(recording, timeout_s=60)
-    assert failed.value.code == "not_a_recording"
-    assert failed.value.hint
-    assert owner.recordings.download(recording.id, tmp_path / "back.bag") == large.stat().st_size
-    assert (tmp_path / "back.bag").read_bytes() == large.read_bytes()
-    owner.recordings.delete(recording.id)
-    with pytest.raises(ApiError) as gone:
-        owner.recordings.get(recording.id)
-    assert gone.value.status == 404
-
-
 def test_a_folder_goes_up_as_a_tar(owner, rig, simulated, tmp_path):
     (tmp_path / "poses").mkdir()
     (tmp_path / "poses" / "notes.txt").write_text("no clouds here")

@@ -25,6 +25,7 @@ import yaml
 from apexcal.cli import app
 from apexcal.client import Client
 from apexcal.commands.pull import pull_parser
+from apexcal.documents.copies import CopyView
 from apexcal.json_files import parse_document
 from benchmarks.demo.truth import Truth
 from service.admin.__main__ import app as admin
@@ -118,6 +119,10 @@ class Reader:
             self.ids[thing.upper()] = found
         if words[1] == "calibrate":
             self.look_at_results()
+        if words[1] == "copy":
+            assert apexcal(*words[1:]).returncode == 2, "it is there already"
+            kept = self.client.analyses.list(CopyView, recording_id=self.ids["RECORDING"])
+            assert list(kept) == [], "the service keeps a copy that was downloaded"
 
     def look_at_results(self) -> None:
         """Take the ids that stand on the calibration's page."""

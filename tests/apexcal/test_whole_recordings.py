@@ -95,7 +95,7 @@ def _drawn(folder: Path, fault: Fault, random: Random) -> tuple[Draw, dict[int, 
     """Return what error_of() needs of the recording, and by each frame's stamp where its tip is marked, px."""
     rig = SimulatedRig(SimulationOptions(**json.loads((folder / "truth.json").read_text())["settings"]))
     mounted, errors = rig.cameras[0], fault.errors(random)
-    walked = Walked(rig, [])
+    walked = Walked(rig)
     tips = walked.poses(mounted.times_ns).apex
     frames = np.flatnonzero(mounted.camera.sees(mounted.camera.project(tips)))
     count, taken = len(frames), mounted.times_ns[frames]

@@ -53,15 +53,10 @@ def test_the_slot_beside_its_bare_evaluation():
         assert answer[model]["rms_of_polish_over_scipy"] < 1.0001
 
 
-def test_the_clocks_offset():
-    answer = _answer("clock_offset", WALKS="2", ONLY="rows")
-    assert answer["rms_ms"] < 2.0
-    assert answer["refused_share"] == 0.0
-
-
 def test_the_papers_experiment():
     answer = _answer("paper", SHORT="1")
     assert answer["truth_refined_over_strict"] < 0.5
+    assert answer["offset_rms_ms"] < 3.0
     # Clicks alone leave the floor, and no fit of the training pairs comes below it but by their own chance.
     assert 0.85 < answer["heldout_refined_px"] / answer["heldout_floor_px"] < 1.25
 
@@ -75,8 +70,8 @@ def test_the_vertices_of_plain_walks():
     assert refined["coverage_2sigma"] > 0.94
 
 
-def test_the_search_needs_no_known_mount(tmp_path):
-    curves = _answer("worth", RIGS="3", QUESTIONS="mount", OUT=str(tmp_path))["curves"]
+def test_the_search_needs_no_known_mount():
+    curves = _answer("worth", RIGS="3", QUESTIONS="mount")["curves"]
     assert curves["mount"]["ga"]["success"] == [1.0] * 8
 
 
@@ -100,9 +95,8 @@ def test_the_service_starts_in_half_of_what_it_took():
     assert answer["second_start"]["processor_s"] < 4.4
 
 
-def test_a_fleet_and_a_calibration_through_the_farm_have_the_bits_of_bare_processes():
+def test_a_fleet_through_the_farm_has_the_bits_of_bare_processes():
     assert _answer("fleet", VEHICLES="20")["same_bits"]
-    assert _answer("farm", SHORT="1")["same_bits"]
 
 
 def test_no_vehicle_gets_an_old_calibration():

@@ -11,7 +11,6 @@ PACES = {
     "e2e/test_marking.py": "a person's second for each mark; and a loop that looks again",
     "e2e/test_marking_beside.py": "between two taps, which would be a double tap otherwise",
     "e2e/test_marks_kept.py": "a loop that looks again, as often as a minute takes",
-    "e2e/test_speed.py": "a person's second for each mark",
     "e2e/test_workspace.py": "a loop that looks again, as often as half a minute takes",
     "faults/test_nothing_is_lost.py": "how long the broker stays away",
     "faults/campaign/campaign.py": "when a disturbance begins",

@@ -39,34 +39,6 @@ def pairs_of_truth(track: Track, count: int) -> list[dict[str, float]]:
     return [dict(zip("xyzuv", map(float, row), strict=True)) | {"group": i % 5} for i, row in enumerate(columns)]
 
 
-def test_an_engineer_calibrates_and_publishes(sign_in: Callable[[str, str], Page], track: Track) -> None:
-    track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 120))
-    page = sign_in("Lea", "engineer")
-    page.goto(f"{track.url}/recordings/{track.recording_id}?step=calibration")
-    page.get_by_label(re.compile("120 pairs from import")).check()
-    page.get_by_role("checkbox", name=re.compile("kannala_brandt")).uncheck()
-    page.get_by_role("checkbox", name=re.compile("pinhole")).uncheck()
-    page.get_by_text("Options", exact=True).click()
-    page.get_by_label("Folds").fill("2")
-    page.get_by_role("button", name="Calibrate").click()
-    expect(page.get_by_role("heading", level=1)).to_contain_text("Calibration of")
-
-    publish = page.get_by_role("button", name="Publish for the vehicle")
-    publish.wait_for(timeout=40_000)
-    row = page.get_by_role("row").filter(has_text="brown_conrady").first
-    polished = re.findall(r"[\d.]+ / [\d.]+", row.inner_text())[1]
-    mean, rms = (float(part) for part in polished.split(" / "))
-    assert mean < rms < 2 * NOISE_PX
-    expect(page.get_by_text("None published yet.")).to_be_visible()
-    publish.click()
-    expect(page.get_by_text("brown_conrady, published")).to_be_visible()
-    page.reload()
-    expect(page.get_by_text("Published: the current calibration")).to_be_visible()
-    expect(publish).to_have_count(0)
-    current = track.owner.calibrations.current(track.vehicle_id, "front")
-    assert current.model == "brown_conrady"
-
-
 def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, str], Page], track: Track) -> None:
     vehicle, pairs_of_one = add_cart(track, "Sledge", 40, vertices=1)
     wanted = {"models": ["pinhole"], "folds": 0, "publish": "recommended"}

@@ -18,20 +18,13 @@ MOVED_M = 0.06
 
 @pytest.fixture(scope="module")
 def results(track: Track) -> list[ResultView]:
-    """Those of a vehicle that all tests read and none changes."""
-    return drifted(track, "Drifter", (11, 12, 12, 13))
-
-
-def drifted(track: Track, name: str, seeds: tuple[int, ...]) -> list[ResultView]:
-    """A recommended result for the pairs of each seed, of a vehicle of this name; before the last one the LiDAR moved
-    6 cm to the right.
-    """
+    """One for the pairs of each seed, of a vehicle of their own. Before the last one the LiDAR moved 6 cm right."""
     owner = track.owner
-    vehicle = owner.vehicles.create(track.fleet_id, name)
+    vehicle = owner.vehicles.create(track.fleet_id, "Drifter")
     rig = owner.vehicles.create_rig(vehicle.id, LEVEL_RIG)
     found: list[ResultView] = []
-    for seed in seeds:
-        seen = [pair | {"y": pair["y"] + MOVED_M * (seed == seeds[-1])} for pair in pairs(150, seed)]
+    for seed in (11, 12, 12, 13):
+        seen = [pair | {"y": pair["y"] + MOVED_M * (seed == 13)} for pair in pairs(150, seed)]
         made = owner.correspondence_sets.import_pairs(rig.id, "front", seen)
         asked = owner.calibrations.create(vehicle.id, [made.id], ["pinhole"], folds=2, schedule=SHORT)
         done = owner.wait(asked, timeout_s=90)
@@ -97,20 +90,3 @@ def test_drift_is_drawn(sign_in: SignIn, track: Track, results: list[ResultView]
     ends = f"x ends at {last.shift_mm[0]:.1f}, y ends at {last.shift_mm[1]:.1f}, z ends at {last.shift_mm[2]:.1f}"
     assert ends in (shifts.get_attribute("aria-label") or "")
     assert_looks(page, views)
-
-
-def test_what_was_withdrawn_is_marked_in_the_drift(sign_in: SignIn, track: Track) -> None:
-    results = drifted(track, "Recalled", (11, 12, 13))
-    page = sign_in("Dario", "engineer")
-    page.goto(f"{track.url}/vehicles/{results[0].vehicle_id}")
-    shifts = page.get_by_role("img", name=re.compile("shift from the first, mm, over time"))
-    expect(shifts.locator(".jump")).to_have_count(1)
-    published = track.owner.calibrations.publish(results[-1].id, "to be withdrawn", override=True)
-    track.owner.calibrations.withdraw(published.id, "the board was bent")
-    page.reload()
-    expect(page.get_by_text(re.compile("Over 2 results.*1 withdrawn result is left out"))).to_be_visible()
-    expect(shifts.locator("path.withdrawn")).to_have_count(3)
-    expect(shifts.locator(".jump")).to_have_count(0)
-    page.get_by_text("The numbers").click()
-    numbers = page.get_by_role("table").filter(has_text="From the one before").get_by_role("row").nth(1)
-    expect(numbers).to_contain_text("withdrawn: the board was bent")

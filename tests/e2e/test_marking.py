@@ -137,6 +137,8 @@ def test_no_answer_tells_another_persons_mark_before_the_own_one(sign_in: SignIn
 def test_the_next_frame_comes_at_once_and_the_answer_is_saved_behind_it(sign_in: SignIn, track: Track) -> None:
     hal = Marker(sign_in("Hal", "annotator"), track)
     hal.open()
+    hal.page.keyboard.press("l")
+    expect(hal.page.get_by_role("region", name="The sweep of this vertex")).to_be_visible()
     hal.page.context.new_cdp_session(hal.page).send(
         "Network.emulateNetworkConditions",
         {"offline": False, "latency": 600, "downloadThroughput": -1, "uploadThroughput": -1},
@@ -144,9 +146,9 @@ def test_the_next_frame_comes_at_once_and_the_answer_is_saved_behind_it(sign_in:
     hal.save("u")
     took: list[float] = []
     given: dict[str, tuple[float, float]] = {}
-    for turn in range(8):
+    for turn in range(6):
         vertex = hal.vertex
-        given[vertex] = hal.click(0.3 + 0.03 * turn, 0.4)
+        given[vertex] = hal.click(0.3 + 0.02 * turn, 0.4)
         hal.page.wait_for_timeout(700)  # people take about a second a mark
         took.append(hal.page.evaluate(NEXT_FRAME_MS))
         assert hal.vertex != vertex

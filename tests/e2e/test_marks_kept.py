@@ -133,21 +133,6 @@ def test_an_answer_that_waits_is_taken_back_before_it_is_sent(sign_in: SignIn, t
     wait_for_mark(jo, vertex, placed)
 
 
-def test_a_placed_mark_survives_reload_and_back(sign_in: SignIn, track: Track) -> None:
-    kai = marker(sign_in, track, "Kai")
-    vertex, placed = kai.vertex, kai.click(0.3, 0.4)
-    kai.reload()
-    assert (kai.vertex, kai.shown()) == (vertex, 1)
-    kai.page.go_back()
-    kai.link().wait_for()
-    kai.page.go_forward()
-    kai.frame().wait_for()
-    kai.ready()
-    assert (kai.vertex, kai.shown()) == (vertex, 1)
-    kai.save()
-    wait_for_mark(kai, vertex, placed)
-
-
 def test_undo_and_reload_show_the_mark_and_undo_works_after_a_reload(sign_in: SignIn, track: Track) -> None:
     lea = marker(sign_in, track, "Lea")
     vertex, placed = lea.vertex, lea.click(0.3, 0.4)

@@ -7,19 +7,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 from playwright.sync_api import Page, Route, expect
-from scipy.spatial.transform import Rotation
-from urdf_parser_py import urdf
 
 from apexcal.documents.copies import CopyView
 from apexcal.errors import ApiError
 from tests.e2e.conftest import Track
 from tests.e2e.looks import assert_looks
 from tests.e2e.test_calibrating import add_cart
-from tests.faults.jobs import LEVEL_RIG, SHORT, pairs
+from tests.faults.jobs import LEVEL_RIG, SHORT
 from tests.workers.readers.making_recordings import START_NS, TYPES, clouds, images, interleaved, png, write_bag
 from tests.workers.readers.making_transforms import CAMERA, LIDAR, TF, message
 from tests.workers.readers.viewing.reading_viewer_files import messages
@@ -194,74 +190,6 @@ def take_proposed_rig(page: Page, track: Track, recording: str, name: str) -> No
     assert rig.name.startswith(name) and rig.cameras[0].joint is not None
 
 
-URDF = """<robot name="car">
-  <link name="base_link"/><link name="velodyne"/><link name="mount"/><link name="camera"/>
-  <joint name="lidar_joint" type="fixed"><parent link="base_link"/><child link="velodyne"/>
-    <origin xyz="1.2 0 1.9"/></joint>
-  <!-- the one to be solved -->
-  <joint name="mount_joint" type="fixed"><parent link="base_link"/><child link="mount"/>
-    <origin xyz="1.5 0.1 1.4"/></joint>
-  <joint name="optical_joint" type="fixed"><parent link="mount"/><child link="camera"/>
-    <origin rpy="-1.5707963267948966 0 -1.5707963267948966"/></joint>
-</robot>"""
-
-
-def test_a_bag_with_its_tree_goes_in_and_a_verified_urdf_comes_out(
-    sign_in: SignIn, track: Track, tmp_path: Path
-) -> None:
-    """The rig from the bag's /tf_static, a calibration, and the vehicle's own URDF with its own joint solved."""
-    vehicle, _ = add_cart(track, "Tram", 5)
-    mount = ("base_link", "mount", (1.5, 0.1, 1.4), (0.0, 0.0, 0.0, 1.0))
-    optical = ("mount", "camera", (0.0, 0.0, 0.0), (-0.5, 0.5, -0.5, 0.5))
-    poses = [("/tf_static", TF, START_NS, message(TYPES, [LIDAR, mount, optical]))]
-    frames = list(images(4, "/camera/compressed", png(*LEVEL_RIG["cameras"][0]["image_size"])))
-    bag = write_bag(tmp_path / "tram.bag", interleaved(poses, clouds(4), frames))
-    (roof,) = track.owner.vehicles.rigs(vehicle)
-    recording = track.owner.wait(track.owner.recordings.upload(bag, vehicle, roof.id), timeout_s=120)
-
-    page = sign_in("Tilda", "admin")
-    take_proposed_rig(page, track, str(recording.id), "tram.bag,")
-    rig = track.owner.vehicles.rig(track.owner.recordings.get(recording.id).rig_id)
-    seen = pairs(120)
-    brought = track.owner.correspondence_sets.import_pairs(rig.id, "front", seen)
-    made = track.owner.calibrations.create(vehicle, [brought.id], ["pinhole"], folds=0, schedule=SHORT)
-    track.owner.wait(made, timeout_s=120)
-    page.goto(f"{track.url}/calibrations/{made.id}")
-    publish_anyway(page)
-
-    page.goto(f"{track.url}/vehicles/{vehicle}")
-    page.get_by_text("Into your own URDF").click()
-    file = tmp_path / "car.urdf"
-    file.write_text(URDF)
-    page.get_by_label("URDF file").set_input_files(file)
-    expect(page.get_by_label("Joint to replace")).to_have_value("mount_joint")
-    assert_looks(page)
-    page.get_by_label("LiDAR link").fill("radar")
-    page.get_by_role("button", name="Replace and download").click()
-    expect(page.get_by_role("alert")).to_contain_text("radar")
-    page.get_by_label("LiDAR link").fill("velodyne")
-    with page.expect_download() as coming:
-        page.get_by_role("button", name="Replace and download").click()
-    assert coming.value.suggested_filename == "car.urdf"
-    coming.value.save_as(file)
-    text = file.read_text()
-    begin, end = URDF.index('<origin xyz="1.5'), URDF.index('</joint>\n  <joint name="optical')
-    assert text.startswith(URDF[:begin]) and text.endswith(URDF[end:])
-    # The ecosystem's reader, and its chain of joints: every vertex lies where it was marked, to the marks' noise.
-    joints = {one.name: one for one in urdf.URDF.from_xml_string(text.encode()).joints}
-    T_vehicle_lidar, T_vehicle_mount, T_mount_camera = (
-        pose(joints[name].origin) for name in ("lidar_joint", "mount_joint", "optical_joint")
-    )
-    T = np.linalg.inv(T_vehicle_mount @ T_mount_camera) @ T_vehicle_lidar
-    x, y, z = T[:3, :3] @ np.array([[one[axis] for one in seen] for axis in "xyz"]) + T[:3, 3:]
-    current = track.owner.calibrations.current(vehicle, "front")
-    lens = current.intrinsics
-    u = lens.f_x * x / z + lens.c_x - [one["u"] for one in seen]
-    v = lens.f_y * y / z + lens.c_y - [one["v"] for one in seen]
-    assert np.sqrt(np.mean(u**2 + v**2)) == pytest.approx(current.quality.rms_px, abs=1e-4)
-    assert current.quality.rms_px < 1.6
-
-
 def publish_anyway(page: Page, why: str = "Made for a test.") -> None:
     """From a calibration's page, also against what speaks against few pairs."""
     page.get_by_role("button", name="Publish for the vehicle").click()
@@ -272,14 +200,6 @@ def publish_anyway(page: Page, why: str = "Made for a test.") -> None:
         dialog.get_by_role("textbox").fill(why)
         dialog.get_by_role("button", name="Publish").click()
     expect(given).to_be_visible()
-
-
-def pose(origin: urdf.Pose) -> NDArray[np.float64]:
-    """The 4 x 4 matrix of a URDF's origin: fixed-axis rotations about x, y and z, in this order."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("xyz", origin.rpy or (0.0, 0.0, 0.0)).as_matrix()
-    matrix[:3, 3] = origin.xyz or (0.0, 0.0, 0.0)
-    return matrix
 
 
 def test_a_reviewer_withdraws_and_everybody_is_told(sign_in: SignIn, track: Track, given: Given) -> None:

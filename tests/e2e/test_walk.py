@@ -24,13 +24,10 @@ def test_an_engineer_goes_the_whole_way(sign_in: SignIn, track: Track, simulated
     describe(page, "Walker", folder / "rig.json")
     upload(page, folder / "recording.bag")
     draw(page)
-    judge(page)
     apexes = track.truth["frames"]["apex_uv"]
     mark(page, apexes)
     calibrate(page)
     correct(page, apexes)
-    read_the_report(page)
-    look_at_the_overlay(page)
     publish(page)
 
 
@@ -67,25 +64,11 @@ def draw(page: Page) -> None:
     page.get_by_role("button", name="Detect", exact=True).click()
 
 
-def judge(page: Page) -> None:
-    """The detection's sweeps: most have the corner, and a click on the track shows one in 3D with its frame."""
-    plot = page.get_by_role("img", name="Verdicts of the sweeps")
-    expect(plot).to_be_visible(timeout=60_000)
-    found = page.get_by_role("group", name="Next sweep of a kind").get_by_role("button", name=re.compile("^found"))
-    assert int(re.findall(r"\d+", found.inner_text())[-1]) > 2 * MARKS
-    box = plot.bounding_box()
-    assert box
-    plot.click(position={"x": 0.5 * box["width"], "y": 0.4 * box["height"]})
-    found.click()
-    expect(page.get_by_role("status").filter(has_text="Corner at x")).to_be_visible()
-    axis = page.locator("section[data-sweep]")
-    expect(axis.get_by_role("application")).to_have_attribute("data-pictures", re.compile("[1-9]"))
-    expect(axis.get_by_role("img", name=re.compile("^Frame"))).to_be_visible()
-
-
 def mark(page: Page, apexes: list[list[float]]) -> None:
     """Click where the camera sees the board's corner, frame by frame, but for one. No good mark is asked about."""
-    page.get_by_role("link", name="Mark frames of front").click()
+    marking = page.get_by_role("link", name="Mark frames of front")
+    expect(marking).to_be_visible(timeout=60_000)
+    marking.click()
     stage = page.locator(".stage")
     for number in range(1, MARKS + 1):
         expect(page.get_by_test_id("mine")).to_contain_text(re.compile(rf"^{number - 1} of"))
@@ -155,26 +138,6 @@ def correct(page: Page, apexes: list[list[float]]) -> None:
     row = page.get_by_role("row").filter(has_text="brown_conrady").first
     polished = re.findall(r"[\d.]+ / ([\d.]+)", row.inner_text())[1]
     assert float(polished) < 3  # marks are half a pixel off, and vertices some millimetres
-
-
-def read_the_report(page: Page) -> None:
-    page.get_by_role("button", name="Make a report").click()
-    opens = page.get_by_role("link", name=re.compile("^Open the report"))
-    expect(opens).to_be_visible(timeout=60_000)
-    verdict = opens.inner_text().rpartition(" ")[2]
-    with page.expect_popup() as opened:
-        opens.click()
-    report = opened.value
-    expect(report.locator("body")).to_contain_text(re.compile(verdict, re.IGNORECASE))
-    report.close()
-
-
-def look_at_the_overlay(page: Page) -> None:
-    overlay = page.get_by_role("region", name="Points in the frame")
-    expect(overlay.locator("canvas")).to_have_attribute("data-points", re.compile("[1-9]"))
-    overlay.get_by_role("slider").press("PageDown")
-    overlay.get_by_role("button", name="Nominal mount").click()
-    expect(overlay.get_by_role("img")).to_have_attribute("aria-label", re.compile("Nominal mount"))
 
 
 def publish(page: Page) -> None:

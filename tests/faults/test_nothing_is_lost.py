@@ -51,7 +51,6 @@ def assert_ended_once_with_the_same_bits(farm: Farm, calibration, undisturbed) -
         assert session.execute(twice).all() == []
 
 
-@pytest.mark.parametrize("farm", ["sqlite", "postgresql"], indirect=True)
 def test_a_worker_process_killed_within_a_slot(farm: Farm, undisturbed):
     began = time.monotonic()
     calibration = ask(farm.client, next(_names))

@@ -1,6 +1,7 @@
 """A region is checked by one function; its field takes what that takes, and the API describes it so."""
 
 import json
+import math
 from typing import get_args
 
 import jsonschema
@@ -103,35 +104,62 @@ def test_a_polygon_has_3_to_64_corners(corners):
 
 
 @pytest.mark.parametrize(
-    "document",
+    ("document", "place"),
     [
-        {"and": {"quantity": "x"}},
-        {"and": "abc"},
-        {"and": [], "or": []},
-        {"quantity": "x"},
-        {},
-        {"not": []},
-        {"not": {"quantity": "x", "op": ">", "value": 0}, "op": ">"},
-        {"box": [1, 2]},
-        {"box": {"min": [0, 0, 0]}},
-        {"box": {"min": [0, 0, 2e6], "max": [1, 1, 3e6]}},
-        {"box": {"min": [0, 0, 0], "max": [1, 0, 1]}},
-        {"polygon": [[0, 0], [1, 0], [1, 1]], "z": [1, 0]},
-        {"polygon": [[0, 0], [1, 0], {"x": 1}]},
-        [],
-        "x > 0",
-        None,
-        7,
+        ("x > 0", "$"),
+        (None, "$"),
+        ([LEAF], "$"),
+        ({}, "$"),
+        ({"and": []}, "$.and"),
+        ({"and": "x"}, "$.and"),
+        ({"and": LEAF}, "$.and"),
+        ({"and": [LEAF], "or": [LEAF]}, "$"),
+        ({"and": [LEAF], "op": "<"}, "$"),
+        ({"and": [LEAF, {"or": [{**LEAF, "quantity": "__import__('os')"}]}]}, "$.and[1].or[0].quantity"),
+        ({**LEAF, "op": "=="}, "$.op"),
+        ({**LEAF, "op": ["<"]}, "$.op"),
+        ({**LEAF, "divided_by": "w"}, "$.divided_by"),
+        ({**LEAF, "value": "1"}, "$.value"),
+        ({**LEAF, "value": True}, "$.value"),
+        ({**LEAF, "value": math.nan}, "$.value"),
+        ({**LEAF, "value": 10**400}, "$.value"),
+        ({**LEAF, "times": 2}, "$"),
+        ({"quantity": "x", "op": ">"}, "$"),
+        ({"not": [LEAF]}, "$.not"),
+        ({"not": LEAF, "and": [LEAF]}, "$"),
+        ({"box": {"min": [0, 0], "max": [1, 1, 1]}}, "$.box.min"),
+        ({"box": {"min": [0, 0, 0], "max": [1, "1", 1]}}, "$.box.max[1]"),
+        ({"box": {"min": [0, 0, 0], "max": [1, 1, 0]}}, "$.box"),
+        ({"box": [1, 2]}, "$.box"),
+        ({"box": {"min": [0, 0, 2e6], "max": [1, 1, 3e6]}}, "$.box.min[2]"),
+        ({"box": {"min": [0, 0, 0], "max": [1, 1, 1], "roll_deg": 3}}, "$.box"),
+        ({"or": [{"polygon": [[0, 0], [1, 1]]}]}, "$.or[0].polygon"),
+        ({"polygon": [[0, 0], [1, 1], [1, math.inf]]}, "$.polygon[2][1]"),
+        ({"polygon": [[0, 0], [1, 1], [1, 0, 0]]}, "$.polygon[2]"),
+        ({"polygon": [[0, 0], [1, 1], [1, 0]], "z": [2, 1]}, "$.z"),
+        ({"polygon": [[0, 0], [1, 1], [1, 0]], "op": "<"}, "$"),
+        ({"level": {"quantity": "x", "op": ">", "value": 0}}, "$.up"),
+        ({"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 1]}, "$.up"),
+        ({"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, 0]}, "$.up"),
+        ({"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, math.nan]}, "$.up[2]"),
+        ({"level": {"quantity": "w", "op": ">", "value": 0}, "up": [0, 0, 1]}, "$.level.quantity"),
+        ({"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, 1], "and": []}, "$"),
+        ({"and": [{"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, 1]}]}, "$.and[0]"),
     ],
 )
-def test_what_is_no_region_is_refused_with_its_place(document):
-    taken, wrong = says(document)
-    assert taken is None and wrong.startswith("region node $")
+def test_what_is_no_region_is_refused_with_its_place(document, place):
+    with pytest.raises(regions.RegionError) as refused:
+        regions.check_region(document)
+    assert refused.value.code == "region_invalid" and refused.value.hint
+    assert f"node {place}:" in refused.value.message
 
 
 def test_a_very_deep_region_is_refused_without_recursion():
     document = LEAF
     for _ in range(20_000):
         document = {"and": [document]}
-    with pytest.raises(ValidationError, match="deeper than 16 levels"):
-        REGION.validate_python(document)
+    endless = {"and": []}
+    endless["and"].append(endless)
+    for deep in (document, endless):
+        with pytest.raises(ValidationError, match="deeper than 16 levels"):
+            REGION.validate_python(deep)

@@ -447,26 +447,6 @@ def test_cancelling_flags_every_run_and_every_job(api, engineer, rig):
         assert all(job.cancel_requested for job in session.query(Job))
 
 
-def test_a_request_sent_twice_with_its_key_is_one_calibration(api, engineer, rig):
-    one = add_set(engineer, rig)
-    body = {"correspondence_set_ids": [one], "models": ["pinhole"]}
-    sent = [
-        engineer.post(f"/vehicles/{rig.vehicle_id}/calibrations", body, headers={"Idempotency-Key": "k"})
-        for _ in range(2)
-    ]
-    assert sent[0].json() == sent[1].json()
-    with api.database.reading() as session:
-        assert session.query(Calibration).count() == 1
-
-
-def test_the_same_pairs_on_another_vehicle_get_the_same_seed(api):
-    seeds = []
-    for fleet in (api.fleet(), api.fleet()):
-        engineer, rig = api.member(fleet, "engineer"), seed_rig(api.database, fleet)
-        seeds.append(ask(engineer, rig, add_set(engineer, rig)).json()["request"]["seed"])
-    assert seeds[0] == seeds[1]
-
-
 def test_the_seed_is_of_the_pairs_and_not_of_what_they_came_from(api, engineer, rig):
     one = add_set(engineer, rig)
     first = ask(engineer, rig, one).json()["request"]["seed"]

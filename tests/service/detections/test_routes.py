@@ -71,16 +71,6 @@ def test_up_is_as_the_rig_states_it_unless_the_request_does(api, fleet, engineer
     assert up(detector="tolerant") == [None, None, None]
 
 
-def test_the_same_request_sent_again_makes_one_detection(api, fleet, engineer):
-    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 10)
-    headers = {"Idempotency-Key": "once"}
-    first = engineer.post(f"/recordings/{recording}/detections", {"region": REGION}, headers=headers)
-    again = engineer.post(f"/recordings/{recording}/detections", {"region": REGION}, headers=headers)
-    assert (first.status_code, first.json()) == (again.status_code, again.json())
-    with api.database.reading() as session:
-        assert session.query(Detection).count() == 1
-
-
 @pytest.mark.parametrize(
     ("change", "code", "says"),
     [

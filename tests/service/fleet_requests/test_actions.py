@@ -153,15 +153,6 @@ def test_what_is_wrong_with_the_template_refuses_the_whole_and_makes_nothing(api
         assert session.scalars(select(Job.id)).all() == []
 
 
-def test_a_request_sent_twice_under_one_key_is_made_once(api, vans: Vans):
-    vans.add("van")
-    key = {"Idempotency-Key": "again"}
-    first, second = vans.ask(headers=key), vans.ask(headers=key)
-    assert first.json() == second.json() and second.headers["Idempotency-Replayed"] == "true"
-    with api.database.reading() as session:
-        assert len(session.scalars(select(Calibration.id)).all()) == 1
-
-
 def test_a_dry_run_says_who_would_be_skipped_and_makes_nothing(api, vans: Vans):
     vans.add("good")
     vans.add("none", None)

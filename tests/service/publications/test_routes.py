@@ -64,16 +64,6 @@ def test_a_reason_is_a_sentence_or_two_of_plain_text(api, rig, reviewer, reason)
     assert history(reviewer, rig)["items"] == []
 
 
-def test_an_override_sent_twice_with_its_key_publishes_once(api, rig, reviewer):
-    _, (full, _) = seed_results(api, rig, found=ON_BOUNDS)
-    headers = {"Idempotency-Key": "once"}
-    body = {"override": {"reason": "Measured by hand."}}
-    first = reviewer.post(f"/results/{full}/publication", body, headers=headers)
-    again = reviewer.post(f"/results/{full}/publication", body, headers=headers)
-    assert (first.status_code, again.status_code) == (201, 201) and first.json() == again.json()
-    assert len(history(reviewer, rig)["items"]) == 1
-
-
 def test_only_a_reviewer_overrides(api, fleet, rig):
     _, (full, _) = seed_results(api, rig, found=ON_BOUNDS)
     body = {"override": {"reason": "I want to."}}

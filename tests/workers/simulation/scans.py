@@ -13,18 +13,15 @@ from workers.simulation.scene import Scene
 def scanned(
     disturbances=None,
     *,
-    flaws=None,
     mount=None,
-    hold=None,
     sensor="vlp16",
     plan="yard",
-    scene=None,
     noise_m=0.0,
     starts_s=(1.0, 4.0, 7.0, 10.0),
 ):
-    scene = scene or Scene()
-    walk = HeldWalk(5, 60.0, scene.ground_z, plan=plan, disturbances=disturbances, hold=hold)
-    spoiled = {"noise_m": noise_m, "disturbances": disturbances, "flaws": flaws, "mount": mount}
+    scene = Scene()
+    walk = HeldWalk(5, 60.0, scene.ground_z, plan=plan, disturbances=disturbances)
+    spoiled = {"noise_m": noise_m, "disturbances": disturbances, "mount": mount}
     lidar = FlawedLidar(SENSORS[sensor], scene, walk, sector_deg=60.0, seed=5, **spoiled)
     sweeps, labels, poses = [], [], []
     for index, start_s in enumerate(starts_s):

@@ -6,8 +6,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from workers.readers.recording import Sweep
-from workers.simulation.bag_writer import POINT, BagWriter, CameraChannel, Picture
-from workers.simulation.rig import START_NS
+from workers.simulation.bag_writer import BagWriter, CameraChannel, Picture
 
 CAMERA = CameraChannel("c", "c_optical")
 
@@ -21,25 +20,6 @@ def messages(path, topic):
 
 def stamp_ns(message):
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-
-
-def test_rosbags_reads_every_sweep(short):
-    clouds = list(messages(short.files.recording, "/velodyne_points"))
-    assert len(clouds) == short.files.sweeps == 50
-    received = [at for at, _ in clouds]
-    assert received == sorted(received)
-    for index, (at, cloud) in enumerate(clouds):
-        expected = short.rig.lidar.sweep(index, (stamp_ns(cloud) - START_NS) * 1e-9, 0)
-        assert cloud.header.frame_id == "velodyne"
-        assert cloud.header.seq == index
-        assert stamp_ns(cloud) == short.truth["sweeps"]["stamp_ns"][index]
-        points = np.frombuffer(cloud.data, POINT)
-        assert len(points) == cloud.width == len(expected.xyz)
-        assert [field.name for field in cloud.fields] == list(POINT.names)
-        np.testing.assert_array_equal(np.stack([points[axis] for axis in "xyz"], axis=1), expected.xyz)
-        np.testing.assert_array_equal(points["ring"], expected.ring)
-        np.testing.assert_allclose(points["time"], expected.offset_ns * 1e-9, rtol=1e-6)
-        assert stamp_ns(cloud) + expected.offset_ns.max() <= at  # recorded after it was measured
 
 
 @pytest.mark.parametrize("kind", ["bag", "db3", "mcap"])

@@ -91,14 +91,3 @@ def test_what_is_written_is_read_back(kind, tmp_path):
         assert np.abs(shown.astype(float) - first_picture()).mean() < 4.0
     finally:
         recording.close()
-
-
-def test_a_recording_that_is_there_is_never_written_over(tmp_path):
-    for kind in FORMATS:
-        out = tmp_path / kind
-        out.mkdir()
-        for name in ("recording", "recording.bag"):
-            (out / name).write_text("mine")
-        with pytest.raises(FileExistsError, match="there already"):
-            simulate(settings(kind), out)
-        assert (out / "recording").read_text() == "mine"

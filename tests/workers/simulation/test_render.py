@@ -1,7 +1,5 @@
 """The board must be seen where the truth says it is."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -54,15 +52,3 @@ def test_the_painted_apex_is_the_true_one_to_a_fraction_of_a_pixel(model):
     assert np.abs(raw).max() < 0.25
     assert np.abs(np.mean(raw, axis=0)).max() < 0.1
     assert np.abs(coded).max() < 0.5
-
-
-def test_a_walker_outside_the_image_leaves_the_background():
-    scene, camera = Scene(), make_camera("pinhole", seed=2)
-    background = np.full((600, 960, 3), 90, np.uint8)
-    poses = Walk(2, 5.0, scene.ground_z).poses(np.array([1.0]))
-    renderer = Renderer(camera, scene, background)
-    far_left = replace(poses, apex=poses.apex + np.array([0.0, 60.0, 0.0]), body=poses.body + np.array([0.0, 60.0]))
-    np.testing.assert_array_equal(renderer.frame(far_left, 0), background)
-    behind = replace(poses, apex=poses.apex * np.array([-1.0, 1.0, 1.0]), body=poses.body * np.array([-1.0, 1.0]))
-    np.testing.assert_array_equal(renderer.frame(behind, 0), background)
-    assert (renderer.frame(poses, 0) != background).any()

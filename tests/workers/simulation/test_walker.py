@@ -49,9 +49,3 @@ def test_every_walk_stays_in_the_field_and_goes_at_its_pace(plan, usual, fastest
     assert np.abs(np.diff(speed)).max() / 0.05 < 6.0  # no jumps
     assert 2.9 < apex[:, 0].min() <= apex[:, 0].max() < 32.5
     assert np.abs(apex[:, 1]).max() < 5.5
-
-
-def test_a_walk_that_covers_the_field_comes_to_its_corners():
-    apex = Walk(3, 230.0, -1.85, plan="cover").poses(np.arange(0.0, 230.0, 0.1)).apex
-    for x, y in ((4.0, 4.7), (4.0, -4.7), (28.0, 5.0), (28.0, -5.0), (15.0, 0.0)):
-        assert np.hypot(apex[:, 0] - x, apex[:, 1] - y).min() < 1.5

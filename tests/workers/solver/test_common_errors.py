@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import simulated
-from tests.workers.solver.test_shared_errors import intervals_held
 from tests.workers.solver.walks import Recomputed, finish, walked
 from workers.solver.common_errors import shares_of
 
@@ -17,10 +15,6 @@ STATED = {"person_px": 0.289}
 
 def mark_by_turns(random, n, people):
     return random.integers(people, size=n)
-
-
-def mark_by_stretches(random, n, people):
-    return np.arange(n) * people // n
 
 
 def marked(seed, people, bias_px, rule=mark_by_turns, stated_px=0.289):
@@ -84,23 +78,6 @@ def test_differences_between_people_tell_how_large_biases_are():
     freedom = 2.0 * mean**2 / (second / whole - mean**2)
     assert document["person_bias"]["freedom"] == pytest.approx(freedom, rel=1e-2)
     assert document["person_bias"]["px"] > 0.7 and document["person_bias"]["freedom"] > 6.0
-
-
-@few_or_many(12, 30)
-@pytest.mark.parametrize(
-    ("people", "bias_px", "rule", "stated_px"), [(1, 1.0, mark_by_turns, 1.0), (3, 0.6, mark_by_stretches, 0.289)]
-)
-def test_intervals_hold_beside_biases_that_would_break_them(people, bias_px, rule, stated_px, draws):
-    share = intervals_held(draws, lambda seed: marked(600 + seed, people, bias_px, rule, stated_px))
-    assert 0.9 <= share <= 1.0
-
-    def made(seed):
-        problem, truth = marked(600 + seed, people, bias_px, rule, stated_px)
-        return replace(problem, common_errors={}), truth
-
-    # Time blocks show the biases of people who took turns over stretches of the walk.
-    if people == 1:
-        assert intervals_held(draws, made) < share - 0.02
 
 
 def test_a_person_with_few_pairs_tells_nothing():

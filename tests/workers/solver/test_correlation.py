@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from apexcal.documents.precision import Halves
-from tests.workers.solver.test_shared_errors import intervals_held
 from tests.workers.solver.walks import CORNERS, finish, walked
 from workers.solver.blocks import STRETCHES, blocks_of
 from workers.solver.correlation import Component, Linearised, shares_of
@@ -151,12 +150,6 @@ def test_a_sound_walk_of_corners_keeps_the_covariance_of_its_groups():
     for name in ("std", "interval95_half_width", "covariance", "shared_errors"):
         assert document[name] == of_groups[name]
     assert all(one["holds"] for one in document["halves"])
-
-
-def test_intervals_hold_if_stretches_of_corners_err_together():
-    share = intervals_held(20, lambda seed: walk_of_corners(7200 + seed, stretch_px=1.0))
-    # Twenty rigs of ten correlated intervals: 0.95 within three deviations of sixty independent ones.
-    assert share >= 0.87
 
 
 def test_a_walk_without_its_groups_outliers_still_has_its_stretches():

@@ -110,12 +110,6 @@ def test_limits_allow_for_what_stretches_may_share_without_counting():
         assert one.limit / one.ratio == pytest.approx(limit / wide, rel=1e-4)
 
 
-@few_or_many(12, 25)
-def test_poses_that_share_errors_are_counted_and_no_reason_for_doubt(draws):
-    ratios = [halves_of(estimate(*posed(900 + seed, 20, 3, 0.01, 1.5)))[0].ratio for seed in range(draws)]
-    assert 0.7 < np.median(ratios) < 1.25
-
-
 def test_folds_have_no_halves():
     problem, truth = walked(31, **PLAIN)
     document = finish(replace(problem, fold=2), truth)

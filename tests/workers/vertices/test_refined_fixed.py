@@ -63,7 +63,7 @@ def test_too_short_a_recording_tells_nothing_of_what_stands_still(recorded):
         (23, True, "not_a_board"),
         (9549, True, "not_a_board"),
         (9612, True, "not_a_board"),
-        (9664, True, "not_a_board"),
+        pytest.param(9664, True, "not_a_board", marks=pytest.mark.slow),
         (9677, True, "not_a_board"),
         (12072, False, "not_a_board"),
     ],
