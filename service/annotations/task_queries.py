@@ -59,11 +59,13 @@ class Seeker:
         return taken
 
     def half_share(self, most: int) -> int:
-        """Half of the person's share of the open vertices, ``most`` at most."""
+        """Half of the person's share of the answers that open vertices want, ``most`` at most."""
         connection = self.session.connection()
         people = 1 + (connection.scalar(_others(), self.names) or 0)
+        per_vertex = self.names["wanted"]
         names = self.names | {"count": 2 * people * most}
-        return int(connection.scalar(_open_count(), names) or 0) // (2 * people)
+        count = int(connection.scalar(_open_count(), names) or 0)
+        return min(count * per_vertex // (2 * people), count // 2)
 
     def _lock(self, count: int, tried: Collection[UUID], *, wait: bool) -> list[UUID]:
         """Lock the apexes of open vertices: of those new to the person by rank, then of those seen longest ago."""
