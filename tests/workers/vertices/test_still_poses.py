@@ -11,7 +11,7 @@ from tests.support.scenes.still import SETTINGS, drive, still_poses
 from tests.workers.vertices.refined_walks import walk
 from workers.readers.recording import Sweep
 from workers.tasks.analysing import must_move
-from workers.vertices import backdrop
+from workers.vertices import static_background
 from workers.vertices.detectors import detect_range
 from workers.vertices.pose_detection import fixed_place, one_of
 from workers.vertices.region import Region
@@ -64,9 +64,9 @@ def test_the_suggestion_alone_finds_the_boards(place, seed, count):
 def test_walls_and_furniture_in_a_region_by_hand_cost_no_board():
     recording = recorded("room", 2, 8)
     region = around("room", recording)
-    backdrop = find_poses(recording.source, region, stated=True)
+    background = find_poses(recording.source, region, stated=True)
     inside = region.mask(recording.sweeps[0].xyz)
-    left = backdrop.before(recording.sweeps[0], inside)
+    left = background.before(recording.sweeps[0], inside)
     assert np.count_nonzero(inside) > 3 * np.count_nonzero(left)
     found = detected(recording, region, size(recording))
     assert len(found.vertices) == 8
@@ -211,9 +211,9 @@ def test_what_stands_at_one_place_is_never_the_vertex():
 def test_the_images_of_many_fine_rings_stay_small(monkeypatch):
     recorded = still_poses("street", 3, 4)
     fine = SensorGrid(np.linspace(-0.4, 0.2, 256), np.full(256, 2e-4), np.zeros(256), np.eye(3))
-    monkeypatch.setattr(backdrop, "learn_grid", lambda sweeps: fine)
+    monkeypatch.setattr(static_background, "some_grid", lambda source, sweeps: fine)
     source = Listed([recorded.sweeps[0]] * 48)
-    found = backdrop.Backdrop.of(source)
+    found = static_background.StaticBackground.of(source)
     assert 100e6 < found.near.nbytes + found.far.nbytes <= 128 * 1024**2
     assert found.near.shape[:2] == (48, 256)
 
