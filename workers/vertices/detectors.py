@@ -183,7 +183,7 @@ def detect_range(
     vertices: list[Vertex] = []
     context: list[Vertex] = []
     refused: dict[int, str] = {}
-    examples: dict[str, str] = {}
+    best: dict[str, tuple[int, str]] = {}
     poses = find_poses(source, region, stated=still, on_sweep=lambda: report(indices.start))
     cut = find_cut(source, region) if poses is None else None
     if cut is not None:
@@ -197,8 +197,9 @@ def detect_range(
             (vertices if index in indices else context).append(answer)
         elif index in indices:
             refused[index] = answer.reason
-            if answer.example:
-                examples.setdefault(answer.reason, f"sweep {index}: {answer.example}")
+            if answer.points > best.get(answer.reason, (0, ""))[0]:
+                best[answer.reason] = answer.points, f"sweep {index}: {answer.example}"
     rejected = dict(sorted(Counter(refused.values()).items()))
     facts = None if poses is None else poses.facts()
+    examples = {reason: example for reason, (_, example) in best.items()}
     return Detections(vertices, len(indices), rejected, tuple(context), refused, facts, answers.size, examples)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.vertices.region import Region
-from workers.vertices.sensor_grid import some_grid
+from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import SweepSource, spread
 
 Floats = NDArray[np.float64]
@@ -72,7 +72,7 @@ class StaticBackground:
     def of(cls, source: SweepSource, most: int = MOST_COMPARED, on_sweep: Callable[[], None] | None = None) -> Self:
         """The background of at most so many sweeps, spread over a recording."""
         numbers = spread(len(source), most)
-        grid = some_grid(source, _GRID_SWEEPS)
+        grid = learn_grid(source.sweep(number) for number in numbers[:: max(1, len(numbers) // _GRID_SWEEPS)])
         rings = max(grid.elevation.size, 1)
         most_columns = _MOST_BYTES // (2 * 4 * max(len(numbers), 1) * rings)
         columns = min(math.ceil(2.0 * math.pi / (_FIRINGS * grid.step)), most_columns)

@@ -35,6 +35,8 @@ _OVERLAP: Final = math.radians(20.0)  # somebody with a board 2.5 m away
 _SIGMA_M: Final = 0.03  # data sheets
 _FEWEST: Final = 8
 _GAP_M: Final = 0.1
+_DIRECTION_DEG: Final = 2.0
+_MOVED_SHARE: Final = 0.2  # of the points in a direction; the ground there looks alike from everywhere
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,18 +178,31 @@ class ObservedScene:
     """What is gathered of some sweeps, in level axes: what moves in each; of a few all points and what stands."""
 
     sweeps: int
-    points: int = 0
-    still: int = 0
+    shares: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
     things: list[list[Thing]] = field(default_factory=list[list[Thing]])
     clouds: dict[int, NDArray[np.float32]] = field(default_factory=dict[int, NDArray[np.float32]])
     background: list[Floats] = field(default_factory=list[Floats])
 
-    def add(self, things: list[Thing], xyz: NDArray[np.float32], still: NDArray[np.bool_]) -> None:
-        """Add the next sweep: its points (N, 3), and which of them stand still."""
+    @property
+    def still(self) -> float:
+        """Share of the points that stand still, in the middle one of the sweeps."""
+        return float(np.median([share for share, _ in self.shares]))
+
+    @property
+    def around(self) -> float:
+        """Share of the directions with points in which a fifth of them moved, in the middle one of the sweeps."""
+        return float(np.median([share for _, share in self.shares]))
+
+    def add(self, things: list[Thing], xyz: NDArray[np.float32], still: Mask, moved: Mask) -> None:
+        """Add the next sweep: its points (N, 3), which of them stand still and which moved."""
         number = len(self.things)
         self.things.append(things)
-        self.points += len(xyz)
-        self.still += int(np.count_nonzero(still))
+        if len(xyz):
+            direction = np.floor(np.degrees(np.arctan2(xyz[:, 1], xyz[:, 0])) / _DIRECTION_DEG).astype(int)
+            direction -= direction.min()
+            every, moving = np.bincount(direction), np.bincount(direction, moved)
+            filled = np.count_nonzero(every)
+            self.shares.append((float(still.mean()), np.count_nonzero(moving > _MOVED_SHARE * every) / filled))
         if number % max(1, self.sweeps // KEPT) == 0:
             self.clouds[number] = xyz
             self.background.append(xyz[still].astype(np.float64))

@@ -49,6 +49,7 @@ _TOGETHER_S: Final = 0.5  # sweeps this near in time see a walker in nearly the 
 _FASTEST_M_S: Final = 3.0
 _MARGIN_M: Final = 0.5
 _STILL_SHARE: Final = 0.4
+_AROUND: Final = 0.45  # of the directions: a board, its bearer and others take less
 _SIGMA_M: Final = 0.03  # data sheets of spinning sensors
 # Boards that are sold for calibration or as panels have edges of 0.4 to 1.4 m; two sizes and their slack cover that.
 _SIZES_M: Final = ((0.9, 1.2), (0.6, 0.8))
@@ -108,12 +109,15 @@ def suggest(
         xyz = levelled(sweep.xyz, level)
         apex = None if poses is None else _likeliest(sweep, compared.moved, poses.grid)
         moving = xyz[compared.moved].astype(np.float64)
-        scene.add(_bearer(moving, level @ apex) if apex is not None else things_of(moving), xyz, compared.still)
+        things = _bearer(moving, level @ apex) if apex is not None else things_of(moving)
+        scene.add(things, xyz, compared.still, compared.moved)
         boards.append(apex is not None)
         stamps_ns.append(sweep.stamp_ns)
         report(done)
-    if scene.still < _STILL_SHARE * scene.points and not (poses is not None and poses.single):
-        raise _everything_moves(f"Only {scene.still / max(scene.points, 1):.0%} of the points stand still")
+    if (poses is None or not poses.single) and (scene.still < _STILL_SHARE or scene.around > _AROUND):
+        raise _everything_moves(
+            f"{scene.still:.0%} of the points stand still, something moves in {scene.around:.0%} of the directions"
+        )
     if poses is not None:
         return in_level_axes(_around_poses(source, poses, chosen, scene, boards, level, report), level)
     things = _walker(scene.things, stamps_ns)

@@ -76,10 +76,11 @@ class Vertex:
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """Why a sweep gave no vertex: a stable name from its detector's ``reasons``, and what was seen, with numbers."""
+    """Why a sweep gave no vertex: one of its detector's ``reasons``; what was seen in numbers, on how many points."""
 
     reason: str
     example: str = ""
+    points: int = 0
 
 
 @dataclass(frozen=True, slots=True)

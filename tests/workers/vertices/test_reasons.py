@@ -15,7 +15,7 @@ from workers.vertices.region import Region
     ("hold", "cause"),
     [
         (BoardHold(tilted_deg=52.0), "boards lean up to 35"),
-        (BoardHold(turned_deg=76.0), "boards are turned by up to 60"),
+        (BoardHold(turned_deg=72.0), "boards are turned by up to 60"),
         (BoardHold(rolled_deg=45.0), "boards stand on their tip"),
     ],
 )
@@ -25,7 +25,7 @@ def test_what_no_board_does_is_said_with_its_number(hold, cause):
     assert found.rejected["not_a_board"] > 20
     sweep, said = re.fullmatch(r"sweep (\d+): a flat thing of .* rings, (.*)", found.examples["not_a_board"]).groups()
     assert found.refused[int(sweep)] == "not_a_board"
-    assert cause in said or len(found.vertices) == 0, found.examples
+    assert cause in said
 
 
 def test_a_board_outside_of_the_region_is_found_and_named():

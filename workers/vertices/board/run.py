@@ -139,12 +139,11 @@ _FINE_AZIMUTH, _FINE_ELEVATION = math.radians(0.055), math.radians(0.043)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Findings:
-    """What a sweep tells by itself: candidates, the likeliest first, or the reason why there are none."""
+    """What a sweep tells by itself: candidates, the likeliest first, or why there are none."""
 
     candidates: tuple[TimedFix, ...]
     flags: tuple[tuple[str, ...], ...]
-    reason: str
-    example: str = ""
+    refusal: Rejection
 
 
 def run(source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep) -> Answers:
@@ -178,7 +177,7 @@ def _outside(
         for fix in boards:
             if fix.plane.telling and fix.trustworthy and likelier_than_upright(fix, model):
                 x, y, _ = fix.xyz.tolist()
-                better[index] = Rejection("outside_the_region", f"{thing(fix)} at x {x:.1f}, y {y:.1f} m")
+                better[index] = _refused("outside_the_region", fix, f"at x {x:.1f}, y {y:.1f} m")
                 break
     return better
 
@@ -186,11 +185,11 @@ def _outside(
 def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
     inside = area.inside(sweep)
     if not inside.any():
-        return _Findings((), (), "no_points")
+        return _Findings((), (), Rejection("no_points"))
     every = find_boards(sweep, inside, model)
     boards = [pair for pair in every if not overtopped(*pair, model)]
     if not boards:
-        return _Findings((), (), *(("overtopped", thing(every[0][1])) if every else ("too_few_rings", "")))
+        return _Findings((), (), _refused("overtopped", every[0][1]) if every else Rejection("too_few_rings"))
     first = boards[0]
     if any(fix.explained for _, fix in boards):
         if area.fixed_left_out:
@@ -201,10 +200,14 @@ def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
             # Nothing shows that it is carried: its shape alone must tell it from what stands about.
             boards = [pair for pair in boards if not pair[1].explained or clearly_a_board(pair[1], model)]
         if not any(fix.explained for _, fix in boards):
-            return _Findings((), (), "upright_object", thing(first[1]))
+            return _Findings((), (), _refused("upright_object", first[1]))
     candidates = [TimedFix(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in boards]
     flags = [_flags(sighting, fix, boards) for sighting, fix in boards]
-    return _Findings(tuple(candidates), tuple(flags), "")
+    return _Findings(tuple(candidates), tuple(flags), Rejection(""))
+
+
+def _refused(reason: str, fix: Fix, why: str = "") -> Rejection:
+    return Rejection(reason, thing(fix) + (f", {why}" if why else ""), fix.plane.points)
 
 
 def _flags(sighting: Sighting, fix: Fix, boards: Sequence[tuple[Sighting, Fix]]) -> tuple[str, ...]:
@@ -224,7 +227,7 @@ def _settle(
 ) -> Vertex | Rejection:
     own = found_in[index]
     if not own.candidates:
-        return Rejection(own.reason, own.example)
+        return own.refusal
     around = [i for i in range(index - reach, index + reach + 1) if i != index and i in found_in]
     others = [
         found_in[i].candidates[0]
@@ -239,16 +242,16 @@ def _settle(
     if others:
         fix = locate(fix.plane, replace(model, roll=roll_prior(candidate, others, model))) or fix
     if not _is_board(fix, model, least):
-        return Rejection("not_a_board", no_board(fix, model, least))
+        return _refused("not_a_board", fix, no_board(fix, model, least))
     if fix.plane.like_a_person and path is None and not confirmed(candidate, others):
-        return Rejection("like_a_person", thing(fix))
+        return _refused("like_a_person", fix)
     if not model.shown and not (fix.plane.telling and _size_known(options, model)):
-        return Rejection("never_shown", thing(fix))
+        return _refused("never_shown", fix)
     sigma_deg = math.degrees(fix.sigma)
     if sigma_deg > options["max_sigma_deg"]:
-        return Rejection("too_uncertain", f"{thing(fix)}, whose tip is known to {sigma_deg:.2f} degrees")
+        return _refused("too_uncertain", fix, f"its tip is known to {sigma_deg:.2f} degrees")
     if beside >= _FAR_OFF_PATH:
-        return Rejection("off_the_track", f"{thing(fix)}, {beside:.0f} deviations off the path")
+        return _refused("off_the_track", fix, f"{beside:.0f} deviations off the path")
     if beside >= _OFF_PATH:
         flags = (*flags, "track_jump")
     return _vertex(index, candidate.time_ns, fix, flags, options, model)

@@ -258,7 +258,7 @@ def thing(fix: Fix) -> str:
 
 
 def no_board(fix: Fix, model: BoardModel, least_points: int) -> str:
-    """Return the candidate, and the first thing that a board does not do."""
+    """Return the first thing of a candidate that a board does not do, with its number."""
     plane = fix.plane
     board = f"a board of {model.edges[0]:.2f} x {model.edges[1]:.2f} m"
     turned, leant = (math.degrees(math.atan(abs(slope))) for slope in (plane.w[1:] / plane.w[0]).tolist())
@@ -279,4 +279,4 @@ def no_board(fix: Fix, model: BoardModel, least_points: int) -> str:
         why = f"with {plane.points} returns: a board has {least_points} at least"
     else:
         why = f"leaning {leant:.0f} degrees, as likely clutter as {board}"
-    return f"{thing(fix)}, {why}"
+    return why
