@@ -114,7 +114,7 @@ def suggest(
         boards.append(apex is not None)
         stamps_ns.append(sweep.stamp_ns)
         report(done)
-    if (poses is None or not poses.single) and (scene.still < _STILL_SHARE or scene.around > _AROUND):
+    if len(chosen) > 1 and (scene.still < _STILL_SHARE or scene.around > _AROUND):
         raise _everything_moves(
             f"{scene.still:.0%} of the points stand still, something moves in {scene.around:.0%} of the directions"
         )

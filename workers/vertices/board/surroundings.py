@@ -263,7 +263,7 @@ def no_board(fix: Fix, model: BoardModel, least_points: int) -> str:
     board = f"a board of {model.edges[0]:.2f} x {model.edges[1]:.2f} m"
     turned, leant = (math.degrees(math.atan(abs(slope))) for slope in (plane.w[1:] / plane.w[0]).tolist())
     off_upright = math.degrees(min(fix.fall % (0.5 * math.pi), -fix.fall % (0.5 * math.pi)))
-    if not plane.held:
+    if not plane.held or leant > 35.0 or turned > 60.0:
         why = (
             f"leaning {leant:.0f} degrees: boards lean up to 35"
             if leant > 35.0
