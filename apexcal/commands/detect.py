@@ -255,7 +255,4 @@ def _advice(detection: DetectionView) -> str:
             "\nHint: hardly any sweep was accepted, and the board's size was not stated. Measure its edges and state "
             "them with --board: more sweeps count then (docs/detecting.md)."
         )
-    return (
-        "\nHint: hardly any sweep was accepted. Something else in the region is as high or as wide as the board: "
-        "narrow it (docs/detecting.md)."
-    )
+    return "\nHint: hardly any sweep was accepted. The reasons above say what was seen instead (docs/detecting.md)."

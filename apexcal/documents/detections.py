@@ -85,7 +85,8 @@ class DetectionCounts(Document):
     run of sweeps that were rejected for it. ``poses``: how many still poses the recording has, each of which gives
     a vertex for every place at which the board stands in it; 0 for a walk. ``poses_stated``: its owner said so;
     otherwise it was noticed. ``poses_walked``: its owner said so, but somebody walks in it. ``size`` is null where
-    the near sweeps do not tell it. ``roll`` is null if the detector does not tell it.
+    the near sweeps do not tell it. ``examples``: what one sweep of a reason shows. ``roll`` is null if
+    the detector does not tell it.
     """
 
     sweeps: int = 0
@@ -96,6 +97,7 @@ class DetectionCounts(Document):
     paired: int | None = None
     frame_taken: int | None = None
     refused_sweeps: dict[str, list[tuple[int, int]]] = {}
+    examples: dict[str, str] = {}
     poses: int = 0
     poses_stated: bool = False
     poses_walked: bool = False

@@ -100,6 +100,9 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
         {
             "no_points": _NO_POINTS,
             "too_few_rings": "fewer than two rings meet anything in the region that could be the board: walk closer",
+            "outside_the_region": "what looks like the board stands outside of the region: widen it",
+            "size_not_stated": "the board's size was not stated, and fewer than four boards are near enough to "
+            "tell it. State it (`--board`): then two rings on a board are enough",
             "overtopped": "something stands above what looks like the board and in front of its plane: it is a body "
             "below or behind the board, and the board itself meets too few rings. Walk closer, or hold it higher",
             "not_a_board": "nothing in the region is flat and ends in a right-angled corner at the top, as a board "
@@ -136,10 +139,14 @@ def parse_detector(name: str) -> DetectorName:
     return chosen(name, DETECTORS, "detector")
 
 
-def sentences_of(detector: str, reasons: Iterable[str]) -> dict[str, str]:
-    """What each of a detector's reasons says in words; those of older versions that are no more say nothing."""
+def sentences_of(detector: str, reasons: Iterable[str], examples: Mapping[str, str]) -> dict[str, str]:
+    """Return each of a detector's reasons in words, with what one of its sweeps shows."""
     sentences = next((words.reasons for name, words in DETECTORS.items() if name == detector), {})
-    return {reason: sentences[reason] for reason in reasons if reason in sentences}
+    return {
+        reason: sentences[reason] + (f" ({examples[reason]})" if reason in examples else "")
+        for reason in reasons
+        if reason in sentences
+    }
 
 
 def resolve_options(detector: str, overrides: Mapping[str, Any] | None = None) -> dict[str, float]:

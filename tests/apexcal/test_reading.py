@@ -114,7 +114,7 @@ def test_time_left_is_said_roughly(seconds, said):
 
 def test_reasons_say_what_to_change():
     """A reason of an older version is said by its name alone."""
-    reasons = sentences_of("refined", ["never_shown", "of_old"])
+    reasons = sentences_of("refined", ["never_shown", "of_old"], {})
     counts = DetectionCounts(sweeps=8, accepted=2, paired=2, rejected={"never_shown": 5, "of_old": 1})
     detection = DetectionView.model_construct(id="d", counts=counts, options={}, detector="refined", reasons=reasons)
     said = _detected(detection)

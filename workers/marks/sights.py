@@ -83,7 +83,7 @@ class Sight:
         return tip + _SHORTEST_EDGE_M * np.array([first, second])
 
 
-# Boards that are sold for calibration have edges of 0.4 m and more (`workers.vertices.board_search`).
+# Boards that are sold for calibration have edges of 0.4 m and more (`workers.vertices.suggestion`).
 _SHORTEST_EDGE_M: Final = 0.4
 
 

@@ -21,8 +21,8 @@ from workers.solver.clock_offset import estimate_offset
 from workers.tasks.context import Context
 from workers.tasks.originals import lidar_key, open_lidar, said_still, watched
 from workers.vertices.pairing import on_track
-from workers.vertices.preview import preview as count_kept
 from workers.vertices.region import Region
+from workers.vertices.region import preview as count_kept
 from workers.vertices.suggestion import suggest as suggest_region
 from workers.vertices.tracks import Track
 from workers.vertices.vertex import Covariance

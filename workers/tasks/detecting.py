@@ -23,12 +23,11 @@ from workers.tasks.context import Context
 from workers.tasks.cornering import frame_columns, vertex_columns
 from workers.tasks.originals import lidar_key, open_lidar, said_still
 from workers.vertices.detectors import detect_range
-from workers.vertices.order import spread_order
 from workers.vertices.pairing import on_track, pair, pair_interpolated
 from workers.vertices.pose_detection import fixed_place
 from workers.vertices.region import Region
 from workers.vertices.tracks import MARGIN_SWEEPS
-from workers.vertices.vertex import Detections
+from workers.vertices.vertex import Detections, spread_order
 from workers.vertices.vertex import Vertex as Found
 
 _REPORT_EVERY = 50
@@ -210,6 +209,7 @@ def _advance(session: Session, row: Detection, batch: Detections) -> None:
         "rejected": _added(before, "rejected", batch.rejected),
         "quality": _added(before, "quality", Counter(vertex.quality for vertex in batch.vertices if vertex.quality)),
         "flags": _added(before, "flags", Counter(flag for vertex in batch.vertices for flag in vertex.flags)),
+        "examples": {**batch.examples, **before.get("examples", {})},
         "refused_sweeps": _runs(before.get("refused_sweeps", {}), batch.refused),
     }
     if batch.poses is not None:

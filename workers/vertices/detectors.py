@@ -1,6 +1,7 @@
 """The detectors of the board's apex by name, and the one way to run them: one vertex or a reason per sweep.
 
-On a walk, what stands still (walls, cars and signs) can be no board.
+``strict`` is Algorithm 1 of Lyu et al. 2019; ``tolerant`` is what the authors' released toolbox does: both look
+at the highest ring alone. On a walk, what stands still (walls, cars and signs) can be no board.
 """
 
 from __future__ import annotations
@@ -15,15 +16,96 @@ from numpy.typing import NDArray
 
 from apexcal.documents.detectors import DetectorName, Options, parse_detector, resolve_options
 from workers.readers.recording import Sweep
-from workers.vertices import ring_rules
-from workers.vertices.backdrop import Backdrop
+from workers.vertices.board.run import run as run_refined
+from workers.vertices.cut_angle import find_cut, run_cut
 from workers.vertices.pose_detection import detect_poses
-from workers.vertices.refined.run import run as run_refined
 from workers.vertices.region import Region
-from workers.vertices.seam import find_cut, run_cut
+from workers.vertices.sensor_grid import some_grid
+from workers.vertices.static_background import FIXED_SHARE, Foreground, StaticBackground
 from workers.vertices.still_poses import find_poses
-from workers.vertices.sweep_source import OnSweep, Run, SweepSource, stamp_of
-from workers.vertices.vertex import Answers, Detections, Vertex
+from workers.vertices.sweep_source import Area, OnSweep, Run, SweepSource, stamp_of
+from workers.vertices.vertex import Answers, Detections, Rejection, Vertex
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidates:
+    """The points of one sweep inside the region: (N, 3) metres, (N,) ring (upwards), (N,) ns after the stamp."""
+
+    xyz: NDArray[np.float64]
+    ring: NDArray[np.int64]
+    offset_ns: NDArray[np.int64]
+
+
+_Select = Callable[[_Candidates, Options], NDArray[np.bool_] | Rejection]
+
+
+def _strict(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Rejection:
+    """Algorithm 1: ring span (max - min) at least 3, exactly one point on the highest ring."""
+    if inside.ring.size == 0:
+        return Rejection("no_points")
+    top = int(inside.ring.max())
+    if top - int(inside.ring.min()) < options["min_ring_span"]:
+        return Rejection("ring_span_too_small")
+    on_top = inside.ring == top
+    return on_top if np.count_nonzero(on_top) == 1 else Rejection("top_ring_not_single")
+
+
+def _tolerant(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Rejection:
+    """The authors' toolbox: few points on the top ring, close together, and a board below them."""
+    if inside.ring.size == 0:
+        return Rejection("no_points")
+    if inside.ring.size < options["min_points"]:
+        return Rejection("too_few_points")
+    top = int(inside.ring.max())
+    on_top = inside.ring == top
+    if np.count_nonzero(on_top) > options["max_top_points"]:
+        return Rejection("top_ring_too_wide")
+    apart = inside.xyz[on_top][:, None, :] - inside.xyz[on_top][None, :, :]
+    if float(np.linalg.norm(apart, axis=2).max()) > options["max_spread_m"]:
+        return Rejection("top_points_apart")
+    if np.count_nonzero(inside.ring == top - 2) < options["min_points_two_below"]:
+        return Rejection("too_few_points_two_rings_below")
+    return on_top
+
+
+def _look(
+    detector: str, select: _Select, sweep: Sweep, area: Area, options: Options, index: int, upwards: int
+) -> Vertex | Rejection:
+    chosen = np.flatnonzero(area.inside(sweep))
+    inside = _Candidates(
+        sweep.xyz[chosen].astype(np.float64),
+        upwards * sweep.ring[chosen].astype(np.int64),
+        sweep.offset_ns[chosen].astype(np.int64),
+    )
+    selected = select(inside, options)
+    if isinstance(selected, Rejection):
+        return selected
+    x, y, z = inside.xyz[selected].mean(axis=0).tolist()
+    return Vertex(
+        xyz=(x, y, z),
+        time_ns=sweep.stamp_ns + round(float(inside.offset_ns[selected].mean())),
+        ring=upwards * int(inside.ring[selected][0]),
+        sweep_index=index,
+        points_used=int(np.count_nonzero(selected)),
+        detector=detector,
+    )
+
+
+def _runner(detector: str, select: _Select) -> Run:
+    def run(source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep) -> Answers:
+        upwards = -1 if some_grid(source).R_level_lidar[2, 2] < 0.0 else 1
+        outcomes: list[Vertex | Rejection] = []
+        for index in indices:
+            outcomes.append(_look(detector, select, source.sweep(index), area, options, index, upwards))
+            on_sweep(index)
+        return Answers(outcomes)
+
+    return run
+
+
+run_strict = _runner("strict", _strict)
+run_tolerant = _runner("tolerant", _tolerant)
+
 
 Mask = NDArray[np.bool_]
 
@@ -32,37 +114,22 @@ _LEAST_S: Final = 6.0
 _COMPARED: Final = 16
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class WithoutFixed:
-    """A region without the objects that stand still over a whole walk."""
-
-    region: Region
-    backdrop: Backdrop
-
-    @property
-    def fixed_left_out(self) -> bool:
-        """See `sweep_source.Area`."""
-        return True
-
-    def inside(self, sweep: Sweep) -> Mask:
-        """Which points (N,) of a sweep lie in the region and on nothing that stands still."""
-        inside = self.region.mask(sweep.xyz)
-        return inside & ~self.backdrop.fixed(sweep, inside) if inside.any() else inside
-
-
 def without_fixed(
     source: SweepSource, region: Region, on_sweep: Callable[[], None] | None = None
-) -> Region | WithoutFixed:
-    """The region without fixed objects; as it is where the recording is too short to tell them."""
+) -> Region | Foreground:
+    """Return the region without fixed objects; as it is where the recording is too short to tell them."""
     count = len(source)
     if count < _COMPARED or stamp_of(source, count - 1) - stamp_of(source, 0) < _LEAST_S * 1e9:
         return region
-    return WithoutFixed(region, Backdrop.of(source, _COMPARED, on_sweep))
+    background = StaticBackground.of(source, _COMPARED, on_sweep)
+    return Foreground(
+        region, lambda sweep, inside: inside & ~background.compare(sweep, inside, FIXED_SHARE).still, True
+    )
 
 
 RUNS: dict[DetectorName, Run] = {
-    "strict": ring_rules.run_strict,
-    "tolerant": ring_rules.run_tolerant,
+    "strict": run_strict,
+    "tolerant": run_tolerant,
     "refined": run_refined,
 }
 
@@ -116,6 +183,7 @@ def detect_range(
     vertices: list[Vertex] = []
     context: list[Vertex] = []
     refused: dict[int, str] = {}
+    best: dict[str, tuple[int, str]] = {}
     poses = find_poses(source, region, stated=still, on_sweep=lambda: report(indices.start))
     cut = find_cut(source, region) if poses is None else None
     if cut is not None:
@@ -129,6 +197,9 @@ def detect_range(
             (vertices if index in indices else context).append(answer)
         elif index in indices:
             refused[index] = answer.reason
+            if answer.points > best.get(answer.reason, (0, ""))[0]:
+                best[answer.reason] = answer.points, f"sweep {index}: {answer.example}"
     rejected = dict(sorted(Counter(refused.values()).items()))
     facts = None if poses is None else poses.facts()
-    return Detections(vertices, len(indices), rejected, tuple(context), refused, facts, answers.size)
+    examples = {reason: example for reason, (_, example) in best.items()}
+    return Detections(vertices, len(indices), rejected, tuple(context), refused, facts, answers.size, examples)

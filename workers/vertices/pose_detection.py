@@ -1,4 +1,4 @@
-"""Any detector over still poses: before the backdrop, without a track, one vertex while a board stands still."""
+"""Any detector over still poses: before the background, without a track, one vertex while a board stands still."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from apexcal.documents.detectors import Options
 from workers.geometry.spherical import to_spherical, to_xyz
 from workers.vertices.corners import of_mean
 from workers.vertices.region import Region
-from workers.vertices.still_poses import Foreground, StillPoses
+from workers.vertices.static_background import Foreground
+from workers.vertices.still_poses import StillPoses
 from workers.vertices.sweep_source import OnSweep, Run, SweepSource
 from workers.vertices.vertex import Answers, Rejection, Vertex
 
@@ -43,7 +44,7 @@ def detect_poses(
     """
     wider = range(poses.pose_of(indices.start).start, poses.pose_of(indices.stop - 1).stop)
     alone = {**options, "track": 0.0} if "track" in options else options
-    run_answers = run(source, Foreground(region, poses), alone, wider, on_sweep)
+    run_answers = run(source, Foreground(region, poses.before, not poses.single), alone, wider, on_sweep)
     outcomes = list(run_answers.found)
     for number, index in enumerate(wider):
         if outcomes[number] == Rejection("no_points") and region.inside(source.sweep(index)).any():

@@ -7,7 +7,7 @@ polygons a bounding box and a test of their corners; ``not`` exchanges true and 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -15,9 +15,10 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.analyses import RegionPreview, RingCount
 from apexcal.documents.regions import OPERATORS, QUANTITIES, Document, check_region
 from workers.readers.recording import Sweep
-from workers.vertices.gravity import level_rotation
+from workers.vertices.sensor_grid import level_rotation
 
 _ACCEPT: Final = -1
 _REJECT: Final = -2
@@ -95,6 +96,10 @@ class Region:
     def inside(self, sweep: Sweep) -> NDArray[np.bool_]:
         """Which points (N,) of a sweep lie inside."""
         return self.mask(sweep.xyz)
+
+    def outside(self, sweep: Sweep) -> NDArray[np.bool_]:
+        """None: of what is outside it is not known what stands still."""
+        return np.zeros(len(sweep.xyz), np.bool_)
 
 
 def _direction(up: Sequence[float]) -> NDArray[np.float64]:
@@ -270,3 +275,35 @@ def _mask(
             leaf = codes[leaf, 3] if holds else codes[leaf, 4]
         inside[i] = leaf == _ACCEPT
     return inside
+
+
+def preview(sweeps: Iterable[Sweep], region: Region) -> RegionPreview:
+    """Count what ``region`` keeps."""
+    kept_per_frame: list[int] = []
+    points = 0
+    all_rings: NDArray[np.int64] = np.zeros(0, np.int64)
+    kept_rings: NDArray[np.int64] = np.zeros(0, np.int64)
+    for sweep in sweeps:
+        inside = region.mask(sweep.xyz)
+        kept_per_frame.append(int(np.count_nonzero(inside)))
+        points += inside.size
+        all_rings = _add(all_rings, sweep.ring)
+        kept_rings = _add(kept_rings, sweep.ring[inside])
+    kept_rings = np.pad(kept_rings, (0, all_rings.size - kept_rings.size))
+    return RegionPreview(
+        frames=len(kept_per_frame),
+        frames_kept=sum(count > 0 for count in kept_per_frame),
+        points=points,
+        points_kept=sum(kept_per_frame),
+        points_per_frame_median=float(np.median(kept_per_frame)) if kept_per_frame else 0.0,
+        per_ring=[
+            RingCount(ring=int(ring), points=int(all_rings[ring]), points_kept=int(kept_rings[ring]))
+            for ring in np.flatnonzero(all_rings)
+        ],
+    )
+
+
+def _add(counts: NDArray[np.int64], ring: NDArray[np.uint16]) -> NDArray[np.int64]:
+    more = np.bincount(ring, minlength=counts.size)
+    more[: counts.size] += counts
+    return more

@@ -1,4 +1,4 @@
-"""Still poses: noticing them, which sweeps show the same pose, and what of a sweep lies before the backdrop."""
+"""Still poses: noticing them, which sweeps show the same pose, and what of a sweep lies before the background."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
-from workers.vertices.backdrop import Backdrop
-from workers.vertices.jumps import APART_S, count_steps
+from workers.vertices.motion import APART_S, count_steps
 from workers.vertices.region import Region
-from workers.vertices.sensor_grid import SensorGrid, learn_grid
-from workers.vertices.suggested_region import things_of
-from workers.vertices.sweep_source import SweepSource, stamp_of
-from workers.vertices.upright_pieces import upright_pieces
+from workers.vertices.sensor_grid import SensorGrid, some_grid
+from workers.vertices.static_background import StaticBackground
+from workers.vertices.suggested_region import things_of, upright_pieces
+from workers.vertices.sweep_source import SweepSource, spread, stamp_of
 from workers.vertices.vertex import PoseFacts
 
 Mask = NDArray[np.bool_]
@@ -43,7 +42,7 @@ class StillPoses:
     """What a recording of still poses tells before anything is looked for.
 
     Attributes:
-        backdrop: what its sweeps have in common; of a single pose nothing can be told to be backdrop.
+        background: what its sweeps have in common; of a single pose nothing can be told to be background.
         first: of each sweep, the number of the first sweep of its pose.
         grid: the directions in which the sensor fires.
         stated: whether the owner said so; else it was noticed.
@@ -51,7 +50,7 @@ class StillPoses:
         walked: whether what moves in them walks, although the owner said that they are still poses.
     """
 
-    backdrop: Backdrop
+    background: StaticBackground
     first: tuple[int, ...]
     grid: SensorGrid
     stated: bool
@@ -77,7 +76,7 @@ class StillPoses:
             sweep = source.sweep(number)
             if on_sweep is not None:
                 on_sweep()
-            together = before is not None and _same_pose(before, sweep, region, self.backdrop)
+            together = before is not None and _same_pose(before, sweep, region, self.background)
             first.append(first[-1] if together else number)
             before = before if together else sweep
         return replace(self, first=tuple(first))
@@ -91,32 +90,14 @@ class StillPoses:
         return range(first, stop)
 
     def before(self, sweep: Sweep, chosen: Mask) -> Mask:
-        """Which of the points ``chosen`` (N,) are no backdrop.
+        """Which of the points ``chosen`` (N,) are no background.
 
-        Of a single pose, walls and what else is too large for a board with its bearer is backdrop.
+        Of a single pose, walls and what else is too large for a board with its bearer is background.
         """
         if not self.single:
-            return chosen & ~self.backdrop.compare(sweep, chosen).still
+            return chosen & ~self.background.compare(sweep, chosen).still
         pieces = upright_pieces(sweep, chosen, self.grid)
         return np.logical_or.reduce(pieces) if pieces else chosen
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Foreground:
-    """A region without the backdrop of still poses."""
-
-    region: Region
-    poses: StillPoses
-
-    @property
-    def fixed_left_out(self) -> bool:
-        """A single pose has nothing to be compared with."""
-        return not self.poses.single
-
-    def inside(self, sweep: Sweep) -> Mask:
-        """Which points (N,) of a sweep lie in the region and are no backdrop."""
-        inside = self.region.mask(sweep.xyz)
-        return self.poses.before(sweep, inside) if inside.any() else inside
 
 
 def find_poses(
@@ -136,49 +117,46 @@ def find_poses(
     certain = stated or _far_apart(source)
     if not certain and (count > _NOTICED_UP_TO or max(len(source.sweep(n).xyz) for n in (0, count - 1)) < _A_SWEEP):
         return None
-    backdrop = Backdrop.of(source, on_sweep=on_sweep)
-    if not certain and not _noticed(source, backdrop):
+    background = StaticBackground.of(source, on_sweep=on_sweep)
+    if not certain and not _noticed(source, background):
         return None
-    grid = learn_grid(source.sweep(number) for number in range(0, count, max(1, count // _GRID_SWEEPS)))
-    single = _single(source, backdrop)
+    grid = some_grid(source, _GRID_SWEEPS)
+    single = _single(source, background)
     first = (0,) * count if single else tuple(range(count))
-    walked = stated and not single and _walked(source, backdrop)
-    poses = StillPoses(backdrop, first, grid, stated, single, walked)
+    walked = stated and not single and _walked(source, background)
+    poses = StillPoses(background, first, grid, stated, single, walked)
     return poses if region is None else poses.grouped(source, region, on_sweep)
 
 
 def _far_apart(source: SweepSource) -> bool:
     """Whether neighbouring sweeps, some of them, lie farther apart in time than a track reaches."""
     count = len(source)
-    firsts = sorted({int(n) for n in np.linspace(0, count - 2, min(_PAIRS, count - 1))}) if count > 1 else []
+    firsts = spread(count - 1, _PAIRS)
     steps_ns = [stamp_of(source, n + 1) - stamp_of(source, n) for n in firsts]
     return bool(steps_ns) and min(steps_ns) > APART_S * 1e9
 
 
-def _noticed(source: SweepSource, backdrop: Backdrop) -> bool:
-    if backdrop.moves_itself():
-        return False
+def _noticed(source: SweepSource, background: StaticBackground) -> bool:
     if len(source) < _FEWEST_OF_A_WALK:
         return True
-    steps = count_steps(_places(source, backdrop, range(len(source))))
+    steps = count_steps(_places(source, background, range(len(source))))
     # Nothing moves in a single pose. Who walks slowly hardly moves from sweep to sweep, but does over the recording.
     return steps.jumps >= steps.walks and steps.way_m < _STANDS_M
 
 
-def _walked(source: SweepSource, backdrop: Backdrop) -> bool:
+def _walked(source: SweepSource, background: StaticBackground) -> bool:
     """Whether what moves walks: told by some runs of neighbouring sweeps, spread over the recording."""
-    last = max(len(source) - _RUN_SWEEPS, 0)
-    starts = sorted({int(n) for n in np.linspace(0, last, _RUNS).round()})
+    starts = spread(max(len(source) - _RUN_SWEEPS, 0) + 1, _RUNS)
     runs = [range(start, min(start + _RUN_SWEEPS, len(source))) for start in starts]
-    steps = [count_steps(_places(source, backdrop, run)) for run in runs]
+    steps = [count_steps(_places(source, background, run)) for run in runs]
     walks, jumps = (sum(values) for values in ([step.walks for step in steps], [step.jumps for step in steps]))
     return walks > jumps and max(step.way_m for step in steps) >= _STANDS_M
 
 
-def _places(source: SweepSource, backdrop: Backdrop, numbers: range) -> list[tuple[int, float, float]]:
+def _places(source: SweepSource, background: StaticBackground, numbers: range) -> list[tuple[int, float, float]]:
     """Stamp, x and y of the largest thing that moves in each of some sweeps."""
     places: list[tuple[int, float, float]] = []
-    few = backdrop.thinned(_MOST_IMAGES)
+    few = background.thinned(_MOST_IMAGES)
     for number in numbers:
         sweep = source.sweep(number)
         middle = _largest(sweep.xyz[few.compare(sweep).moved].astype(np.float64))
@@ -192,27 +170,26 @@ def _largest(xyz: NDArray[np.float64]) -> tuple[float, float] | None:
     things = things_of(xyz)
     if not things:
         return None
-    largest = max(things, key=lambda thing: float(np.sum(np.hypot(*thing.points[:, :2].T) ** 2)))
-    x, y = np.median(largest.points[:, :2], axis=0).tolist()
+    x, y = np.median(things[0].points[:, :2], axis=0).tolist()
     return x, y
 
 
-def _same_pose(first: Sweep, other: Sweep, region: Region, backdrop: Backdrop) -> bool:
-    """Whether there is something before the backdrop in the region, and it is the same in both sweeps."""
-    both = backdrop.again([first, other])
+def _same_pose(first: Sweep, other: Sweep, region: Region, background: StaticBackground) -> bool:
+    """Whether there is something before the background in the region, and it is the same in both sweeps."""
+    both = background.again([first, other])
     for sweep, index in ((first, 1), (other, 0)):
         inside = region.mask(sweep.xyz)
-        if both.same(sweep, inside & ~backdrop.compare(sweep, inside).still, index) < _SAME_POSE:
+        if both.same(sweep, inside & ~background.compare(sweep, inside).still, index) < _SAME_POSE:
             return False
     return True
 
 
-def _single(source: SweepSource, backdrop: Backdrop) -> bool:
+def _single(source: SweepSource, background: StaticBackground) -> bool:
     """Whether nothing, or only a little of a person with a board, differs: somebody who sways in one pose."""
     shares: list[float] = []
     for number in range(0, len(source), max(1, len(source) // _LOOKED_AT)):
         sweep = source.sweep(number)
-        moved = backdrop.compare(sweep).moved
+        moved = background.compare(sweep).moved
         middle = _largest(sweep.xyz[moved].astype(np.float64))
         if middle is None:
             shares.append(0.0)

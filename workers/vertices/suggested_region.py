@@ -1,6 +1,7 @@
-"""A suggested region: a polygon around what was seen to move, off the ground, without the posts inside.
+"""Things of a person's size in a sweep, and a region around them.
 
-Shapes on the ground are clusters of points seen from above, and the convex area around them.
+Things are clusters of what moves, or upright pieces by their shape alone. A suggested region is a polygon around what
+was seen to move, off the ground, without the posts inside: the convex area around clusters seen from above.
 """
 
 from __future__ import annotations
@@ -12,33 +13,134 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
+from workers.readers.recording import Sweep
+from workers.vertices.board.planes import find_stretches
+from workers.vertices.range_image import RangeImage, clusters, open_window
 from workers.vertices.region import Region
+from workers.vertices.sensor_grid import SensorGrid
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_CELL_M: Final = 0.4
+_WIDEST_M: Final = 2.2  # a person with a board held out
+_TALLEST_M: Final = 2.8
+_POINTS_AT_1_M: Final = 100.0  # a person-sized thing has more points than this over its distance
+_FEWEST_POINTS: Final = 4
+_SECTORS: Final = 4
+_OVERLAP: Final = math.radians(20.0)  # somebody with a board 2.5 m away
+_SIGMA_M: Final = 0.03  # data sheets
+_FEWEST: Final = 8
+_GAP_M: Final = 0.1
+_DIRECTION_DEG: Final = 2.0
+_MOVED_SHARE: Final = 0.2  # of the points in a direction; the ground there looks alike from everywhere
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Thing:
+    """A cluster of a person's size: its points (N, 3), and the middle of them on the ground (2,)."""
+
+    points: Floats
+    middle: Floats
+
+    @property
+    def face(self) -> float:
+        """As many points as it would have one metre away."""
+        return len(self.points) * float(self.middle @ self.middle)
+
+
+def things_of(xyz: Floats) -> list[Thing]:
+    """Return the things of a person's size among points (N, 3), the largest face first."""
+    if not len(xyz):
+        return []
+    cluster = clusters(xyz[:, :2], _CELL_M)
+    things: list[Thing] = []
+    for number in np.flatnonzero(np.bincount(cluster) >= _FEWEST_POINTS):
+        points = xyz[cluster == number]
+        thing = Thing(points, points[:, :2].mean(axis=0))
+        enough = len(points) >= _POINTS_AT_1_M / max(float(np.hypot(*thing.middle)), 1.0)
+        if enough and _is_small(points):
+            things.append(thing)
+    return sorted(things, key=lambda thing: -thing.face)
+
+
+def upright_pieces(sweep: Sweep, inside: Mask, grid: SensorGrid) -> list[Mask]:
+    """Return masks (N,) of upright pieces of at least two rings among the points ``inside`` (N,), the largest first.
+
+    Returns along a ring belong together if their ranges do not jump, segments of neighbouring rings if one stands
+    above the other. Walls, cars and the ground make pieces that are too large. A piece at the rim of a sector may be
+    met twice.
+    """
+    half = math.pi / _SECTORS + _OVERLAP
+    pieces: list[NDArray[np.int64]] = []
+    for number in range(_SECTORS):
+        window = open_window(sweep, inside, grid, (2 * number + 1) * math.pi / _SECTORS - math.pi, half)
+        pieces += _pieces(window)
+    pieces.sort(key=len, reverse=True)
+    return [np.isin(np.arange(len(inside)), points) for points in pieces if _is_small(sweep.xyz[points])]
+
+
+def _is_small(points: NDArray[np.floating]) -> bool:
+    """Whether points (N, 3) take no more room than somebody with a board."""
+    width, depth, height = np.ptp(points, axis=0).tolist()
+    return math.hypot(width, depth) <= _WIDEST_M and height <= _TALLEST_M
+
+
+def _pieces(window: RangeImage) -> list[NDArray[np.int64]]:
+    """Numbers of the points of each piece."""
+    segments = find_stretches(window.azimuth, window.distance, window.inside, _SIGMA_M, window.steps)
+    if not len(segments):
+        return []
+    pairs = np.array(_stacked(segments, window.slope)).reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), (len(segments), len(segments)))
+    piece_of = connected_components(graph, directed=False)[1]
+    pieces: list[NDArray[np.int64]] = []
+    for number in range(int(piece_of.max()) + 1):
+        members = segments[piece_of == number]
+        points = np.concatenate([_points(window, segment) for segment in members])
+        if np.unique(members[:, 0]).size >= 2 and points.size >= _FEWEST:
+            pieces.append(points)
+    return pieces
+
+
+def _points(window: RangeImage, segment: Floats) -> NDArray[np.int64]:
+    ring, first, last = (int(value) for value in segment[:3])
+    run = slice(first, last + 1)
+    point = window.point[ring, run]
+    return point[(point >= 0) & window.inside[ring, run]]
+
+
+def _stacked(segments: Floats, slope: Floats) -> Sequence[tuple[int, int]]:
+    """Pairs of segments of neighbouring rings that stand one above the other, as those of one upright surface."""
+    pairs: list[tuple[int, int]] = []
+    middle = slope.shape[1] // 2
+    for ring in np.unique(segments[:, 0]).astype(int).tolist():
+        upper, lower = (np.flatnonzero(segments[:, 0] == number) for number in (ring, ring - 1))
+        if not lower.size:
+            continue
+        rise = abs(float(slope[ring, middle] - slope[ring - 1, middle]))
+        higher, other = segments[upper], segments[lower]
+        away = np.abs(higher[:, None, 6] - other[None, :, 6])
+        gap = np.maximum(other[None, :, 4] - higher[:, None, 5], higher[:, None, 4] - other[None, :, 5])
+        # A board leans by slopes of up to 0.7.
+        near = (away <= _GAP_M + 0.7 * rise * higher[:, None, 6]) & (gap <= _GAP_M)
+        pairs += [(upper[i], lower[j]) for i, j in zip(*np.nonzero(near), strict=True)]
+    return pairs
+
+
+Floats = NDArray[np.float64]
+Document = dict[str, Any]
 
 SIDES: Final = 20  # of the areas that are suggested
-
-
-def clusters(xy: Floats, cell_m: float) -> NDArray[np.int64]:
-    """(N,) the cluster of each point (N, 2), numbered from 0: cells of ``cell_m`` that touch, corners included."""
-    cells, of_point = np.unique(np.floor(xy / cell_m).astype(np.int64), axis=0, return_inverse=True)
-    number = {(int(x), int(y)): i for i, (x, y) in enumerate(cells)}
-    cluster = np.full(len(cells), -1, np.int64)
-    count = 0
-    for first in range(len(cells)):
-        if cluster[first] >= 0:
-            continue
-        cluster[first] = count
-        waiting = [first]
-        while waiting:
-            x, y = cells[waiting.pop()].tolist()
-            for dx in (-1, 0, 1):
-                for dy in (-1, 0, 1):
-                    other = number.get((x + dx, y + dy), -1)
-                    if other >= 0 and cluster[other] < 0:
-                        cluster[other] = count
-                        waiting.append(other)
-        count += 1
-    return cluster[of_point.reshape(-1)]
+KEPT: Final = 24  # sweeps whose points are kept in memory
+_OFF_GROUND_M: Final = 0.12
+_ABOVE_M: Final = 0.3
+_REACH_M: Final = 2.8  # a board held up
+_POST_M: Final = 1.5
+_MOST_POSTS: Final = 16
 
 
 def area_around(xy: Floats, margin_m: float) -> Floats:
@@ -63,22 +165,6 @@ def area_m2(corners: Floats) -> float:
     return 0.5 * abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))
 
 
-Floats = NDArray[np.float64]
-Document = dict[str, Any]
-
-KEPT: Final = 24  # sweeps whose points are kept in memory
-_CELL_M: Final = 0.4
-_WIDEST_M: Final = 2.2  # a person with a board, and what the grid adds
-_TALLEST_M: Final = 2.8
-_POINTS_AT_1_M: Final = 100.0  # a person-sized thing has more points than this over its distance
-_FEWEST_POINTS: Final = 4
-_OFF_GROUND_M: Final = 0.12
-_ABOVE_M: Final = 0.3
-_REACH_M: Final = 2.8  # a board held up
-_POST_M: Final = 1.5
-_MOST_POSTS: Final = 16
-
-
 @dataclass(frozen=True, slots=True)
 class Suggestion:
     """A region document (see `region_document`), and what it rests on (``SuggestionFacts`` of the documents)."""
@@ -87,39 +173,39 @@ class Suggestion:
     facts: Document
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Thing:
-    """A cluster of person's size that moves: its points (N, 3), and the middle of them on the ground (2,)."""
-
-    points: Floats
-    middle: Floats
-
-
 @dataclass(slots=True)
 class ObservedScene:
-    """What the second reading gathers: by sweep what moves, of some sweeps all points and those that stand still."""
+    """What is gathered of some sweeps, in level axes: what moves in each; of a few all points and what stands."""
 
-    points: int = 0
-    still: int = 0
+    sweeps: int
+    shares: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
     things: list[list[Thing]] = field(default_factory=list[list[Thing]])
     clouds: dict[int, NDArray[np.float32]] = field(default_factory=dict[int, NDArray[np.float32]])
     background: list[Floats] = field(default_factory=list[Floats])
 
+    @property
+    def still(self) -> float:
+        """Share of the points that stand still, in the middle one of the sweeps."""
+        return float(np.median([share for share, _ in self.shares]))
 
-def things_of(xyz: Floats) -> list[Thing]:
-    """The things of a person's size among points (N, 3) that move."""
-    if not len(xyz):
-        return []
-    cluster = clusters(xyz[:, :2], _CELL_M)
-    things: list[Thing] = []
-    for number in np.flatnonzero(np.bincount(cluster) >= _FEWEST_POINTS):
-        points = xyz[cluster == number]
-        size = np.ptp(points, axis=0)
-        middle = points[:, :2].mean(axis=0)
-        enough = len(points) >= _POINTS_AT_1_M / max(float(np.hypot(*middle)), 1.0)
-        if enough and np.hypot(size[0], size[1]) <= _WIDEST_M and size[2] <= _TALLEST_M:
-            things.append(Thing(points, middle))
-    return things
+    @property
+    def around(self) -> float:
+        """Share of the directions with points in which a fifth of them moved, in the middle one of the sweeps."""
+        return float(np.median([share for _, share in self.shares]))
+
+    def add(self, things: list[Thing], xyz: NDArray[np.float32], still: Mask, moved: Mask) -> None:
+        """Add the next sweep: its points (N, 3), which of them stand still and which moved."""
+        number = len(self.things)
+        self.things.append(things)
+        if len(xyz):
+            direction = np.floor(np.degrees(np.arctan2(xyz[:, 1], xyz[:, 0])) / _DIRECTION_DEG).astype(int)
+            direction -= direction.min()
+            every, moving = np.bincount(direction), np.bincount(direction, moved)
+            filled = np.count_nonzero(every)
+            self.shares.append((float(still.mean()), np.count_nonzero(moving > _MOVED_SHARE * every) / filled))
+        if number % max(1, self.sweeps // KEPT) == 0:
+            self.clouds[number] = xyz
+            self.background.append(xyz[still].astype(np.float64))
 
 
 def describe(
@@ -141,7 +227,7 @@ def describe(
     still = np.concatenate(scene.background)
     inside = still[Region.from_document({"polygon": corners.tolist()}).mask(still)]
     sentences = list(notes)
-    # What rises or stands still matters to detectors that do not know the backdrop.
+    # What rises or stands still matters to detectors that do not know the background.
     left_in = [] if poses else sentences
     ground, z_low = _ground(points, inside, left_in)
     # A sensor of few rings may never have met the board where it was highest.
@@ -184,7 +270,8 @@ def in_level_axes(suggestion: Suggestion, level: Floats) -> Suggestion:
     if level[2, 2] == 1.0:
         return suggestion
     tilt = math.degrees(math.acos(float(level[2, 2])))
-    note = f"The ground tells that the LiDAR is tilted by {tilt:.0f} degrees. The region is in level axes."
+    how = f"is tilted by {tilt:.0f} degrees" if tilt < 90.0 else f"hangs, {180.0 - tilt:.0f} degrees off upside down"
+    note = f"The ground tells that the LiDAR {how}. The region is in level axes."
     document: Document = {"level": suggestion.document, "up": [round(value, 5) for value in level[2].tolist()]}
     return Suggestion(document, suggestion.facts | {"notes": [note, *suggestion.facts["notes"]]})
 

@@ -1,14 +1,16 @@
-"""A region of interest suggested from what moves against the still background of a recording.
+"""Where the board is: a region suggested from what moves before the static background, or from a board's shape.
 
-Sweeps spread over the recording tell which places stand still (`occupancy`). What moves before them is clustered on
-the ground; clusters of a person's size that stay together from one sweep to the next tell where the person walked.
+What moves in some sweeps is clustered on the ground. Of a walk, clusters of a person's size that stay together from
+one sweep to the next tell where the person walked; of still poses, each pose's likeliest board tells where it stood.
 The suggestion is a polygon around that, off the ground, without the posts that stand inside. If the ground tells that
-the sensor is tilted, it is in level axes.
+the sensor is tilted or hangs upside down, it is in level axes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
@@ -16,14 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.errors import InputError
-from workers.vertices.backdrop import Backdrop
-from workers.vertices.occupancy import Occupancy
-from workers.vertices.own_motion import passes_by
-from workers.vertices.pose_suggestion import suggest_poses
-from workers.vertices.sensor_grid import SensorGrid
-from workers.vertices.still_poses import find_poses
+from workers.readers.recording import Sweep
+from workers.vertices.board.estimate import find_planes, locate, open_windows
+from workers.vertices.board.model import TRUNK_M, BoardModel, Fix
+from workers.vertices.motion import passes_by
+from workers.vertices.region import Region
+from workers.vertices.sensor_grid import SensorGrid, some_grid
+from workers.vertices.static_background import StaticBackground
+from workers.vertices.still_poses import StillPoses, find_poses
 from workers.vertices.suggested_region import (
-    KEPT,
     ObservedScene,
     Suggestion,
     Thing,
@@ -31,18 +34,34 @@ from workers.vertices.suggested_region import (
     in_level_axes,
     levelled,
     things_of,
+    upright_pieces,
 )
-from workers.vertices.sweep_source import SweepSource
-from workers.vertices.upside_down import Turned, hangs, some_grid, turned_back
+from workers.vertices.sweep_source import SweepSource, spread
 
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _FEWEST: Final = 8
-_COMPARED: Final = 24  # sweeps that tell whether the LiDAR moves
-_BESIDE_M: Final = 1.2
+_COMPARED: Final = 24  # sweeps of a walk that tell what stands still
+_MOST_POSES, _MOST_EVERYWHERE = 64, 8  # sweeps of poses that are looked at, and that are searched whole
+_BESIDE_M: Final = 1.2  # a board reaches no farther from its bearer
 _TOGETHER_S: Final = 0.5  # sweeps this near in time see a walker in nearly the same place
 _FASTEST_M_S: Final = 3.0
 _MARGIN_M: Final = 0.5
+_STILL_SHARE: Final = 0.4
+_AROUND: Final = 0.45  # of the directions: a board, its bearer and others take less
+_SIGMA_M: Final = 0.03  # data sheets of spinning sensors
+# Boards that are sold for calibration or as panels have edges of 0.4 to 1.4 m; two sizes and their slack cover that.
+_SIZES_M: Final = ((0.9, 1.2), (0.6, 0.8))
+_SLACK_M: Final = 0.2
+_LEAST_SUPPORT: Final = 8.0  # as of a vertex: ten candidates in 200 sweeps give no false board
+_FEWEST_POINTS: Final = 12
+# Of a board by its shape alone. Chosen on simulated poses (`tests.support.scenes.still`, seeds 50 to 57):
+# boards had at most 0.04 and 0.15 degrees, one had 0.49. Walls, cars and people had more of one of the two.
+_CONTRADICTED: Final = 0.05
+_MOST_SIGMA: Final = math.radians(0.5)
+_MOST_PIECES: Final = 40
+_PLANES: Final = 3  # of each group of points that stand together
 
 
 def suggest(
@@ -52,57 +71,55 @@ def suggest(
     on_sweep: Callable[[int], None] | None = None,
     still: bool = False,
 ) -> Suggestion:
-    """The region that the moving person and board walked through, or the poses' boards.
+    """Return the region that the moving person and board walked through, or where the poses' boards stood.
 
     Args:
         source: the sweeps of a recording whose LiDAR stands still.
-        samples: how many sweeps to look at, spread over the recording.
+        samples: how many sweeps of a walk to look at, spread over the recording.
         on_sweep: called with the number of sweeps read so far; it may raise to stop the work.
         still: the owner says that these are still poses; it is noticed otherwise, too.
 
     Raises:
         InputError: ``too_few_sweeps``, ``nothing_moves``, ``everything_moves``, ``no_board_seen``.
     """
-    grid = some_grid(source)
-    if hangs(grid):
-        turned = Turned(source, grid)
-        return turned_back(_suggest(turned, some_grid(turned), samples, on_sweep, still))
-    return _suggest(source, grid, samples, on_sweep, still)
 
-
-def _suggest(
-    source: SweepSource, grid: SensorGrid, samples: int, on_sweep: Callable[[int], None] | None, still: bool
-) -> Suggestion:
-    def check() -> None:
+    def report(count: int = 0) -> None:
         if on_sweep is not None:
-            on_sweep(0)
+            on_sweep(count)
 
-    if Backdrop.of(source, _COMPARED, check).moves_itself():
-        raise _everything_moves("What stands upright around the LiDAR is elsewhere in each sweep")
-    if passes_by(source, grid, check):
+    grid = some_grid(source)
+    if passes_by(source, grid, report):
         raise _everything_moves("What stands upright on many sides of the LiDAR shifts together from sweep to sweep")
-    level = grid.R_level_lidar
-    poses = find_poses(source, stated=still, on_sweep=check)
-    if poses is not None:
-        return suggest_poses(source, poses, level, check)
-    if len(source) < _FEWEST:
+    poses = find_poses(source, stated=still, on_sweep=report)
+    if poses is None and len(source) < _FEWEST:
         raise InputError(
             "too_few_sweeps",
             f"The recording has {len(source)} sweeps; what moves shows in {_FEWEST} at least.",
             "Write the region by hand.",
         )
-    chosen = _spread(len(source), samples)
-    occupancy = Occupancy()
+    chosen = _in_pairs(len(source), samples) if poses is None else spread(len(source), _MOST_POSES)
+    background = StaticBackground.of(source, _COMPARED, report) if poses is None else poses.background
+    level = grid.R_level_lidar
+    scene = ObservedScene(len(chosen))
+    boards: list[bool] = []
     stamps_ns: list[int] = []
     for done, index in enumerate(chosen, start=1):
         sweep = source.sweep(index)
-        occupancy.add(sweep)
+        compared = background.compare(sweep)
+        xyz = levelled(sweep.xyz, level)
+        apex = None if poses is None else _likeliest(sweep, compared.moved, poses.grid)
+        moving = xyz[compared.moved].astype(np.float64)
+        things = _bearer(moving, level @ apex) if apex is not None else things_of(moving)
+        scene.add(things, xyz, compared.still, compared.moved)
+        boards.append(apex is not None)
         stamps_ns.append(sweep.stamp_ns)
-        if on_sweep is not None:
-            on_sweep(done)
-    scene = _look(source, chosen, occupancy, level, on_sweep)
-    if scene.still < 0.4 * scene.points:
-        raise _everything_moves(f"Only {scene.still / max(scene.points, 1):.0%} of the points stand still")
+        report(done)
+    if len(chosen) > 1 and (scene.still < _STILL_SHARE or scene.around > _AROUND):
+        raise _everything_moves(
+            f"{scene.still:.0%} of the points stand still, something moves in {scene.around:.0%} of the directions"
+        )
+    if poses is not None:
+        return in_level_axes(_around_poses(source, poses, chosen, scene, boards, level, report), level)
     things = _walker(scene.things, stamps_ns)
     if not any(things):
         raise InputError(
@@ -124,34 +141,7 @@ def _everything_moves(observation: str) -> InputError:
     )
 
 
-def _look(
-    source: SweepSource,
-    chosen: list[int],
-    occupancy: Occupancy,
-    level: Floats,
-    on_sweep: Callable[[int], None] | None,
-) -> ObservedScene:
-    """Read the sweeps again, now that it is known what stands still; all of them at once may not fit in memory.
-
-    Points are kept in level axes.
-    """
-    scene = ObservedScene()
-    for number, index in enumerate(chosen):
-        sweep = source.sweep(index)
-        moving, still = occupancy.moving(sweep)
-        scene.points += len(sweep.xyz)
-        scene.still += int(np.count_nonzero(still))
-        xyz = levelled(sweep.xyz, level)
-        scene.things.append(things_of(xyz[moving].astype(np.float64)))
-        if number % max(1, len(chosen) // KEPT) == 0:
-            scene.clouds[number] = xyz
-            scene.background.append(xyz[still].astype(np.float64))
-        if on_sweep is not None:
-            on_sweep(len(chosen))
-    return scene
-
-
-def _spread(count: int, samples: int) -> list[int]:
+def _in_pairs(count: int, samples: int) -> list[int]:
     """Numbers of sweeps spread over the recording, in neighbouring pairs, so that things can be met twice."""
     if count <= samples:
         return list(range(count))
@@ -159,9 +149,9 @@ def _spread(count: int, samples: int) -> list[int]:
     return sorted({*first.tolist(), *(first + 1).tolist()})
 
 
-def _walker(things: list[list[Thing]], stamps_ns: list[int]) -> list[list[Thing]]:
+def _walker(things: Sequence[list[Thing]], stamps_ns: Sequence[int]) -> list[list[Thing]]:
     """For each sweep what moves and has a person's size; with a neighbour near in time, only what is there too."""
-    met: list[dict[int, Thing]] = [{} for _ in things]
+    met: list[set[int]] = [set() for _ in things]
     alone = [True] * len(things)
     for before, after in pairwise(range(len(things))):
         apart_s = abs(stamps_ns[after] - stamps_ns[before]) * 1e-9
@@ -171,15 +161,110 @@ def _walker(things: list[list[Thing]], stamps_ns: list[int]) -> list[list[Thing]
         for thing in things[before]:
             for other in things[after]:
                 if np.hypot(*(thing.middle - other.middle)) <= 0.5 + _FASTEST_M_S * apart_s:
-                    met[before][id(thing)] = thing
-                    met[after][id(other)] = other
-    return [_largest(things[i] if alone[i] else list(met[i].values())) for i in range(len(things))]
+                    met[before].add(id(thing))
+                    met[after].add(id(other))
+    return [_largest([thing for thing in some if alone[i] or id(thing) in met[i]]) for i, some in enumerate(things)]
 
 
-def _largest(things: list[Thing]) -> list[Thing]:
-    """The thing with the largest face, and what belongs to it: a board adds to a person's."""
-    if not things:
-        return []
-    # As many points as a face has, seen from one metre.
-    largest = max(things, key=lambda thing: len(thing.points) * float(thing.middle @ thing.middle))
-    return [thing for thing in things if np.hypot(*(thing.middle - largest.middle)) <= _BESIDE_M]
+def _largest(things: Sequence[Thing]) -> list[Thing]:
+    """The first thing, and what belongs to it: a board adds to a person's."""
+    return [thing for thing in things if np.hypot(*(thing.middle - things[0].middle)) <= _BESIDE_M]
+
+
+def _around_poses(
+    source: SweepSource,
+    poses: StillPoses,
+    chosen: Sequence[int],
+    scene: ObservedScene,
+    boards: Sequence[bool],
+    level: Floats,
+    report: Callable[[], None],
+) -> Suggestion:
+    """The region around the boards; a pose whose board is not seen counts where it is as near as the others'."""
+    notes: list[str] = []
+    if not any(scene.things):
+        notes.append(
+            "The board was found by its shape alone, because no other pose shows what stands there without it."
+        )
+        for number in spread(len(chosen), _MOST_EVERYWHERE):
+            report()
+            apex = _search_everywhere(source.sweep(chosen[number]), poses.grid)
+            if apex is not None:
+                corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.6, 0.0)])
+                at = level @ apex
+                scene.things[number] = [Thing(at + _BESIDE_M * corners / 2.0, at[:2])]
+    else:
+        places = np.array([some[0].middle for some, board in zip(scene.things, boards, strict=True) if board])
+        for number, (some, board) in enumerate(zip(scene.things, boards, strict=True)):
+            if not board:
+                counts = 2 * len(places) < len(boards)
+                scene.things[number] = [t for t in _largest(some) if counts or _is_among(t.middle, places)]
+    if not any(scene.things):
+        raise InputError(
+            "no_board_seen",
+            "Nothing differs from sweep to sweep, and nothing looks like a board that stands on its tip.",
+            "Move the board from pose to pose, hold it on its tip within 15 m, and upload with --still. Or write the "
+            "region by hand.",
+        )
+    missing = [index for index, some in zip(chosen, scene.things, strict=True) if not some]
+    if missing and not poses.single:
+        listed = ", ".join(str(index) for index in missing[:10]) + (" ..." if len(missing) > 10 else "")
+        notes.append(f"No board was seen in the sweeps {listed}: the region may leave it out there.")
+    if poses.walked:
+        notes.append(
+            "The recording was uploaded as still poses, but somebody walks in it. If it is a walk, upload it without "
+            "--still. Then apexcal uses the track and the times of the points."
+        )
+    suggestion = describe(scene.things, scene, _MARGIN_M, poses=1, notes=notes)
+    region = Region.from_document(in_level_axes(suggestion, level).document)
+    return replace(suggestion, facts=suggestion.facts | {"poses": poses.grouped(source, region, report).count})
+
+
+def _is_among(middle: Floats, places: Floats) -> bool:
+    """Whether a place (2,) is near a line between the places (N, 2) of two boards, or of a board and the LiDAR."""
+    ends = np.concatenate([places, np.zeros((1, 2))])
+    along = ends[None] - places[:, None]
+    length2 = np.maximum(np.einsum("ijk,ijk->ij", along, along), 1e-9)
+    share = np.clip(np.einsum("ijk,ik->ij", along, middle - places) / length2, 0.0, 1.0)
+    off = middle - places[:, None] - share[..., None] * along
+    return bool(np.hypot(off[..., 0], off[..., 1]).min() < 2.0 * _BESIDE_M)
+
+
+def _bearer(points: Floats, apex: Floats) -> list[Thing]:
+    """The board and who holds it, of the points (N, 3) that move."""
+    points = points[np.linalg.norm(points[:, :2] - apex[:2], axis=1) < _BESIDE_M]
+    return [Thing(np.concatenate([points, apex[None]]), apex[:2])]
+
+
+def _likeliest(sweep: Sweep, chosen: Mask, grid: SensorGrid) -> Floats | None:
+    """The apex (3,) of the likeliest board among the points ``chosen`` (N,), where only a board and people can be."""
+    best = max(_boards(sweep, chosen, grid, sure=False), key=lambda fix: fix.support, default=None)
+    return None if best is None else best.xyz
+
+
+def _search_everywhere(sweep: Sweep, grid: SensorGrid) -> Floats | None:
+    """The apex of the likeliest board of a whole sweep, by its own shape alone."""
+    pieces = upright_pieces(sweep, np.ones(len(sweep.xyz), np.bool_), grid)[:_MOST_PIECES]
+    boards = [fix for piece in pieces for fix in _boards(sweep, piece, grid, sure=True)]
+    best = max(boards, key=lambda fix: (fix.plane.telling, fix.support), default=None)
+    return None if best is None else best.xyz
+
+
+def _boards(sweep: Sweep, chosen: Mask, grid: SensorGrid, *, sure: bool) -> list[Fix]:
+    """Boards of either size among the points ``chosen`` (N,); sure: the rays agree with it and determine its apex."""
+    model = BoardModel(grid, sigma=_SIGMA_M, edges=_SIZES_M[0], slack=_SLACK_M)
+    boards: list[Fix] = []
+    for window in open_windows(sweep, chosen, grid):
+        for plane in (sighting.plane for sighting in find_planes([window], model, _PLANES)):
+            if plane.points < _FEWEST_POINTS or plane.width < TRUNK_M:
+                continue
+            for edges in _SIZES_M:
+                fix = locate(plane, replace(model, edges=edges), coarse=True)
+                if fix is not None and fix.support >= _LEAST_SUPPORT and (not sure or _is_certain(fix)):
+                    boards.append(fix)
+    return boards
+
+
+def _is_certain(fix: Fix) -> bool:
+    contradicted = fix.against / (fix.plane.points + fix.against)
+    return fix.explained and fix.sigma < _MOST_SIGMA and contradicted < _CONTRADICTED

@@ -36,6 +36,11 @@ def stamp_of(source: SweepSource, index: int) -> int:
     return int(source.stamps_ns[index]) if isinstance(source, Stamped) else source.sweep(index).stamp_ns
 
 
+def spread(count: int, most: int) -> list[int]:
+    """Return at most ``most`` of the numbers 0 to count - 1, evenly spread."""
+    return sorted({int(n) for n in np.linspace(0, count - 1, min(most, count)).round()}) if count > 0 else []
+
+
 class Listed:
     """Sweeps that are in memory, as a source."""
 
@@ -59,6 +64,10 @@ class Area(Protocol):
         ...
 
     def inside(self, sweep: Sweep) -> NDArray[np.bool_]: ...
+
+    def outside(self, sweep: Sweep) -> NDArray[np.bool_]:
+        """Which points (N,) would be looked at too if the region were everywhere."""
+        ...
 
 
 # Looks for the apex in each sweep of a range.

@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from apexcal.documents.errors import InputError
 from workers.geometry.spherical import axes, to_spherical, to_xyz
-from workers.vertices.noise import LASTING_S, noise_of
-from workers.vertices.vertex import Vertex
+from workers.vertices.vertex import LASTING_S, Vertex, noise_of
 
 Floats = NDArray[np.float64]
 

@@ -4,15 +4,16 @@ import pytest
 
 from workers.solver import correlation
 from workers.tasks.warming import _REGION, _SWEEPS, _sweep, warm_up
+from workers.vertices import range_image
+from workers.vertices.board import planes, posterior, rays, surroundings
 from workers.vertices.detectors import detect_range
-from workers.vertices.refined import apex, corner, planes, rays, window
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 KERNELS = (
-    apex.covered,
-    apex.to_angles,
-    corner.find_corner,
+    surroundings.covered,
+    surroundings.to_angles,
+    posterior.find_corner,
     planes.find_stretches,
     planes.pair_stretches,
     planes.fit_plane,
@@ -21,7 +22,7 @@ KERNELS = (
     rays.follow_board,
     rays.choose_rays,
     rays.mixed_rays,
-    window._image,
+    range_image._image,
     correlation._product,
     correlation._whiten,
 )

@@ -6,10 +6,9 @@ import pytest
 from apexcal.documents.errors import InputError
 from tests.support.scenes.still import looking_at
 from workers.readers.recording import Sweep
-from workers.vertices.backdrop import Backdrop
-from workers.vertices.jumps import count_steps
-from workers.vertices.own_motion import passes_by
+from workers.vertices.motion import count_steps, passes_by
 from workers.vertices.sensor_grid import learn_grid
+from workers.vertices.static_background import StaticBackground
 from workers.vertices.still_poses import _places, find_poses
 from workers.vertices.suggestion import suggest
 from workers.vertices.sweep_source import Listed
@@ -80,11 +79,11 @@ def test_twelve_sweeps_tell_who_walks_between_facades():
     """All points are compared, with fewer sweeps: of every k-th point, pieces of a facade have a person's size."""
     random = np.random.default_rng(3)
     walk = Listed([street(k, [person(9.0, -2.4 + 0.2 * k)], random, reach_m=40.0) for k in range(24)])
-    backdrop = Backdrop.of(walk)
-    few = backdrop.thinned(12)
+    background = StaticBackground.of(walk)
+    few = background.thinned(12)
     assert len(few.near) == 12
     assert {few.stamps_ns[0], few.stamps_ns[-1]} == {walk.sweep(0).stamp_ns, walk.sweep(23).stamp_ns}
-    steps = count_steps(_places(walk, backdrop, range(24)))
+    steps = count_steps(_places(walk, background, range(24)))
     assert steps.jumps == 0
     assert steps.walks > 18
 
@@ -132,7 +131,7 @@ def test_people_who_walk_alike_are_no_drive():
 def test_a_facade_at_grazing_incidence_is_the_same_in_all_sweeps():
     random = np.random.default_rng(2)
     source = Listed([street(k, [], random) for k in range(16)])
-    seen = Backdrop.of(source).compare(source.sweep(3))
+    seen = StaticBackground.of(source).compare(source.sweep(3))
     along = np.abs(source.sweep(3).xyz[:, 0])
     far = (along > 40.0) & (along < 60.0)
     assert far.sum() > 500

@@ -10,10 +10,9 @@ from tests.support.scenes.flawed_lidar import Mount
 from tests.workers.vertices.refined_walks import SIZE, errors, walk
 from workers.simulation.scene import WALKER_REGION
 from workers.vertices.detectors import detect_range
-from workers.vertices.gravity import find_up
-from workers.vertices.refined.window import open_window
+from workers.vertices.range_image import open_window
 from workers.vertices.region import Region
-from workers.vertices.sensor_grid import learn_grid
+from workers.vertices.sensor_grid import find_up, learn_grid
 from workers.vertices.sweep_source import Listed
 
 

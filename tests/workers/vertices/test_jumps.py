@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from workers.vertices.jumps import jumps
+from workers.vertices.motion import jumps
 
 
 def _walk(step_s: float, count: int, speed_m_s: float = 1.2) -> list[tuple[int, float, float]]:

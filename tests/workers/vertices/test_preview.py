@@ -1,5 +1,5 @@
 from tests.workers.vertices.sweeps import IN_FRONT, row, sweep
-from workers.vertices.preview import preview
+from workers.vertices.region import preview
 
 
 def test_frames_points_and_rings_are_counted():

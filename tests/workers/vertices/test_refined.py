@@ -9,9 +9,9 @@ from apexcal.documents.detectors import DETECTORS, FLAGS
 from apexcal.documents.simulation import Disturbances
 from tests.workers.vertices.refined_walks import REGION, SIZE, errors, walk
 from tests.workers.vertices.sweeps import EVERYTHING, row, sweep
+from workers.vertices.board.learning import learn
+from workers.vertices.board.model import hang
 from workers.vertices.detectors import detect_range
-from workers.vertices.refined.board_model import hang
-from workers.vertices.refined.learning import learn
 from workers.vertices.sweep_source import Listed
 
 KNOWN = DETECTORS["refined"].options
@@ -118,8 +118,10 @@ def test_the_track_steadies_the_roll():
     [([], "no_points"), (row(3, 5), "too_few_rings"), (row(3, 1) + row(9, 1, z=3.0), "too_few_rings")],
 )
 def test_nothing_like_a_board_is_rejected_with_a_reason(points, reason):
-    found = detect_range(Listed([sweep(points)] * 2), EVERYTHING, "refined", indices=range(2))
+    found = detect_range(Listed([sweep(points)] * 2), EVERYTHING, "refined", SIZE, indices=range(2))
     assert found.rejected == {reason: 2}
+    unknown = detect_range(Listed([sweep(points)] * 2), EVERYTHING, "refined", indices=range(2))
+    assert unknown.rejected == {"size_not_stated" if points else "no_points": 2}
 
 
 def test_a_wall_is_no_board():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tests.workers.vertices.refined_walks import REGION, SIZE, walk
-from workers.vertices.refined.board import find_boards, find_planes
-from workers.vertices.refined.board_model import BoardModel
-from workers.vertices.refined.planes import find_stretches
-from workers.vertices.refined.window import RangeImage
+from workers.vertices.board.estimate import find_boards, find_planes
+from workers.vertices.board.model import BoardModel
+from workers.vertices.board.planes import find_stretches
+from workers.vertices.range_image import RangeImage
 from workers.vertices.sensor_grid import learn_grid
 
 STEP = 0.004

@@ -11,11 +11,11 @@ from apexcal.documents.detectors import resolve_options
 from tests.workers.vertices.refined_walks import REGION, SIZE, walk
 from workers.geometry.spherical import to_xyz
 from workers.readers.recording import Sweep
+from workers.vertices.board.estimate import find_boards, locate
+from workers.vertices.board.learning import learn
+from workers.vertices.board.model import EDGE_M, Way
+from workers.vertices.corners import corners_of
 from workers.vertices.detectors import detect_range, without_fixed
-from workers.vertices.refined.board import find_boards, locate
-from workers.vertices.refined.board_model import EDGE_M, Way
-from workers.vertices.refined.corners import corners_of
-from workers.vertices.refined.learning import learn
 from workers.vertices.sweep_source import Listed
 
 

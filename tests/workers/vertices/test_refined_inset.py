@@ -7,8 +7,8 @@ import pytest
 from apexcal.documents.detectors import resolve_options
 from benchmarks.detection.walks import looked_at
 from tests.support.scenes.drawn import draw
+from workers.vertices.board.learning import learn
 from workers.vertices.detectors import without_fixed
-from workers.vertices.refined.learning import learn
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 

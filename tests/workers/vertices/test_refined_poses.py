@@ -9,8 +9,8 @@ from apexcal.documents.detectors import DETECTORS
 from benchmarks.detection.real import DATA, RECORDINGS, judge, read, regions, run
 from tests.support.scenes.held_board import BoardHold
 from tests.workers.vertices.refined_walks import REGION, SIZE, START_NS, Recorded, errors, walk
+from workers.vertices.board.learning import learn
 from workers.vertices.detectors import detect_range
-from workers.vertices.refined.learning import learn
 from workers.vertices.region import Region
 
 DEFAULTS = {key: option.default for key, option in DETECTORS["refined"].options.items()}

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.detection.sizes import run
-from workers.vertices.refined.growth import BEAM_SIGMA_RAD
-from workers.vertices.refined.size import SizeEstimate, climb
+from workers.vertices.board.size import BEAM_SIGMA_RAD, SizeEstimate, climb
 
 
 def test_the_climb_goes_along_a_ridge_that_single_coordinates_do_not_follow():

@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.detection.walks import found, looked_at
 from tests.support.scenes.drawn import draw
+from workers.vertices.board.plane_learning import spread_about
 from workers.vertices.detectors import detect_range
-from workers.vertices.refined.plane_learning import spread_about
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 

@@ -8,8 +8,8 @@ import pytest
 from tests.support.scenes.flawed_lidar import Mount
 from tests.workers.vertices.refined_walks import REGION, SIZE, errors, walk
 from tests.workers.vertices.sweeps import EVERYTHING
+from workers.vertices.cut_angle import Pieces, find_cut
 from workers.vertices.detectors import detect_range
-from workers.vertices.seam import Pieces, find_cut
 from workers.vertices.sweep_source import Listed
 
 AHEAD = Mount(seam_deg=0.0)

@@ -11,7 +11,7 @@ from tests.support.scenes.still import SETTINGS, drive, still_poses
 from tests.workers.vertices.refined_walks import walk
 from workers.readers.recording import Sweep
 from workers.tasks.analysing import must_move
-from workers.vertices import backdrop
+from workers.vertices import static_background
 from workers.vertices.detectors import detect_range
 from workers.vertices.pose_detection import fixed_place, one_of
 from workers.vertices.region import Region
@@ -64,9 +64,9 @@ def test_the_suggestion_alone_finds_the_boards(place, seed, count):
 def test_walls_and_furniture_in_a_region_by_hand_cost_no_board():
     recording = recorded("room", 2, 8)
     region = around("room", recording)
-    backdrop = find_poses(recording.source, region, stated=True)
+    background = find_poses(recording.source, region, stated=True)
     inside = region.mask(recording.sweeps[0].xyz)
-    left = backdrop.before(recording.sweeps[0], inside)
+    left = background.before(recording.sweeps[0], inside)
     assert np.count_nonzero(inside) > 3 * np.count_nonzero(left)
     found = detected(recording, region, size(recording))
     assert len(found.vertices) == 8
@@ -175,17 +175,16 @@ def test_a_size_that_is_not_the_boards_is_said(seed):
     assert not detected(recording, region, {}).size.contradicts
 
 
-def test_a_single_pose_in_a_street_needs_no_size():
-    """Every second pose by itself. Before, none of them was found without a size."""
+def test_a_single_pose_is_asked_for_the_boards_size():
     recording = recorded("street", 1, 8)
     region = around("street", recording)
-    seen = [index for index in range(0, 8, 2) if recording.rings[index] >= 4]
-    off = []
-    for index in seen:
-        found = detect_range(Listed(recording.sweeps[index : index + 1]), region, "refined", {}, indices=range(1))
-        off += [np.linalg.norm(np.array(vertex.xyz) - recording.apex[index]) for vertex in found.vertices]
-    assert len(off) >= len(seen) - 1
-    assert max(off) < 0.06
+    for index in range(0, 8, 2):
+        single = Listed(recording.sweeps[index : index + 1])
+        assert detect_range(single, region, "refined", {}, indices=range(1)).rejected == {"size_not_stated": 1}
+        found = detect_range(single, region, "refined", size(recording), indices=range(1))
+        if recording.rings[index] >= 4:
+            (vertex,) = found.vertices
+            assert np.linalg.norm(np.array(vertex.xyz) - recording.apex[index]) < 0.06
 
 
 def test_what_stands_at_one_place_is_never_the_vertex():
@@ -211,9 +210,9 @@ def test_what_stands_at_one_place_is_never_the_vertex():
 def test_the_images_of_many_fine_rings_stay_small(monkeypatch):
     recorded = still_poses("street", 3, 4)
     fine = SensorGrid(np.linspace(-0.4, 0.2, 256), np.full(256, 2e-4), np.zeros(256), np.eye(3))
-    monkeypatch.setattr(backdrop, "learn_grid", lambda sweeps: fine)
+    monkeypatch.setattr(static_background, "learn_grid", lambda sweeps: fine)
     source = Listed([recorded.sweeps[0]] * 48)
-    found = backdrop.Backdrop.of(source)
+    found = static_background.StaticBackground.of(source)
     assert 100e6 < found.near.nbytes + found.far.nbytes <= 128 * 1024**2
     assert found.near.shape[:2] == (48, 256)
 

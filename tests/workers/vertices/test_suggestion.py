@@ -110,7 +110,7 @@ def test_empty_sweeps_and_a_wild_ring_number_do_no_harm_and_progress_is_told():
     suggestion = suggest(Listed(recording), on_sweep=told.append)
     assert suggestion.facts["sweeps_read"] == 80
     read = [number for number in told if number]  # before that it is looked whether these are poses, or a drive
-    assert read == [*range(1, 81), *[80] * 80]
+    assert read == [*range(1, 81)]
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_the_suggestion_of_a_tilted_sensor_is_level(mount):
     assert others < 0.3
     np.testing.assert_allclose(suggestion.document["up"], mount.rotation()[2], atol=0.01)
     assert suggestion.facts["ground_z"] == pytest.approx(-1.85, abs=0.05)
-    assert "tilted by" in suggestion.facts["notes"][0]
+    assert ("hangs" if mount.roll_deg > 90.0 else "tilted by") in suggestion.facts["notes"][0]
 
 
 def test_a_drive_with_a_tilted_sensor_is_refused():

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.vertices.refined.board_model import ROLLS
+from workers.vertices.board.model import ROLLS
 
 Floats = NDArray[np.float64]
 Pair = tuple[float, float]

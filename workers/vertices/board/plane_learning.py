@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.vertices.refined.board import find_planes
-from workers.vertices.refined.board_model import BoardModel, Floats, Sighting
-from workers.vertices.refined.holding import learn_slope
-from workers.vertices.refined.planes import fit_plane
-from workers.vertices.refined.window import RangeImage
+from workers.vertices.board.estimate import find_planes
+from workers.vertices.board.holding import learn_slope
+from workers.vertices.board.model import BoardModel, Floats, Sighting
+from workers.vertices.board.planes import fit_plane
+from workers.vertices.range_image import RangeImage
 
 MANY_RINGS = 3
 _DEVIATION = 1.4826  # of a normal variable, over the median of its absolute value

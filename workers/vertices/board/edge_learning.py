@@ -9,19 +9,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.vertices.refined.board import inside_of, locate, weigh
-from workers.vertices.refined.board_model import BEAM_M, EDGE_M, BoardModel, Floats, Plane, any_roll
-from workers.vertices.refined.growth import (
+from workers.vertices.board.estimate import inside_of, locate, weigh
+from workers.vertices.board.holding import learn_roll
+from workers.vertices.board.model import BEAM_M, EDGE_M, BoardModel, Floats, Plane, any_roll
+from workers.vertices.board.plane_learning import ENOUGH
+from workers.vertices.board.rays import WRONG
+from workers.vertices.board.size import (
     BEAM_SIGMA_RAD,
     GROWTH_RAD,
     SOFT_DEG,
+    SizeEstimate,
     any_growth,
+    climb,
     usual_steps,
 )
-from workers.vertices.refined.holding import learn_roll
-from workers.vertices.refined.plane_learning import ENOUGH
-from workers.vertices.refined.rays import WRONG
-from workers.vertices.refined.size import SizeEstimate, climb
 
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _SOME, _STARTS = 10, 2
@@ -78,22 +79,6 @@ def _table(model: BoardModel, edges: tuple[float, float]) -> list[BoardModel]:
         for other in _LENGTHS_M
         if longest > 0.0 or length <= other
     ]
-
-
-def some_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> BoardModel:
-    """What few boards tell of the edges: a mean over the table of lengths, each as likely as it explains them."""
-    if not planes:
-        return model
-    tried = _table(model, edges)
-    evidences = np.array([evidence(planes, candidate) for candidate in tried])
-    weight = np.exp(evidences - np.logaddexp.reduce(evidences))
-    lengths = np.array([candidate.edges for candidate in tried])
-    mean = weight @ lengths
-    spread = np.sqrt(weight @ (lengths - mean) ** 2)
-    first, other = mean.tolist()
-    half_step = 0.5 * (_LENGTHS_M[1] / _LENGTHS_M[0] - 1.0) * other
-    slack = min(2.0 * float(spread.max()) + half_step, model.slack)
-    return replace(model, edges=(first, other), slack=slack, sizes_tried=len(tried))
 
 
 def _learn_step(planes: Sequence[Plane], model: BoardModel) -> tuple[BoardModel, Floats]:

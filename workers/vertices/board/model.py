@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.vertices.refined.rays import WRONG
-from workers.vertices.refined.window import RangeImage
+from workers.vertices.board.rays import WRONG
+from workers.vertices.range_image import RangeImage
 from workers.vertices.sensor_grid import SensorGrid
 from workers.vertices.vertex import SizeFacts
 
@@ -37,7 +37,8 @@ _UPRIGHT = math.radians(8.0)
 _YAW_SIGMA = 0.6
 # People show boards turned by up to 60 degrees and lean them by 35; planes are 5 degrees off at most.
 _MOST_YAW, _MOST_TILT = math.tan(math.radians(65.0)), math.tan(math.radians(40.0))
-_MOST = 0.5
+MOST_ON_BOARD = 0.5
+_TRUSTED_RAD = math.radians(0.3)
 _HARDLY = 0.025  # two standard deviations on one side
 # Radians from `hang`: wider than any prior reaches, in steps that a person's spread of rolls covers several times.
 ROLLS: Floats = np.radians(np.arange(-38.0, 38.25, 0.5))
@@ -64,7 +65,6 @@ class BoardModel:
         bias: metres, standard deviation of what neighbouring distances have in common: errors of rings, bends.
         ring_bias: metres, standard deviation of each ring's own constant error of distance.
         poses: whether the board jumps between sweeps: nobody walks so far in the time between their stamps.
-        sizes_tried: from how many sizes the edges were chosen, by the same rays that then tell whether it is a board.
         shown: whether the near sweeps show a board, on as many rings as meet it there.
         size: of the board as boards show it; if it replaces the stated one, the edges are these. None: not told.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
@@ -89,7 +89,6 @@ class BoardModel:
     bias: float = 0.0
     ring_bias: float = 0.0
     poses: bool = False
-    sizes_tried: int = 1
     shown: bool = False
     size: SizeFacts | None = None
 
@@ -262,7 +261,7 @@ class Fix:
         They must be likelier on this recording's boards than by chance. On any number of rings most returns must lie
         on the board, not in the rim by which a beam's width makes it larger.
         """
-        if not self.held or self.within < _MOST:
+        if not self.held or self.within < MOST_ON_BOARD:
             return False
         if not self.plane.telling:
             as_learned = self.best >= _LEAST_LIKELY + _TIMES_EXPECTED * self.expected
@@ -281,6 +280,11 @@ class Fix:
             for way in self.ways
         ]
         return sum(slanted) > _HARDLY
+
+    @property
+    def trustworthy(self) -> bool:
+        """Whether the neighbours of its sweep, and what is learned, may rest on it."""
+        return self.explained and not self.plane.like_a_person and self.sigma < _TRUSTED_RAD
 
     @property
     def support(self) -> float:

@@ -8,7 +8,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.vertices.refined.planes import CLUTTER
+from workers.vertices.board.planes import CLUTTER
 
 Floats = NDArray[np.float64]
 WRONG = 0.002  # a ray on the board gives another answer this often

@@ -1,7 +1,7 @@
-"""If the azimuth at which sweeps begin, their seam, lies in the region, sweeps are cut again where no board can be.
+"""If the azimuth at which sweeps begin lies in the region, sweeps are cut again where no board can be.
 
-A board across the seam is seen at the beginning of a sweep and at its end, a turn apart in time. The end of a sweep
-and the beginning of the next one follow each other: they are joined to a piece.
+A board across it is seen at the beginning of a sweep and at its end, a turn apart in time. The end of a sweep and the
+beginning of the next one follow each other: they are joined to a piece.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
 from workers.vertices.region import Region
-from workers.vertices.sweep_source import OnSweep, SweepSource
+from workers.vertices.sweep_source import OnSweep, SweepSource, spread
 from workers.vertices.vertex import Answers, Rejection, Vertex
 
 Floats = NDArray[np.float64]
@@ -63,7 +63,7 @@ class Cut:
 def find_cut(source: SweepSource, region: Region) -> Cut | None:
     """Where to cut a recording's sweeps again; None if the seam is outside the region, or points have no times."""
     count = len(source)
-    numbers = sorted({int(n) for n in np.linspace(0, count - 1, min(_SAMPLES, count)).round()}) if count > 1 else []
+    numbers = spread(count, _SAMPLES) if count > 1 else []
     sweeps = [sweep for sweep in map(source.sweep, numbers) if len(sweep.xyz) and sweep.time_source != "stamp_only"]
     if not sweeps:
         return None
@@ -95,17 +95,18 @@ def run_cut(
     pieces = Pieces(source, cut)
     answers = look(pieces, region, options, range(indices.start, indices.stop + 1), on_sweep)
     homes: dict[int, Vertex] = {}
-    reasons: dict[int, str] = {}
+    refused: dict[int, Rejection] = {}
+    nothing = Rejection("no_points")
     for number, answer in zip(range(indices.start, indices.stop + 1), answers.found, strict=True):
         if isinstance(answer, Rejection):
             for index in (number - 1, number):
-                if reasons.get(index, "no_points") == "no_points":
-                    reasons[index] = answer.reason
+                if refused.get(index, nothing) == nothing:
+                    refused[index] = answer
             continue
         home = pieces.home(number, answer.time_ns)
         if home not in homes or _variance(answer) < _variance(homes[home]):
             homes[home] = replace(answer, sweep_index=home)
-    settled = [homes.get(index) or Rejection(reasons.get(index, "no_points")) for index in indices]
+    settled = [homes.get(index) or refused.get(index, nothing) for index in indices]
     return replace(answers, found=settled)
 
 

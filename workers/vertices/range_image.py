@@ -11,41 +11,43 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from workers.readers.recording import Sweep
 from workers.vertices.sensor_grid import MOST_RINGS, SensorGrid
 
+Floats = NDArray[np.float64]
 _CELL_M = 0.4
 
 
-def clusters(xyz: NDArray[np.float32]) -> list[tuple[float, float]]:
-    """Azimuth of the middle and half the width of each group of points, radians.
+def clusters(xy: Floats, cell_m: float) -> NDArray[np.int64]:
+    """(N,) the cluster of each point (N, 2), numbered from 0: cells of ``cell_m`` that touch, corners included."""
+    cells, of_point = np.unique(np.floor(xy / cell_m), axis=0, return_inverse=True)
+    touching = KDTree(cells).query_pairs(1.5, output_type="ndarray")
+    graph = coo_array((np.ones(len(touching)), touching.T), (len(cells), len(cells)))
+    numbers: NDArray[np.int64] = connected_components(graph, directed=False)[1].astype(np.int64)
+    return numbers[of_point.reshape(-1)]
 
-    Args:
-        xyz: (N, 3) metres; points in neighbouring cells of 0.4 m belong together.
-    """
+
+def groups(xyz: NDArray[np.float32]) -> list[tuple[float, float]]:
+    """Azimuth of the middle and half the width of each cluster of points (N, 3), metres, from above; radians."""
     if not len(xyz):
         return []
-    cell = np.unique(np.floor(xyz[:, :2].astype(np.float64) / _CELL_M).astype(np.int64), axis=0)
-    near = np.abs(cell[:, None, :] - cell[None, :, :]).max(axis=2) <= 1
-    label = np.arange(len(cell))
-    while True:
-        lowest = np.where(near, label[None, :], len(cell)).min(axis=1)
-        if (lowest == label).all():
-            break
-        label = lowest
+    cell = np.unique(np.floor(xyz[:, :2].astype(np.float64) / _CELL_M), axis=0)
+    label = clusters(cell + 0.5, 1.0)
     corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
-    groups: list[tuple[float, float]] = []
-    for name in np.unique(label):
-        members = (cell[label == name][:, None, :] + corners[None, :, :]).reshape(-1, 2) * _CELL_M
+    result: list[tuple[float, float]] = []
+    for number in range(int(label.max()) + 1):
+        members = (cell[label == number][:, None, :] + corners[None, :, :]).reshape(-1, 2) * _CELL_M
         x, y = members.mean(axis=0).tolist()
         across = members[:, 1] * x - members[:, 0] * y
         half = float(np.abs(np.arctan2(across, members @ np.array([x, y]))).max())
-        groups.append((math.atan2(y, x), half))
-    return groups
+        result.append((math.atan2(y, x), half))
+    return result
 
 
-Floats = NDArray[np.float64]
 _TWO_PI = 2.0 * math.pi
 _BLOCK_RAD = math.radians(3.0)  # a motor wanders over tens of degrees
 

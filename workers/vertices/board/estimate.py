@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
-from workers.vertices.refined.apex import covered, to_angles
-from workers.vertices.refined.board_model import (
+from workers.vertices.board.model import (
     BEAM_M,
     EDGE_M,
     ROLLS,
@@ -24,10 +23,11 @@ from workers.vertices.refined.board_model import (
     Way,
     hang,
 )
-from workers.vertices.refined.corner import find_corner
-from workers.vertices.refined.planes import find_stretches, grow_planes, pair_stretches
-from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios, mixed_rays
-from workers.vertices.refined.window import RangeImage, clusters, open_window
+from workers.vertices.board.planes import find_stretches, grow_planes, pair_stretches
+from workers.vertices.board.posterior import find_corner
+from workers.vertices.board.rays import choose_rays, follow_board, likelihood_ratios, mixed_rays
+from workers.vertices.board.surroundings import covered, to_angles
+from workers.vertices.range_image import RangeImage, groups, open_window
 from workers.vertices.sensor_grid import SensorGrid
 
 _WIDEST_M = 1.8  # a stretch of points on a ring that is wider is no board
@@ -46,7 +46,7 @@ def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> l
     """A window around every group of points that lie in the region."""
     return [
         open_window(sweep, inside, grid, centre, half + 5.0 * float(grid.steps.max()))
-        for centre, half in clusters(sweep.xyz[inside])
+        for centre, half in groups(sweep.xyz[inside])
     ]
 
 

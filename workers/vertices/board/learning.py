@@ -12,12 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from apexcal.documents.detectors import Options
-from workers.vertices.jumps import jumps
-from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.board_learning import first_growth, learn_board, learn_size, no_taller, some_edges
-from workers.vertices.refined.board_model import TRUNK_M, BoardModel, Plane, Sighting, any_roll
-from workers.vertices.refined.growth import BEAM_SIGMA_RAD
-from workers.vertices.refined.plane_learning import (
+from workers.vertices.board.edge_learning import first_growth, learn_board, learn_size, no_taller
+from workers.vertices.board.estimate import find_planes, locate, open_windows
+from workers.vertices.board.model import TRUNK_M, BoardModel, Plane, Sighting, any_roll
+from workers.vertices.board.plane_learning import (
     BIAS_M,
     ENOUGH,
     FIRST_SIGMA_M,
@@ -25,11 +23,12 @@ from workers.vertices.refined.plane_learning import (
     best_sightings,
     learn_planes,
 )
-from workers.vertices.refined.track import trustworthy
-from workers.vertices.refined.upright import likelier_than_upright
-from workers.vertices.refined.window import RangeImage
+from workers.vertices.board.size import BEAM_SIGMA_RAD
+from workers.vertices.board.surroundings import likelier_than_upright
+from workers.vertices.motion import jumps
+from workers.vertices.range_image import RangeImage
 from workers.vertices.sensor_grid import learn_grid
-from workers.vertices.sweep_source import Area, SweepSource
+from workers.vertices.sweep_source import Area, SweepSource, spread
 from workers.vertices.vertex import SizeFacts
 
 _GRID_SWEEPS = 24
@@ -39,10 +38,13 @@ _MIN_POINTS = 12
 _SHOWN, _SHOWN_OPEN = 0.4, 0.5  # share of the near planes; persons without a board show 8 of 24, and 11 of 26
 
 
-def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[[], None]) -> BoardModel:
-    """The model of a recording; defaults where its near sweeps tell nothing."""
+def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[[], None]) -> BoardModel | None:
+    """Return the model of a recording, with defaults where its near sweeps tell nothing.
+
+    None if the size is not stated and fewer boards than `ENOUGH` tell it.
+    """
     up = np.array([options["up_x"], options["up_y"], options["up_z"]])
-    some = (source.sweep(index) for index in _spread(len(source), _GRID_SWEEPS))
+    some = (source.sweep(index) for index in spread(len(source), _GRID_SWEEPS))
     grid = learn_grid(some, up if up.any() else None)
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
     is_growth_open = float(options["edge_growth_mrad"]) < 0.0
@@ -50,7 +52,7 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     model = _given(replace(default, sigma=FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
     near: list[tuple[int, int, RangeImage]] = []
     places: list[tuple[int, float, float]] = []
-    for index in _spread(len(source), _SWEEPS):
+    for index in spread(len(source), _SWEEPS):
         sweep = source.sweep(index)
         on_sweep()
         for sighting in find_planes(open_windows(sweep, area.inside(sweep), grid), model, 1):
@@ -64,13 +66,15 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[: _NEAR if all(edges) else _NEAR_OPEN]
     ]
     if len(windows) < ENOUGH:
-        model = replace(model, sigma=default.sigma, bias=BIAS_M, growth_sigma=is_growth_open * BEAM_SIGMA_RAD)
         if not all(edges):
-            model = some_edges(_planes(windows, model), model, edges)
+            return None
+        model = replace(model, sigma=default.sigma, bias=BIAS_M, growth_sigma=is_growth_open * BEAM_SIGMA_RAD)
         return replace(model, shown=_shown(_planes(windows, model), model, edges))
     model, sightings = learn_planes(windows, model)
     planes = [sighting.plane for sighting in sightings]
     if not all(edges):
+        if len(planes) < ENOUGH:
+            return None
         model, estimate = learn_size(planes, model, edges, is_growth_open)
         return _with_board(planes, model, edges, False, estimate.facts(edges))
     solid = [plane for plane in planes if plane.telling]
@@ -121,14 +125,9 @@ def _shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float
         return False
     some = telling or planes
     fixes = [fix for plane in some if (fix := locate(plane, model, coarse=True)) is not None]
-    boards = sum(trustworthy(fix) and likelier_than_upright(fix, model) for fix in fixes)
+    boards = sum(fix.trustworthy and likelier_than_upright(fix, model) for fix in fixes)
     least = (_SHOWN if all(edges) else _SHOWN_OPEN) * len(some)
     return boards >= max(least, 1) or (some is telling and boards >= ENOUGH)
-
-
-def _spread(count: int, most: int) -> list[int]:
-    """At most ``most`` of the numbers 0 to count - 1, evenly spread."""
-    return sorted({int(i) for i in np.linspace(0, count - 1, min(most, count)).round()}) if count else []
 
 
 def _place(sighting: Sighting) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""What the sweeps of still poses have in common: the backdrop before which the board stands.
+"""What stands still: the returns that most sweeps of a recording have in common.
 
 Sweeps are compared as images of ranges, one row per ring and one column per two firings. A return is the same in
 another sweep if that has a return of about the same range in its cell or a neighbouring one.
@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
+from workers.vertices.region import Region
 from workers.vertices.sensor_grid import learn_grid
-from workers.vertices.sweep_source import SweepSource
+from workers.vertices.sweep_source import SweepSource, spread
 
 Floats = NDArray[np.float64]
 Images = NDArray[np.float32]
@@ -35,10 +36,8 @@ _GRAZING_M: Final = 0.5  # returns of one cell that are farther apart lie on two
 _EVEN: Final = 0.5
 _SAME_SHARE: Final = 0.5  # of the sweeps that can see the place
 _SEEN_SHARE: Final = 0.25  # of all sweeps; what is seen less often may be several boards by chance
-_FIXED_SHARE: Final = 0.75  # of a walk's sweeps that can see the place: nobody who walks stays so long
+FIXED_SHARE: Final = 0.75  # of a walk's sweeps that can see the place: nobody who walks stays so long
 _BEHIND_SHARE: Final = 0.15
-_STILL_SHARE: Final = 0.8
-_AROUND: Final = 0.45  # of the azimuths: a board, its bearer and others take less
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,32 +54,29 @@ class Compared:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Backdrop:
+class StaticBackground:
     """Images of some sweeps of a recording.
 
     Attributes:
         stamps_ns: of these sweeps.
         near, far: (S, R, C) least and greatest range in each cell, metres; 0 where there is no return.
-        elevation: (R,) radians, of the rings.
         tolerance_m: by which two ranges of one surface differ at most.
     """
 
     stamps_ns: Sequence[int]
     near: Images
     far: Images
-    elevation: Floats
     tolerance_m: float
 
     @classmethod
     def of(cls, source: SweepSource, most: int = MOST_COMPARED, on_sweep: Callable[[], None] | None = None) -> Self:
-        """The backdrop of at most so many sweeps, spread over a recording."""
-        count = len(source)
-        numbers = sorted({int(n) for n in np.linspace(0, count - 1, min(most, count)).round()}) if count else []
+        """The background of at most so many sweeps, spread over a recording."""
+        numbers = spread(len(source), most)
         grid = learn_grid(source.sweep(number) for number in numbers[:: max(1, len(numbers) // _GRID_SWEEPS)])
-        elevation = grid.elevation if grid.elevation.size else np.zeros(1)
-        most_columns = _MOST_BYTES // (2 * 4 * max(len(numbers), 1) * elevation.size)
+        rings = max(grid.elevation.size, 1)
+        most_columns = _MOST_BYTES // (2 * 4 * max(len(numbers), 1) * rings)
         columns = min(math.ceil(2.0 * math.pi / (_FIRINGS * grid.step)), most_columns)
-        shape = elevation.size, max(8, columns)
+        shape = rings, max(8, columns)
         near, far = (np.zeros((len(numbers), *shape), np.float32) for _ in range(2))
         stamps_ns: list[int] = []
         for index, number in enumerate(numbers):
@@ -89,7 +85,7 @@ class Backdrop:
             _fill(sweep.xyz, sweep.ring, near[index], far[index])
             if on_sweep is not None:
                 on_sweep()
-        return cls(stamps_ns, near, far, elevation, _tolerance(near, far))
+        return cls(stamps_ns, near, far, _tolerance(near, far))
 
     def again(self, sweeps: Sequence[Sweep]) -> Self:
         """The images of other sweeps of the recording, with the same tolerance."""
@@ -102,15 +98,16 @@ class Backdrop:
         """The same of at most so many of its sweeps, evenly spread: coarser, and as much quicker."""
         if len(self.stamps_ns) <= most:
             return self
-        places = sorted({int(n) for n in np.linspace(0, len(self.stamps_ns) - 1, most).round()})
+        places = spread(len(self.stamps_ns), most)
         stamps_ns = [self.stamps_ns[index] for index in places]
         return replace(self, stamps_ns=stamps_ns, near=self.near[places], far=self.far[places])
 
-    def compare(self, sweep: Sweep, chosen: Mask | None = None) -> Compared:
+    def compare(self, sweep: Sweep, chosen: Mask | None = None, share: float = _SAME_SHARE) -> Compared:
         """What is still and what moved in a sweep of the recording; everything is neither without another sweep.
 
         Args:
             chosen: (N,) points to look at; all others are neither.
+            share: of the sweeps that can see a still point's place.
         """
         chosen = np.ones(len(sweep.xyz), np.bool_) if chosen is None else chosen
         still, moved = np.zeros((2, len(chosen)), np.bool_)
@@ -123,20 +120,9 @@ class Backdrop:
             sweep.xyz[chosen], sweep.ring[chosen], self.near, self.far, others, self.tolerance_m
         )
         count = others.size
-        still[chosen] = (same >= max(1.0, _SEEN_SHARE * count)) & (same >= _SAME_SHARE * (same + beyond + none))
+        still[chosen] = (same >= max(1.0, _SEEN_SHARE * count)) & (same >= share * (same + beyond + none))
         moved[chosen] = ~still[chosen] & (beyond + none >= max(1.0, _BEHIND_SHARE * count))
         return Compared(still, moved)
-
-    def fixed(self, sweep: Sweep, chosen: Mask) -> Mask:
-        """Which of the points ``chosen`` (N,) are the same in nearly all sweeps that can see their place."""
-        fixed = np.zeros(len(chosen), np.bool_)
-        others = np.array([at for at, stamp_ns in enumerate(self.stamps_ns) if stamp_ns != sweep.stamp_ns], np.int64)
-        same, beyond, none = _look(
-            sweep.xyz[chosen], sweep.ring[chosen], self.near, self.far, others, self.tolerance_m
-        )
-        visible = same + beyond + none
-        fixed[chosen] = (same >= _SEEN_SHARE * others.size) & (same >= _FIXED_SHARE * visible)
-        return fixed
 
     def same(self, sweep: Sweep, chosen: Mask, index: int) -> float:
         """Share of a sweep's points ``chosen`` (N,) that are the same in the image at ``index``."""
@@ -146,23 +132,28 @@ class Backdrop:
         same, _, _ = _look(sweep.xyz[chosen], sweep.ring[chosen], self.near, self.far, other, self.tolerance_m)
         return float(np.mean(same > 0))
 
-    def moves_itself(self) -> bool:
-        """Whether the sensor moves: most upright surfaces, on many sides, are elsewhere in each sweep.
 
-        The ground tells nothing: it looks alike from everywhere. Nor do few sweeps.
-        """
-        if len(self.stamps_ns) < 3:
-            return False
-        shares: list[float] = []
-        around: list[float] = []
-        for index in range(len(self.stamps_ns)):
-            others = np.array([other for other in range(len(self.stamps_ns)) if other != index], np.int64)
-            upright, still = _upright(self.near[index], self.elevation, self.near, self.far, others, self.tolerance_m)
-            count = int(np.count_nonzero(upright))
-            shares.append(np.count_nonzero(still) / count if count else 1.0)
-            filled = (self.near[index] > 0.0).any(axis=0)
-            around.append(np.count_nonzero((upright & ~still).any(axis=0)) / max(np.count_nonzero(filled), 1))
-        return float(np.median(shares)) < _STILL_SHARE and float(np.median(around)) > _AROUND
+@dataclass(frozen=True, slots=True, eq=False)
+class Foreground:
+    """A region without what stands still.
+
+    Attributes:
+        before: which of the points (N,) of a sweep that lie in the region do not stand still.
+        fixed_left_out: see `sweep_source.Area`.
+    """
+
+    region: Region
+    before: Callable[[Sweep, Mask], Mask]
+    fixed_left_out: bool
+
+    def inside(self, sweep: Sweep) -> Mask:
+        """Which points (N,) of a sweep lie in the region and do not stand still."""
+        inside = self.region.mask(sweep.xyz)
+        return self.before(sweep, inside) if inside.any() else inside
+
+    def outside(self, sweep: Sweep) -> Mask:
+        """Which points (N,) would be looked at too if the region were everywhere."""
+        return self.before(sweep, ~self.region.mask(sweep.xyz))
 
 
 def _tolerance(near: Images, far: Images) -> float:
@@ -268,30 +259,3 @@ def _look(
                 if relation < 3:
                     counts[relation, i] += 1
     return counts[0], counts[1], counts[2]
-
-
-@nb.njit(nogil=True, cache=True, error_model="numpy")
-def _upright(
-    own: Images, elevation: Floats, near: Images, far: Images, others: NDArray[np.int64], tolerance: float
-) -> tuple[Mask, Mask]:
-    """(R, C) whether the ring above or below meets a surface that rises steeply from there; if so, whether it is
-    still."""
-    rings, columns = own.shape
-    upright, still = np.zeros((rings, columns), np.bool_), np.zeros((rings, columns), np.bool_)
-    cosine, sine = np.cos(elevation), np.sin(elevation)
-    for r in range(rings):
-        for c in range(columns):
-            distance = own[r, c]
-            if distance == 0.0:
-                continue
-            for other in (r - 1, r + 1):
-                if 0 <= other < rings and own[other, c] > 0.0:
-                    away = own[other, c] * cosine[other] - distance * cosine[r]
-                    upright[r, c] |= abs(away) < abs(own[other, c] * sine[other] - distance * sine[r])
-            if not upright[r, c]:
-                continue
-            same = 0
-            for k in others:
-                same += _relation(near[k], far[k], r, c, distance, tolerance) == 0
-            still[r, c] = same >= _SAME_SHARE * others.size
-    return upright, still
