@@ -1,3 +1,5 @@
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false
 """A part of a sweep as an image: one row per ring, one column per shot, also where nothing came back.
 
 Where to look is told by clusters: points that stand together, seen from above.

@@ -1,3 +1,5 @@
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false
 """Things of a person's size in a sweep, and a region around them.
 
 Things are clusters of what moves, or upright pieces by their shape alone. A suggested region is a polygon around what
@@ -127,7 +129,7 @@ def _stacked(segments: Floats, slope: Floats) -> Sequence[tuple[int, int]]:
         gap = np.maximum(other[None, :, 4] - higher[:, None, 5], higher[:, None, 4] - other[None, :, 5])
         # A board leans by slopes of up to 0.7.
         near = (away <= _GAP_M + 0.7 * rise * higher[:, None, 6]) & (gap <= _GAP_M)
-        pairs += [(upper[i], lower[j]) for i, j in zip(*np.nonzero(near), strict=True)]
+        pairs += [(int(upper[i]), int(lower[j])) for i, j in np.argwhere(near).tolist()]
     return pairs
 
 
