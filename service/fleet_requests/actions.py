@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil
 from uuid import UUID
 
 from sqlalchemy import insert, select, update
@@ -110,7 +111,7 @@ def preview(session: Session, fleet: Fleet, body: FleetRequestBody) -> DryRunVie
         matched=len(chosen),
         calibrations=len(chosen) - len(skipped),
         runs=runs,
-        processor_seconds=round(seconds),
+        processor_seconds=ceil(seconds),
         skipped=len(skipped),
         skipped_vehicles=skipped[:_SHOWN],
     )

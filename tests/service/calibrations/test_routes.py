@@ -273,8 +273,8 @@ def test_a_request_becomes_a_run_for_every_model_and_fold(api, engineer, rig):
     with api.database.reading() as session:
         assert session.query(Calibration).one().remaining == 8
         runs = session.query(CalibrationRun).all()
-        assert {(run.farm, run.slots, run.bundle, run.remaining) for run in runs} == {("slots", 4, 1, 4)}
-        assert session.query(Job).filter_by(kind="solve").count() == 8 * 4
+        assert {(run.farm, run.slots, run.bundle, run.remaining) for run in runs} == {("slots", 2, 1, 2)}
+        assert session.query(Job).filter_by(kind="solve").count() == 8 * 2
     document = documents(api, made["id"])[("pinhole", 1)]
     assert document["bounds"] == {"f_x": [300.0, 900.0]}
     assert (document["fold"], document["folds"], document["search"]) == (1, 3, "rotation_vector")

@@ -77,4 +77,4 @@ def test_a_run_that_is_too_long_for_one_job_is_cut_whatever_is_asked(api, ask):
     assert ask(models=["kannala_brandt"], folds=0, farm="runs").status_code == 202
     with api.database.reading() as session:
         run = session.scalars(select(CalibrationRun)).one()
-        assert (run.farm, run.slots, run.bundle) == ("slots", 4, 2)
+        assert (run.farm, run.slots, run.bundle) == ("slots", 2, 2)

@@ -63,7 +63,8 @@ def solved(mount, points, pixels, stamps=None, detection=None, **request):
     problem = fit_problem(fit_request(**document), points, pixels)
     at = np.concatenate([np.radians(mount.turn_deg), mount.t, mount.lens])
     best = polish(problem, np.clip(at, problem.lower, problem.upper))
-    state = advance(problem, start(problem), [SlotOutcome(best.mean_px, tuple(best.parameters), 0)] * 4)
+    outcome = SlotOutcome(best.mean_px, tuple(best.parameters), 0)
+    state = advance(problem, start(problem), [outcome] * problem.schedule.slots)
     columns = dict(zip("xyzuv", np.column_stack([points, pixels]).T.tolist(), strict=True))
     columns["stamp_ns"] = list(range(len(points))) if stamps is None else stamps
     return SolvedCamera(mount.name, problem, solve_finish(problem, state), columns, detection)
