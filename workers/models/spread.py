@@ -70,9 +70,10 @@ def _peaks(
     apart: Mapping[str, Mapping[str, float]],
 ) -> list[_Peak] | None:
     """The parameter's peaks; a model that lacks it or leaves it open counts as the result. None where it is open."""
-    std, half_width = (of.get(parameter) for of in (results[model].std, results[model].interval95_half_width))
-    if std is None or half_width is None:
+    std = results[model].std.get(parameter)
+    if std is None:
         return None
+    half_width = results[model].interval95_half_width.get(parameter) or _SIGMAS95 * std
     return [
         _Peak(
             share,
