@@ -14,7 +14,7 @@ from workers.vertices.region import Region
 @pytest.mark.parametrize(
     ("hold", "cause"),
     [
-        (BoardHold(tilted_deg=52.0), "boards lean up to 35"),
+        (BoardHold(tilted_deg=45.0), "boards lean up to 35"),
         (BoardHold(turned_deg=72.0), "boards are turned by up to 60"),
         (BoardHold(rolled_deg=45.0), "boards stand on their tip"),
     ],

@@ -65,7 +65,7 @@ def test_too_short_a_recording_tells_nothing_of_what_stands_still(recorded):
         (9612, True, "not_a_board"),
         pytest.param(9664, True, "not_a_board", marks=pytest.mark.slow),
         (9677, True, "not_a_board"),
-        (12072, False, "size_not_stated"),
+        (12072, False, "not_a_board"),
     ],
 )
 def test_a_few_sweeps_of_a_street_give_no_board(seed, known, reason):
