@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
 from importlib.metadata import version
@@ -99,6 +100,8 @@ ROUTERS: tuple[APIRouter, ...] = (
 )
 
 _UPKEEP_S = 600.0
+# A part of the upkeep takes at most this share of a thread's time; what takes long comes more rarely.
+_UPKEEP_SHARE = 0.05
 _PARTS_S = 1.0
 _UPKEEP_CONNECTIONS = 2
 _CANCEL_AGAIN_S = 0.1
@@ -111,21 +114,27 @@ log = logging.getLogger(__name__)
 
 
 async def _keep_house(database: Database, store: Store, settings: Settings) -> None:
-    """Remove what has ended, every ten minutes. Several services doing it at once do no harm.
+    """Remove what has ended and count rows, every ten minutes or as rarely as it takes long.
 
-    ``database`` waits for locks longer than requests do.
+    Several services doing it at once do no harm. ``database`` waits for locks longer than requests do.
     """
 
     def audit_store(database: Database) -> None:
         audit_if_due(database, store, settings)
 
+    due_at = dict.fromkeys((*_UPKEEP, audit_store), 0.0)
     while True:
         await asyncio.sleep(_UPKEEP_S)
-        for task in (*_UPKEEP, audit_store):
+        for task in due_at:
+            began = time.monotonic()
+            if began < due_at[task]:
+                continue
             try:
                 await run_in_threadpool(task, database)
             except Exception:
                 log.exception("%s failed; it is tried again", task.__name__)
+            ended = time.monotonic()
+            due_at[task] = ended + (ended - began) / _UPKEEP_SHARE
 
 
 async def _make_parts(database: Database) -> None:
