@@ -9,7 +9,7 @@ from uuid import UUID
 
 from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import JSONResponse, StreamingResponse
+from fastapi.responses import JSONResponse, Response, StreamingResponse
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 from starlette.requests import ClientDisconnect
@@ -24,7 +24,7 @@ from service.pairs.pair_files import MAX_BYTES, invalid, notes_on_image, read_cs
 from service.pairs.sets import keep_set, pairs_of, set_in_pieces, set_view
 from service.platform.auth.access import Access, CurrentIdentity, Identity, ReadAccess, WriteAccess, brief_access
 from service.platform.broker.hints import hint
-from service.platform.db.base import PAIR_BYTES
+from service.platform.db.base import LIGHT_BYTES, PAIR_BYTES
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.detections import Detection
 from service.platform.db.fleets import Rig
@@ -247,44 +247,55 @@ def _keep(access: WriteAccess, candidate: CorrespondenceSet) -> JSONResponse:
     return access.answer(set_view(row), 201 if is_new else 200)
 
 
-async def _without_pairs(
-    set_id: UUID, request: Request, identity: CurrentIdentity, conditions: Conditional
-) -> CorrespondenceSet:
-    """The set without its pairs. The session ends here: none is held while the answer is made and sent."""
+class _Read(NamedTuple):
+    """A set without its pairs, and the whole answer where it is small."""
+
+    pair_set: CorrespondenceSet
+    answer: bytes | None
+
+
+async def _without_large(set_id: UUID, request: Request, identity: CurrentIdentity, conditions: Conditional) -> _Read:
+    """The set, with its pairs where they are few. The session ends here: none is held while the answer is sent."""
     threads: Threads = request.app.state.threads
     look = (_look_up, request.app.state.database, identity, set_id, conditions)
     return await threads.reading.run(*look, caller=identity.person.id)
 
 
-def _look_up(database: Database, identity: Identity, set_id: UUID, conditions: Conditions) -> CorrespondenceSet:
+def _look_up(database: Database, identity: Identity, set_id: UUID, conditions: Conditions) -> _Read:
     with database.reading() as session:
         access = Access(session, identity)
         row = access.find(CorrespondenceSet, set_id)
         if row.source == "annotations":
             access.need(row.fleet_id, "reviewer")
         conditions.offer(content_etag(row.content_hash))
+        columns = row.columns if PAIR_BYTES * row.count <= LIGHT_BYTES else None
         tell_pairs(access, database, row, "pairs")
-    return row
+        return _Read(row, None if columns is None else b"".join(set_in_pieces(row, columns)))
 
 
 async def _limited(
-    request: Request, identity: CurrentIdentity, pair_set: Annotated[CorrespondenceSet, Depends(_without_pairs)]
-) -> AsyncIterator[CorrespondenceSet]:
-    """The set, while its pairs are in memory: until the answer is sent."""
+    request: Request, identity: CurrentIdentity, read: Annotated[_Read, Depends(_without_large)]
+) -> AsyncIterator[_Read]:
+    """The set, while many pairs are in memory: until the answer is sent."""
+    if read.answer is not None:
+        yield read
+        return
     threads: Threads = request.app.state.threads
-    async with threads.memory.take(identity.person.id, PAIR_BYTES * pair_set.count):
-        yield pair_set
+    async with threads.memory.take(identity.person.id, PAIR_BYTES * read.pair_set.count):
+        yield read
 
 
 @router.get("/correspondence-sets/{set_id}", response_model=SetWithPairs)
-async def read_set(request: Request, pair_set: Annotated[CorrespondenceSet, Depends(_limited)]) -> StreamingResponse:
+async def read_set(request: Request, read: Annotated[_Read, Depends(_limited)]) -> Response:
     """A correspondence set with its pairs, in the form in which they are imported. [reviewer, if made of marks]
 
     What one answers afterwards on the vertices of such a set counts as reviewed.
     """
-    database: Database = request.app.state.database
-    columns = await run_in_threadpool(pairs_of, database, pair_set.id)
+    pair_set, answer = read
     headers = {"ETag": content_etag(pair_set.content_hash)}
+    if answer is not None:
+        return Response(answer, media_type="application/json", headers=headers)
+    columns = await run_in_threadpool(pairs_of, request.app.state.database, pair_set.id)
     return StreamingResponse(set_in_pieces(pair_set, columns), media_type="application/json", headers=headers)
 
 
