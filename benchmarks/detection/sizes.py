@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tests.support.scenes.drawn import DrawnScene, draw
 from workers.readers.recording import Sweep
-from workers.simulation.lidar import BOARD
+from workers.simulation.beams import BOARD
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed

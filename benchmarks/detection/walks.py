@@ -14,8 +14,10 @@ from tests.support.scenes.drawn import region_before
 from tests.support.scenes.flawed_lidar import FlawedLidar, Mount
 from tests.support.scenes.held_board import BoardHold, HeldWalk
 from workers.readers.recording import Sweep
-from workers.simulation.lidar import BOARD, SENSORS, LidarModel, Walks
+from workers.simulation.beams import BOARD
+from workers.simulation.lidar import Walks
 from workers.simulation.scene import WALKER_REGION, Scene, scene_with
+from workers.simulation.sensors import SENSORS, LidarModel
 from workers.simulation.walker import BOARD_EDGES_M
 from workers.simulation.walks import FIELD_X_M
 from workers.vertices.detectors import detect_range

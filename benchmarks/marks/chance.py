@@ -27,7 +27,7 @@ def offers_mount(seed: int) -> bool:
         points = np.concatenate([points, points + aside, points - aside * (1.0, 1.0, -1.0)])
         seeds = np.concatenate([seeds, seeds + np.array((-60.0, 60.0)), seeds + np.array((60.0, 60.0))])
         owner = np.tile(owner, 3)
-    pairs = SeedPairs(points, seeds, owner, np.arange(len(points)) < count, np.zeros(len(points), np.bool_))
+    pairs = SeedPairs(points, seeds, owner, np.arange(len(points)) < count)
     model: ModelName = "kannala_brandt" if random.uniform() < 0.3 else "brown_conrady"
     f = float(random.uniform(0.3, 1.3)) * _SIZE[0]
     rest = [0.0] * (4 if model == "kannala_brandt" else 6)

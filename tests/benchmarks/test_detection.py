@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.detection.walks import found, looked_at
 from tests.support.scenes.drawn import draw
-from workers.simulation.lidar import BOARD
+from workers.simulation.beams import BOARD
 from workers.vertices.region import Region
 
 

@@ -8,15 +8,15 @@ factory bytes 0x37 (strongest return) 0x22 (VLP-16).
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.simulation import SimulationOptions
+from tests.workers.readers.making_packets import datagram, write_pcap
 from workers.readers.recording import Sweep
 from workers.simulation.lidar import SimulatedLidar
 from workers.simulation.rig import SimulatedRig
@@ -47,7 +47,10 @@ class Vlp16Packets:
         if len(lidar.firing) != _LASERS:
             raise ValueError(f"a VLP-16 has {_LASERS} lasers, not {len(lidar.firing)}")
         self._lidar = lidar
-        self._column_s = lidar.seconds_per_column()
+        self._turn_s = 1.0 / lidar.sensor.rate_hz
+        self._column_s = lidar.sensor.step_deg / 360.0 * self._turn_s
+        self._begin_s = float(lidar.scan_seconds(np.zeros(())))  # from a sweep's start to when it looks ahead
+        self._axis_z = -lidar.sensor.lens_m * np.tan(np.deg2rad(lidar.sensor.elevations_deg))
         per_packet = _BLOCKS * _FIRINGS
         self._packets = -(-lidar.columns // per_packet)
         self._columns = self._packets * per_packet
@@ -62,7 +65,8 @@ class Vlp16Packets:
         ranges = np.zeros((self._columns, _LASERS), np.uint16)
         reflectivity = np.zeros((self._columns, _LASERS), np.uint8)
         laser = self._lidar.firing[sweep.ring]
-        metres = np.linalg.norm(sweep.xyz - self._lidar.leaves(sweep.ring), axis=1)
+        leaves = self._axis_z[sweep.ring][:, None] * np.array([0.0, 0.0, 1.0])
+        metres = np.linalg.norm(sweep.xyz - leaves, axis=1)
         ranges[column, laser] = np.round(metres / _RANGE_STEP_M)
         reflectivity[column, laser] = np.clip(np.round(sweep.intensity), 0.0, 255.0)
         at_s = phase_s + np.arange(self._columns, dtype=np.float64) * self._column_s
@@ -76,7 +80,8 @@ class Vlp16Packets:
         reflectivity: NDArray[np.uint8],
     ) -> list[tuple[int, bytes]]:
         packets = np.zeros(self._packets, _PACKET)
-        clockwise = np.round(np.degrees(-self._lidar.azimuth(at_s[::_FIRINGS])) * 100.0).astype(np.int64) % 36_000
+        turned = (at_s[::_FIRINGS] - self._begin_s) / self._turn_s
+        clockwise = np.round(turned * 36_000.0).astype(np.int64) % 36_000
         shape = (self._packets, _BLOCKS, _FIRINGS * _LASERS)
         packets["blocks"]["flag"] = 0xEEFF  # the bytes FF EE
         packets["blocks"]["azimuth"] = clockwise.reshape(self._packets, _BLOCKS)
@@ -89,46 +94,13 @@ class Vlp16Packets:
         return [(at, packet.tobytes()) for at, packet in zip(received, packets, strict=True)]
 
 
-class Pcap:
-    """A capture of network packets that grows, in the classic format with microseconds.
-
-    Raises FileExistsError where the file is there already.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._file: BinaryIO = path.open("xb")
-        self._file.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1))
-
-    def add(self, at_ns: int, frame: bytes) -> None:
-        """An Ethernet frame and when the host got it."""
-        seconds, rest = divmod(at_ns, 1_000_000_000)
-        self._file.write(struct.pack("<IIII", seconds, rest // 1000, len(frame), len(frame)) + frame)
-
-    def close(self) -> None:
-        """The file is complete."""
-        self._file.close()
-
-
-def ethernet(payload: bytes, port: int = 2368) -> bytes:
-    """An Ethernet frame with a UDP datagram broadcast by the sensor's factory address."""
-    udp = struct.pack(">HHHH", port, port, 8 + len(payload), 0) + payload
-    address = bytes((192, 168, 1, 201)) + bytes((255, 255, 255, 255))
-    head = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(udp), 0, 0x4000, 128, 17, 0)
-    total = sum(struct.unpack(">10H", head + address))
-    total = (total & 0xFFFF) + (total >> 16)
-    checksum = struct.pack(">H", ~(total + (total >> 16)) & 0xFFFF)
-    return b"\xff" * 6 + bytes.fromhex("607688000000") + b"\x08\x00" + head[:10] + checksum + address + udp
-
-
 def packet_rig(options: SimulationOptions) -> SimulatedRig:
     """The rig of a VLP-16 whose packets are captured: decoders of these know where the beams leave the sensor."""
     return SimulatedRig(options, replace(SENSORS["vlp16"], lens_m=_LENS_M))
 
 
-def write_capture(rig: SimulatedRig, path: Path) -> None:
-    """Write the packets of all sweeps of a :func:`packet_rig`. Raises FileExistsError where the file is there."""
-    packets, capture = Vlp16Packets(rig.lidar), Pcap(path)
-    for sweep in rig.sweeps():
-        for at_ns, payload in packets.of(sweep):
-            capture.add(at_ns, ethernet(payload))
-    capture.close()
+def write_capture(rig: SimulatedRig, path: Path, count: int | None = None) -> None:
+    """Write the packets of the first ``count`` sweeps of a :func:`packet_rig`, or of all."""
+    packets = Vlp16Packets(rig.lidar)
+    sweeps = islice(rig.sweeps(), count)
+    write_pcap(path, ((at_ns, datagram(payload)) for sweep in sweeps for at_ns, payload in packets.of(sweep)))

@@ -50,20 +50,18 @@ class SeedPairs:
         seeds: (M, K, 2) px, not a number where a slot has fewer.
         sight: (M,) index of the sight.
         tip: (M,) whether the corner is the tip: the ends of a frame's width may all be somebody's elbows.
-        certain: (M,) whether a person clicked it: every sample holds it.
     """
 
     points: Floats
     seeds: Floats
     sight: NDArray[np.int64]
     tip: NDArray[np.bool_]
-    certain: NDArray[np.bool_]
 
     def without(self, explained: NDArray[np.bool_]) -> SeedPairs:
-        """The seeds but those (M, K); slots that lose all are left out, clicked ones lose none."""
-        seeds = np.where((explained & ~self.certain[:, None])[..., None], np.nan, self.seeds)
+        """The seeds but those (M, K); slots that lose all are left out."""
+        seeds = np.where(explained[..., None], np.nan, self.seeds)
         kept = np.isfinite(seeds).any(axis=(1, 2))
-        return SeedPairs(self.points[kept], seeds[kept], self.sight[kept], self.tip[kept], self.certain[kept])
+        return SeedPairs(self.points[kept], seeds[kept], self.sight[kept], self.tip[kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,23 +78,23 @@ class MountCandidate:
 
 
 def search_mounts(
-    pairs: SeedPairs, lens: Lens | None, model: ModelName, size: tuple[int, int], most: int = 2
+    pairs: SeedPairs, lens: Lens | None, model: ModelName, size: tuple[int, int]
 ) -> list[MountCandidate]:
-    """The best mounts, each from the seeds that those before it do not explain; the largest first.
+    """The best two mounts, the second from the seeds that the first does not explain; the larger first.
 
     With a lens from samples of four by SQPnP, without one from the model's linear camera. A mount counts if it
     explains `LEAST_PAIRS` slots in `LEAST_SHARE` of the sights that have any, and if chance would not.
     """
-    found: list[MountCandidate] = []
+    mounts: list[MountCandidate] = []
     left = pairs
-    for _ in range(most):
-        least = LEAST_PAIRS if not found else max(LEAST_PAIRS, int(RIVAL_SHARE * found[0].size))
+    for _ in range(2):
+        least = LEAST_PAIRS if not mounts else max(LEAST_PAIRS, int(RIVAL_SHARE * mounts[0].size))
         best = _best(left, lens, model, size, least)
         if best is None:
             break
-        found.append(_judged(pairs, best.camera))
+        mounts.append(_judged(pairs, best.camera))
         left = left.without(_distances(left, best.camera) < INLIER_PX)
-    return sorted(found, key=lambda one: -one.size)
+    return sorted(mounts, key=lambda mount: -mount.size)
 
 
 def _best(
@@ -128,13 +126,10 @@ def _samples_for(pairs: SeedPairs, agreeing: int, sample: int) -> int:
 
 
 def _picked(random: np.random.Generator, pairs: SeedPairs, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Slots and a seed of each; the clicked one is always among them."""
+    """Slots and a seed of each."""
     tips = np.flatnonzero(pairs.tip)
     among = tips if len(tips) >= count and random.random() < 0.5 else len(pairs.points)
     slots = random.choice(among, count, replace=False)
-    certain = np.flatnonzero(pairs.certain)
-    if certain.size and certain[0] not in slots:
-        slots[0] = certain[0]
     # The higher of a frame's seeds are the likelier tips. The least of exponential variates picks by weight.
     rank = np.arange(pairs.seeds.shape[1], dtype=np.float64)
     weight: Floats = _LOWER**rank * np.isfinite(pairs.seeds[slots, :, 0])
@@ -239,8 +234,6 @@ def _refitted(
 
 def _holds(pairs: SeedPairs, candidate: MountCandidate, sample: int, drawn: int) -> bool:
     """Whether the consensus is large enough, among all slots or the tips alone, and larger than chance makes one."""
-    if not candidate.explained[pairs.certain].all():
-        return False
     return any(
         _beats_chance(pairs, candidate, family, sample, drawn) for family in (np.ones_like(pairs.tip), pairs.tip)
     )

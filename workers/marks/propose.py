@@ -26,7 +26,6 @@ from workers.marks.mount_search import (
 from workers.marks.outer_edges import outer_distance_m
 from workers.marks.seeds import MOST_SEEDS, FrameSeeds, find_seeds, spread_over
 from workers.marks.sights import (
-    Click,
     FailureReason,
     Floats,
     FrameSource,
@@ -100,7 +99,6 @@ def propose(
     lens: Lens | None = None,
     model: ModelName = "brown_conrady",
     corners: Sequence[CornerName] = ("top",),
-    click: Click | None = None,
     on_sight: OnSight = lambda: None,
 ) -> MachineMarks:
     """A mark, or a reason why not, for each of the asked corners of each sight.
@@ -109,7 +107,6 @@ def propose(
         size: width and height of the frames, px.
         lens: as it is stated; None: unknown, of the given model.
         corners: for which marks are wanted. Those that a sight does not know get none.
-        click: a person's pixel of one tip, after a failure: only mounts that see the tip there count.
         on_sight: called before each sight is looked at; it may raise to stop the work.
     """
     task = MarkTask(frames, sights, size, lens, lens.model if lens else model, corners, on_sight)
@@ -117,15 +114,15 @@ def propose(
         return _failed(task, "few_poses", f"{len(sights)} vertices have a frame; the machine needs {LEAST_PAIRS}.")
     chosen = spread_over([sight.frame for sight in sights])
     seeds = find_seeds(frames, chosen)
-    pairs = _pairs(task, {one.frame: one for one in seeds}, click)
+    pairs = _pairs(task, {of_frame.frame: of_frame for of_frame in seeds})
     candidates = search_mounts(pairs, lens, task.model, size)
     if not candidates:
         return _failed(task, *_why_none(seeds, lens, sights))
-    return _from_candidates(task, set(chosen), pairs, candidates, click)
+    return _from_candidates(task, set(chosen), pairs, candidates)
 
 
 def _from_candidates(
-    task: MarkTask, chosen: set[int], pairs: SeedPairs, candidates: Sequence[MountCandidate], click: Click | None
+    task: MarkTask, chosen: set[int], pairs: SeedPairs, candidates: Sequence[MountCandidate]
 ) -> MachineMarks:
     """Edges decide between mounts; two that the edges of many sights confirm are an ambiguity."""
     some = [index for index, sight in enumerate(task.sights) if sight.frame in chosen]
@@ -153,7 +150,7 @@ def _from_candidates(
         sentence = f"The board's edges were found in {best.confirmed} of {len(some)} frames only."
         return _failed(task, "few_edges", sentence)
     rivals = [other for other in tried[1:] if _apart_px(task, camera, other.camera) > INLIER_PX]
-    if click is None and rivals and best.is_rivalled_by(rivals[0]):
+    if rivals and best.is_rivalled_by(rivals[0]):
         return _failed(
             task,
             "two_consensuses",
@@ -185,21 +182,13 @@ def _from_candidates(
     return MachineMarks(_answers(task, measured, camera), camera)
 
 
-def _pairs(task: MarkTask, seeds: dict[int, FrameSeeds], click: Click | None) -> SeedPairs:
+def _pairs(task: MarkTask, seeds: dict[int, FrameSeeds]) -> SeedPairs:
     points: list[Floats] = []
     places: list[Floats] = []
     owner: list[int] = []
     tip: list[bool] = []
-    certain: list[bool] = []
     for index, sight in enumerate(task.sights):
-        clicked = click is not None and click.sight == index
-        if clicked and click is not None:
-            pixels: dict[CornerName, Floats] = {"top": np.array([click.pixel])}
-        elif sight.frame in seeds:
-            pixels = seeds[sight.frame].pixels
-        else:
-            continue
-        for name, of_corner in pixels.items():
+        for name, of_corner in seeds[sight.frame].pixels.items() if sight.frame in seeds else ():
             if name not in sight.corners:
                 continue
             row = np.full((MOST_SEEDS, 2), np.nan)
@@ -208,13 +197,11 @@ def _pairs(task: MarkTask, seeds: dict[int, FrameSeeds], click: Click | None) ->
             places.append(row)
             owner.append(index)
             tip.append(name == "top")
-            certain.append(clicked)
     return SeedPairs(
         np.array(points, np.float64).reshape(-1, 3),
         np.array(places, np.float64).reshape(-1, MOST_SEEDS, 2),
         np.array(owner, np.int64),
         np.array(tip, np.bool_),
-        np.array(certain, np.bool_),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple, Protocol
+from typing import Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,13 +87,6 @@ class Sight:
 _SHORTEST_EDGE_M: Final = 0.4
 
 
-class Click(NamedTuple):
-    """A person's pixel (u, v) of a sight's tip."""
-
-    sight: int
-    pixel: tuple[float, float]
-
-
 @dataclass(frozen=True, eq=False)
 class Lens:
     """A camera model and its intrinsics (n,) in the order of the model."""
@@ -142,7 +135,7 @@ class MarkRefusal:
 
 @dataclass(frozen=True)
 class RecordingFailure:
-    """Why a whole recording has no proposals: a stable name and a sentence. One click may help."""
+    """Why a whole recording has no proposals: a stable name and a sentence."""
 
     reason: FailureReason
     sentence: str

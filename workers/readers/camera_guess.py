@@ -26,10 +26,10 @@ def guess_cameras(names: Sequence[str], topics: Sequence[Sensor], sizes: Sizes) 
         sizes: (width, height) per camera where the rig says it.
     """
     matched: dict[str, Sensor] = {}
-    for source in (_topic_words, _frame_words):
+    for source in ("name", "frame_id"):
         for count in sorted({len(telling(name)) for name in names}, reverse=True):
             free = _not_in(topics, matched)
-            words_of = {topic.name: source(topic) for topic in free}
+            words_of = {topic.name: words(getattr(topic, source)) for topic in free}
             matches = {
                 name: _match(telling(name), [(t, words_of[t.name]) for t in _of_size(free, sizes.get(name))])
                 for name in names
@@ -46,14 +46,6 @@ def _not_in(topics: Sequence[Sensor], matched: Mapping[str, Sensor]) -> list[Sen
     return [topic for topic in topics if topic.name not in taken]
 
 
-def _topic_words(topic: Sensor) -> frozenset[str]:
-    return words(topic.name)
-
-
-def _frame_words(topic: Sensor) -> frozenset[str]:
-    return words(topic.frame_id)
-
-
 def _match(name_words: frozenset[str], topics: Sequence[tuple[Sensor, frozenset[str]]]) -> Sensor | None:
     holding = sorted(
         ((len(topic_words - name_words), i) for i, (_, topic_words) in enumerate(topics) if name_words <= topic_words)
@@ -67,12 +59,7 @@ def _of_size(topics: Sequence[Sensor], size: tuple[int, int] | None) -> Sequence
     """Topics that may have frames of that size. If none may, all: then the error names the size, not the topic."""
     if size is None:
         return topics
-    return [t for t in topics if _size(t) in (None, size)] or topics
-
-
-def _size(topic: Sensor) -> tuple[int, int] | None:
-    width, height = topic.notes.get("width", ""), topic.notes.get("height", "")
-    return (int(width), int(height)) if width.isdigit() and height.isdigit() else None
+    return [t for t in topics if t.image_size in (None, size)] or topics
 
 
 def _leftovers(names: Sequence[str], topics: Sequence[Sensor], sizes: Sizes, matched: dict[str, Sensor]) -> None:
@@ -83,7 +70,7 @@ def _leftovers(names: Sequence[str], topics: Sequence[Sensor], sizes: Sizes, mat
         if len(left) == 1 and len(free) == 1:
             matched[left[0]] = free[0]
             return
-        clear = {name: [t for t in free if _size(t) == sizes.get(name)] for name in left if sizes.get(name)}
+        clear = {name: [t for t in free if t.image_size == sizes.get(name)] for name in left if sizes.get(name)}
         for name, fitting in clear.items():
             twins = [other for other in left if other != name and sizes.get(other, sizes[name]) == sizes[name]]
             if len(fitting) == 1 and not twins:

@@ -12,6 +12,11 @@ from apexcal.documents.readings import ReadOptions
 from workers.readers.recording import ReadError, Recording
 
 HEAD_BYTES: Final = 1024
+# What files begin with.
+ROSBAG1: Final = b"#ROSBAG V2.0\n"
+SQLITE: Final = b"SQLite format 3\0"
+MCAP: Final = b"\x89MCAP0\r\n"
+_CAPTURES: Final = (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\n\r\r\n")
 FORMATS: Final = (
     "a ROS 1 bag, a ROS 2 bag, an MCAP file, a capture of a LiDAR's packets (pcap, pcapng), or a folder, zip or "
     "tar of these, of videos, and of clouds (PCD, PLY, KITTI, .npy, .csv) and images"
@@ -23,12 +28,10 @@ class FileFormat:
     """A format of one file, told by its first bytes; its reader is imported only when it is met.
 
     Attributes:
-        title: for messages, with its article.
         module, reader: where the class is; it is constructed with the path and the options.
         matches: whether a file of this format may begin with these :data:`HEAD_BYTES`.
     """
 
-    title: str
     module: str
     reader: str
     matches: Callable[[bytes], bool]
@@ -36,6 +39,12 @@ class FileFormat:
     def open(self, path: Path, options: ReadOptions) -> Recording:
         """Import the reader and open a file with it."""
         return cast(Recording, getattr(import_module(self.module), self.reader)(path, options))
+
+
+def read_head(path: Path) -> bytes:
+    """The first :data:`HEAD_BYTES` of a file."""
+    with path.open("rb") as file:
+        return file.read(HEAD_BYTES)
 
 
 def _starts(*magics: bytes) -> Callable[[bytes], bool]:
@@ -66,27 +75,21 @@ def _is_video(head: bytes) -> bool:
 
 # A format of one file is one module with one class, and one line here.
 FILES: Final[tuple[FileFormat, ...]] = (
-    FileFormat("a ROS 1 bag", "workers.readers.ros.rosbag1", "Rosbag1Recording", _starts(b"#ROSBAG V2.0\n")),
-    FileFormat("a ROS 2 bag", "workers.readers.ros.rosbag2", "Rosbag2Recording", _starts(b"SQLite format 3\0")),
-    FileFormat("an MCAP file", "workers.readers.ros.rosbag2", "Rosbag2Recording", _starts(b"\x89MCAP0\r\n")),
-    FileFormat(
-        *("a packet capture", "workers.readers.captures.pcap", "PcapRecording"),
-        _starts(b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\n\r\r\n"),
-    ),
-    FileFormat("a video", "workers.readers.images.video", "VideoRecording", _is_video),
+    FileFormat("workers.readers.ros.rosbag1", "Rosbag1Recording", _starts(ROSBAG1)),
+    FileFormat("workers.readers.ros.rosbag2", "Rosbag2Recording", _starts(SQLITE, MCAP)),
+    FileFormat("workers.readers.captures.pcap", "PcapRecording", _starts(*_CAPTURES)),
+    FileFormat("workers.readers.images.video", "VideoRecording", _is_video),
 )
 # Folders and archives hold files of these formats, or clouds and images.
-TREE: Final = FileFormat("a folder or an archive", "workers.readers.trees.folder", "FolderRecording", _is_archive)
+TREE: Final = FileFormat("workers.readers.trees.folder", "FolderRecording", _is_archive)
 
+_WHOLE: Final = "Upload the folder with all clouds and images, or a zip or tar of it."
 _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
     (b"#ROSBAG V1", "a ROS bag of version 1.x", "Convert it with `rosbag fix` or `rosbag migrate` to version 2.0."),
     (b"7z\xbc\xaf\x27\x1c", "a 7z archive", "Pack the recording as zip or tar."),
     (b"Rar!\x1a\x07", "a RAR archive", "Pack the recording as zip or tar."),
-    (b"ply\n", "a single point cloud", "Upload the folder with all clouds and images, or a zip or tar of it."),
-    (b"ply\r\n", "a single point cloud", "Upload the folder with all clouds and images, or a zip or tar of it."),
-    (b"# .PCD", "a single point cloud", "Upload the folder with all clouds and images, or a zip or tar of it."),
-    (b"\xff\xd8\xff", "a single image", "Upload the folder with all clouds and images, or a zip or tar of it."),
-    (b"\x89PNG\r\n", "a single image", "Upload the folder with all clouds and images, or a zip or tar of it."),
+    *((magic, "a single point cloud", _WHOLE) for magic in (b"ply\n", b"ply\r\n", b"# .PCD")),
+    *((magic, "a single image", _WHOLE) for magic in (b"\xff\xd8\xff", b"\x89PNG\r\n")),
 )
 
 
@@ -112,8 +115,7 @@ def open_recording(path: str | Path, options: ReadOptions | None = None) -> Reco
         return TREE.open(path, options)
     if not path.is_file():
         raise ReadError("recording_missing", f"{path.name} is neither a file nor a folder.", "Look at the path.")
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
+    head = read_head(path)
     if not head:
         raise ReadError("recording_empty", f"{path.name} holds no bytes.", "Copy or upload the file again.")
     format_ = format_of(head) or (TREE if TREE.matches(head) else None)
@@ -126,7 +128,7 @@ def _unknown(path: Path, head: bytes) -> ReadError:
     for magic, what, hint in _OTHERS:
         if head.startswith(magic):
             return ReadError("not_a_recording", f"{path.name} is {what}, whatever its name says.", hint)
-    if b"#ROSBAG V2.0\n".startswith(head):
+    if ROSBAG1.startswith(head):
         return ReadError(
             "recording_truncated", f"{path.name} ends after {len(head)} bytes.", "Copy or upload the file again."
         )

@@ -111,7 +111,7 @@ def _proposal(
             name,
             sensor.name,
             sensor.frame_id,
-            _size(sensor) or _first_size(recording, sensor) if sensor.kind == "camera" else None,
+            sensor.image_size or _first_size(recording, sensor) if sensor.kind == "camera" else None,
             sensor.image_kind,
             (sensor.camera_info or {}).get("R"),
         )
@@ -160,7 +160,6 @@ def _inspected(name: str, sensor: Sensor, times: NDArray[np.int64], delay_s: flo
     if not len(times):
         raise ReadError("sensor_without_messages", f"{sensor.name} holds no message.", "Was the sensor switched on?")
     report = report_stamps(times, name)
-    size = _size(sensor)
     return InspectedSensor(
         kind=sensor.kind,
         name=name,
@@ -172,22 +171,16 @@ def _inspected(name: str, sensor: Sensor, times: NDArray[np.int64], delay_s: flo
         rate_hz=report.facts.rate_hz,
         longest_pause_s=float(np.max(np.diff(times), initial=0)) / 1e9,
         delay_s=delay_s,
-        image_size=size,
+        image_size=sensor.image_size,
         image_kind=sensor.image_kind,
         lens=StatedLens.model_validate(sensor.camera_info) if sensor.camera_info else None,
     )
 
 
-def _size(sensor: Sensor) -> tuple[int, int] | None:
-    """Width and height of a camera's first image, pixels."""
-    sizes = [sensor.notes.get(edge, "") for edge in ("width", "height")]
-    return (int(sizes[0]), int(sizes[1])) if all(size.isdigit() for size in sizes) else None
-
-
 def _lens(name: str, sensor: Sensor) -> list[RecordingFault]:
     """What is wrong with a camera's stated lens. A result can be had without one."""
     advice = "The lens is fitted instead: fill the image with marks, to its corners, or record the CameraInfo."
-    stated, size = sensor.camera_info, _size(sensor)
+    stated, size = sensor.camera_info, sensor.image_size
     if stated is None and sensor.notes.get("camera_info") == "unusable":
         sentence = f"The CameraInfo of {name} states no lens: its K is 0 or holds what is no number."
         return [_look("lens_not_stated", name, sentence, advice)]

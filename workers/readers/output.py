@@ -58,13 +58,24 @@ def bytes_written() -> int:
     return _WRITTEN.count
 
 
-def declare(size: int, folder: Path) -> None:
-    """Count bytes that a library is about to write into a file of its own.
+def declare(size: int, disk: int | Path) -> None:
+    """Count bytes that are about to be written, so that what is refused is in no buffer either.
+
+    Args:
+        disk: a file's descriptor, or a path, on the disk that is written to.
 
     Raises:
         OutputLimitError, ReserveError.
     """
-    _check(size, folder)
+    beat()
+    if _WRITTEN.most is not None and _WRITTEN.count + size > _WRITTEN.most:
+        raise OutputLimitError
+    _WRITTEN.count += size
+    _WRITTEN.unchecked += size
+    if _WRITTEN.unchecked >= _LOOK_BYTES and _WRITTEN.reserve:
+        _WRITTEN.unchecked = 0
+        if shutil.disk_usage(disk).free - size < _WRITTEN.reserve:
+            raise ReserveError
 
 
 def create(path: Path) -> BinaryIO:
@@ -78,22 +89,5 @@ def create(path: Path) -> BinaryIO:
 class _Counted(io.BufferedWriter):
     def write(self, data: object, /) -> int:
         view = memoryview(cast(bytes, data))
-        _count(view.nbytes, self)
+        declare(view.nbytes, self.fileno())
         return super().write(view)
-
-
-def _count(size: int, file: io.BufferedWriter) -> None:
-    """Count bytes before they are written, so that what is refused is not in any buffer either."""
-    _check(size, file.fileno())
-
-
-def _check(size: int, disk: int | Path) -> None:
-    beat()
-    if _WRITTEN.most is not None and _WRITTEN.count + size > _WRITTEN.most:
-        raise OutputLimitError
-    _WRITTEN.count += size
-    _WRITTEN.unchecked += size
-    if _WRITTEN.unchecked >= _LOOK_BYTES and _WRITTEN.reserve:
-        _WRITTEN.unchecked = 0
-        if shutil.disk_usage(disk).free - size < _WRITTEN.reserve:
-            raise ReserveError

@@ -111,6 +111,12 @@ class Sensor:
     camera_info: Mapping[str, Any] | None = None
     image_kind: ImageKind | None = None
 
+    @property
+    def image_size(self) -> tuple[int, int] | None:
+        """Width and height of a camera's first image, pixels; None where the file does not tell."""
+        width, height = self.notes.get("width", ""), self.notes.get("height", "")
+        return (int(width), int(height)) if width.isdigit() and height.isdigit() else None
+
 
 @dataclass(frozen=True, slots=True)
 class StaticTransform:
@@ -152,19 +158,13 @@ class Recording:
 
     Attributes:
         format: name of the file format, for example ``rosbag1``.
+        sensors: every LiDAR and camera, in the file's order.
+        other_topics: what else the recording holds and no reader takes, for messages to its owner.
     """
 
     format: str
-
-    @property
-    def sensors(self) -> Sequence[Sensor]:
-        """Every LiDAR and camera, in the file's order."""
-        raise NotImplementedError
-
-    @property
-    def other_topics(self) -> Sequence[str]:
-        """What else the recording holds and no reader takes, for messages to its owner."""
-        return ()
+    sensors: Sequence[Sensor]
+    other_topics: Sequence[str] = ()
 
     @property
     def static_transforms(self) -> Sequence[StaticTransform]:

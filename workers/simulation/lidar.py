@@ -14,31 +14,12 @@ from numpy.typing import NDArray
 
 from apexcal.documents.simulation import Disturbances
 from workers.readers.recording import Sweep
-from workers.simulation.beams import BOARD, BOX, GROUND, PERSON, POLE, SECOND_PERSON, SPECKLE, WALL, cast
+from workers.simulation.beams import SPECKLE, cast
 from workers.simulation.scene import Scene
-from workers.simulation.sensors import SENSORS, LidarModel, with_rings
+from workers.simulation.sensors import LidarModel
 from workers.simulation.walker import BodyPoses, Poses
 
-__all__ = [
-    "BOARD",
-    "BOX",
-    "GROUND",
-    "PERSON",
-    "POLE",
-    "SECOND_PERSON",
-    "SENSORS",
-    "SPECKLE",
-    "SURFACES",
-    "WALL",
-    "LidarModel",
-    "SimulatedLidar",
-    "Walks",
-    "with_rings",
-]  # fmt: skip
-
-# Name of each surface label.
-SURFACES = ("nothing", "ground", "wall", "pole", "board", "person", "second person", "speckle", "box")
-# Mean intensity of each.
+# Mean intensity of each surface: of nothing, then from GROUND to BOX.
 _INTENSITY = np.array([0.0, 12.0, 45.0, 80.0, 190.0, 28.0, 28.0, 4.0, 60.0])
 _RANGE_STEP_M = 0.002  # the resolution of a VLP-16's range
 _FIRING_S = 2.304e-6  # one laser after the other
@@ -110,7 +91,7 @@ class SimulatedLidar:
         return self.labelled_sweep(index, start_s, stamp_ns)[0]
 
     def labelled_sweep(self, index: int, start_s: float, stamp_ns: int) -> tuple[Sweep, NDArray[np.int64]]:
-        """The sweep, and (N,) what each of its points lies on: ``GROUND`` to ``SPECKLE``, by name in ``SURFACES``."""
+        """The sweep, and (N,) what each of its points lies on, as :mod:`.beams` numbers surfaces."""
         random = np.random.default_rng([self._seed, 2, index])
         column_s = self._columns_s(random.uniform())
         poses = self._walk.poses(start_s + column_s)
@@ -202,18 +183,6 @@ class SimulatedLidar:
             distance[met], surface[met] = near[met], SPECKLE
         if dropout > 0.0:
             distance[random.uniform(size=distance.shape) < dropout] = np.inf
-
-    def seconds_per_column(self) -> float:
-        """From one firing of a laser to its next."""
-        return math.radians(self.sensor.step_deg) / self._omega
-
-    def azimuth(self, after_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where the sensor looks that long after a sweep's start, radians."""
-        return self._sector - self._omega * after_s
-
-    def leaves(self, ring: NDArray[np.uint16]) -> NDArray[np.float64]:
-        """Where the beams of those rings (N,) leave the sensor's axis, (N, 3) metres."""
-        return self._lift_m[ring][:, None] * np.array([0.0, 0.0, 1.0])
 
     def scan_seconds(self, azimuth: Floats) -> Floats:
         """Seconds after a sweep's start at which the sensor looks along ``azimuth`` (radians, its own frame)."""

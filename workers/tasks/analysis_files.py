@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from sqlalchemy.orm import Session
@@ -11,13 +11,11 @@ from sqlalchemy.orm import Session
 from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.base import Json
 from service.platform.db.recordings import Recording
-from service.platform.db.session import repeated
 from service.platform.jobs.claims import Claim, require_mine
 from service.platform.storage.blobs import keep, reserve
-from service.platform.storage.quota import QuotaExceededError, counted, recounting, require_quota, take
-from workers.readers.recording import ReadError
+from service.platform.storage.quota import counted, recounting, require_quota, take
 from workers.tasks.context import Context
-from workers.tasks.originals import require_room
+from workers.tasks.originals import store_files
 
 _PIECE = 1 << 20
 
@@ -27,14 +25,11 @@ def store_file(context: Context, claim: Claim, file: Path, prefix: str) -> str:
 
     Raises :class:`ReadError` ``fleet_quota_exceeded``, ``ingest_disk_full``.
     """
-    size = file.stat().st_size
-    require_room(context, context.store.free_bytes(), size)
-    try:
-        key = repeated(lambda: _reserve(context, claim, prefix, file.suffix, size))
-    except QuotaExceededError as error:
-        raise ReadError(error.code, error.message, error.hint, error.fields) from None
-    context.store.put_file(key, file)
-    return key
+
+    def reserved(sizes: Mapping[str, int]) -> dict[str, str]:
+        return {name: _reserve(context, claim, prefix, file.suffix, size) for name, size in sizes.items()}
+
+    return store_files(context, {"": file}, reserved)[""][0]
 
 
 def keeping(claim: Claim, key: str, file: Path, name: str, facts: Json) -> Callable[[Session], Json]:

@@ -6,17 +6,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
-from service.platform.db.recordings import Recording, UploadPart
+from service.platform.db.recordings import Recording
 from service.platform.jobs.claims import Claim, Lease
 from workers.readers.limited import write_limited
 from workers.tasks.analysis_files import keeping, store_file
 from workers.tasks.context import Context
-from workers.tasks.originals import join_parts, reading_limits
+from workers.tasks.originals import join_parts, watching
 from workers.tasks.viewing import viewer_file
 
 _EDITS = ("lidar_frame", "cameras", "poses")
@@ -40,18 +39,10 @@ def calibrated_copy(context: Context, claim: Claim, lease: Lease) -> Callable[[S
 
 def _copy(context: Context, recording: Recording, question: Json, folder: Path, lease: Lease) -> dict[str, Any]:
     """The recording's own file with the calibration put in."""
-    with context.database.reading() as session:
-        parts = session.scalars(
-            select(UploadPart).where(UploadPart.recording_id == recording.id).order_by(UploadPart.number)
-        ).all()
+    source = join_parts(context, recording, folder, lease)
+    request = {"copy": {name: question[name] for name in _EDITS}}
     return write_limited(
-        [join_parts(context, recording, parts, folder, lease)],
-        folder / "copy",
-        {"copy": {name: question[name] for name in _EDITS}},
-        limits=reading_limits(context.settings, recording.size),
-        name=recording.file_name,
-        must_stop=lease.check,
-        on_progress=lambda progress: lease.report(0.1 + 0.8 * (progress.share or 0.0), "copying messages"),
+        [source], folder / "copy", request, **watching(context, recording, lease, "copying messages")
     )
 
 

@@ -14,16 +14,15 @@ from sqlalchemy.orm import Session
 from apexcal.documents.states import RecordingState
 from service.platform.db.base import Json
 from service.platform.db.fleets import Rig, RigCamera
-from service.platform.db.recordings import CameraFrame, Recording, Sensor, UploadPart
-from service.platform.db.session import repeated
+from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.jobs.claims import Claim, Lease, require_mine
 from service.platform.storage.blobs import condemn, keep, reserve, sensor_keys
-from service.platform.storage.quota import QuotaExceededError, copied, take
+from service.platform.storage.quota import copied, take
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError, legible
 from workers.tasks.context import Context
-from workers.tasks.originals import join_parts, reading_limits, require_room
+from workers.tasks.originals import join_parts, store_files, watching
 
 _OWN_COLUMNS = ("kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames")
 
@@ -34,9 +33,6 @@ def ingest(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
         require_mine(session, claim)
         recording = session.get_one(Recording, claim.subject_id)
         recording.state = RecordingState.INGESTING
-        parts = session.scalars(
-            select(UploadPart).where(UploadPart.recording_id == recording.id).order_by(UploadPart.number)
-        ).all()
         rig = session.get_one(Rig, recording.rig_id)
         cameras = session.scalars(
             select(RigCamera).where(RigCamera.rig_id == rig.id).order_by(RigCamera.position)
@@ -44,23 +40,15 @@ def ingest(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
         image_sizes = {camera.name: (camera.image_width, camera.image_height) for camera in cameras}
         request = _request(recording, rig, cameras)
     with context.scratch() as folder:
-        source = join_parts(context, recording, parts, folder, lease)
+        source = join_parts(context, recording, folder, lease)
         out = folder / "normalised"
-        manifest = ingest_limited(
-            source,
-            out,
-            request,
-            limits=reading_limits(context.settings, recording.size),
-            name=recording.file_name,
-            must_stop=lease.check,
-            on_progress=lambda progress: lease.report(
-                0.1 + 0.8 * (progress.share or 0.0), f"{progress.done} messages normalised", progress.seconds_left
-            ),
-        )
+        terms = watching(context, recording, lease, "{done} messages normalised")
+        manifest = ingest_limited(source, out, request, **terms)
         frames = {sensor.name: _frames(out, sensor) for sensor in manifest.sensors}
         for name, size in image_sizes.items():
             _check_sizes(name, size, frames[name])
-        stored = _store(context, claim, {sensor.name: out / sensor.file for sensor in manifest.sensors})
+        files = {sensor.name: out / sensor.file for sensor in manifest.sensors}
+        stored = store_files(context, files, lambda sizes: _reserve(context, claim, sizes))
 
     def write(session: Session) -> Recording:
         _forget_earlier(session, recording)
@@ -109,20 +97,6 @@ def _check_sizes(camera: str, size: tuple[int, int], frames: list[Json]) -> None
                 "Was it recorded with another rig, or scaled? Add a rig with the right image_size, give it to the "
                 "recording and read it again; or choose the topic of the full images.",
             )
-
-
-def _store(context: Context, claim: Claim, files: Mapping[str, Path]) -> dict[str, tuple[str, int]]:
-    """Put the sensors' files into the store; their keys and sizes by the sensors' names.
-
-    Raises :class:`ReadError` ``fleet_quota_exceeded``, ``ingest_disk_full``.
-    """
-    sizes = {name: file.stat().st_size for name, file in files.items()}
-    require_room(context, context.store.free_bytes(), sum(sizes.values()))
-    try:
-        keys = repeated(lambda: _reserve(context, claim, sizes))
-    except QuotaExceededError as error:
-        raise ReadError(error.code, error.message, error.hint, error.fields) from None
-    return {name: (key, context.store.put_file(key, files[name])) for name, key in keys.items()}
 
 
 def _reserve(context: Context, claim: Claim, sizes: Mapping[str, int]) -> dict[str, str]:

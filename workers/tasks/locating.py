@@ -13,12 +13,12 @@ from sqlalchemy.orm import Session
 from apexcal.documents.pixel_points import LidarNoise, LocatedPixel, LocatedPixels, UncertainPixel
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
-from service.platform.db.recordings import CameraFrame, Sensor
+from service.platform.db.recordings import CameraFrame
 from service.platform.jobs.claims import Claim, Lease
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
-from workers.tasks.originals import lidar_key, open_lidar
+from workers.tasks.originals import camera_of, lidar_key, open_lidar
 from workers.tasks.validating import check_image_size
 from workers.validation.calibration import KnownCalibration
 from workers.validation.drive_check import seen_after_ns
@@ -52,9 +52,7 @@ def pixel_points(context: Context, claim: Claim, lease: Lease) -> Callable[[Sess
 
 def _camera_stamp_ns(session: Session, row: Analysis, calibration: KnownCalibration) -> int:
     """The moment by the camera's clock. Raises ReadError ``image_size_differs``, by the frame nearest to it."""
-    camera = session.scalars(
-        select(Sensor).where(Sensor.recording_id == row.recording_id, Sensor.name == row.asked["camera"])
-    ).one()
+    camera = camera_of(session, row.recording_id, row.asked["camera"])
     frames = select(CameraFrame).where(CameraFrame.sensor_id == camera.id)
     index, stamp_ns = row.asked["frame"], row.asked["stamp_ns"]
     if index is not None:

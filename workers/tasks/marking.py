@@ -33,7 +33,7 @@ from workers.readers.recording import ReadError
 from workers.tasks.analysis_files import keeping, store_file
 from workers.tasks.context import Context
 from workers.tasks.crop_tiles import write_tiles
-from workers.tasks.originals import require_room
+from workers.tasks.originals import camera_of, require_room
 
 # Of a vertex whose detector states none: the ring rules' errors (docs/decisions/0008).
 _UNSTATED: Final = np.diag([0.02, 0.02, 0.02]) ** 2
@@ -114,9 +114,7 @@ def _storing_tiles(
 
 def _read(session: Session, analysis: Analysis) -> _MarkingWork:
     detection = session.get_one(Detection, analysis.detection_id)
-    camera = session.scalars(
-        select(Sensor).where(Sensor.recording_id == detection.recording_id, Sensor.name == analysis.asked["camera"])
-    ).one()
+    camera = camera_of(session, detection.recording_id, analysis.asked["camera"])
     corners = marked_corners(detection)
     paired = (
         select(Vertex, VertexFrame)

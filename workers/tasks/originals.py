@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from uuid import UUID
 
@@ -13,8 +13,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.platform.db.recordings import Recording, Sensor, UploadPart
+from service.platform.db.session import repeated
 from service.platform.jobs.claims import Lease
 from service.platform.settings import MIB, Settings
+from service.platform.storage.quota import QuotaExceededError
+from workers.readers.limited import Terms
 from workers.readers.limits import Limits
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import ReadError, Sweep
@@ -55,6 +58,43 @@ def require_room(context: Context, free: int | None, size: int) -> None:
         raise ReadError("ingest_disk_full", f"There is no room for {size} bytes.", "Make room, then try again.")
 
 
+def store_files(
+    context: Context, files: Mapping[str, Path], reserve: Callable[[Mapping[str, int]], Mapping[str, str]]
+) -> dict[str, tuple[str, int]]:
+    """Put files into the store. Returns the key and the size of each.
+
+    Args:
+        reserve: keys of files of these sizes, in a transaction of its own, which may be done again.
+
+    Raises:
+        ReadError: ``fleet_quota_exceeded``, ``ingest_disk_full``.
+    """
+    sizes = {name: file.stat().st_size for name, file in files.items()}
+    require_room(context, context.store.free_bytes(), sum(sizes.values()))
+    try:
+        keys = repeated(lambda: reserve(sizes))
+    except QuotaExceededError as error:
+        raise ReadError(error.code, error.message, error.hint, error.fields) from None
+    return {name: (key, context.store.put_file(key, files[name])) for name, key in keys.items()}
+
+
+def camera_of(session: Session, recording_id: UUID | None, name: str) -> Sensor:
+    """A recording's camera by its name."""
+    return session.scalars(select(Sensor).where(Sensor.recording_id == recording_id, Sensor.name == name)).one()
+
+
+def watching(context: Context, recording: Recording, lease: Lease, message: str) -> Terms:
+    """How a child is watched that reads or writes this recording."""
+    return {
+        "limits": reading_limits(context.settings, recording.size),
+        "name": recording.file_name,
+        "must_stop": lease.check,
+        "on_progress": lambda progress: lease.report(
+            0.1 + 0.8 * (progress.share or 0.0), message.format(done=progress.done), progress.seconds_left
+        ),
+    }
+
+
 def reading_limits(settings: Settings, size: int) -> Limits:
     """Four fifths of the task's time are for the reading, the rest for joining the parts and storing the results."""
     wall_s = settings.ingest_wall_s + settings.ingest_wall_s_per_mib * size / MIB
@@ -71,13 +111,14 @@ def reading_limits(settings: Settings, size: int) -> Limits:
     )
 
 
-def join_parts(
-    context: Context, recording: Recording, parts: Sequence[UploadPart], folder: Path, lease: Lease
-) -> Path:
+def join_parts(context: Context, recording: Recording, folder: Path, lease: Lease) -> Path:
     """The original as one file; every part's checksum compared with what was acknowledged, and the whole's too."""
     source = folder / "original" / plain_name(recording.file_name)
     source.parent.mkdir()
     require_room(context, shutil.disk_usage(folder).free, recording.size)
+    of_recording = select(UploadPart).where(UploadPart.recording_id == recording.id)
+    with context.database.reading() as session:
+        parts = session.scalars(of_recording.order_by(UploadPart.number)).all()
     whole = hashlib.sha256()
     done = 0
     with source.open("wb") as file:

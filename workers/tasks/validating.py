@@ -21,7 +21,7 @@ from service.platform.jobs.claims import Claim, Lease
 from workers.judge.validation_checks import elsewhere
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
-from workers.tasks.originals import lidar_key, open_lidar
+from workers.tasks.originals import camera_of, lidar_key, open_lidar
 from workers.tasks.other_data import other_data
 from workers.validation.calibration import KnownCalibration
 from workers.validation.drive_check import DriveFrame, spread, watch
@@ -89,9 +89,7 @@ def _drive(session: Session, row: Analysis, calibration: KnownCalibration) -> _D
     Raises:
         ReadError: ``image_size_differs``.
     """
-    camera = session.scalars(
-        select(Sensor).where(Sensor.recording_id == row.recording_id, Sensor.name == row.asked["camera"])
-    ).one()
+    camera = camera_of(session, row.recording_id, row.asked["camera"])
     frames = session.scalars(
         select(CameraFrame).where(CameraFrame.sensor_id == camera.id).order_by(CameraFrame.index)
     ).all()

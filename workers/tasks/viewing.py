@@ -19,7 +19,7 @@ from workers.geometry.projection import project
 from workers.readers.limited import write_limited
 from workers.readers.normalised.manifest import FrameTable, write_table
 from workers.tasks.context import Context
-from workers.tasks.originals import reading_limits, require_room
+from workers.tasks.originals import require_room, watching
 
 # Rows of the undistorted image that are projected at once: 4 MB of rays for 4,000 columns.
 _ROWS: Final = 40
@@ -41,15 +41,8 @@ def viewer_file(context: Context, recording: Recording, question: Json, folder: 
     poses = [{name: value for name, value in camera.items() if name != "is_new"} for camera in question["poses"]]
     request = {"lidar_frame": question["lidar_frame"], "poses": poses, "facts": question["facts"], "cameras": cameras}
     needed = [Path(camera[name]) for camera in cameras for name in ("file", "table", "map")]
-    return write_limited(
-        [files["lidar"], *needed],
-        folder / "copy",
-        {"view": request},
-        limits=reading_limits(context.settings, recording.size),
-        name=recording.file_name,
-        must_stop=lease.check,
-        on_progress=lambda progress: lease.report(0.1 + 0.8 * (progress.share or 0.0), "writing frames and points"),
-    )
+    terms = watching(context, recording, lease, "writing frames and points")
+    return write_limited([files["lidar"], *needed], folder / "copy", {"view": request}, **terms)
 
 
 def _sensors(context: Context, recording_id: UUID, cameras: Sequence[str]) -> dict[str, tuple[Sensor, int]]:

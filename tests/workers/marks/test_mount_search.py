@@ -30,7 +30,7 @@ def pairs_of(random, camera, any_frame, count=40, right=0.5, seeds=3):
     places[good, random.integers(0, seeds, good.sum())] = camera.pixels(points)[good] + random.normal(
         0.0, 3.0, (good.sum(), 2)
     )
-    return SeedPairs(points, places, np.arange(count), np.ones(count, np.bool_), np.zeros(count, np.bool_))
+    return SeedPairs(points, places, np.arange(count), np.ones(count, np.bool_))
 
 
 @pytest.mark.parametrize("lens", [LENS, WIDE])

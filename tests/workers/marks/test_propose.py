@@ -6,7 +6,7 @@ import pytest
 from apexcal.documents.corners import CORNERS
 from benchmarks.marks.scenes import Draw, Scene, draw
 from workers.marks.propose import propose
-from workers.marks.sights import Click, MarkProposal
+from workers.marks.sights import MarkProposal
 
 DRAW = Draw(
     seed=4242, size=(960, 600), model="brown_conrady", lens_stated=True, still=True, count=14, board_m=(0.6, 0.9),
@@ -83,14 +83,6 @@ def test_edges_that_fit_badly_are_no_second_mount():
     marks = propose(frames, scene.sights, drawn.size, lens=scene.lens, model=drawn.model)
     assert marks.failure is None
     assert len(errors_px(scene, marks.answers)) >= 20 and max(errors_px(scene, marks.answers)) < 5.0
-
-
-def test_one_click_names_the_mount(scene, frames):
-    u, v = scene.truth["top"][3].tolist()
-    right = propose(frames, scene.sights, DRAW.size, lens=scene.lens, click=Click(3, (u + 2.0, v - 1.0)))
-    assert right.failure is None
-    wrong = propose(frames, scene.sights, DRAW.size, lens=scene.lens, click=Click(3, (u + 150.0, v - 90.0)))
-    assert wrong.failure is not None
 
 
 def test_marks_that_no_mount_explains_are_no_marks():

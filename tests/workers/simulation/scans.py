@@ -6,8 +6,8 @@ import numpy as np
 
 from tests.support.scenes.flawed_lidar import FlawedLidar
 from tests.support.scenes.held_board import HeldWalk
-from workers.simulation.lidar import SENSORS
 from workers.simulation.scene import Scene
+from workers.simulation.sensors import SENSORS
 
 
 def scanned(

@@ -5,7 +5,7 @@ import pytest
 import velodyne_decoder
 
 from apexcal.documents.simulation import SimulationOptions
-from tests.support.packets import Pcap, Vlp16Packets, ethernet, packet_rig
+from tests.support.packets import packet_rig, write_capture
 
 
 @pytest.fixture(scope="module")
@@ -15,13 +15,8 @@ def rig():
 
 def test_the_decoder_of_others_finds_the_same_points(rig, tmp_path):
     """velodyne-decoder, which knows nothing of ours: all sweeps in one cloud, since it cuts them elsewhere."""
-    capture = Pcap(tmp_path / "one.pcap")
-    packets = Vlp16Packets(rig.lidar)
+    write_capture(rig, tmp_path / "one.pcap", 6)
     expected = [rig.sweep(index) for index in range(6)]
-    for sweep in expected:
-        for at_ns, payload in packets.of(sweep):
-            capture.add(at_ns, ethernet(payload))
-    capture.close()
     decoded = [cloud for _, cloud in velodyne_decoder.read_pcap(str(tmp_path / "one.pcap"), as_pcl_structs=True)]
     points = np.concatenate([np.column_stack([cloud[axis] for axis in "xyz"]) for cloud in decoded])
     ring = np.concatenate([cloud["ring"] for cloud in decoded])

@@ -8,7 +8,7 @@ import pytest
 from apexcal.documents.simulation import Disturbances
 from tests.support.scenes.flawed_lidar import Mount
 from tests.workers.simulation.scans import azimuths_deg, elevations_deg, ranges, scanned
-from workers.simulation.lidar import BOARD, GROUND, PERSON, POLE, SECOND_PERSON, SPECKLE, WALL
+from workers.simulation.beams import BOARD, GROUND, PERSON, POLE, SECOND_PERSON, SPECKLE, WALL
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS
 from workers.simulation.walker import BOARD_EDGES_M

@@ -7,8 +7,9 @@ import numpy as np
 from apexcal.documents.simulation import Disturbances
 from tests.support.scenes.flawed_lidar import FlawedLidar
 from tests.support.scenes.held_board import HeldWalk
-from workers.simulation.lidar import BOARD, SENSORS, with_rings
+from workers.simulation.beams import BOARD
 from workers.simulation.scene import WALKER_REGION, scene_with
+from workers.simulation.sensors import SENSORS, with_rings
 from workers.simulation.walker import BOARD_EDGES_M
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed

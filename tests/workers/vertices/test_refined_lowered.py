@@ -8,8 +8,8 @@ import pytest
 from benchmarks.detection.walks import looked_at
 from tests.support.scenes.flawed_lidar import FlawedLidar
 from tests.support.scenes.held_board import BoardHold, HeldWalk
-from workers.simulation.lidar import SENSORS
 from workers.simulation.scene import WALKER_REGION, scene_with
+from workers.simulation.sensors import SENSORS
 from workers.simulation.walker import BOARD_EDGES_M
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region

@@ -6,7 +6,7 @@ import pytest
 from tests.support.scenes.flawed_lidar import Flaws
 from tests.workers.vertices.refined_walks import walk
 from tests.workers.vertices.sweeps import row, sweep
-from workers.simulation.lidar import SENSORS
+from workers.simulation.sensors import SENSORS
 from workers.vertices.range_image import open_window
 from workers.vertices.sensor_grid import learn_grid
 

@@ -8,8 +8,9 @@ from apexcal.documents.errors import InputError
 from apexcal.documents.simulation import Disturbances
 from tests.support.scenes.drawn import draw_street
 from tests.support.scenes.flawed_lidar import FlawedLidar, Mount
-from workers.simulation.lidar import BOARD, PERSON, SENSORS
+from workers.simulation.beams import BOARD, PERSON
 from workers.simulation.scene import scene_with
+from workers.simulation.sensors import SENSORS
 from workers.simulation.walker import Walk
 from workers.vertices.region import Region
 from workers.vertices.suggestion import suggest

@@ -2,56 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Final, Protocol
 
 from apexcal.documents.readings import ReadOptions
-from workers.readers.recording import LidarFacts, Sweep
+from workers.readers.captures.packet_clock import PacketClock
+from workers.readers.recording import LidarFacts, Sweep, TimeSource
 
 SAMPLE_PACKETS: Final = 5000
 # The columns of every sweep that is made from packets.
 FIELDS: Final = "x y z intensity ring time"
+_CLOCK_SET: Final = "times the sensor's clock and the host's were set against each other"
 
 # (host's stamp in nanoseconds, payload)
 Packet = tuple[int, bytes]
 
 
-class SweepCutter(Protocol):
-    """Takes the packets of one sensor in recorded order and gives its sweeps."""
+class SweepCutter:
+    """Takes the packets of one sensor in recorded order and gives its sweeps.
+
+    Args:
+        clock: tells when a packet was measured.
+        time_source: of the sweeps.
+        where: names the sensor in messages.
+    """
+
+    def __init__(self, clock: PacketClock, time_source: TimeSource, where: str) -> None:
+        self._clock, self._where = clock, where
+        self._time_source: TimeSource = time_source
+        self._counts: Counter[str] = Counter()  # of packets, by the sentence that says what was wrong with them
 
     def add(self, host_ns: int, data: bytes) -> Sweep | None:
         """Take one packet; the sweep that it ends, where it does."""
-        ...
+        raise NotImplementedError
 
     def finish(self) -> Sweep | None:
         """What is left when the packets have ended: the last sweep, mostly partial."""
-        ...
+        raise NotImplementedError
 
     def warnings(self) -> list[str]:
         """Sentences about what was met while reading."""
-        ...
+        counts = {**self._counts, _CLOCK_SET: self._clock.jumps}
+        return [f"{self._where}: {count} {sentence}." for sentence, count in counts.items() if count]
 
 
-class PacketStream(Protocol):
-    """What holds for all packets of one sensor."""
+@dataclass(frozen=True, slots=True)
+class PacketStream:
+    """What holds for all packets of one sensor.
 
-    @property
-    def title(self) -> str:
-        """The sensor as its maker calls it."""
-        ...
+    Attributes:
+        title: the sensor as its maker calls it.
+        facts: what holds for the whole recording.
+        cutter: makes what cuts the sensor's packets, from the first one on.
+    """
 
-    @property
-    def sweep_ns(self) -> int:
-        """Duration of a turn."""
-        ...
+    title: str
+    facts: LidarFacts
+    cutter: Callable[[], SweepCutter]
 
-    def facts(self, options: ReadOptions) -> LidarFacts:
-        """What holds for the whole recording."""
-        ...
 
-    def cutter(self, options: ReadOptions) -> SweepCutter:
-        """Cut the sensor's packets, from the first one on."""
-        ...
+def packet_facts(ring_count: int, sweep_ns: int, notes: Sequence[str], options: ReadOptions) -> LidarFacts:
+    """The facts of a sensor whose packets say when each point was measured; stamps are starts of sweeps."""
+    source = "stamp_only" if options.point_times == "stamp_only" else "per_point"
+    return LidarFacts(ring_count, sweep_ns, "start", source, tuple(notes))
 
 
 class PacketSource(Protocol):

@@ -58,7 +58,6 @@ class PcapRecording(Recording):
             VelodyneSource(),
             *(OusterSource(read_metadata(data, name)) for name, data in (metadata or {}).items()),
         ]
-        self._options = options
         self._capture = CaptureFile(path)
         self._cutters: dict[str, SweepCutter] = {}
         self._strangers: Counter[str] = Counter()
@@ -72,7 +71,14 @@ class PcapRecording(Recording):
             self._keys[key]: self._of_sender[key].learn(sample, options, self._keys[key])
             for key, sample in overview.packets.items()
         }
-        self._other_topics = [
+        self.sensors = [
+            Sensor(
+                *("lidar", name, "", None),
+                {"fields": FIELDS, "model": stream.title, "rate_hz": f"{1e9 / stream.facts.sweep_ns:.3g}"},
+            )
+            for name, stream in self._streams.items()
+        ]
+        self.other_topics = [
             f"UDP {endpoint(sender, port)} ({size} bytes)" for sender, port, size in sorted(overview.others)[:_FEW]
         ]
 
@@ -143,25 +149,6 @@ class PcapRecording(Recording):
         )
 
     @property
-    def sensors(self) -> Sequence[Sensor]:
-        """Every sensor that sends at the beginning of the capture."""
-        return [
-            Sensor(
-                "lidar",
-                name,
-                "",
-                None,
-                {"fields": FIELDS, "model": stream.title, "rate_hz": f"{1e9 / stream.sweep_ns:.3g}"},
-            )
-            for name, stream in self._streams.items()
-        ]
-
-    @property
-    def other_topics(self) -> Sequence[str]:
-        """Other UDP traffic."""
-        return self._other_topics
-
-    @property
     def share_read(self) -> float:
         """Share of the file that has been read."""
         return min(1.0, self._capture.position / max(1, self._capture.size))
@@ -184,12 +171,12 @@ class PcapRecording(Recording):
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned from the beginning of the capture."""
-        return self._streams[sensor.name].facts(self._options)
+        return self._streams[sensor.name].facts
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """All chosen sensors in one pass, each sweep when it is whole."""
         chosen = {sensor.name: sensor for sensor in sensors}
-        cutters: dict[str, SweepCutter] = {name: self._streams[name].cutter(self._options) for name in chosen}
+        cutters: dict[str, SweepCutter] = {name: self._streams[name].cutter() for name in chosen}
         self._cutters |= cutters
         self._strangers.clear()
         by_sender = {

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from workers.readers.copying.edits import EditCounts, Edits
 from workers.readers.copying.rosbag1_copy import copy_rosbag1
 from workers.readers.copying.rosbag2_copy import copy_file, copy_folder
-from workers.readers.detect import HEAD_BYTES
+from workers.readers.detect import MCAP, ROSBAG1, SQLITE, read_head
 from workers.readers.output import bytes_written
 from workers.readers.recording import ReadError
 from workers.readers.trees.folder import look_into
 from workers.readers.trees.open_tree import open_tree
-
-_BAG: Final = b"#ROSBAG V2.0\n"
-_STORAGE: Final = (b"SQLite format 3\0", b"\x89MCAP0\r\n")
 
 
 def copy_recording(
@@ -38,12 +35,11 @@ def copy_recording(
 def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> tuple[Path, EditCounts]:
     if path.is_dir():
         return copy_folder(path, out, edits, on_done)
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
-    if head.startswith(_BAG):
+    head = read_head(path)
+    if head.startswith(ROSBAG1):
         copy = out.with_name(f"{out.name}.bag")
         return copy, copy_rosbag1(path, copy, edits, on_done)
-    if head.startswith(_STORAGE):
+    if head.startswith((SQLITE, MCAP)):
         return copy_file(path, out, edits, on_done)
     with closing(open_tree(path)) as tree:
         contents = look_into(tree)
@@ -51,14 +47,9 @@ def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None
         if len(sources) != 1 or contents.series:
             raise _refused(path, "holds not one bag but several files of sensors")
         inner = tree.on_disk(sources[0])
-        if not inner.is_dir() and not _is_bag(inner):
+        if not inner.is_dir() and not read_head(inner).startswith((ROSBAG1, SQLITE, MCAP)):
             raise _refused(path, "holds no bag and no MCAP file")
         return _copied(inner, out, edits, on_done)
-
-
-def _is_bag(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(HEAD_BYTES).startswith((_BAG, *_STORAGE))
 
 
 def _refused(path: Path, why: str) -> ReadError:

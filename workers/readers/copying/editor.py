@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from workers.readers.copying.edits import CameraEdit, EditCounts, Edits
-from workers.readers.copying.messages import Messages, head_of_message, ros1_types
+from workers.readers.copying.messages import Messages, ros1_types
 from workers.readers.recording import ReadError
 from workers.readers.ros.camera_info import match_infos, without_transport
 from workers.readers.ros.containers import Container
@@ -99,7 +99,10 @@ class Editor:
         self._messages = {encoding: Messages(encoding) for encoding in ("ros1", "cdr")}
         self._static = {name for name, topic in topics.items() if is_static_transforms(topic)}
         self._moving = {name for name, topic in topics.items() if _is_moving(topic)}
-        here = [camera for camera in edits.cameras if self._encodings.get(camera.topic) in self._messages]
+        has_ros = [camera for camera in edits.cameras if self._encodings.get(camera.topic) in self._messages]
+        decoders = {camera.topic: container.decoder(topics[camera.topic]) for camera in has_ros}
+        self._decoders = {topic: decoder for topic, decoder in decoders.items() if decoder}
+        here = [camera for camera in has_ros if camera.topic in self._decoders]
         cameras = {camera.topic: camera for camera in here}
         self._found_topics = set(cameras)
         self._infos = _infos_of(container, cameras)
@@ -174,9 +177,10 @@ class Editor:
             return []
         camera, name = self._new_infos[topic]
         encoding = self._encodings[topic]
-        stamp_ns, frame_id = head_of_message(encoding, raw)
+        image = self._decoders[topic](raw)
         self._count(name)
-        return [Added(name, log_ns, self._messages[encoding].new_info(camera, stamp_ns, frame_id or camera.frame_id))]
+        frame_id = image.frame_id or camera.frame_id
+        return [Added(name, log_ns, self._messages[encoding].new_info(camera, image.stamp_ns, frame_id))]
 
     def _count(self, topic: str) -> None:
         self.counts.added += 1

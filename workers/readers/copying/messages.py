@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, Final
@@ -112,17 +111,3 @@ def _lens(camera: CameraEdit) -> tuple[Any, ...]:
 def plain(frame: str) -> str:
     """A frame's name as tf2 compares it: without the slash of older versions."""
     return frame.removeprefix("/")
-
-
-def head_of_message(encoding: str, raw: bytes | memoryview) -> tuple[int, str]:
-    """Stamp (nanoseconds) and frame of a message that begins with a header.
-
-    Raises:
-        struct.error, UnicodeDecodeError: it is too short, or none.
-    """
-    if encoding == "ros1":
-        sec, nanosec, length = struct.unpack_from("<III", raw, 4)
-        return sec * 1_000_000_000 + nanosec, bytes(raw[16 : 16 + length]).decode()
-    order = "<" if raw[1] & 1 else ">"
-    sec, nanosec, length = struct.unpack_from(f"{order}iII", raw, 4)
-    return sec * 1_000_000_000 + nanosec, bytes(raw[16 : 16 + max(0, length - 1)]).decode()

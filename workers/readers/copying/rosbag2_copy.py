@@ -14,11 +14,11 @@ from workers.readers.copying.edits import EditCounts, Edits
 from workers.readers.copying.mcap_copy import copy_mcap
 from workers.readers.copying.sqlite_copy import copy_sqlite
 from workers.readers.damage import damage
+from workers.readers.detect import MCAP, read_head
 from workers.readers.output import create
 from workers.readers.ros.rosbag2 import METADATA, bag_files, read_metadata, unpacked_file
 from workers.readers.trees.scratch import Scratch
 
-_MCAP: Final = b"\x89MCAP0\r\n"
 _INFORMATION: Final = "rosbag2_bagfile_information"
 
 OnDone = Callable[[float], None]
@@ -64,8 +64,7 @@ def _copy_one(
     path: Path, out: Path, edits: Edits, scratch: Scratch, is_first: bool, on_done: OnDone
 ) -> tuple[Path, Editor]:
     path = unpacked_file(path, scratch)
-    with path.open("rb") as file:
-        is_mcap = file.read(len(_MCAP)) == _MCAP
+    is_mcap = read_head(path).startswith(MCAP)
     target = out.with_name(f"{out.name}.{'mcap' if is_mcap else 'db3'}")
     copy = copy_mcap if is_mcap else copy_sqlite
     return target, copy(path, target, edits, is_first, on_done)

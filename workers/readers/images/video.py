@@ -21,7 +21,7 @@ from workers.readers.images.headers import MAX_PIXELS, check_size
 from workers.readers.images.video_times import FrameTimes, VideoClock
 from workers.readers.output import video_is_decoded
 from workers.readers.progress import beat
-from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
+from workers.readers.recording import Frame, ReadError, Recording, Sensor, Sweep
 
 # On frames of 1920 x 1208 pixels 8 ms and 0.9 MB, 1.6 grey levels RMS off what the video holds; as PNG they take
 # 75 ms and 4 MB. What the video's own compression cost is not undone by either.
@@ -76,7 +76,7 @@ class VideoRecording(Recording):
                 self._table.check_count(count, self._name)
             begin_ns = start_ns if start_ns is not None else options.camera_start_ns
             self._clock = VideoClock.of(stream, self._table, begin_ns, _created(container, stream), self._name)
-            self._sensor = Sensor("camera", self._name, "", count, self._notes(container, stream))
+            self.sensors = [Sensor("camera", self._name, "", count, self._notes(container, stream))]
         self._announced = count
         self._share = 0.0
 
@@ -99,11 +99,6 @@ class VideoRecording(Recording):
         }
 
     @property
-    def sensors(self) -> Sequence[Sensor]:
-        """The one camera."""
-        return [self._sensor]
-
-    @property
     def warnings(self) -> list[str]:
         """Sentences about the times and about what was missing."""
         return [*self._clock.warnings, *self._warnings]
@@ -112,14 +107,6 @@ class VideoRecording(Recording):
     def share_read(self) -> float | None:
         """Share of the file's bytes up to the packet that was decoded last."""
         return self._share
-
-    def lidar_facts(self, sensor: Sensor) -> LidarFacts:
-        """There is no LiDAR in a video.
-
-        Raises:
-            ReadError: ``no_sweeps``.
-        """
-        raise ReadError("no_sweeps", f"{sensor.name} is a video and holds no sweeps.", "Add the LiDAR's recording.")
 
     def frames(self, sensor: Sensor) -> Iterator[Frame]:
         """The frames in the order in which they are shown."""

@@ -18,9 +18,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
 from workers.readers.bounded import ExpandsError, decompress_lz4, decompress_zstd
+from workers.readers.detect import MCAP
 
-MAGIC: Final = b"\x89MCAP0\r\n"
-FOOTER_BYTES: Final = 9 + 20 + len(MAGIC)
+FOOTER_BYTES: Final = 9 + 20 + len(MCAP)
 # One message is all that a chunk must hold; no sensor's is larger.
 MAX_CHUNK_BYTES: Final = 160 * 1024**2
 HEAD: Final = struct.Struct("<BQ")

@@ -33,7 +33,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from workers.readers.mcap_io.records import CHUNK, HEAD, MAGIC, MESSAGE, chunk_head
+from workers.readers.detect import MCAP
+from workers.readers.mcap_io.records import CHUNK, HEAD, MESSAGE, chunk_head
 from workers.readers.output import create
 
 Part = bytes | bytearray | memoryview
@@ -91,7 +92,7 @@ class McapSummary:
         text += serialised(*offsets)
         crc = zlib.crc32(text + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_at))
         footer = Footer(summary_crc=crc, summary_offset_start=offsets_at, summary_start=start)
-        return text + serialised(footer) + MAGIC
+        return text + serialised(footer) + MCAP
 
 
 class McapWriter:
@@ -119,7 +120,7 @@ class McapWriter:
         self._entries: dict[int, array[int]] = {}  # of each channel: log times and offsets in the chunk
         self._ends = array("q")  # of each message, in the chunk
         self._size = 0
-        self._file.write(MAGIC)
+        self._file.write(MCAP)
         if profile is not None:
             self._file.write(serialised(Header(profile=profile, library="apexcal")))
 

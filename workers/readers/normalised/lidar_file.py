@@ -15,12 +15,13 @@ from mcap.records import ChunkIndex
 from numpy.typing import NDArray
 
 from workers.readers.damage import on_error
+from workers.readers.mcap_io.records import CHUNK, HEAD, MESSAGE
 from workers.readers.normalised.cdr import POINT_CLOUD_SCHEMA, PointLayout
 from workers.readers.recording import ReadError, StampConvention, Sweep, TimeSource
 
 METADATA_NAME: Final = "apexcal"
-_CHUNK_HEAD: Final = 1 + 8 + 8 + 8 + 8 + 4  # opcode, length, start, end, uncompressed size, crc
-_MESSAGE_HEAD: Final = 1 + 8 + 2 + 4 + 8 + 8  # opcode, length, channel, sequence, log time, publish time
+# What the file keeps of `LidarFacts`.
+FACTS: Final = ("time_source", "stamp_convention", "ring_count", "sweep_ns")
 
 
 def _broken(path: Path, why: str) -> ReadError:
@@ -124,7 +125,7 @@ class LidarFile:
         chunk = self._chunk(int(self._chunk_of[index]))
         start = int(self._places[index])
         (length,) = struct.unpack_from("<Q", chunk, start + 1)
-        message = memoryview(chunk)[start + _MESSAGE_HEAD : start + 9 + length]
+        message = memoryview(chunk)[start + HEAD.size + MESSAGE.size : start + HEAD.size + length]
         if self._layout is None:
             self._layout = PointLayout.of(message)
         return self._layout.decode(message, self.time_source)
@@ -150,7 +151,7 @@ class LidarFile:
     def _chunk(self, number: int) -> bytes:
         if self._open_chunk[0] != number:
             chunk = self._chunks[number]
-            self._file.seek(chunk.chunk_start_offset + _CHUNK_HEAD + 4 + len(chunk.compression) + 8)
+            self._file.seek(chunk.chunk_start_offset + HEAD.size + CHUNK.size + len(chunk.compression) + 8)
             data = self._file.read(chunk.compressed_size)
             if len(data) != chunk.compressed_size:
                 raise _broken(self.path, f"it ends inside the chunk at byte {chunk.chunk_start_offset}")

@@ -55,12 +55,7 @@ class _Lidar:
 
     def finish(self, out_dir: Path) -> tuple[SensorManifest, list[str]]:
         facts = self.facts
-        self.writer.finish(
-            time_source=facts.time_source,
-            stamp_convention=facts.stamp_convention,
-            ring_count=facts.ring_count,
-            sweep_ns=facts.sweep_ns,
-        )
+        self.writer.finish(facts)
         stamps = _stamps(self.stamps, self.sensor)
         report = report_stamps(stamps, "lidar")
         points = np.array(self.points, np.int64)[report.order]
@@ -87,7 +82,6 @@ class _Camera:
         self.writer = CameraWriter(out_dir / f"camera-{name}.mcap", sensor.name, sensor.frame_id)
         self.stamps = array("q")
         self.rows: list[tuple[str, int, int]] = []  # media type, width and height; mostly one object
-        self.transcoded = 0
         self.transcodings: list[str] = []
 
     def add(self, item: Sweep | Frame) -> None:
@@ -96,7 +90,6 @@ class _Camera:
         self.stamps.append(item.stamp_ns)
         row = (item.media_type, item.width, item.height)
         self.rows.append(self.rows[-1] if self.rows and self.rows[-1] == row else row)
-        self.transcoded += item.transcoded
         if item.transcoding and item.transcoding not in self.transcodings:
             self.transcodings.append(item.transcoding)
 
@@ -117,7 +110,7 @@ class _Camera:
         sizes = [FrameSize(*size, n) for size, n in Counter(row[1:] for row in self.rows).most_common(100)]
         manifest = replace(
             _described(self.name, self.sensor, self.writer.path.name, f"camera-{self.name}.frames.json", report),
-            transcoded=self.transcoded > 0,
+            transcoded=bool(self.transcodings),
             width=table.width[0],
             height=table.height[0],
             sizes=sizes,

@@ -23,23 +23,14 @@ class Container:
     Attributes:
         format: name of the file format.
         size: bytes.
+        topics: in the order of the file.
+        warnings: sentences about what was met when it was opened.
     """
 
     format: str
     size: int
-
-    def __init__(self) -> None:
-        self._warnings: list[str] = []
-
-    @property
-    def warnings(self) -> list[str]:
-        """Sentences about what was met."""
-        return self._warnings
-
-    @property
-    def topics(self) -> Sequence[BagTopic]:
-        """Topics in the order of the file."""
-        raise NotImplementedError
+    topics: Sequence[BagTopic]
+    warnings: list[str]
 
     @property
     def share_read(self) -> float | None:
@@ -96,29 +87,19 @@ class SplitContainer(Container):
     def __init__(
         self, files: Sequence[Container], warnings: Sequence[str] = (), after: ExitStack | None = None
     ) -> None:
-        super().__init__()
         self._files = files
-        self._missing = warnings
         self._after = after or ExitStack()
         self._index = 0
         self.format = files[0].format
         self.size = sum(file.size for file in files)
-
-    @property
-    def warnings(self) -> list[str]:
-        """Sentences about missing files, and those of the files, each once."""
-        return list(dict.fromkeys([*self._missing, *(line for file in self._files for line in file.warnings)]))
-
-    @property
-    def topics(self) -> Sequence[BagTopic]:
-        """The topics of all files, with their counts added."""
+        self.warnings = list(dict.fromkeys([*warnings, *(line for file in files for line in file.warnings)]))
         topics: dict[str, BagTopic] = {}
-        for topic in (topic for file in self._files for topic in file.topics):
+        for topic in (topic for file in files for topic in file.topics):
             before = topics.setdefault(topic.name, topic)
             if before is not topic and before.count is not None:
                 count = None if topic.count is None else before.count + topic.count
                 topics[topic.name] = replace(before, count=count)
-        return list(topics.values())
+        self.topics = list(topics.values())
 
     @property
     def share_read(self) -> float | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from array import array
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 
 from workers.readers.damage import damage, on_error
+from workers.readers.detect import MCAP
 from workers.readers.mcap_io.records import (
     FOOTER_BYTES,
     HEAD,
-    MAGIC,
     MAX_CHUNK_BYTES,
     ChunkPlace,
     McapContents,
@@ -42,6 +42,7 @@ from workers.readers.ros.containers import Container, spread
 from workers.readers.ros.topic_messages import BagTopic
 
 _TIMES: Final = 64
+_CONTENT: Final = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
 _CHANNEL: Final = struct.Struct("<H")
 _SUMMARY_BYTES: Final = 64 * 1024**2
 _HINT: Final = "Copy or upload the file again; `mcap doctor` says what is wrong, `mcap recover` saves the rest."
@@ -59,8 +60,8 @@ class McapBag(Container):
     format = "mcap"
 
     def __init__(self, path: Path) -> None:
-        super().__init__()
         self._path = path
+        self.warnings = []
         self.size = path.stat().st_size
         self._position = 0
         self._ended = False
@@ -76,6 +77,7 @@ class McapBag(Container):
                     f"{path.name} is an MCAP file of {self.size} bytes without any channel.",
                     "Copy or upload the file again; look at what recorded it.",
                 )
+        self.topics = self._topics()
 
     @contextmanager
     def damage(self) -> Generator[None]:
@@ -86,11 +88,11 @@ class McapBag(Container):
 
     def _summary(self) -> McapContents | None:
         """What the summary says; None where it is missing, damaged, or does not say where messages are."""
-        if self.size < len(MAGIC) + FOOTER_BYTES:
+        if self.size < len(MCAP) + FOOTER_BYTES:
             return None
         self.file.seek(self.size - FOOTER_BYTES)
         tail = self.file.read(FOOTER_BYTES)
-        if tail[-len(MAGIC) :] != MAGIC or tail[0] != Opcode.FOOTER:
+        if tail[-len(MCAP) :] != MCAP or tail[0] != Opcode.FOOTER:
             return None
         start, _, checksum = struct.unpack_from("<QQI", tail, HEAD.size)
         length = self.size - FOOTER_BYTES - start
@@ -100,7 +102,7 @@ class McapBag(Container):
         text = self.file.read(length)
         contents = McapContents()
         try:
-            if checksum and zlib.crc32(text + tail[: -len(MAGIC) - 4]) != checksum:
+            if checksum and zlib.crc32(text + tail[: -len(MCAP) - 4]) != checksum:
                 raise RecordError("it does not have its checksum")
             for kind, body in records(memoryview(text)):
                 contents.take(kind, body)
@@ -109,7 +111,7 @@ class McapBag(Container):
                 if not fits or self._record_at(chunk.start) != (Opcode.CHUNK, chunk.length - HEAD.size):
                     raise RecordError(f"it names a chunk at byte {chunk.start}, where there is none")
         except (RecordError, McapError, struct.error, ValueError):
-            self._warnings.append(f"The index of {self._path.name} is damaged; the file was read through instead.")
+            self.warnings.append(f"The index of {self._path.name} is damaged; the file was read through instead.")
             return None
         return contents if contents.channels and contents.chunks else None
 
@@ -123,20 +125,18 @@ class McapBag(Container):
     def _look_through(self) -> McapContents:
         contents = McapContents()
         for offset, kind, size in self.walk():
+            present: set[int] = set()
+            for inner, part in self._records(kind, size) if kind in _CONTENT else ():
+                if inner == Opcode.MESSAGE:
+                    present.add(contents.count(part))
+                elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    contents.take(inner, part)
             if kind == Opcode.CHUNK:
-                present: set[int] = set()
-                for inner, part in records(unpacked_chunk(self.body(size))):
-                    if inner == Opcode.MESSAGE:
-                        present.add(contents.count(part))
-                    elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
-                        contents.take(inner, part)
-                contents.chunks.append(ChunkPlace(offset, 9 + size, frozenset(present)))
-            elif kind == Opcode.MESSAGE:
-                self._loose.setdefault(contents.count(self.body(size)), array("q")).append(offset)
-            elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
-                contents.take(kind, self.body(size))
+                contents.chunks.append(ChunkPlace(offset, HEAD.size + size, frozenset(present)))
+            for number in present if kind == Opcode.MESSAGE else ():
+                self._loose.setdefault(number, array("q")).append(offset)
         if not self._ended:
-            self._warnings.append(
+            self.warnings.append(
                 f"{self._path.name} ends without its index, as when recording is interrupted; the messages up to "
                 f"byte {self._position} of {self.size} were read."
             )
@@ -145,7 +145,7 @@ class McapBag(Container):
 
     def walk(self) -> Iterator[tuple[int, int, int]]:
         """(place, kind, size) of the records of the data section, the file standing at each one's body."""
-        offset = len(MAGIC)
+        offset = len(MCAP)
         self._ended = False
         while (head := self._record_at(offset)) is not None:
             beat()
@@ -166,9 +166,12 @@ class McapBag(Container):
             raise RecordError(f"a record claims {size} bytes; at most {MAX_CHUNK_BYTES} are read")
         return memoryview(self.file.read(size))
 
-    @property
-    def topics(self) -> Sequence[BagTopic]:
-        """Topics in the order of the file."""
+    def _records(self, kind: int, size: int) -> Iterable[tuple[int, memoryview]]:
+        """The records of the chunk at which the file stands, or the one record that is no chunk."""
+        body = self.body(size)
+        return records(unpacked_chunk(body)) if kind == Opcode.CHUNK else ((kind, body),)
+
+    def _topics(self) -> Sequence[BagTopic]:
         by_name: dict[str, BagTopic] = {}
         for channel in self.contents.channels.values():
             count = self.contents.counts.get(channel.id)
@@ -199,44 +202,26 @@ class McapBag(Container):
             for offset, kind, size in self.walk():
                 if kind not in (Opcode.CHUNK, Opcode.MESSAGE) or offset in skip:
                     continue
-                body = self.body(size)
-                parts = records(unpacked_chunk(body)) if kind == Opcode.CHUNK else ((kind, body),)
-                for inner, part in parts:
+                for inner, part in self._records(kind, size):
                     if inner == Opcode.MESSAGE and struct.unpack_from("<H", part)[0] in numbers:
                         number, log_ns, data = message_of(part)
                         yield numbers[number], log_ns, data
 
     def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
-        """See :class:`Container`."""
+        """See :class:`Container`. Of chunks spread over the file a few messages each; else of messages outside."""
         numbers = self._numbers([name])
+        chunks = [c.start for c in self.contents.chunks if not c.channels or not c.channels.isdisjoint(numbers)]
+        loose = sorted(offset for number in numbers for offset in self._loose.get(number, ()))
+        chosen = spread(loose or chunks, count)
         with self.damage():
-            loose = sorted(offset for number in numbers for offset in self._loose.get(number, ()))
-            chunks = [c for c in self.contents.chunks if not c.channels or not c.channels.isdisjoint(numbers)]
-            yield from self._loose_samples(loose, count)
-            yield from self._chunk_samples(chunks, numbers, 0 if loose else count)
-
-    def _loose_samples(self, places: Sequence[int], count: int) -> Iterator[tuple[int, bytes]]:
-        for offset in spread(places, count):
-            _, log_ns, data = message_of(self._body_at(offset, Opcode.MESSAGE))
-            yield log_ns, data
-
-    def _chunk_samples(
-        self, chunks: Sequence[ChunkPlace], numbers: Collection[int], count: int
-    ) -> Iterator[tuple[int, bytes]]:
-        """Of chunks spread over the file a few messages each, so many that they are enough altogether."""
-        chosen = spread(chunks, count)
-        for number, chunk in enumerate(chosen):
-            parts = records(unpacked_chunk(self._body_at(chunk.start, Opcode.CHUNK)))
-            messages = (message_of(part) for kind, part in parts if kind == Opcode.MESSAGE)
-            ours = ((log_ns, data) for channel, log_ns, data in messages if channel in numbers)
-            share = (number + 1) * count // len(chosen) - number * count // len(chosen)
-            yield from islice(ours, share)
-
-    def _body_at(self, offset: int, kind: int) -> memoryview:
-        head = self._record_at(offset)
-        if head is None or head[0] != kind:
-            raise RecordError(f"there is no record of kind {kind} at byte {offset} any more")
-        return self.body(head[1])
+            for number, offset in enumerate(chosen):
+                head = self._record_at(offset)
+                if head is None or head[0] != (Opcode.MESSAGE if loose else Opcode.CHUNK):
+                    raise RecordError(f"there is no message at byte {offset} any more")
+                messages = (message_of(part) for kind, part in self._records(*head) if kind == Opcode.MESSAGE)
+                ours = ((log_ns, data) for channel, log_ns, data in messages if channel in numbers)
+                share = (number + 1) * count // len(chosen) - number * count // len(chosen)
+                yield from islice(ours, share)
 
     def times(self, name: str) -> NDArray[np.int64]:
         """See :class:`Container`."""

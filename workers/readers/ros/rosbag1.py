@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -17,13 +17,13 @@ from rosbags.serde import SerdeError
 
 from apexcal.documents.readings import ReadOptions
 from workers.readers.damage import damage, on_error
+from workers.readers.detect import ROSBAG1
 from workers.readers.progress import beat
 from workers.readers.recording import ReadError
 from workers.readers.ros.containers import Container, spread
 from workers.readers.ros.topic_messages import BagTopic
 from workers.readers.ros.topics import TopicRecording
 
-_MAGIC: Final = b"#ROSBAG V2.0\n"
 _WHAT: Final = "a ROS 1 bag"
 _HINT: Final = "Try `rosbag check` and `rosbag reindex` on it; if they fail too, record or copy it again."
 
@@ -60,9 +60,9 @@ class Rosbag1Bag(Container):
     format = "rosbag1"
 
     def __init__(self, path: Path) -> None:
-        super().__init__()
         _check_ends(path)
         self._path = path
+        self.warnings = []
         self.size = path.stat().st_size
         self.reader = _Reader(path)
         self._connections: dict[str, list[Connection]] = {}
@@ -71,6 +71,13 @@ class Rosbag1Bag(Container):
             for connection in self.reader.connections:
                 self._connections.setdefault(connection.topic, []).append(connection)
             self._check_index()
+        self.topics = [
+            BagTopic(
+                *(name, connections[0].msgtype, "ros1", connections[0].msgdef.data, "ros1msg"),
+                sum(connection.msgcount for connection in connections),
+            )
+            for name, connections in self._connections.items()
+        ]
 
     def _check_index(self) -> None:
         """Refuse an index that names a message twice: a small bag would be read without end.
@@ -81,21 +88,6 @@ class Rosbag1Bag(Container):
         for entries in self.reader.indexes.values():
             if len({(entry.chunk_pos, entry.offset) for entry in entries}) < len(entries):
                 raise ReaderError("its index names the same message more than once")
-
-    @property
-    def topics(self) -> Sequence[BagTopic]:
-        """Topics in the bag's order."""
-        return [
-            BagTopic(
-                name,
-                connections[0].msgtype,
-                "ros1",
-                connections[0].msgdef.data,
-                "ros1msg",
-                sum(c.msgcount for c in connections),
-            )
-            for name, connections in self._connections.items()
-        ]
 
     @contextmanager
     def damage(self) -> Generator[None]:
@@ -147,9 +139,9 @@ def _check_ends(path: Path) -> None:
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(8192)
-    offset = head.find(b"index_pos=", len(_MAGIC))
+    offset = head.find(b"index_pos=", len(ROSBAG1))
     if offset < 0 or offset + 18 > len(head):
-        if size < 4096 + len(_MAGIC):
+        if size < 4096 + len(ROSBAG1):
             raise _truncated(path, f"it ends after {size} bytes, inside its first record")
         raise _damaged(path, "its first record has no index_pos")
     (index_at,) = struct.unpack_from("<Q", head, offset + 10)

@@ -8,6 +8,7 @@ from pathlib import Path, PurePath
 from typing import Any, Final, cast
 
 from apexcal.documents.readings import ReadOptions
+from workers.readers.detect import MCAP, SQLITE, read_head
 from workers.readers.recording import ReadError
 from workers.readers.ros.containers import Container, SplitContainer
 from workers.readers.ros.topics import TopicRecording
@@ -17,8 +18,6 @@ METADATA: Final = "metadata.yaml"
 _METADATA_BYTES: Final = 2_000_000
 _MAX_FILES: Final = 10_000
 _ENDS: Final = (".db3", ".mcap")
-_SQLITE: Final = b"SQLite format 3\0"
-_MCAP: Final = b"\x89MCAP0\r\n"
 
 
 class Rosbag2Recording(TopicRecording):
@@ -35,21 +34,18 @@ class Rosbag2Recording(TopicRecording):
 
 def unpacked_file(path: Path, scratch: Scratch) -> Path:
     """One file of a bag, decompressed where it is packed as a whole."""
-    with path.open("rb") as file:
-        head = file.read(16)
-    if packing_of(head) == "zstd":
+    if packing_of(read_head(path)) == "zstd":
         return scratch.unpack(path, "zstd", path.name.removesuffix(".zstd") + ".unpacked")
     return path
 
 
 def _open_file(path: Path, scratch: Scratch) -> Container:
     path = unpacked_file(path, scratch)
-    with path.open("rb") as file:
-        head = file.read(16)
+    head = read_head(path)
     # Each needs a library of its own, so the module is loaded when its format is met.
-    if head.startswith(_MCAP):
+    if head.startswith(MCAP):
         return cast(Container, import_module("workers.readers.ros.mcap_bag").McapBag(path))
-    if head.startswith(_SQLITE):
+    if head.startswith(SQLITE):
         return cast(Container, import_module("workers.readers.ros.sqlite_bag").SqliteBag(path))
     raise ReadError(
         "not_a_recording",
@@ -68,10 +64,7 @@ def _open_folder(path: Path) -> Container:
         for file in bag_files(path, warnings):
             files.append(_open_file(file, scratch))
             stack.callback(files[-1].close)
-        stack.pop_all()
-    after = ExitStack()
-    after.callback(scratch.close)
-    return SplitContainer(files, warnings, after)
+        return SplitContainer(files, warnings, stack.pop_all())
 
 
 def bag_files(path: Path, warnings: list[str]) -> list[Path]:
@@ -80,7 +73,8 @@ def bag_files(path: Path, warnings: list[str]) -> list[Path]:
     Raises:
         ReadError: ``bag_incomplete``.
     """
-    names = _named_in(path / METADATA)
+    # A list of lists could stand for itself a million times over.
+    names = [name for name in read_metadata(path / METADATA)["relative_file_paths"] if isinstance(name, str)]
     there = [file for file in sorted(path.iterdir()) if file.is_file() and not file.is_symlink()]
     storage_files = [file for file in there if PurePath(file.name.removesuffix(".zstd")).suffix in _ENDS]
     files: list[Path] = []
@@ -103,11 +97,6 @@ def bag_files(path: Path, warnings: list[str]) -> list[Path]:
             "Upload the whole folder of the bag.",
         )
     return files
-
-
-def _named_in(metadata: Path) -> list[str]:
-    # A list of lists could stand for itself a million times over.
-    return [name for name in read_metadata(metadata)["relative_file_paths"] if isinstance(name, str)]
 
 
 def read_metadata(metadata: Path) -> dict[str, Any]:

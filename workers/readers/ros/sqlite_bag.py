@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from array import array
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -37,13 +37,13 @@ class SqliteBag(Container):
     format = "rosbag2_sqlite3"
 
     def __init__(self, path: Path) -> None:
-        super().__init__()
         self._path = path
+        self.warnings = []
         self.size = path.stat().st_size
         with self.damage():
             self.file = SqliteFile(path)
         with on_error(self.file.close), self.damage():
-            self.ids, self._topics = self._read_topics()
+            self.ids, self.topics = self._read_topics()
 
     @contextmanager
     def damage(self) -> Generator[None]:
@@ -103,15 +103,10 @@ class SqliteBag(Container):
         while ids and doubtful <= self.file.page_bytes:
             doubtful += sizes.pop()
             ids.pop()
-        self._warnings.append(
+        self.warnings.append(
             f"{self._path.name} is cut short, as when recording is interrupted; {len(ids)} messages were read."
         )
         return ids[-1] if ids else 0
-
-    @property
-    def topics(self) -> Sequence[BagTopic]:
-        """Topics in the order of their ids."""
-        return self._topics
 
     def _rows(self, columns: str, names: Collection[str], end: str = "") -> Iterator[tuple[Any, ...]]:
         """Yield rows of these topics' messages in recorded order, which is the order of their ids."""

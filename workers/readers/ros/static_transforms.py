@@ -85,14 +85,10 @@ def _described(container: Container, topic: BagTopic, warnings: list[str]) -> li
 
 def _stated(container: Container, topic: BagTopic) -> list[StaticTransform]:
     read = message_reader(topic)
-    transforms: list[StaticTransform] = []
     with damage(topic.name, "a topic of fixed transforms", "Look at who publishes it.", SerdeError):
-        for _, raw in container.samples(topic.name, _MESSAGES):
-            for message in read(raw).transforms:
-                transform = _transform(message)
-                if transform is not None:
-                    transforms.append(transform)
-    return transforms
+        messages = (read(raw) for _, raw in container.samples(topic.name, _MESSAGES))
+        stated = [_transform(transform) for message in messages for transform in message.transforms]
+    return [transform for transform in stated if transform]
 
 
 def _transform(stamped: Any) -> StaticTransform | None:

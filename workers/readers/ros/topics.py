@@ -24,7 +24,6 @@ from workers.readers.ros.containers import Container, SplitContainer
 from workers.readers.ros.packet_topics import is_stampless, packet_source, stamped_packets
 from workers.readers.ros.static_transforms import static_transforms
 from workers.readers.ros.topic_messages import (
-    BagTopic,
     CameraInfo,
     CloudMessage,
     Decoder,
@@ -70,18 +69,21 @@ class TopicRecording(Recording):
         self._videos: dict[str, MessageVideo] = {}
         self._stampless: set[str] = set()
         self._decoders: dict[str, Decoder] = {}
-        self._other_topics: list[str] = []
         self._sentences: list[str] = []
         with on_error(container.close):
-            self._sensors = self._find_sensors()
+            self.sensors, self.other_topics = self._find_sensors()
 
-    def _find_sensors(self) -> list[Sensor]:
+    def _find_sensors(self) -> tuple[list[Sensor], list[str]]:
+        """The topics that are a LiDAR's or a camera's, and the remaining ones with their types."""
         sensors: list[Sensor] = []
+        others: list[str] = []
         infos: dict[str, CameraInfo] = {}
         for topic in self._container.topics[:_MAX_TOPICS]:
             try:
                 decoder = self._container.decoder(topic)
-                first = None if decoder is None else self._first(topic, decoder)
+                first = None
+                if decoder is not None:
+                    first = next((decoder(raw) for _, raw in self._container.samples(topic.name, 1)), None)
                 if isinstance(first, PacketMessage):
                     source = packet_source(self._container, topic, first)
                     decoder = decoder if source else None
@@ -89,32 +91,17 @@ class TopicRecording(Recording):
             except ReadError as error:
                 if error.code not in _OWN:
                     raise
-                self._other_topics.append(f"{described(topic)}: {error.message}")
+                others.append(f"{described(topic)}: {error.message}")
                 continue
             if decoder is None or isinstance(first, CameraInfo) or (first is None and topic.type.endswith(_INFOS)):
-                self._other_topics.append(described(topic))
+                others.append(described(topic))
                 if isinstance(first, CameraInfo):
                     infos[topic.name] = first
                 continue
             self._decoders[topic.name] = decoder
             sensors.append(topic_sensor(topic, first))
         matched = match_infos({s.name: s.frame_id for s in sensors if s.kind == "camera"}, infos)
-        return [_with_info(s, matched.get(s.name)) if s.kind == "camera" else s for s in sensors]
-
-    def _first(self, topic: BagTopic, decoder: Decoder) -> Message | None:
-        for _, raw in self._container.samples(topic.name, 1):
-            return decoder(raw)
-        return None
-
-    @property
-    def sensors(self) -> Sequence[Sensor]:
-        """Every topic that is a LiDAR's or a camera's, in the file's order."""
-        return self._sensors
-
-    @property
-    def other_topics(self) -> Sequence[str]:
-        """The remaining topics with their types."""
-        return self._other_topics
+        return [_with_info(s, matched.get(s.name)) if s.kind == "camera" else s for s in sensors], others
 
     @property
     def static_transforms(self) -> Sequence[StaticTransform]:
@@ -142,8 +129,8 @@ class TopicRecording(Recording):
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned of a LiDAR from sweeps spread over the file, or from its first packets."""
-        if self._is_packets(sensor):
-            return self._stream(sensor).facts(self._options)
+        if sensor.name in self._sources:
+            return self._stream(sensor).facts
         return self._model(sensor).facts
 
     def log_times(self, sensor: Sensor) -> NDArray[np.int64]:
@@ -156,9 +143,6 @@ class TopicRecording(Recording):
             stamp_ns = self._decoders[sensor.name](raw).stamp_ns
             if stamp_ns:
                 yield log_ns, stamp_ns
-
-    def _is_packets(self, sensor: Sensor) -> bool:
-        return sensor.name in self._sources
 
     def _model(self, sensor: Sensor) -> CloudModel:
         if sensor.name not in self._models:
@@ -200,8 +184,8 @@ class TopicRecording(Recording):
         self._videos.clear()
         self._cutters.clear()
         for sensor in sensors:  # what is not usable is said before anything is read
-            if self._is_packets(sensor):
-                self._cutters[sensor.name] = self._stream(sensor).cutter(self._options)
+            if sensor.name in self._sources:
+                self._cutters[sensor.name] = self._stream(sensor).cutter()
             elif sensor.kind == "lidar":
                 self._model(sensor)
         for name, log_ns, raw in self._container.messages(by_name) if by_name else ():

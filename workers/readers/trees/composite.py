@@ -42,7 +42,8 @@ class Composite(Recording):
         self._recordings = [part.recording for part in parts]
         self.format = "+".join(sorted({recording.format for recording in self._recordings}))
         self._inner: dict[str, tuple[Recording, Sensor]] = {}
-        self._sensors: list[Sensor] = []
+        self.other_topics = [topic for recording in self._recordings for topic in recording.other_topics]
+        sensors: list[Sensor] = []
         names = Counter(_name(part, sensor) for part in parts for sensor in part.recording.sensors)
         for part in parts:
             for sensor in part.recording.sensors:
@@ -55,12 +56,8 @@ class Composite(Recording):
                         "Rename one of the files, or put them into folders of their own.",
                     )
                 self._inner[unique] = (part.recording, sensor)
-                self._sensors.append(replace(sensor, name=unique))
-
-    @property
-    def sensors(self) -> Sequence[Sensor]:
-        """Those of all parts."""
-        return self._sensors
+                sensors.append(replace(sensor, name=unique))
+        self.sensors = sensors
 
     @property
     def static_transforms(self) -> Sequence[StaticTransform]:
@@ -73,11 +70,6 @@ class Composite(Recording):
     def warnings(self) -> list[str]:
         """Those of all parts."""
         return [line for part in self._recordings for line in part.warnings]
-
-    @property
-    def other_topics(self) -> Sequence[str]:
-        """What the parts hold besides."""
-        return [topic for part in self._recordings for topic in part.other_topics]
 
     @property
     def share_read(self) -> float | None:

@@ -33,7 +33,7 @@ class FileSeries(Recording):
 
     def __init__(self, tree: FileTree, series: Series, tables: Mapping[str, bytes], options: ReadOptions) -> None:
         self._tree, self._series, self._tables, self._options = tree, series, tables, options
-        self._sensor = Sensor(series.kind, series.name, "", len(series.paths), self._notes())
+        self.sensors = [Sensor(series.kind, series.name, "", len(series.paths), self._notes())]
 
     def _notes(self) -> dict[str, str]:
         """What the first file tells: the fields of a cloud, the size of an image."""
@@ -46,11 +46,6 @@ class FileSeries(Recording):
         except ReadError:  # raised again if this sensor is the one that is read
             return notes
         return notes | {"width": str(frame.width), "height": str(frame.height)}
-
-    @property
-    def sensors(self) -> Sequence[Sensor]:
-        """The one sensor."""
-        return [self._sensor]
 
     @property
     def warnings(self) -> list[str]:

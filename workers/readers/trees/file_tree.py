@@ -10,21 +10,13 @@ import os
 from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path, PurePosixPath
-from typing import IO, Final, Protocol
+from typing import IO, Final
 
 from workers.readers.recording import ReadError
-from workers.readers.trees.scratch import Scratch
+from workers.readers.trees.scratch import Scratch, Stream
 
 MAX_FILES: Final = 1_000_000
 MAX_FILE_BYTES: Final = 512 * 1024 * 1024
-
-
-class Stream(Protocol):
-    """Bytes of one file, from its beginning."""
-
-    def read(self, size: int = -1, /) -> bytes: ...
-
-    def close(self) -> None: ...
 
 
 class FileTree:

@@ -12,7 +12,7 @@ from typing import Final
 from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.ouster.metadata import METADATA_BYTES, is_ouster_metadata
 from workers.readers.captures.pcap import PcapRecording
-from workers.readers.detect import HEAD_BYTES, TREE, FileFormat, format_of
+from workers.readers.detect import HEAD_BYTES, MCAP, SQLITE, TREE, FileFormat, format_of
 from workers.readers.recording import ReadError, Recording
 from workers.readers.trees.cloud_files import is_cloud_table
 from workers.readers.trees.composite import Composite, TreePart
@@ -32,7 +32,7 @@ from workers.readers.trees.open_tree import open_tree
 from workers.readers.trees.series import Series, find_series, is_sensor_file, stem_and_number
 
 _BAG_FOLDER: Final = "metadata.yaml"
-_BAG_FILES: Final = {".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
+_BAG_FILES: Final = {".db3": SQLITE, ".mcap": MCAP}
 _VIDEO: Final = "workers.readers.images.video"
 _CAPTURE: Final = "workers.readers.captures.pcap"
 _TIMES: Final = frozenset({CSV_NAME, KITTI_NAME, KITTI_STARTS, KITTI_ENDS})
@@ -71,29 +71,23 @@ class FolderRecording(Composite):
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._tree = open_tree(path)
-        self._others: list[str] = []
         self._warnings: list[str] = []
         parts: list[TreePart] = []
         try:
             contents = look_into(self._tree)
-            self._others = contents.others
             if not contents.sources and not contents.series:
                 raise _empty(self._tree, contents)
             _open_parts(self._tree, contents, options, parts, self._warnings)
             super().__init__(parts)
+            listed = [f"{path} (not read)" for path in contents.others[:_MAX_LISTED]]
+            if len(contents.others) > _MAX_LISTED:
+                listed.append(f"{len(contents.others) - _MAX_LISTED} more files (not read)")
+            self.other_topics = [*self.other_topics, *listed]
         except BaseException:
             for part in parts:
                 part.recording.close()
             self._tree.close()
             raise
-
-    @property
-    def other_topics(self) -> Sequence[str]:
-        """What the files in it hold besides, and the files that nobody reads."""
-        listed = [f"{path} (not read)" for path in self._others[:_MAX_LISTED]]
-        if len(self._others) > _MAX_LISTED:
-            listed.append(f"{len(self._others) - _MAX_LISTED} more files (not read)")
-        return [*super().other_topics, *listed]
 
     @property
     def warnings(self) -> list[str]:

@@ -10,6 +10,8 @@ import zlib
 from pathlib import Path
 from typing import IO, Final, Protocol, cast
 
+import zstandard
+
 from workers.readers.output import OutputLimitError, create
 from workers.readers.recording import ReadError
 
@@ -34,10 +36,12 @@ def expands_too_far(packed: int, unpacked: int) -> bool:
     return unpacked > MAX_UNPACKED_BYTES or unpacked > max(HARMLESS_BYTES, MAX_RATIO * packed)
 
 
-class Readable(Protocol):
-    """A source of bytes."""
+class Stream(Protocol):
+    """Bytes of one file, from its beginning."""
 
     def read(self, size: int = -1, /) -> bytes: ...
+
+    def close(self) -> None: ...
 
 
 class Scratch:
@@ -58,7 +62,7 @@ class Scratch:
             self._folder = tempfile.TemporaryDirectory(prefix="apexcal-unpacked-")
         return Path(self._folder.name)
 
-    def write(self, stream: Readable, relative: str, *, expanding: bool = True) -> Path:
+    def write(self, stream: Stream, relative: str, *, expanding: bool = True) -> Path:
         """Copy a stream to its end into a file.
 
         Args:
@@ -90,14 +94,8 @@ class Scratch:
         try:
             with file.open("rb") as packed, _decompressor(packed, packing) as stream:
                 return self.write(stream, relative)
-        except (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile) as error:
-            raise damaged_archive(self._name, str(error)) from error
-        except OSError as error:  # bz2 and gzip raise it without an errno; anything else is the disk's
-            if error.errno is not None:
-                raise
-            raise damaged_archive(self._name, str(error)) from error
-        except Exception as error:
-            if type(error).__name__ != "ZstdError":
+        except (EOFError, zlib.error, lzma.LZMAError, zstandard.ZstdError, OSError) as error:
+            if isinstance(error, OSError) and error.errno is not None:  # the disk's; bz2 and gzip state none
                 raise
             raise damaged_archive(self._name, str(error)) from error
 
@@ -115,8 +113,6 @@ def _decompressor(packed: IO[bytes], packing: str) -> IO[bytes]:
         return cast(IO[bytes], bz2.BZ2File(packed))
     if packing == "xz":
         return cast(IO[bytes], lzma.LZMAFile(packed))
-    import zstandard
-
     decompressor = zstandard.ZstdDecompressor(max_window_size=_WINDOW_BYTES)
     return cast(IO[bytes], decompressor.stream_reader(packed, read_across_frames=True))
 

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from workers.readers.damage import on_error
-from workers.readers.recording import ReadError
-from workers.readers.trees.file_tree import FileTree, FileWindow, Stream, check_tree, checked_path, refused, shortened
-from workers.readers.trees.scratch import Scratch, damaged_archive
+from workers.readers.trees.file_tree import FileTree, FileWindow, check_tree, checked_path, refused, shortened
+from workers.readers.trees.scratch import Scratch, Stream, damaged_archive
 
 
 class Tar(FileTree):
@@ -42,16 +41,17 @@ class Tar(FileTree):
                     self._take(member)
                     cast(Any, archive).members.clear()  # else the archive keeps every header
         except (tarfile.TarError, ValueError, OverflowError) as error:
-            raise self._truncated(f"it cannot be read to its end ({error})") from error
+            raise damaged_archive(self.name, f"it cannot be read to its end ({error})") from error
         except RecursionError as error:  # tarfile goes one call deeper with each
-            raise self._truncated("it has hundreds of extension headers in a row, and no file behind them") from error
+            raise damaged_archive(
+                self.name, "it has hundreds of extension headers in a row, and no file behind them"
+            ) from error
         # tarfile stops without a word at a broken header; a whole tar ends in blocks of zeros.
         self._file.seek(self._end)
         if self._file.read(512) != bytes(512):
-            raise self._truncated(f"behind byte {self._end} neither another file nor the end of the tar follows")
-
-    def _truncated(self, why: str) -> ReadError:
-        return damaged_archive(self.name, why)
+            raise damaged_archive(
+                self.name, f"behind byte {self._end} neither another file nor the end of the tar follows"
+            )
 
     def _take(self, member: tarfile.TarInfo) -> None:
         name = shortened(member.name)
@@ -64,7 +64,7 @@ class Tar(FileTree):
         if not member.isreg() or member.sparse is not None:
             raise refused(self.name, f"{name!r} is no ordinary file")
         if member.size < 0 or member.offset_data + member.size > self._size:
-            raise self._truncated(f"it ends at byte {self._size}, inside {name!r}")
+            raise damaged_archive(self.name, f"it ends at byte {self._size}, inside {name!r}")
         self._offsets[self._add(member.name, member.size)] = member.offset_data
 
     def open(self, path: str) -> Stream:

@@ -12,8 +12,8 @@ from typing import IO, Final
 
 from workers.readers.damage import on_error
 from workers.readers.recording import ReadError
-from workers.readers.trees.file_tree import FileTree, Stream, check_tree, checked_path, refused, shortened
-from workers.readers.trees.scratch import damaged_archive, expands_too_far, refused_expanding
+from workers.readers.trees.file_tree import FileTree, check_tree, checked_path, refused, shortened
+from workers.readers.trees.scratch import Stream, damaged_archive, expands_too_far, refused_expanding
 
 _PACKINGS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
 _LOCAL_HEADER: Final = 30  # bytes before a member's name and data

@@ -3,9 +3,9 @@ import pytest
 
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.mcap_files import CameraWriter, LidarWriter
-from workers.readers.recording import Frame, ReadError, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, Sweep
 
-FACTS = {"time_source": "per_point", "stamp_convention": "end", "ring_count": 16, "sweep_ns": 100_000_000}
+FACTS = LidarFacts(16, 100_000_000, "end", "per_point", ())
 
 
 def sweep(number, stamp_ns, n=3000):
@@ -24,7 +24,7 @@ def write(path, sweeps):
     writer = LidarWriter(path, "/points", "velodyne")
     for item in sweeps:
         writer.add(item)
-    writer.finish(**FACTS)
+    writer.finish(FACTS)
     return path
 
 

@@ -20,7 +20,7 @@ from workers.geometry.projection import project
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.mcap_files import LidarWriter
 from workers.readers.normalised.normalise import normalise
-from workers.readers.recording import Sweep
+from workers.readers.recording import LidarFacts, Sweep
 from workers.readers.viewing.viewer_file import write_viewer_file
 from workers.tasks.viewing import write_map
 
@@ -211,7 +211,7 @@ def peak(tmp_path, sweeps):
         at_ns = START_NS + n * 100_000_000
         xyz, ring = random.normal(0, 10, (30_000, 3)).astype(np.float32), np.zeros(30_000, np.uint16)
         writer.add(Sweep(at_ns, xyz, xyz[:, 0], ring, np.zeros(30_000, np.int64), "derived_from_azimuth"))
-    writer.finish(time_source="derived_from_azimuth", stamp_convention="start", ring_count=1, sweep_ns=10**8)
+    writer.finish(LidarFacts(1, 10**8, "start", "derived_from_azimuth", ()))
     request = {"view": {"lidar_frame": "velodyne", "cameras": [], "poses": [], "facts": {}}}
     command = [sys.executable, "-m", "workers.readers", str(out / "lidar.mcap"), str(out / "made")]
     done = subprocess.run([*command, "--request", json.dumps(request)], capture_output=True, text=True, check=True)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,45 +10,15 @@ from numpy.typing import NDArray
 
 from apexcal.documents.readings import ReadOptions
 from workers.readers.captures.ouster.metadata import OusterSensor
-from workers.readers.captures.packet_clock import HOUR_US, ClockFacts, learn_clock
-from workers.readers.captures.packets import Packet
-from workers.readers.recording import LidarFacts, ReadError, Sweep
+from workers.readers.captures.packet_clock import HOUR_US, PacketClock, learn_clock
+from workers.readers.captures.packets import Packet, PacketStream, SweepCutter, packet_facts
+from workers.readers.recording import ReadError, Sweep, TimeSource
 
 _FRAMES: Final = 1 << 16
 _LOST: Final = "packets were lost on the way (columns that no packet brought)"
 _DUPLICATE: Final = "packets came twice and were taken once"
 _OUT_OF_ORDER: Final = "packets came after those of the next turn and were left out"
 _STRANGE: Final = "packets hold columns that the sensor does not have and were left out"
-_CLOCK_SET: Final = "times the sensor's clock and the host's were set against each other"
-
-
-@dataclass(frozen=True, slots=True)
-class OusterStream:
-    """See :class:`workers.readers.captures.packets.PacketStream`."""
-
-    sensor: OusterSensor
-    clock_facts: ClockFacts
-    sweep_ns: int
-    where: str
-
-    @property
-    def title(self) -> str:
-        """The sensor as its maker calls it."""
-        return self.sensor.title
-
-    def facts(self, options: ReadOptions) -> LidarFacts:
-        """What holds for the whole recording."""
-        source = "stamp_only" if options.point_times == "stamp_only" else "per_point"
-        notes = (
-            f"{self.where}: an Ouster {self.sensor.title}, {len(self.sensor.ring)} rings; its own beam angles were "
-            "taken, and points stand in its sensor frame (x away from the connector).",
-            self.clock_facts.note,
-        )
-        return LidarFacts(len(self.sensor.ring), self.sweep_ns, "start", source, notes)
-
-    def cutter(self, options: ReadOptions) -> OusterCutter:
-        """Cut the sensor's packets, from the first one on."""
-        return OusterCutter(self, options)
 
 
 class OusterSource:
@@ -70,34 +38,40 @@ class OusterSource:
             return True
         return int.from_bytes(payload[sensor.serial_at : sensor.serial_at + 5], "little") == sensor.serial
 
-    def learn(self, sample: Sequence[Packet], options: ReadOptions, where: str) -> OusterStream:
+    def learn(self, sample: Sequence[Packet], options: ReadOptions, where: str) -> PacketStream:
         """Learn how the sensor's clock and the host's go together, and how fast it turns."""
         if not sample:
             raise ReadError("no_sweeps", f"{where} holds no packets.", "Record again, or choose another sensor.")
-        columns = np.frombuffer(b"".join(data for _, data in sample), self._sensor.packet)["columns"]
+        sensor = self._sensor
+        columns = np.frombuffer(b"".join(data for _, data in sample), sensor.packet)["columns"]
         moments = columns["t"].astype(np.int64)
         host_ns = np.array([at for at, _ in sample], np.int64)
-        facts = learn_clock(host_ns, moments[:, 0] // 1000 % HOUR_US, where)
-        step_ns = float(np.median(np.diff(moments, axis=1))) if moments.shape[1] > 1 else float(facts.packet_ns)
-        sweep_ns = round(1e9 / options.rate_hz) if options.rate_hz else round(step_ns * self._sensor.columns)
-        return OusterStream(self._sensor, facts, sweep_ns, where)
+        clock = learn_clock(host_ns, moments[:, 0] // 1000 % HOUR_US, where)
+        step_ns = float(np.median(np.diff(moments, axis=1))) if moments.shape[1] > 1 else float(clock.packet_ns)
+        sweep_ns = round(1e9 / options.rate_hz) if options.rate_hz else round(step_ns * sensor.columns)
+        note = (
+            f"{where}: an Ouster {sensor.title}, {len(sensor.ring)} rings; its own beam angles were taken, and "
+            "points stand in its sensor frame (x away from the connector)."
+        )
+        facts = packet_facts(len(sensor.ring), sweep_ns, (note, clock.note), options)
+        return PacketStream(
+            sensor.title, facts, lambda: OusterCutter(sensor, clock.clock(), facts.time_source, where)
+        )
 
 
-class OusterCutter:
+class OusterCutter(SweepCutter):
     """The sweeps of one sensor, as :class:`workers.readers.captures.packets.SweepCutter` says."""
 
-    def __init__(self, stream: OusterStream, options: ReadOptions) -> None:
-        self._stream = stream
-        self._stamp_only = options.point_times == "stamp_only"
-        self._clock = stream.clock_facts.clock()
+    def __init__(self, sensor: OusterSensor, clock: PacketClock, time_source: TimeSource, where: str) -> None:
+        super().__init__(clock, time_source, where)
+        self._sensor = sensor
         self._packets: list[Packet] = []
         self._numbers: set[int] = set()  # of the first columns of these packets
         self._frame = -1
-        self._counts: Counter[str] = Counter()
 
     def add(self, host_ns: int, data: bytes) -> Sweep | None:
         """Take one packet; the sweep that it ends, where it does."""
-        sensor = self._stream.sensor
+        sensor = self._sensor
         first = np.frombuffer(data, sensor.packet)["columns"][0, 0]
         number, frame = int(first["number"]), int.from_bytes(data[sensor.frame_at : sensor.frame_at + 2], "little")
         if number >= sensor.columns:
@@ -123,7 +97,7 @@ class OusterCutter:
         return self._sweep(packets) if packets else None
 
     def _sweep(self, packets: Sequence[Packet]) -> Sweep:
-        sensor = self._stream.sensor
+        sensor = self._sensor
         columns = np.frombuffer(b"".join(data for _, data in packets), sensor.packet)["columns"]
         moment = np.array([at for at, _ in packets], np.int64)
         at_ns = (moment[:, None] + (columns["t"] - columns["t"][:, :1]).astype(np.int64)).reshape(-1)
@@ -136,26 +110,21 @@ class OusterCutter:
         column, row = np.nonzero(range_mm)  # in the order of time
         far = range_mm[column, row].astype(np.float32)[:, None]
         number = columns["number"][column]
-        offset = np.zeros(len(column), np.int64) if self._stamp_only else at_ns[column] - stamp_ns
+        offset = at_ns[column] - stamp_ns if self._time_source == "per_point" else np.zeros(len(column), np.int64)
         return Sweep(
             stamp_ns=stamp_ns,
             xyz=(sensor.origin[row, number] + sensor.direction[row, number] * far).astype(np.float32, copy=False),
             intensity=reflectivity[column, row].astype(np.float32),
             ring=sensor.ring[row],
             offset_ns=offset,
-            time_source="stamp_only" if self._stamp_only else "per_point",
+            time_source=self._time_source,
         )
 
     def _lost(self, numbers: NDArray[np.uint16]) -> int:
         """Packets that are missing between the first and the last that came of this turn."""
-        in_packet = self._stream.sensor.packet["columns"].shape[0]
+        in_packet = self._sensor.packet["columns"].shape[0]
         firsts = np.sort(numbers[::in_packet].astype(int))
         return int(np.maximum(np.diff(firsts) // in_packet - 1, 0).sum())
-
-    def warnings(self) -> list[str]:
-        """Sentences about what was met while reading."""
-        counts = {**self._counts, _CLOCK_SET: self._clock.jumps}
-        return [f"{self._stream.where}: {count} {sentence}." for sentence, count in counts.items() if count]
 
 
 def pixel_values(sensor: OusterSensor, pixels: NDArray[np.uint8]) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:

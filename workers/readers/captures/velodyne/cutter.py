@@ -6,9 +6,7 @@ once, so that no point is in two sweeps and none is lost.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from itertools import pairwise
 from typing import Any, Final
@@ -17,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.readings import ReadOptions
-from workers.readers.captures.packets import Packet
+from workers.readers.captures.packets import Packet, PacketStream, SweepCutter, packet_facts
 from workers.readers.captures.velodyne.models import BLOCKS, DUAL, PACKET, is_data_packet
 from workers.readers.captures.velodyne.stream import TURN, TurnFacts, learn_turns
-from workers.readers.recording import LidarFacts, ReadError, Sweep
+from workers.readers.recording import ReadError, Sweep, TimeSource
 
 _BACK: Final = 1_000
 # Less than the time from one laser to the next, 1.2 us at least, and more than float32 seconds lose.
@@ -33,13 +31,13 @@ _DUPLICATE: Final = "packets came twice and were taken once"
 _OUT_OF_ORDER: Final = "packets came after later ones and were left out"
 _SPLIT: Final = "packets span the end of the field of view: their second part was not read"
 _UNFINISHED: Final = "times the sensor did not finish a turn in time; the sweep was cut all the same"
-_CLOCK_SET: Final = "times the sensor's clock and the host's were set against each other"
 
 
-class VelodyneCutter:
+class VelodyneCutter(SweepCutter):
     """The sweeps of one sensor, as :class:`workers.readers.captures.packets.SweepCutter` says."""
 
-    def __init__(self, stream: TurnFacts, options: ReadOptions, where: str) -> None:
+    def __init__(self, stream: TurnFacts, time_source: TimeSource, where: str) -> None:
+        super().__init__(stream.clock.clock(), time_source, where)
         velodyne: Any = import_module("velodyne_decoder")
         library: Any = import_module("velodyne_decoder.velodyne_decoder_pylib")
         self._time_pair: Any = library.TimePair
@@ -47,9 +45,6 @@ class VelodyneCutter:
         self._vector: Any = velodyne.PacketVector
         self._decoder: Any = velodyne.ScanDecoder(stream.decoding.config)
         self._stream = stream
-        self._where = where
-        self._stamp_only = options.point_times == "stamp_only"
-        self._clock = stream.clock.clock()
         self._usual = (0xEEFF,) * BLOCKS  # of most sensors, told faster than by the set
         self._held: list[Packet] = []
         self._lead: Packet | None = None  # the packet before the held ones
@@ -57,7 +52,6 @@ class VelodyneCutter:
         self._phase = -1  # azimuth from the seam, and moment, of the last firing cycle
         self._cycle_at = 0
         self._last_data = b""
-        self._counts: Counter[str] = Counter()  # of packets, by the sentence that says what was wrong with them
 
     def add(self, host_ns: int, data: bytes) -> Sweep | None:
         """Take one packet; the sweep that it ends, where it does."""
@@ -217,7 +211,7 @@ class VelodyneCutter:
 
     def _sweep(self, stamp_ns: int, base_ns: int, points: NDArray[np.void]) -> Sweep:
         offset: NDArray[np.int64] = np.zeros(len(points), np.int64)
-        if not self._stamp_only:
+        if self._time_source == "per_point":
             offset = np.rint(points["time"].astype(np.float64) * 1e9).astype(np.int64) + (base_ns - stamp_ns)
         # x, y, z are the first three floats of the 32 bytes of a point.
         coordinates = np.ascontiguousarray(points).view(np.float32).reshape(-1, 8)
@@ -230,41 +224,8 @@ class VelodyneCutter:
             intensity=points["intensity"].copy(),
             ring=points["ring"].astype(np.uint16),
             offset_ns=offset,
-            time_source="stamp_only" if self._stamp_only else "per_point",
+            time_source=self._time_source,
         )
-
-    def warnings(self) -> list[str]:
-        """Sentences about what was met while reading."""
-        counts = {**self._counts, _CLOCK_SET: self._clock.jumps}
-        return [f"{self._where}: {count} {sentence}." for sentence, count in counts.items() if count]
-
-
-@dataclass(frozen=True, slots=True)
-class VelodyneStream:
-    """See :class:`workers.readers.captures.packets.PacketStream`."""
-
-    turns: TurnFacts
-    where: str
-
-    @property
-    def title(self) -> str:
-        """The sensor as its maker calls it."""
-        return self.turns.decoding.model.title
-
-    @property
-    def sweep_ns(self) -> int:
-        """Duration of a turn."""
-        return self.turns.sweep_ns
-
-    def facts(self, options: ReadOptions) -> LidarFacts:
-        """What holds for the whole recording."""
-        source = "stamp_only" if options.point_times == "stamp_only" else "per_point"
-        rings = self.turns.decoding.model.rings
-        return LidarFacts(rings, self.turns.sweep_ns, "start", source, tuple(self.turns.notes))
-
-    def cutter(self, options: ReadOptions) -> VelodyneCutter:
-        """Cut the sensor's packets, from the first one on."""
-        return VelodyneCutter(self.turns, options, self.where)
 
 
 class VelodyneSource:
@@ -276,9 +237,12 @@ class VelodyneSource:
         """Whether a payload looks like the measurements of a Velodyne sensor."""
         return is_data_packet(payload)
 
-    def learn(self, sample: Sequence[Packet], options: ReadOptions, where: str) -> VelodyneStream:
+    def learn(self, sample: Sequence[Packet], options: ReadOptions, where: str) -> PacketStream:
         """Learn from the first packets of a sensor how all of them become sweeps."""
-        return VelodyneStream(learn_turns(sample, options, where), where)
+        turns = learn_turns(sample, options, where)
+        model = turns.decoding.model
+        facts = packet_facts(model.rings, turns.sweep_ns, turns.notes, options)
+        return PacketStream(model.title, facts, lambda: VelodyneCutter(turns, facts.time_source, where))
 
 
 def _kept(points: NDArray[np.void], keep: NDArray[np.bool_]) -> NDArray[np.void]:
