@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import inf, log, sqrt
+from math import exp, inf, log, sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -30,6 +30,8 @@ _LONGEST: Final = 1.0 / 8.0
 """Share of the walk for which errors may last: the fit's own parameters do what lasts longer."""
 _STARTS: Final = 4  # lengths of time to begin from
 _STEP: Final = 0.02  # of the logarithms, for second differences
+_UNTIL: Final = {"eps": 1e-6, "ftol": 1e-7}
+"""Of the logarithms, for first differences; and the share of a likelihood of some hundreds that ends the search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +57,15 @@ class Component:
     moments: Floats
     lasts: float = inf
 
+    def gaps(self, order: Indices) -> Floats:
+        """(N,) time of each pair since the one before it in that order (N,); inf if that one has another label."""
+        labels, gaps = self.labels[order], np.abs(np.diff(self.moments[order], prepend=0.0))
+        return np.where(np.diff(labels, prepend=labels[0] - 1) == 0, gaps, inf)
+
     def decay(self, order: Indices) -> Floats:
         """(N,) correlation of each pair with the one before it in that order (N,)."""
-        labels, gaps = self.labels[order], np.abs(np.diff(self.moments[order], prepend=0.0))
-        return np.where(np.diff(labels, prepend=labels[0] - 1) == 0, np.exp(-gaps / self.lasts), 0.0)
+        gaps = self.gaps(order)
+        return np.exp(-gaps / self.lasts) if self.lasts < inf else np.where(gaps < inf, 1.0, 0.0)
 
     def lasting(self, times: float) -> Component:
         """The same with so many times T."""
@@ -107,13 +114,13 @@ def shares_of(fit: Linearised, components: Sequence[Component], noise: float) ->
     shapes = np.concatenate([np.zeros((len(used), 2, 0)), *(each.shapes for each in components)], axis=2)[order]
     columns = np.repeat(np.arange(len(components)), [each.shapes.shape[2] for each in components])
     decays = np.array([each.decay(order) for each in components]).reshape(-1, len(used))
+    gaps = [components[k].gaps(order) for k in lasting]
 
     def unlikely(x: Floats) -> float:
-        for k, last in zip(lasting, x[count:].tolist(), strict=True):
-            decays[k] = components[k].lasting(float(np.exp(last)) / components[k].lasts).decay(order)
-        white = rows.copy()
-        log_det = _whiten(decays[columns], (np.exp(x[1:count]) / sizes)[columns], shapes, used[order], white)
-        return _unlikely(fit, white, log_det, float(x[0]), 2 * int(np.count_nonzero(used)))
+        for k, gap, last in zip(lasting, gaps, x[count:].tolist(), strict=True):
+            decays[k] = np.exp(-gap / exp(last))
+        variances = (np.exp(x[1:count]) / sizes)[columns]
+        return _unlikely(decays[columns], variances, shapes, used[order], rows, fit.prior, fit.pull, x[0])
 
     begin = np.log([0.7 * noise, *([0.3 / max(count - 1, 1)] * (count - 1))])
     starts = [
@@ -121,7 +128,8 @@ def shares_of(fit: Linearised, components: Sequence[Component], noise: float) ->
         for share in (np.arange(_STARTS) + 0.5) / _STARTS
     ]
     ends = np.log([(1e-10 * noise, 1e4 * noise), *([(_LEAST, _MOST)] * (count - 1)), *ranges])
-    best = _minimize(unlikely, min(starts if lasting else starts[:1], key=unlikely), method="L-BFGS-B", bounds=ends)
+    start = min(starts if lasting else starts[:1], key=unlikely)
+    best = _minimize(unlikely, start, method="L-BFGS-B", bounds=ends, options=_UNTIL)
     x = np.asarray(best.x, np.float64)
     free = np.flatnonzero((x > ends[:, 0] + _STEP) & (x < ends[:, 1] - _STEP))
     unsure = np.zeros((len(x), len(x)))
@@ -134,18 +142,6 @@ def shares_of(fit: Linearised, components: Sequence[Component], noise: float) ->
     for k, last in zip(lasting, x[count:].tolist(), strict=True):
         fitted[k] = components[k].lasting(float(np.exp(last)) / components[k].lasts)
     return Shares(-float(best.fun), float(np.exp(x[0])), tuple(fitted), variances, mixed @ unsure @ mixed.T)
-
-
-def _unlikely(fit: Linearised, white: Floats, log_det: float, log_noise: float, count: int) -> float:
-    """The restricted likelihood's negative logarithm: of the priors' part only what depends on the variances."""
-    flat = white.reshape(-1, white.shape[2])
-    G = flat.T @ flat / np.exp(log_noise)
-    values, vectors = np.linalg.eigh(G[:-1, :-1] + fit.prior)
-    determined = values > 1e-12 * values[-1]
-    along = vectors.T @ (G[:-1, -1] + fit.pull)
-    gained = float(np.sum(along[determined] ** 2 / values[determined]))
-    log_normal = float(np.sum(np.log(values[determined])))
-    return 0.5 * (count * log_noise + log_det + log_normal + float(G[-1, -1]) - gained)
 
 
 def _curvature(function: Callable[[Floats], float], x: Floats, free: Indices) -> Floats:
@@ -223,3 +219,46 @@ def _whiten(decays: Floats, variances: Floats, shapes: Floats, used: NDArray[np.
             for b in range(d):
                 P[a, b] -= gain[a, 0] * gain[b, 0] + gain[a, 1] * gain[b, 1]
     return log_det
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def _unlikely(
+    decays: Floats,
+    variances: Floats,
+    shapes: Floats,
+    used: NDArray[np.bool_],
+    rows: Floats,
+    prior: Floats,
+    pull: Floats,
+    log_noise: float,
+) -> float:
+    """The restricted likelihood's negative logarithm: of the priors' part only what depends on the variances."""
+    white = rows.copy()
+    log_det = _whiten(decays, variances, shapes, used, white)
+    F = len(pull)
+    G = np.zeros((F + 1, F + 1))
+    for row in white.reshape(-1, F + 1):
+        for a in range(F + 1):
+            for b in range(a + 1):
+                G[a, b] += row[a] * row[b]
+    G[:] = G / exp(log_noise)
+    total = 0.5 * (2.0 * np.count_nonzero(used) * log_noise + log_det + G[F, F])
+    # Cholesky's factor in place, without the parameters that nothing determines beside those before them.
+    for a in range(F):
+        G[F, a] += pull[a]
+        for b in range(a + 1):
+            G[a, b] += prior[a, b]
+    for a in range(F):
+        size = G[a, a]
+        for b in range(a):
+            G[a, a] -= G[a, b] * G[a, b]
+        is_determined = G[a, a] > 1e-12 * size
+        if is_determined:
+            G[a, a] = sqrt(G[a, a])
+            total += log(G[a, a])
+        for c in range(a + 1, F + 1):
+            for b in range(a):
+                G[c, a] -= G[c, b] * G[a, b]
+            G[c, a] = G[c, a] / G[a, a] if is_determined else 0.0
+        total -= 0.5 * G[F, a] * G[F, a]
+    return total
