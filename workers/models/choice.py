@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from apexcal.documents.summaries import Behind
-from workers.models.evidence import Evidence, Floats, Pairs, standard_error, weigh
+from workers.models.evidence import Evidence, Pairs, standard_error, weigh
 
 # Difference of log likelihoods below which models predict alike, and its standard error says little (Sivula,
 # Magnusson and Vehtari 2020).
@@ -139,7 +139,7 @@ def _by_fitted(models: Mapping[str, Candidate], area_px2: float) -> Choice:
     ranked = sorted(models, key=lambda name: (cost[name], models[name].parameters, name))
     alike = [name for name in ranked if cost[name] - cost[ranked[0]] < 2.0 * _ALIKE]
     chosen = min(alike, key=lambda name: _rank(models[name], cost[name], name))
-    means = {name: _mean(candidate.fitted.errors_px) for name, candidate in models.items()}
+    means = {name: float(candidate.fitted.errors_px.mean()) for name, candidate in models.items()}
     sentences = [
         f"{name} {means[name]:.2f} px with {models[name].free_parameters} free parameters" for name in ranked
     ]
@@ -148,7 +148,3 @@ def _by_fitted(models: Mapping[str, Candidate], area_px2: float) -> Choice:
         f"None were held out, so errors on the fitted pairs are weighed against the number of parameters: "
         f"{'; '.join(sentences)}. A larger model always looks better on the pairs that it was fitted to.",
     )
-
-
-def _mean(values: Floats) -> float:
-    return float(values.mean())

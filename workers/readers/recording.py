@@ -73,8 +73,8 @@ class Frame:
         stamp_ns: UTC nanoseconds.
         media_type: ``image/jpeg``, ``image/png`` or ``image/webp``.
         width, height: pixels, read from the header of ``data``.
-        transcoded: whether the bytes differ from those in the file.
-        transcoding: what was done to them, a sentence for the owner; the same for all frames that it was done to.
+        transcoding: what was done to the bytes in the file, a sentence for the owner; the same for all frames that it
+            was done to. Empty: nothing.
     """
 
     stamp_ns: int
@@ -82,7 +82,6 @@ class Frame:
     media_type: str
     width: int
     height: int
-    transcoded: bool = False
     transcoding: str = ""
 
 

@@ -15,14 +15,13 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag1 import Writer as Bag1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2
-from rosbags.typesys import Stores, get_typestore
 
 from apexcal.geometry.rotations import quaternion_from_rotation
 from apexcal.geometry.se3 import SE3
 from workers.readers.copying.edits import CameraEdit, PoseEdit
-from workers.readers.copying.messages import Messages, ros1_types
+from workers.readers.copying.messages import Messages
 from workers.readers.recording import Sweep
-from workers.readers.ros.ros_types import INFO, TRANSFORM
+from workers.readers.ros.ros_types import INFO, TRANSFORM, fixed_types
 from workers.simulation.render import encode_jpeg
 
 LIDAR_TOPIC = "/velodyne_points"
@@ -107,7 +106,7 @@ class BagWriter:
         self._frame_ids = {"lidar": lidar_frame, **{camera.name: camera.frame_id for camera in cameras}}
         self._sequence: Counter[str] = Counter()
         self._ros1 = kind == "bag"
-        self._types = get_typestore(Stores.ROS1_NOETIC if self._ros1 else Stores.ROS2_HUMBLE)
+        self._types = fixed_types("ros1" if self._ros1 else "cdr")
         self._bag: Any = Bag1(path) if self._ros1 else Bag2(path, version=9, storage_plugin=_PLUGINS[kind])
         self._bag.open()
         self._connections = {
@@ -144,9 +143,8 @@ class BagWriter:
         """One latched message of T_parent_child on ``/tf_static``, as robot_state_publisher sends."""
         turned = [(pose, quaternion_from_rotation(pose.R)) for pose in tree]
         poses = [PoseEdit(pose.to_frame, pose.from_frame, tuple(pose.t), tuple(turn), True) for pose, turn in turned]
-        types = ros1_types() if self._ros1 else self._types
         latched: dict[str, Any] = {"latching": 1} if self._ros1 else {"offered_qos_profiles": [_LATCHED]}
-        connection = self._bag.add_connection("/tf_static", TRANSFORM, typestore=types, **latched)
+        connection = self._bag.add_connection("/tf_static", TRANSFORM, typestore=self._types, **latched)
         self._bag.write(connection, stamp_ns, self._messages.new_poses(poses, stamp_ns))
 
     def write_picture(self, camera: str, picture: Picture, received_ns: int) -> None:

@@ -35,7 +35,7 @@ def nothing_stays(path, scratch):
 def test_every_message_is_read_in_order(tmp_path, scratch, name):
     path = FORMATS[name].write(tmp_path / "walk")
     recording, items, warnings = read(path)
-    sweeps, frames = sweeps_of(items), [one for one in frames_of(items) if not one.transcoded]
+    sweeps, frames = sweeps_of(items), [one for one in frames_of(items) if not one.transcoding]
     stamps = [item.stamp_ns for item in items]
     assert stamps == sorted(stamps) and warnings == [] and (recording.share_read or 1.0) > 0.5
     assert [sweep.stamp_ns for sweep in sweeps] == [START_NS + i * PERIOD_NS for i in range(COUNT)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from workers.readers.copying.edits import CameraEdit, EditCounts, Edits
-from workers.readers.copying.messages import Messages, ros1_types
+from workers.readers.copying.messages import Messages
 from workers.readers.recording import ReadError
 from workers.readers.ros.camera_info import match_infos, without_transport
 from workers.readers.ros.containers import Container
@@ -59,9 +59,8 @@ class NewTopic:
     @property
     def definition(self) -> str:
         """The text of its type's definition in its encoding's notation."""
-        if self.encoding == "ros1":
-            return ros1_types().generate_msgdef(self.type)[0]
-        return fixed_types("cdr").generate_msgdef(self.type, ros_version=2)[0]
+        version = 1 if self.encoding == "ros1" else 2
+        return fixed_types(self.encoding).generate_msgdef(self.type, ros_version=version)[0]
 
     @property
     def metadata(self) -> dict[str, str]:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from workers.readers.copying.edits import CameraEdit, PoseEdit
+from workers.readers.ros.camera_info import matrices_of
 from workers.readers.ros.ros_types import INFO, TRANSFORM, fixed_types
 
 _NO_TURN: Final = np.eye(3).reshape(-1)
@@ -39,9 +37,10 @@ class Messages:
         """
         info = self._read(raw, INFO)
         lens = _lens(camera)
-        if camera.is_rectified and info.p[0] and (np.any(info.d) or not np.array_equal(info.r, _NO_TURN)):
-            lens[-1][3] = info.p[3] * (lens[-1][0] / info.p[0])  # -f_x b of a stereo camera
-            lens = (*lens[:2], info.distortion_model, info.d, info.k, info.r, lens[-1])
+        d, k, r, p = matrices_of(info)
+        if camera.is_rectified and p[0] and (np.any(d) or not np.array_equal(r, _NO_TURN)):
+            lens[-1][3] = p[3] * (lens[-1][0] / p[0])  # -f_x b of a stereo camera
+            lens = (*lens[:2], info.distortion_model, d, k, r, lens[-1])
         message = self._make(INFO, info.header, *lens, info.binning_x, info.binning_y, info.roi)
         return self._written(message, INFO)
 
@@ -90,14 +89,6 @@ class Messages:
 
     def _written(self, message: Any, kind: str) -> bytes:
         return bytes(self._write(message, kind))
-
-
-@lru_cache(maxsize=1)
-def ros1_types() -> Typestore:
-    """Definitions as ROS 1 publishes them, whose checksums its nodes compare. They take half a second to load."""
-    types = get_typestore(Stores.ROS1_NOETIC)
-    types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", TRANSFORM))
-    return types
 
 
 def _lens(camera: CameraEdit) -> tuple[Any, ...]:

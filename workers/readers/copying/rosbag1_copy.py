@@ -12,8 +12,8 @@ from rosbags.rosbag1 import Writer
 
 from workers.readers.copying.editor import Added, Editor, NewTopic
 from workers.readers.copying.edits import EditCounts, Edits
-from workers.readers.copying.messages import ros1_types
 from workers.readers.output import create
+from workers.readers.ros.ros_types import fixed_types
 from workers.readers.ros.rosbag1 import Rosbag1Bag
 
 _LATCHED: Final = 1
@@ -86,4 +86,4 @@ def _connections(bag: Rosbag1Bag, writer: Writer) -> dict[int, Connection]:
 
 def _add(writer: Writer, topic: NewTopic) -> Connection:
     latching = _LATCHED if topic.latched else None
-    return writer.add_connection(topic.name, topic.type, typestore=ros1_types(), latching=latching)
+    return writer.add_connection(topic.name, topic.type, typestore=fixed_types("ros1"), latching=latching)

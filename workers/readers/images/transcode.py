@@ -173,7 +173,7 @@ def png_frame(image: Pixels, stamp_ns: int, where: str, sentence: str | None = N
         raise ReadError("image_damaged", f"{where} could not be encoded as PNG.", "Record it again.")
     height, width = image.shape[:2]
     data = encoded.tobytes() if deep is None else with_depth(encoded.tobytes(), deep)
-    return Frame(stamp_ns, data, "image/png", width, height, transcoded=True, transcoding=sentence)
+    return Frame(stamp_ns, data, "image/png", width, height, sentence)
 
 
 def _stretched(image: NDArray[np.uint16]) -> NDArray[np.uint8]:

@@ -226,7 +226,7 @@ def jpeg_frame(picture: VideoFrame, stamp_ns: int, where: str) -> Frame:
     if not done:
         raise ReadError("video_damaged", f"{where} holds a frame that is no JPEG.", "Record it again.")
     size = (picture.width, picture.height)
-    return Frame(stamp_ns, data.tobytes(), "image/jpeg", *size, transcoded=True, transcoding=_TRANSCODED)
+    return Frame(stamp_ns, data.tobytes(), "image/jpeg", *size, _TRANSCODED)
 
 
 def _reason(error: Exception) -> str:

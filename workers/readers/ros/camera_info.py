@@ -19,6 +19,12 @@ _RECTIFIED: Final = frozenset(("rect", "rectified", "undistorted"))
 _RAW: Final = ("image_color", "image_mono")
 
 
+def matrices_of(message: Any) -> tuple[Any, Any, Any, Any]:
+    """D, K, R and P of a message of intrinsics; ROS 2 has no names in capitals."""
+    d, k, r, p = (getattr(message, name) for name in ("DKRP" if hasattr(message, "K") else "dkrp"))
+    return d, k, r, p
+
+
 def camera_info(
     stamp_ns: int, frame_id: str, width: int, height: int, model: str, *dkrp: Sequence[float]
 ) -> CameraInfo:

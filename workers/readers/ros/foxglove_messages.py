@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from workers.readers.clouds.pointcloud2 import PointCloud2, PointField
-from workers.readers.ros.camera_info import camera_info
+from workers.readers.ros.camera_info import camera_info, matrices_of
 from workers.readers.ros.topic_messages import CloudMessage, EncodedImage, Message, RawImage, VideoMessage
 
 # foxglove.PackedElementField.NumericType to sensor_msgs/PointField's datatype: signed and unsigned are swapped.
@@ -46,9 +46,8 @@ def _raw(message: Any) -> Message:
 
 
 def _calibration(message: Any) -> Message:
-    names = "DKRP" if hasattr(message, "K") else "dkrp"  # ROS has no names in capitals
-    matrices = (getattr(message, name) for name in names)
-    return camera_info(*_head(message), message.width, message.height, message.distortion_model, *matrices)
+    size = (message.width, message.height)
+    return camera_info(*_head(message), *size, message.distortion_model, *matrices_of(message))
 
 
 FOXGLOVE_MESSAGES: Final[Mapping[str, Callable[[Any], Message]]] = {

@@ -9,8 +9,8 @@ from __future__ import annotations
 import struct
 import zlib
 from array import array
-from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -79,12 +79,10 @@ class McapBag(Container):
                 )
         self.topics = self._topics()
 
-    @contextmanager
-    def damage(self) -> Generator[None]:
+    def damage(self) -> AbstractContextManager[None]:
         """What libraries raise on damaged bytes becomes ``recording_damaged``."""
         kinds = (zstandard.ZstdError, SerdeError, RecordError, McapError)
-        with damage(self._path.name, "an MCAP file", _HINT, *kinds):
-            yield
+        return damage(self._path.name, "an MCAP file", _HINT, *kinds)
 
     def _summary(self) -> McapContents | None:
         """What the summary says; None where it is missing, damaged, or does not say where messages are."""

@@ -1,7 +1,7 @@
 """ROS messages of LiDARs and cameras, deserialised by rosbags.
 
-The types of ``sensor_msgs`` never change, so they stand here and a file's own definitions are not looked at. Those of
-``velodyne_msgs`` and ``foxglove_msgs`` are taken from the file where it carries them: the latter grow new fields.
+The types of ``sensor_msgs`` never change, so rosbags' own are taken and a file's definitions are not looked at. Those
+of ``velodyne_msgs`` and ``foxglove_msgs`` are taken from the file where it carries them: the latter grow new fields.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rosbags.typesys.store import Typestore
 from workers.readers.captures.velodyne.models import is_data_packet
 from workers.readers.clouds.pointcloud2 import PointCloud2, PointField
 from workers.readers.recording import ReadError
-from workers.readers.ros.camera_info import camera_info
+from workers.readers.ros.camera_info import camera_info, matrices_of
 from workers.readers.ros.foxglove_messages import FOXGLOVE_MESSAGES
 from workers.readers.ros.topic_messages import (
     BagTopic,
@@ -41,31 +41,12 @@ TEXT: Final = "std_msgs/msg/String"
 # By its name in ROS 2 and in ROS 1, and by that of tf before it.
 TRANSFORMS: Final = (TRANSFORM, "tf/msg/tfMessage")
 
+# Noetic's store has none of tf2.
+_TRANSFORM_TEXT: Final = "geometry_msgs/TransformStamped[] transforms\n"
 _STAMP: Final = "builtin_interfaces/Time timestamp\nstring frame_id\n"
 _NEXT: Final = "=" * 80 + "\n"
-_FIXED: Final[Mapping[str, str]] = {
-    CLOUD: "std_msgs/Header header\nuint32 height\nuint32 width\nsensor_msgs/PointField[] fields\nbool is_bigendian\n"
-    "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n",
-    "sensor_msgs/msg/PointField": "string name\nuint32 offset\nuint8 datatype\nuint32 count\n",
-    IMAGE: "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\n"
-    "uint8[] data\n",
-    COMPRESSED: "std_msgs/Header header\nstring format\nuint8[] data\n",
-    INFO: "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\n"
-    "float64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n",
-    "sensor_msgs/msg/RegionOfInterest": "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\n"
-    "bool do_rectify\n",
-    TEXT: "string data\n",
-    TRANSFORM: "geometry_msgs/TransformStamped[] transforms\n",
-    "geometry_msgs/msg/TransformStamped": "std_msgs/Header header\nstring child_frame_id\n"
-    "geometry_msgs/Transform transform\n",
-    "geometry_msgs/msg/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
-    "geometry_msgs/msg/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
-    "geometry_msgs/msg/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
-}
-_HEADERS: Final = {
-    "ros1": "uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
-    "cdr": "builtin_interfaces/Time stamp\nstring frame_id\n",
-}
+# Of these the types come that never change; a file's own definitions of them are not looked at.
+_STORES: Final = {"ros1": Stores.ROS1_NOETIC, "cdr": Stores.ROS2_HUMBLE}
 # Used where a file carries no definition of its own.
 _USUAL: Final[Mapping[str, str]] = {
     PACKETS: "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n"
@@ -74,12 +55,6 @@ _USUAL: Final[Mapping[str, str]] = {
     **dict.fromkeys(OUSTER_PACKETS, "uint8[] buf\n"),
     "foxglove_msgs/msg/PointCloud": _STAMP
     + "geometry_msgs/Pose pose\nuint32 point_stride\nfoxglove_msgs/PackedElementField[] fields\nuint8[] data\n"
-    + _NEXT
-    + "MSG: geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"
-    + _NEXT
-    + "MSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
-    + _NEXT
-    + "MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
     + _NEXT
     + "MSG: foxglove_msgs/PackedElementField\nstring name\nuint32 offset\nuint8 type\n",
     "foxglove_msgs/msg/CompressedImage": _STAMP + "uint8[] data\nstring format\n",
@@ -106,12 +81,11 @@ def ros_decoder(topic: BagTopic) -> Decoder | None:
     """
     name = full_name(topic.type)
     read = _READERS.get(name)
-    if read is None or topic.encoding not in _HEADERS:
+    if read is None or topic.encoding not in _STORES:
         return None
-    fixed = name in _FIXED
-    types = (
-        _store(topic.encoding) if fixed else _store(topic.encoding, name, topic.definition, topic.definition_format)
-    )
+    changes = name in _USUAL
+    own = (name, topic.definition, topic.definition_format) if changes else ()
+    types = _store(topic.encoding, *own)
     if topic.encoding == "ros1":
         return lambda raw: read(types.deserialize_ros1(raw, name))
     return lambda raw: read(types.deserialize_cdr(raw, name))
@@ -132,16 +106,14 @@ def message_reader(topic: BagTopic) -> Callable[[bytes], Any]:
 
 @lru_cache(maxsize=16)
 def _store(encoding: str, name: str = "", definition: str = "", form: str = "") -> Typestore:
-    """A type store that knows the fixed types and one more; rosbags' own take half a second to load.
+    """A type store that knows the fixed types and one more.
 
     Raises:
         ReadError: ``type_not_understood``.
     """
-    types = get_typestore(Stores.EMPTY)
-    texts = {"std_msgs/msg/Header": _HEADERS[encoding], **_FIXED}
-    definitions = _own(name, definition, form) if name else {}
-    for kind, text in texts.items():
-        definitions |= get_types_from_msg(text, kind)
+    types = get_typestore(_STORES[encoding])
+    definitions = get_types_from_msg(_TRANSFORM_TEXT, TRANSFORM)
+    definitions |= _own(name, definition, form) if name else {}
     types.register({kind: fields for kind, fields in definitions.items() if kind not in types.fielddefs})
     return types
 
@@ -189,8 +161,8 @@ def _read_compressed(message: Any) -> Message:
 
 
 def _read_info(message: Any) -> CameraInfo:
-    matrices = (message.d, message.k, message.r, message.p)
-    return camera_info(*_head(message), message.width, message.height, message.distortion_model, *matrices)
+    size = (message.width, message.height)
+    return camera_info(*_head(message), *size, message.distortion_model, *matrices_of(message))
 
 
 def _read_packets(message: Any) -> Message:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sqlite3
 from array import array
-from collections.abc import Collection, Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Final
 
@@ -45,22 +45,20 @@ class SqliteBag(Container):
         with on_error(self.file.close), self.damage():
             self.ids, self.topics = self._read_topics()
 
-    @contextmanager
-    def damage(self) -> Generator[None]:
+    def damage(self) -> AbstractContextManager[None]:
         """What libraries raise on damaged bytes becomes ``recording_damaged``."""
         kinds = (sqlite3.Error, SerdeError, zstandard.ZstdError)
-        with damage(self._path.name, "a ROS 2 bag in SQLite", _HINT, *kinds):
-            yield
+        return damage(self._path.name, "a ROS 2 bag in SQLite", _HINT, *kinds)
 
     def _read_topics(self) -> tuple[dict[str, list[int]], list[BagTopic]]:
-        if not {"topics", "messages"} <= self.file.tables:
+        if not {"topics", "messages"} <= self.file.columns.keys():
             raise ReadError(
                 "not_a_recording",
                 f"{self._path.name} is an SQLite file without the tables of a ROS 2 bag.",
                 "Upload the .db3 file that `ros2 bag record` wrote.",
             )
         definitions: dict[str, tuple[str, str]] = {}
-        if "message_definitions" in self.file.tables:
+        if "message_definitions" in self.file.columns:
             rows = self.file.rows("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
             definitions = {str(kind): (str(text), str(form)) for kind, form, text in rows}
         self.last = self._last_whole() if self.file.is_cut else _MAX_ID

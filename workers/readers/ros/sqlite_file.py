@@ -47,8 +47,7 @@ class SqliteFile:
     """Reads rows of ordinary tables.
 
     Attributes:
-        tables: names of the tables that may be read.
-        columns: of each table, the names of its columns.
+        columns: of each table that may be read, the names of its columns.
         most_rows: more than this the file has no room for.
         page_bytes: size of a page.
         is_cut: whether the file ends before its last page does. SQLite reads zeros for what is missing of a page.
@@ -80,7 +79,6 @@ class SqliteFile:
             for pragma in (*cut, "trusted_schema=OFF", "cell_size_check=ON", "query_only=ON", *memory):
                 self._db.execute(f"PRAGMA {pragma}")
             self.columns = self._ordinary_tables()
-            self.tables = frozenset(self.columns)
         self._db.set_authorizer(_permitted)
 
     def _overdue(self) -> bool:

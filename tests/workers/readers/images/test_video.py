@@ -38,7 +38,7 @@ def test_varying_times_and_b_frames_come_in_the_order_in_which_they_are_shown(tm
     assert numbers(frames) == list(range(COUNT))
     header = read_image_header(frames[3].data, "frame")
     assert (header.media_type, header.width, header.height) == ("image/jpeg", WIDTH, HEIGHT)
-    assert {(f.width, f.height, f.transcoded) for f in frames} == {(WIDTH, HEIGHT, True)}
+    assert {(f.width, f.height, bool(f.transcoding)) for f in frames} == {(WIDTH, HEIGHT, True)}
     assert "quality 95" in frames[0].transcoding
     (sensor,) = recording.sensors
     assert (sensor.kind, sensor.name, sensor.notes["width"]) == ("camera", f"camera.{suffix}", str(WIDTH))

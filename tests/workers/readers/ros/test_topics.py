@@ -32,7 +32,7 @@ def test_what_a_bag_says_of_its_sensors(tmp_path):
     assert camera.camera_info == LENS | STATED and camera.image_kind == "raw"
     assert (camera.notes["width"], camera.notes["height"]) == ("8", "6")
     assert recording.other_topics == [f"/front/camera_info ({INFO})"]
-    assert all(frame.transcoded for frame in frames_of(items)) and len(items) == 6
+    assert all(frame.transcoding for frame in frames_of(items)) and len(items) == 6
 
 
 def test_foxgloves_sensors(tmp_path):
@@ -43,7 +43,7 @@ def test_foxgloves_sensors(tmp_path):
         ("camera", "/left/image", "left"),
     }
     stated = {s.name: s.camera_info for s in recording.sensors}
-    assert stated["/left/image"] is None and sum(frame.transcoded for frame in frames_of(items)) == 3
+    assert stated["/left/image"] is None and sum(bool(frame.transcoding) for frame in frames_of(items)) == 3
     assert (stated["/front/image"]["model"], stated["/front/image"]["D"]) == ("kannala_brandt", [0.1, 0.2, 0.3, 0.4])
 
 
@@ -247,7 +247,7 @@ def test_video_in_messages(tmp_path):
     recording, frames, warnings = read(write_mcap(tmp_path / "a.mcap", video()))
     assert [(s.kind, s.name, s.frame_id, s.count) for s in recording.sensors] == [("camera", "/video", "camera", 6)]
     assert [f.stamp_ns for f in frames] == [START_NS + i * PERIOD_NS for i in range(6)] and warnings == []
-    assert {(f.media_type, f.width, f.height, f.transcoded) for f in frames} == {("image/jpeg", 64, 48, True)}
+    assert {(f.media_type, f.width, f.height, bool(f.transcoding)) for f in frames} == {("image/jpeg", 64, 48, True)}
     means = [cv2.imdecode(np.frombuffer(f.data, np.uint8), cv2.IMREAD_COLOR).mean() for f in frames]
     np.testing.assert_allclose(means, 20 + 30 * np.arange(6), atol=5)
     _, frames, warnings = read(write_mcap(tmp_path / "b.mcap", video(first=2)))  # without a key frame
