@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -31,6 +31,12 @@ _WALKED = (
     " But somebody walks in the recording. If it is a walk, upload it without --still. Then apexcal uses the track "
     "and the times of the points."
 )
+BoardCorner = Literal["tip", "upper-left", "upper-right"]
+_UPPER_CORNERS: dict[BoardCorner, dict[str, Any]] = {
+    "tip": {},
+    "upper-left": {"upper_corner": 1},
+    "upper-right": {"upper_corner": -1},
+}
 _EXAMPLES: dict[DetectorName, str] = {
     "refined": "max_sigma_deg=0.1",
     "tolerant": "min_points=10",
@@ -67,13 +73,14 @@ def detect(
     region: Path | None = None,
     detector: DetectorName = "refined",
     board: str = "",
+    corner: BoardCorner = "tip",
     option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE")] = None,
     offset_ms: float = 0.0,
     max_gap_ms: Annotated[float, typer.Option(min=0)] = 50.0,
     interpolate: Annotated[bool | None, typer.Option("--interpolate/--nearest", show_default=False)] = None,
     preview: Annotated[bool, typer.Option("--preview")] = False,
 ) -> Reply:
-    """Find the board's top vertex in every sweep, inside a region of interest.
+    """Find the board's tip, or an upper corner, in every sweep, inside a region of interest.
 
     Args:
         keep: Inequality that a point must meet, for example 'range < 9' or 'z / x > 0.2'; may be given
@@ -81,6 +88,8 @@ def detect(
         region: JSON file of a region, for trees with `or`.
         detector: How vertices are found; docs/detecting.md compares the detectors.
         board: Size of the board in metres, as 0.61x0.91 (refined).
+        corner: Which corner the vertex is: the tip of a board with a corner up, or, of a board with level edges, an
+            upper corner as the LiDAR sees it (refined, with --board).
         option: An option of the detector; several times.
         offset_ms: Camera clock minus LiDAR clock: added to a vertex's time before its frame is looked for.
         max_gap_ms: Largest gap between a vertex and its frame.
@@ -99,7 +108,9 @@ def detect(
             "--offset-ms and --max-gap-ms are finite numbers",
             "Both are in milliseconds, for example --offset-ms 12.5",
         )
-    options = _board(board, detector) | _options(option or [], detector)
+    if corner != "tip" and not board:
+        usage(f"--corner {corner} needs the board's size", "Give its two edges in metres, as --board 0.61x0.91")
+    options = _board(board, detector) | _UPPER_CORNERS[corner] | _options(option or [], detector)
     tree = read_region(region) if region else parse_region(keep or [])
     detections, of = session.client.detections, find_recording(session.client, recording)
     if of.state == "failed":
@@ -180,8 +191,14 @@ def _outcome(detection: DetectionView) -> str:
     return (
         f"The detection {detection.id} accepted {counts.accepted} of {counts.sweeps} sweeps"
         f"{f' ({quality})' if quality else ''}, {counts.paired} of them with a camera frame."
-        f"{_poses(detection)}{reasons}{_roll(counts.roll)}{_size(detection)}{_advice(detection)}"
+        f"{_corner(detection)}{_poses(detection)}{reasons}{_roll(counts.roll)}{_size(detection)}{_advice(detection)}"
     )
+
+
+def _corner(detection: DetectionView) -> str:
+    """Which corner people are to mark, if it is not the tip."""
+    upper = detection.options.get("upper_corner")
+    return f"\nEach vertex is the board's upper {'left' if upper > 0 else 'right'} corner." if upper else ""
 
 
 def _why(reason: str, sentences: Mapping[str, str]) -> str:

@@ -2,6 +2,10 @@
 
 ``top`` is the tip, the vertex of Algorithm 1. ``left`` and ``right`` are the ends of the two edges that fall from it,
 to the left and to the right as the LiDAR sees the board (z up). ``bottom`` is the corner opposite to the tip.
+
+On a board with level edges ``top`` is the upper corner that the detection's option ``upper_corner`` names. The other
+names go with its edges: of the upper left corner ``left`` is the lower left one and ``right`` the upper right one, of
+the upper right corner ``left`` is the upper left one and ``right`` the lower right one.
 """
 
 from __future__ import annotations

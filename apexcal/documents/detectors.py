@@ -77,6 +77,13 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
                 0.0, 0.0, 3.0, "one edge of the board in metres; 0: estimated from near sweeps"
             ),
             "board_height_m": NumberOption(0.0, 0.0, 3.0, "the other edge in metres; 0: estimated from near sweeps"),
+            "upper_corner": NumberOption(
+                0,
+                -1,
+                1,
+                "which corner the vertex is. 0: the tip, of a board with a corner up. Of a board with level edges 1: "
+                "the upper left corner, -1: the upper right one, as the LiDAR sees them; state the size with it",
+            ),
             "edge_growth_mrad": NumberOption(
                 -1.0,
                 -1.0,
@@ -109,15 +116,17 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "does that is held on its tip, leans by less than 35 degrees, and is turned by less than 60 degrees from "
             "the sensor",
             "upright_object": "an upright rectangle explains the rays as well as a board on its tip: a sign, a door, "
-            "the end of a wall, or a lowered board. Hold it on its tip. If this is a single pose or shorter than six "
-            "seconds, record a longer walk or several poses, or come closer",
+            "the end of a wall, or a lowered board. Hold it on its tip; if its edges are to be level, state the "
+            "corner to find (`--corner`). If this is a single pose or shorter than six seconds, record a longer walk "
+            "or several poses, or come closer",
             "like_a_person": "on the few rings that meet it, what looks like the board is no wider than a person, "
             "and the sweeps before and after show no wider board there: walk closer",
             "never_shown": "the near sweeps of this recording do not show a board, so this could be a person. State "
             "the board's size: then four rings that meet it are enough. With fewer rings, walk closer, and lower the "
             "board as little as possible",
             "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough: walk "
-            "closer, or state the board's size",
+            "closer, or state the board's size. Roll a board with level edges by 5 to 10 degrees: rings that cross "
+            "its upper edge tell how high it is",
             "off_the_track": "the vertex lies far off the path of the sweeps before and after, so it is no board",
         }
         | _STILL_POSES,
@@ -174,4 +183,10 @@ def resolve_options(detector: str, overrides: Mapping[str, Any] | None = None) -
                 f"Give {'an integer' if whole else 'a number'} from {option.minimum} to {option.maximum}.",
             )
         resolved[name] = value if whole else float(value)
+    if resolved.get("upper_corner") and not (resolved["board_width_m"] and resolved["board_height_m"]):
+        raise DocumentError(
+            "invalid_options",
+            "A board with level edges is told from a sign by its size, which was not stated.",
+            "State both edges: board_width_m and board_height_m (--board), in metres.",
+        )
     return resolved

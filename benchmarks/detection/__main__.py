@@ -4,8 +4,10 @@ WALKS (default 6) walks of 60 s each through a field of 10 x 30 m for the plain 
 distractors, variants, boards that are held rolled, leaning or far from the body, and sensors that spin otherwise.
 These take the first of the plain case's walks, so that `share_minus_plain` is no difference of the walks.
 DRAWN (default 30) walks of 30 s whose sensor, scene, person and board are drawn, and STREETS (default 200) drawn
-scenes without a board. SHORT=1 does a tenth of it. ONLY=drawn,streets does parts: plain, distractors, variants, held,
-spinning, drawn, streets, speed. SEED repeats a run; THROUGHPUT_SECONDS (default 60) is the length of what is timed.
+scenes without a board. LEVEL (default 30) such walks, and a third as many streets of 7 seconds: boards are level,
+and an upper corner is looked for. SHORT=1 does a tenth of it. ONLY=drawn,streets does parts: plain, distractors,
+variants, held, spinning, drawn, level, streets, speed. SEED repeats a run; THROUGHPUT_SECONDS (default 60) is the
+length of what is timed.
 Shares are of the sweeps in which two rings or more meet the board; errors are against the apex at the moment when the
 sensor looked at it; pixels at a focal length of 400. One line of JSON goes to stdout.
 """
@@ -23,7 +25,14 @@ from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from benchmarks.detection.cases import GROUPS, PLAIN, PLAIN_REFINED
-from benchmarks.detection.drawn import STREET_SWEEPS, drawn_figures, road_vertices, run_drawn, run_street
+from benchmarks.detection.drawn import (
+    LEVEL_SWEEPS,
+    STREET_SWEEPS,
+    drawn_figures,
+    road_vertices,
+    run_drawn,
+    run_street,
+)
 from benchmarks.detection.figures import figures, rounded
 from benchmarks.detection.walks import Found, run
 from benchmarks.throughput import measure
@@ -31,7 +40,7 @@ from benchmarks.throughput import measure
 _SHORT = bool(os.environ.get("SHORT"))
 _SECONDS = 20.0 if _SHORT else 60.0
 _DRAWN_SECONDS = 15.0 if _SHORT else 30.0
-_PARTS = ("plain", *GROUPS, "drawn", "streets", "speed")
+_PARTS = ("plain", *GROUPS, "drawn", "level", "streets", "speed")
 Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
 
@@ -46,10 +55,15 @@ def main() -> None:
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         answer |= _walked(pool, parts, walks, seed)
         if "drawn" in parts:
-            asked = [(seed + number, _DRAWN_SECONDS) for number in range(_count("DRAWN", 30))]
+            asked = [(seed + number, _DRAWN_SECONDS, 0) for number in range(_count("DRAWN", 30))]
             answer["drawn"] = drawn_figures(list(_each(pool, run_drawn, asked, "drawn walks")))
+        if "level" in parts:
+            corners = [(seed + number, 1 - 2 * (number % 2)) for number in range(_count("LEVEL", 30))]
+            asked = [(walk, _DRAWN_SECONDS, corner) for walk, corner in corners]
+            answer["level"] = drawn_figures(list(_each(pool, run_drawn, asked, "level walks")))
+            answer["level"]["streets"] = _streets(pool, corners[: max(1, len(corners) // 3)])
         if "streets" in parts:
-            answer["streets"] = _streets(pool, [seed + number for number in range(_count("STREETS", 200))])
+            answer["streets"] = _streets(pool, [(seed + number, 0) for number in range(_count("STREETS", 200))])
     answer |= {"walks": walks, "seconds_each": _SECONDS, "seed": seed}
     if "speed" in parts:
         answer |= measure(float(os.environ.get("THROUGHPUT_SECONDS", "60")))
@@ -88,11 +102,14 @@ def _compare(results: dict[tuple[str, str], dict[str, Any]], share: float) -> No
             result["share_minus_plain"] = result["accepted_share"] - share
 
 
-def _streets(pool: Executor, seeds: Sequence[int]) -> dict[str, Any]:
-    counts = list(_each(pool, run_street, seeds, "streets"))
-    sweeps = STREET_SWEEPS * len(seeds)
-    false = {"scenes": len(seeds), "sweeps": sweeps, "vertices": sum(counts), "share": sum(counts) / max(sweeps, 1)}
-    false |= {"seeds": [seed for seed, count in zip(seeds, counts, strict=True) if count], "road": road_vertices()}
+def _streets(pool: Executor, asked: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    counts = list(_each(pool, run_street, asked, "streets"))
+    sweeps = sum(LEVEL_SWEEPS if upper else STREET_SWEEPS for _, upper in asked)
+    false = {"scenes": len(asked), "sweeps": sweeps, "vertices": sum(counts), "share": sum(counts) / max(sweeps, 1)}
+    false |= {
+        "seeds": [seed for (seed, _), count in zip(asked, counts, strict=True) if count],
+        "road": road_vertices(),
+    }
     return false
 
 

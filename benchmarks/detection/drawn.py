@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,8 @@ from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 STREET_SWEEPS = 5
+# A short recording gives no upper corner. In this one people walk away, and what stands still is told.
+LEVEL_SWEEPS, LEVEL_PERIOD_S = 24, 0.3
 ROAD = DATA / "road-lane-markers"
 _FEW = 20  # vertices of a walk, below which its bias says nothing
 
@@ -33,12 +35,18 @@ class DrawnWalk:
     found: Found
 
 
-def run_drawn(asked: tuple[int, float]) -> DrawnWalk:
-    """Simulate the drawn walk of a seed, so many seconds long, and look for its board, whose size is known."""
-    seed, seconds = asked
+def run_drawn(asked: tuple[int, float, int]) -> DrawnWalk:
+    """Simulate the drawn walk of a seed, so many seconds long, and look for its board, whose size is known.
+
+    The third number is the detector's ``upper_corner``; if it is not 0, the board is held level but for a drawn roll.
+    """
+    seed, seconds, upper = asked
     drawn = draw(seed)
+    if upper:
+        off = float(np.clip(np.random.default_rng([seed, 79]).normal(0.0, 6.0), -15.0, 15.0))
+        drawn = replace(drawn, hold=replace(drawn.hold, rolled_deg=45.0 * upper + off))
     walked = looked_at(*drawn.simulated(seconds), seconds)
-    size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1]}
+    size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1], "upper_corner": upper}
     seen = found("drawn", "refined", walked, Region.from_document(drawn.region()), "refined", size)
     hold, mount, person = drawn.hold, drawn.mount, drawn.disturbances
     about = (
@@ -86,14 +94,18 @@ def _each(seen: Found) -> dict[str, Any]:
     }
 
 
-def run_street(seed: int) -> int:
-    """How many sweeps of a drawn street without a board give a vertex."""
+def run_street(asked: tuple[int, int]) -> int:
+    """How many sweeps of a drawn street without a board give a vertex.
+
+    Args:
+        asked: the seed, and the detector's ``upper_corner``. If that is not 0, the sweeps are `LEVEL_PERIOD_S` apart.
+    """
+    seed, upper = asked
     drawn = draw_street(seed)
-    _, lidar = drawn.simulated(1.0)
-    sweeps = [
-        lidar.sweep(k, k / lidar.sensor.rate_hz, round(k / lidar.sensor.rate_hz * 1e9)) for k in range(STREET_SWEEPS)
-    ]
-    size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1]}
+    period_s, count = (LEVEL_PERIOD_S, LEVEL_SWEEPS) if upper else (1.0 / drawn.sensor.rate_hz, STREET_SWEEPS)
+    _, lidar = drawn.simulated(period_s * count + 1.0 if upper else 1.0)
+    sweeps = [lidar.sweep(k, k * period_s, round(k * period_s * 1e9)) for k in range(count)]
+    size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1], "upper_corner": upper}
     region = Region.from_document(drawn.region())
     return len(detect_range(Listed(sweeps), region, "refined", size, indices=range(len(sweeps))).vertices)
 

@@ -1,7 +1,8 @@
 """`python -m benchmarks.detection.holds`: drawn poses with the board in any hold, and as drawn.
 
 DRAWS (default 6) recordings from SEED on, 16 poses each, the size stated. ``hands``: the board's edges and its roll
-mirrored in every second pose; ``rolled``: by 18 degrees to either side; ``level``: two edges level.
+mirrored in every second pose; ``rolled``: by 18 degrees to either side; ``level``: two edges level, and the upper
+left corner is looked for.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ def run(seed: int, hold: str) -> Row:
     source = Listed([replace(sweeps[k], stamp_ns=_POSE_NS * index) for index, k in enumerate(order)])
     width, height = drawn.board_m
     size = {"board_width_m": width, "board_height_m": height}
+    if hold == "level":
+        size["upper_corner"] = 1
     region = Region.from_document(drawn.region())
     vertices = detect_range(source, region, "refined", size, indices=range(len(sweeps))).vertices
     off = [float(np.linalg.norm(np.array(vertex.xyz) - apexes[order[vertex.sweep_index]])) for vertex in vertices]

@@ -68,6 +68,7 @@ def test_the_boards_size_is_two_edges():
             for text in ("0x0", "61x91", "0.61x0.05")
         ),
         *((["--board", "1x1", "--detector", name], f"{name} does not use", "") for name in ("strict", "tolerant")),
+        (["--corner", "upper-left"], "needs the board's size", "--board 0.61x0.91"),
         (["--option", "x"], "is no option", "max_sigma_deg"),
         (["--option", "x", "--detector", "tolerant"], "is no option", "min_points"),
         (["--option", "x", "--detector", "strict"], "is no option", "min_ring_span"),

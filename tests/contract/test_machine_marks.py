@@ -91,10 +91,8 @@ def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, 
     sets = f"/detections/{detection_id}/correspondence-sets"
     unmarked = engineer.post(sets, {"camera": "front", "machine_marks": True})
     assert (unmarked.status_code, unmarked.json()["code"]) == (409, "nothing_marked")
-    asked = engineer.post(
-        "/analyses",
-        {"kind": "machine_marks", "detection_id": str(detection_id), "camera": "front"},
-    )
+    request = {"kind": "machine_marks", "detection_id": str(detection_id), "camera": "front"}
+    asked = engineer.post("/analyses", request)
     assert asked.status_code == 202, asked.text
     path = f"/analyses/{asked.json()['id']}"
     assert engineer.get(f"{path}/marks").json()["code"] == "no_marks"
@@ -125,6 +123,14 @@ def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, 
     assert all(pair[MACHINE] and 0.0 < pair[MARK_SIGMA] < 3.0 for pair in pairs)
     assert {(pair["u"], pair["v"]) for pair in pairs} == {(mark["u"], mark["v"]) for mark in marked}
     crops_show_the_frames_around_the_marks(annotator, f"/detections/{detection_id}", scene, index_of)
+
+    with api.database.writing() as session:
+        session.get_one(Detection, detection_id).options = {"upper_corner": 1}
+    again = engineer.post("/analyses", request)
+    work(context)
+    facts = engineer.get(f"/analyses/{again.json()['id']}").json()["result"]
+    assert (facts["marked"], facts["reasons"]) == (0, {"no_mount": len(scene)})
+    assert "level edges" in facts["refusal"]
 
     assert taken_bytes(api.database, recording.id) > taken_before, "the tiles count to the fleet's quota"
     assert engineer.delete(f"/detections/{detection_id}").status_code == 204

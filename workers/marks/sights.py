@@ -34,6 +34,7 @@ FailureReason = Literal[
     "no_consensus",
     "two_consensuses",
     "few_edges",
+    "level_edges",
 ]
 
 

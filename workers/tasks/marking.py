@@ -40,6 +40,11 @@ _UNSTATED: Final = np.diag([0.02, 0.02, 0.02]) ** 2
 Answers = Mapping[CornerName, MarkProposal | MarkRefusal]
 _COLUMNS: Final = ("u", "v", "sigma_u", "sigma_v", "edge_px")
 _WIDEST: Final = 1 << 14  # frames are marked as they are
+_LEVEL: Final = RecordingFailure(
+    "level_edges",
+    "The machine looks for a board's highest corner, and a board with level edges has none. Mark this recording by "
+    "hand.",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +57,7 @@ class _MarkingWork:
     vertices: list[dict[str, UUID]]
     frames: dict[int, tuple[int, int]]
     corners: Sequence[CornerName]
+    is_level: bool
     lens: Lens | None
     model: ModelName
 
@@ -60,6 +66,10 @@ def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Ses
     """Mark the tips, and the other corners that are asked for, of at most `MOST_VERTICES` sweeps."""
     with context.database.reading() as session:
         work = _read(session, session.get_one(Analysis, claim.subject_id))
+    if work.is_level:
+        none: Answers = dict.fromkeys(CORNERS, MarkRefusal("no_mount"))
+        of_none = _result(_rows(work, dict.fromkeys(range(len(work.sights)), none)), _LEVEL)
+        return lambda session: of_none
     with context.scratch() as folder:
         frames = _decoded(context, work, folder, lease)
         usable = [number for number, sight in enumerate(work.sights) if sight.frame in frames]
@@ -136,6 +146,7 @@ def _read(session: Session, analysis: Analysis) -> _MarkingWork:
         [{TOP: vertex.id, **others.get(vertex.sweep_index, {})} for vertex, _ in tips],
         {index: (offset, length) for index, offset, length in session.execute(places) if index in indices},
         corners,
+        bool(detection.options.get("upper_corner")),
         _stated_lens(session, camera),
         analysis.asked["model"],
     )

@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { DetectionView, VertexView } from "./api/schema.ts";
 import { ticks } from "./axes.ts";
+import { cornerPlace, cornerWords } from "./corners.ts";
 import { board, ellipsoid, judgedSweeps, kindsOf, nextOf, runsOf, sigmasMm } from "./judging.ts";
 
 const vertex = (sweep_index: number, flags: string[] = []): VertexView =>
@@ -130,4 +131,16 @@ test("the board is drawn between the corners that are known", () => {
   const lines = board(half as unknown as VertexView, "red")?.ends ?? [];
   assert.equal(lines.length, 2 * crossed + 2 * edge);
   assert.deepEqual(lines.slice(-edge), [6, -1.6, 0.3, 6, -2, 0.7]);
+});
+
+test("the corners of a board with level edges have names and places of their own", () => {
+  const words = (upper: number): string[] =>
+    (["top", "left", "right", "bottom"] as const).map((corner) => cornerWords(corner, upper));
+  assert.deepEqual(words(0), ["top vertex", "left corner", "right corner", "bottom corner"]);
+  assert.deepEqual(words(1), ["upper left corner", "lower left corner", "upper right corner", "lower right corner"]);
+  assert.deepEqual(words(-1), ["upper right corner", "upper left corner", "lower right corner", "lower left corner"]);
+  const signs = (upper: number): number[] => cornerPlace("top", upper).map((value) => Math.sign(Math.round(9 * value)));
+  assert.deepEqual(signs(0), [0, -1]);
+  assert.deepEqual(signs(1), [-1, -1]);
+  assert.deepEqual(signs(-1), [1, -1]);
 });

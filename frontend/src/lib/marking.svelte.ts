@@ -43,6 +43,8 @@ export class Marking {
   mark = $state.raw<Pixel | null>(null);
   progress = $state.raw<Progress | null>(null);
   problem = $state.raw<ApiProblem | null>(null);
+  /** Which corner of the board `top` is: see `upperCorner`. */
+  upper = $state(0);
   /** What to do, where a key or a click was not used: no problem of the service. */
   advice = $state("");
   busy = $state(true);
@@ -144,7 +146,7 @@ export class Marking {
     if (!task || !this.takes(at)) return;
     const mark = verdict === "confirmed" ? this.mark : null;
     if (verdict === "confirmed" && !mark) {
-      this.advice = `Click the board's ${cornerWords(task.vertex.corner)} first, or press R where this is no vertex.`;
+      this.advice = `Click the board's ${cornerWords(task.vertex.corner, this.upper)} first, or press R where this is no vertex.`;
       return;
     }
     if (mark && !sure && this.asksAbout(mark)) return;

@@ -124,6 +124,7 @@ def test_an_unknown_detector_is_answered_with_the_known_ones():
         ("tolerant", {"max_spread_m": "wide"}, "invalid_options"),
         ("tolerant", {"min_points": 2.5}, "invalid_options"),
         ("tolerant", {"min_points": True}, "invalid_options"),
+        ("refined", {"upper_corner": 1, "board_width_m": 0.6}, "invalid_options"),
     ],
 )
 def test_bad_options_are_refused(name, options, code):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.documents.corners import CORNERS
 from apexcal.documents.detectors import DETECTORS
 from benchmarks.detection.real import DATA, RECORDINGS, judge, read, regions, run
 from tests.support.scenes.held_board import BoardHold
@@ -12,6 +13,7 @@ from tests.workers.vertices.refined_walks import REGION, SIZE, START_NS, Recorde
 from workers.vertices.board.learning import learn
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
+from workers.vertices.sweep_source import Listed
 
 DEFAULTS = {key: option.default for key, option in DETECTORS["refined"].options.items()}
 
@@ -61,6 +63,26 @@ def test_a_board_that_is_held_rolled_is_found_where_it_is(rolled_deg):
     rolls = np.degrees([vertex.roll for vertex in found.vertices])
     assert rolls[:, 0].mean() == pytest.approx(rolled_deg, abs=2.0)
     assert (rolls[:, 1] > 0.0).all()
+
+
+@pytest.mark.parametrize("upper_corner", [1, -1])
+def test_an_upper_corner_of_a_board_with_level_edges_is_found_and_the_others_with_it(upper_corner):
+    recorded = walk(27, 8.0, sensor="os1-64", hold=BoardHold(rolled_deg=45.0 * upper_corner + 5.0))
+    options = SIZE | {"upper_corner": upper_corner}
+    found = detect_range(recorded.source, REGION, "refined", options, indices=recorded.all)
+    wrong, scaled = errors(recorded, found.vertices)
+    assert len(found.vertices) > 0.85 * np.count_nonzero(recorded.rings >= 2)
+    assert np.hypot(*wrong[:, :2].T).max() < 0.3
+    assert np.mean(np.abs(scaled) < 2.0) > 0.9
+    for vertex in found.vertices:
+        for name, xyz in zip(vertex.corners.names, vertex.corners.xyz, strict=True):
+            true = recorded.corners[vertex.sweep_index][CORNERS.index(name)]
+            assert np.linalg.norm(true - xyz) < 0.15
+    # Nothing shows that it is carried in half a second: it could be a sign.
+    short = Listed(recorded.sweeps[:5])
+    found = detect_range(short, REGION, "refined", options, indices=range(5))
+    assert not found.vertices
+    assert "upright_object" in found.rejected
 
 
 OS1, VLP16 = ("os1-64-board", 11, 0.015), ("vlp16-diamond-board", 20, 0.02)

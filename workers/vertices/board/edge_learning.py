@@ -138,8 +138,8 @@ def _learn_roll(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     wide = _any_way(model)
     fixes = [fix for plane in planes if (fix := locate(plane, wide)) is not None and fix.explained]
     if not fixes:
-        return replace(model, roll=any_roll(model.edges), swapped=wide.swapped)
-    holding = learn_roll(np.array([fix.told for fix in fixes]), any_roll(model.edges))
+        return replace(model, roll=any_roll(model.edges, model.upper_corner), swapped=wide.swapped)
+    holding = learn_roll(np.array([fix.told for fix in fixes]), any_roll(model.edges, model.upper_corner))
     # Where each hand has an angle of its own, no mean is usual: each board's rays tell its roll.
     return replace(model, roll=wide.roll if holding.stray > _MOST_STRAY else holding.roll, swapped=holding.swapped)
 
@@ -162,7 +162,7 @@ def evidence(planes: Sequence[Plane], model: BoardModel) -> float:
     if not counted:
         return _HOPELESS * len(weighed)
     grids = np.array([board.told for board in counted])
-    return learn_roll(grids, any_roll(model.edges)).evidence + _HOPELESS * max(-few, 0)
+    return learn_roll(grids, any_roll(model.edges, model.upper_corner)).evidence + _HOPELESS * max(-few, 0)
 
 
 def _fit_edges(

@@ -21,7 +21,6 @@ from workers.vertices.board.model import (
     Plane,
     Sighting,
     Way,
-    hang,
 )
 from workers.vertices.board.planes import find_stretches, grow_planes, pair_stretches
 from workers.vertices.board.posterior import find_corner
@@ -167,7 +166,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
         return None
     corners = [way.corner for way in weighed.ways]
     weight = np.exp(np.array([way.evidence for way in weighed.ways]) - weighed.evidence)
-    means = np.array([[*way.corner[1:3], way.corner[3] - hang(way.edges)] for way in weighed.ways])
+    means = np.array([[*way.corner[1:3], way.corner[3] - model.rest_angle(way.edges)] for way in weighed.ways])
     mean: Floats = weight @ means
     apart = means - mean
     covariance = np.einsum("w,wij->ij", weight, [_matrix(corner) for corner in corners]) + (apart.T * weight) @ apart
@@ -177,8 +176,12 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     # What all rings have in common is of the size by which they differ.
     errors[2, 2] += along + model.bias**2
     errors[2, 2] = max(errors[2, 2], EDGE_M**2)  # boards bend by as much as their edges are off
-    # Both edges move out, so the apex rises by the square root of two.
-    errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
+    # Both edges move out, so the tip rises by the square root of two, and an upper corner goes up and aside as far.
+    if model.upper_corner:
+        out: Floats = float(np.linalg.norm(xyz)) * J @ np.array([model.upper_corner, 1.0])
+        errors += model.growth_sigma**2 * np.outer(out, out)
+    else:
+        errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
     first = int(np.argmax(weight))
     against, within, upper, lower = _against(plane, model, weighed.ways[first].edges, corners[first])
     wrong = np.where(plane.below, model.wrong_below, model.wrong)
@@ -191,7 +194,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
         plane, xyz, errors, math.sqrt(own[0, 0] + own[1, 1]), float(mean[2]),
         math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(weight @ np.array([corner[3] for corner in corners])),
         against, within, upper, lower, max(float(corner[10]) for corner in corners), expected, weighed.evidence,
-        model.wrong, weighed.told, ways,
+        model.wrong, weighed.told, ways, model.upper_corner,
     )  # fmt: skip
 
 
@@ -226,7 +229,9 @@ def weigh(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Held | No
         if best is not None:
             corner, likely, rolls = best
             ways.append(_Way(edges, math.log(share) + float(corner[0]), corner))
-            grid[int(swapped)] = np.interp(ROLLS, rolls - hang(edges), likely, left=-math.inf, right=-math.inf)
+            grid[int(swapped)] = np.interp(
+                ROLLS, rolls - model.rest_angle(edges), likely, left=-math.inf, right=-math.inf
+            )
     if not ways:
         return None
     return Held(tuple(ways), float(np.logaddexp.reduce([way.evidence for way in ways])), grid)
@@ -247,7 +252,8 @@ def _against(
     hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
     # Near a soft edge either answer is as expected.
     inside, outside = missed & (on_board > 1.0 - _UNLIKELY), hit & (on_board < _UNLIKELY)
-    side = corner[2] - min(edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3]))
+    down = edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3])
+    side = corner[2] - (sum(down) if model.upper_corner else min(down))
     contrary = inside | outside
     upper, lower = (
         (int(np.count_nonzero(contrary & part)), int(np.count_nonzero(plane.returned & part)))
@@ -312,7 +318,7 @@ def _corner(
         return None
     best = find_corner(
         plane.left, plane.up, _grown(plane, model), plane.reach * model.soft, plane.believed(model), hits,
-        edges[0], edges[1], model.slack, hang(edges) + model.roll[0], model.roll[1], coarse, floor,
+        edges[0], edges[1], model.slack, model.rest_angle(edges) + model.roll[0], model.roll[1], coarse, floor,
     )  # fmt: skip
     return best if best[0][0] > -1e299 else None
 

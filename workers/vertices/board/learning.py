@@ -48,7 +48,7 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     grid = learn_grid(some, up if up.any() else None)
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
     is_growth_open = float(options["edge_growth_mrad"]) < 0.0
-    default = BoardModel(grid)
+    default = BoardModel(grid, upper_corner=int(options["upper_corner"]))
     model = _given(replace(default, sigma=FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
     near: list[tuple[int, int, RangeImage]] = []
     places: list[tuple[int, float, float]] = []
@@ -144,5 +144,5 @@ def _place(sighting: Sighting) -> tuple[float, float]:
 
 def _given(model: BoardModel, edges: tuple[float, float], growth_mrad: float) -> BoardModel:
     if all(edges):
-        model = replace(model, edges=edges, slack=0.0, roll=any_roll(edges))
+        model = replace(model, edges=edges, slack=0.0, roll=any_roll(edges, model.upper_corner))
     return replace(model, growth=max(growth_mrad, 0.0) * 1e-3)

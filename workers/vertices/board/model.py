@@ -53,6 +53,8 @@ class BoardModel:
         sigma: metres, standard deviation of a distance.
         edges: metres, lengths of the board's edges.
         slack: metres, half width of the range in which each of these lengths may lie.
+        upper_corner: which corner the vertex is. 0: the tip, of a board with a corner up. Of one with level edges 1:
+            the upper left corner, -1: the upper right one, as the sensor sees them.
         growth: radians by which the edges seem to lie farther out, because a beam has a width.
         growth_sigma: radians, standard deviation of growth.
         inset: radians by which the middle of a beam may lie inside of an edge while it still meets what is behind it;
@@ -75,6 +77,7 @@ class BoardModel:
     sigma: float = 0.02
     edges: tuple[float, float] = (0.75, 0.75)
     slack: float = 0.35
+    upper_corner: int = 0
     growth: float = 0.0
     growth_sigma: float = 0.0
     inset: float | None = None
@@ -92,22 +95,29 @@ class BoardModel:
     shown: bool = False
     size: SizeFacts | None = None
 
+    def rest_angle(self, edges: tuple[float, float]) -> float:
+        """Radians, see `hang`."""
+        return hang(edges, self.upper_corner)
 
-def hang(edges: tuple[float, float]) -> float:
+
+def hang(edges: tuple[float, float], upper_corner: int = 0) -> float:
     """Radians by which the edge to the lower left falls, if the board hangs from its tip. Roll is counted from there.
 
     It is the mean of two angles: atan(first / second), at which the diagonal is upright, and 45 degrees, at which
-    both edges fall alike.
+    both edges fall alike. From an upper corner (`BoardModel.upper_corner`) one edge goes straight down: the left
+    corner's first one, by 90 degrees, and the right corner's second one.
     """
+    if upper_corner:
+        return math.radians(45.0) * (1 + upper_corner)
     return 0.5 * (math.atan2(edges[0], edges[1]) + math.radians(45.0))
 
 
-def any_roll(edges: tuple[float, float]) -> tuple[float, float]:
+def any_roll(edges: tuple[float, float], upper_corner: int = 0) -> tuple[float, float]:
     """Mean and standard deviation of the roll, from `hang`, of boards in general.
 
     People hold a board near one of two angles, whose mean is `hang`, and roll it from there.
     """
-    apart = 0.5 * abs(math.atan2(edges[0], edges[1]) - math.radians(45.0))
+    apart = 0.0 if upper_corner else 0.5 * abs(math.atan2(edges[0], edges[1]) - math.radians(45.0))
     return 0.0, math.hypot(_ROLL_SIGMA, apart)
 
 
@@ -232,6 +242,7 @@ class Fix:
             second there; minus infinity far from the likeliest rolls, and in a way to hold the board that was left
             out because the other is so much likelier.
         ways: the posterior by the way to hold the board, without errors that all sweeps share.
+        upper_corner: see `BoardModel.upper_corner`.
     """
 
     plane: Plane
@@ -251,6 +262,7 @@ class Fix:
     wrong: float
     told: Floats
     ways: tuple[Way, ...]
+    upper_corner: int
 
     @property
     def explained(self) -> bool:
@@ -271,15 +283,15 @@ class Fix:
 
     @property
     def held(self) -> bool:
-        """Whether somebody may hold a board so. Doors, cars and walls have upright edges."""
+        """Whether somebody may hold a board so. Doors, cars and walls have upright edges, and a tip has none."""
         if not self.plane.held:
             return False
-        tip = math.radians(45.0)
-        slanted = [
-            way.weight * _within(tip - _UPRIGHT, float(way.mean[2]) - tip, float(way.covariance[2, 2]))
-            for way in self.ways
+        middle = math.radians(45.0) * (1 + self.upper_corner)
+        most = math.radians(45.0) - _UPRIGHT
+        likely = [
+            way.weight * _within(most, float(way.mean[2]) - middle, float(way.covariance[2, 2])) for way in self.ways
         ]
-        return sum(slanted) > _HARDLY
+        return sum(likely) > _HARDLY
 
     @property
     def trustworthy(self) -> bool:

@@ -197,8 +197,10 @@ def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
             while boards and boards[0][1].explained and not likelier_than_upright(boards[0][1], model):
                 boards = boards[1:]
         else:
-            # Nothing shows that it is carried: its shape alone must tell it from what stands about.
-            boards = [pair for pair in boards if not pair[1].explained or clearly_a_board(pair[1], model)]
+            # Nothing shows that it is carried: its shape alone must tell it from what stands about. With level edges
+            # it has the shape of a sign.
+            clear = not model.upper_corner
+            boards = [pair for pair in boards if not pair[1].explained or (clear and clearly_a_board(pair[1], model))]
         if not any(fix.explained for _, fix in boards):
             return _Findings((), (), _refused("upright_object", first[1]))
     candidates = [TimedFix(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in boards]

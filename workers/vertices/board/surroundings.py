@@ -179,11 +179,18 @@ def likelier_than_upright(fix: Fix, model: BoardModel) -> bool:
 
 
 def upright_evidence(fix: Fix, model: BoardModel) -> float:
-    """Log of the rays' likelihood for an upright rectangle, averaged over its edges: each is even over one metre."""
+    """Log of the rays' likelihood for an upright rectangle, averaged over its edges: each is even over one metre.
+
+    A board with level edges is such a rectangle: then the other ones are turned as it is, and have any size.
+    """
     plane = fix.plane
     gain = np.log(plane.believed(model))
     outside = -float(np.sum(np.maximum(gain, 0.0)))
     along = plane.left, plane.up
+    if fix.upper_corner:
+        fall = max(fix.ways, key=lambda way: way.weight).mean[2]
+        cosine, sine = math.cos(fall), math.sin(fall)
+        along = cosine * plane.left - sine * plane.up, -sine * plane.left - cosine * plane.up
     order = tuple(np.argsort(values, kind="stable") for values in along)
     best = max(_climb(along, order, gain, first, share) for first in (0, 1) for share in _STARTS)
     return outside + best
@@ -270,7 +277,8 @@ def no_board(fix: Fix, model: BoardModel, least_points: int) -> str:
             else f"turned by {turned:.0f} degrees from the sensor: boards are turned by up to 60"
         )
     elif not fix.held:
-        why = f"with edges {off_upright:.0f} degrees from upright: boards stand on their tip"
+        usual = "boards with level edges have upright ones" if model.upper_corner else "boards stand on their tip"
+        why = f"with edges {off_upright:.0f} degrees from upright: {usual}, unless --corner says otherwise"
     elif fix.within < MOST_ON_BOARD:
         why = f"of whose returns {fix.within:.0%} lie on {board}"
     elif not fix.explained:
