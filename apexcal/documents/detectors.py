@@ -106,7 +106,8 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
         },
         {
             "no_points": _NO_POINTS,
-            "too_few_rings": "fewer than two rings meet anything in the region that could be the board: walk closer",
+            "too_few_rings": "fewer than two rings, or four of a board with level edges, meet anything in the region "
+            "that could be the board: walk closer",
             "outside_the_region": "what looks like the board stands outside of the region: widen it",
             "size_not_stated": "the board's size was not stated, and fewer than four boards are near enough to "
             "tell it. State it (`--board`): then two rings on a board are enough",
