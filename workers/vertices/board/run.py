@@ -247,6 +247,8 @@ def _settle(
         return _refused("not_a_board", fix, no_board(fix, model, least))
     if model.upper_corner and not fix.plane.telling:  # a trunk is a level rectangle too
         return _refused("too_few_rings", fix, "a board with level edges needs four")
+    if model.upper_corner and model.size is not None and model.size.contradicts:
+        return _refused("never_shown", fix, "and the near sweeps show a thing of another size")
     if model.upper_corner and reach and not confirmed(candidate, others):
         return _refused("upright_object", fix, "which the sweeps before and after do not show there")
     if fix.plane.like_a_person and path is None and not confirmed(candidate, others):

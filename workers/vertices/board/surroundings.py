@@ -166,6 +166,8 @@ _TURNS = 6
 _STARTS = (1.0, 0.9, 0.5)
 # A scene has some ten things that could be a board, and none may pass in 200 sweeps: log(2000).
 _CLEAR = 7.6
+# With level edges each of these ten is as likely the board, before its size tells it.
+_ONE_OF_TEN = math.log(10.0)
 
 
 def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
@@ -175,7 +177,7 @@ def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
 
 def likelier_than_upright(fix: Fix, model: BoardModel) -> bool:
     """Whether the board explains the rays better than upright rectangles do, one of which a lowered board is."""
-    return fix.evidence > upright_evidence(fix, model)
+    return fix.evidence > upright_evidence(fix, model) + (_ONE_OF_TEN if model.upper_corner else 0.0)
 
 
 def upright_evidence(fix: Fix, model: BoardModel) -> float:
