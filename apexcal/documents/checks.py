@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Final, Literal
@@ -70,6 +70,12 @@ MARKS_CONFIRMED: Final = CheckTopic("marks_confirmed", "Marks seen by people")
 def figure(value: float, digits: int = 2) -> str:
     """Return a number for a sentence, with so many significant digits and no exponent: 0.0012, 54, 110."""
     return format(Decimal(f"{value:.{digits}g}"), "f")
+
+
+def later_checks(checks: Sequence[Check], later: Sequence[Check]) -> list[Check]:
+    """Return both; a later check replaces an earlier one of its name."""
+    names = {check.name for check in later}
+    return [*(check for check in checks if check.name not in names), *later]
 
 
 def verdict_of(checks: Iterable[Check], scope: CheckScope) -> CheckVerdict:

@@ -250,7 +250,8 @@ class ResultView(FitResult):
 
     ``verdict`` is the gravest check of the mount with its lens, ``verdict_alone`` that for who uses the mount with
     another lens; null of a fit that is not to all pairs. Of pairs that were marked here only reviewers see
-    ``residuals_px``, ``outliers`` and the errors of single held-out pairs.
+    ``residuals_px``, ``outliers`` and the errors of single held-out pairs. Once its calibration has ended, ``std``,
+    ``interval95_half_width`` and ``prediction`` count the models that held-out pairs do not rule out.
     """
 
     id: UUID

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Literal
+from typing import Any, Literal
 from uuid import UUID
 
 from apexcal.documents.base import Document, Sent, Stored
 from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.jobs import ProblemView
-from apexcal.documents.precision import Deviations
+from apexcal.documents.precision import Deviations, Prediction
 from apexcal.documents.publications import OverrideView
 from apexcal.documents.results import Errors, Intrinsics, Status, Stopped
 from apexcal.documents.rules import LensOrigin
@@ -32,11 +32,16 @@ class Behind(Document):
 
 
 class BetweenModels(Document):
-    """A result's deviations with the spread of the models added, and the models' weights by held-out pairs."""
+    """What a result states with the spread of the models added, and the models' weights by held-out pairs."""
 
     weights: dict[str, float]
     std: Deviations
     interval95_half_width: Deviations
+    prediction: Prediction | None
+
+    def members(self) -> dict[str, Any]:
+        """Return the members of a result that these replace, as JSON."""
+        return self.model_dump(mode="json", exclude={"weights"})
 
 
 class ModelSummary(Document):

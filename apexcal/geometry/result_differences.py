@@ -10,7 +10,6 @@ import numpy as np
 from apexcal.documents.comparisons import FieldDifference, ParameterDifference, ResultDifference
 from apexcal.documents.precision import FIELD_AZIMUTHS_DEG, FIELD_ELEVATIONS_DEG, FIELD_RANGES_M, Field
 from apexcal.documents.results import ComparedResult, FitResult, Intrinsics
-from apexcal.documents.summaries import BetweenModels
 from apexcal.geometry.rotations import vector_from_rotation
 from apexcal.geometry.se3 import SE3, Floats, from_document
 
@@ -25,52 +24,45 @@ _ONCE_IN_A_THOUSAND: Final = (10.828, 13.816, 16.266, 18.467, 20.515, 22.458)
 _COEFFICIENTS: Final = ("skew", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 
 
-def compared(
-    result: Compared, other: Compared, spread: BetweenModels | None, other_spread: BetweenModels | None
-) -> ResultDifference | None:
-    """Return how far a result is from another one; None if the deviations of one of them are not known.
+def compared(result: Compared, other: Compared) -> ResultDifference | None:
+    """Return how far a published result is from another one; None if the deviations of one are not known.
 
-    ``spread`` holds their deviations with other models counted, if there are any. ``sigmas`` is the root mean square
+    ``sigmas`` is the root mean square
     of the mount's difference over the deviations that both state. ``field_px`` is that of the pixels of the points
     that both see, ``field_sigmas`` the same over stated deviations. ``differs``: by more than chance does once in
     1000.
     """
-    std, other_std = (spread or result).std, (other_spread or other).std
-    names = [name for name in MOUNT if std.get(name) and other_std.get(name)]
+    names = [name for name in MOUNT if result.std.get(name) and other.std.get(name)]
     if not names:
         return None
     apart = difference(result, other)
-    C = _covariance(result, std, names) + _covariance(other, other_std, names)
+    C = _covariance(result, names) + _covariance(other, names)
     sizes = _distances(apart) | _in_deviations(apart, names, C) | _field_sizes(_shared_points(result, other))
     return ResultDifference(**sizes, incomparable=None)
 
 
-def compared_with_stated(result: Compared, spread: BetweenModels | None, stated: SE3) -> dict[str, Any]:
+def compared_with_stated(result: Compared, stated: SE3) -> dict[str, Any]:
     """Return how far a result's mount is from a stated T_camera_lidar, which is taken to be exact.
 
     ``sigmas`` and ``differs`` are as :func:`compared` says them; None if the result states no deviations.
     """
     apart = _mounts_apart(from_document(result.transform), stated)
-    std = (spread or result).std
-    names = [name for name in MOUNT if std.get(name)]
-    sigmas = _in_deviations(apart, names, _covariance(result, std, names)) if names else {}
+    names = [name for name in MOUNT if result.std.get(name)]
+    sigmas = _in_deviations(apart, names, _covariance(result, names)) if names else {}
     return _distances(apart) | {"sigmas": None, "differs": None} | sigmas
 
 
-def side_by_side(
-    result: Compared, other: Compared, spread: BetweenModels | None, other_spread: BetweenModels | None
-) -> dict[str, Any]:
+def side_by_side(result: Compared, other: Compared) -> dict[str, Any]:
     """Return the measured members of a ``ResultComparison``, also where a result states no deviations."""
     apart, field = difference(result, other), _shared_points(result, other)
-    stated = compared(result, other, spread, other_spread)
-    std, other_std = (spread or result).std, (other_spread or other).std
+    stated = compared(result, other)
     return {
         **{name: _distances(apart)[name] for name in ("rotation_deg", "translation_mm")},
         **_field_sizes(field),
         "sigmas": stated and stated.sigmas,
         "differs": stated and stated.differs,
         "parameters": [
-            _parameter(name, value, std.get(name), other_std.get(name))
+            _parameter(name, value, result.std.get(name), other.std.get(name))
             for name, value in (apart | _distortion(result.intrinsics, other.intrinsics)).items()
         ],
         "field": field,
@@ -104,11 +96,11 @@ def _in_deviations(apart: Mapping[str, float], names: list[str], C: Floats) -> d
     return {"sigmas": float(np.sqrt(chi2 / len(names))), "differs": chi2 > _ONCE_IN_A_THOUSAND[len(names) - 1]}
 
 
-def _covariance(result: Compared, std: Mapping[str, float | None], names: list[str]) -> Floats:
+def _covariance(result: Compared, names: list[str]) -> Floats:
     """Of the mount's parameters, people's units; with what other models add to the variances."""
     rows = [result.covariance.names.index(name) for name in names]
     C = np.array(result.covariance.matrix, np.float64)[np.ix_(rows, rows)]
-    whole = np.array([std[name] or 0.0 for name in names]) ** 2
+    whole = np.array([result.std[name] or 0.0 for name in names]) ** 2
     return C + np.diag(np.maximum(whole - np.diag(C), 0.0))
 
 

@@ -24,11 +24,11 @@ def comparison_of(session: Session, result: Result, other: Result) -> ResultComp
             "The two results belong to different cameras or vehicles, so their mounts differ.",
             "Compare two results of one camera of one vehicle.",
         )
-    difference = side_by_side(result.fit, other.fit, result.spread, other.spread)
+    difference = side_by_side(result.published, other.published)
     shares_pairs = pairs.id == other_pairs.id or (
         pairs.recording_id is not None and pairs.recording_id == other_pairs.recording_id
     )
-    width, height = result.fit.intrinsics.image_size
+    width, height = result.published.intrinsics.image_size
     return ResultComparison(
         result_id=result.id,
         other_id=other.id,

@@ -33,7 +33,6 @@ class _Recommended(NamedTuple):
     verdict: str | None
     result: ComparedResult
     at: datetime
-    spread: BetweenModels | None
     withdrawn: PublicationView | None
 
 
@@ -111,9 +110,10 @@ def _recommended(session: Session, camera: str, dated: list[tuple[Json | None, d
     for result_id, (at, spread) in chosen.items():
         if result_id in rows:
             _, calibration_id, name, verdict, *parts = rows[result_id]
-            result = ComparedResult.model_validate(dict(zip(_COMPARED, parts, strict=True)))
+            published = {"std": spread.std} if spread else {}
+            result = ComparedResult.model_validate(dict(zip(_COMPARED, parts, strict=True)) | published)
             results.append(
-                _Recommended(result_id, calibration_id, name, verdict, result, at, spread, withdrawn.get(result_id))
+                _Recommended(result_id, calibration_id, name, verdict, result, at, withdrawn.get(result_id))
             )
     return results
 
@@ -138,7 +138,7 @@ def _step(results: list[_Recommended], shown: list[int], index: int) -> DriftSte
         at=own.at,
         intrinsics=own.result.intrinsics,
         transform=own.result.transform,
-        std=(own.spread or own.result).std,
+        std=own.result.std,
         from_previous=_apart(own, results[earlier[-1]]) if earlier else None,
         from_first=None if first is None else _apart(own, results[first]),
         withdrawn=own.withdrawn,
@@ -149,7 +149,7 @@ def _apart(later: _Recommended, earlier: _Recommended) -> ResultDifference | Non
     # Imported here: it needs NumPy, which takes a twentieth of the service's start.
     from apexcal.geometry.result_differences import compared
 
-    apart = compared(later.result, earlier.result, later.spread, earlier.spread)
+    apart = compared(later.result, earlier.result)
     if apart is not None:
         apart.incomparable = _incomparable(later, earlier)
         apart.differs = apart.differs and apart.incomparable is None

@@ -104,12 +104,12 @@ def result_document(
     *,
     with_pairs: bool,
 ) -> Json:
-    """The solver's whole document, which rows it belongs to, all its ``checks``, and where its outliers come from.
+    """The published document, which rows it belongs to, all its ``checks``, and where its outliers come from.
 
     ``with_pairs``: whether the reader may know how far single marks lie from where their vertices project. With the
     calibration beside it that is to know the marks.
     """
-    document = row.document if with_pairs else _without_pairs(row.document)
+    document = row.published_document if with_pairs else _without_pairs(row.published_document)
     outliers: list[Json] = document["outliers"]
     # In a fit without a held-out block, indices count the remaining pairs.
     if row.fold == FULL:

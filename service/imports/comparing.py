@@ -9,7 +9,6 @@ import numpy as np
 
 from apexcal.documents.imports import ComparisonRequest, LensDifference, ReadCamera, StatedComparison
 from apexcal.documents.results import FitResult
-from apexcal.documents.summaries import BetweenModels
 from apexcal.geometry.result_differences import compared_with_stated
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, vector_from_rotation
 from apexcal.geometry.se3 import SE3, Floats, from_document
@@ -29,8 +28,8 @@ _ADVICE: Final[dict[ReadAs, str]] = {
 }
 
 
-def stated_comparison(body: ComparisonRequest, result: FitResult, spread: BetweenModels | None) -> StatedComparison:
-    """Return how far a result is; ``spread``: its deviations with other models counted, if there are any.
+def stated_comparison(body: ComparisonRequest, result: FitResult) -> StatedComparison:
+    """Return how far a published result is.
 
     Raises:
         Problem: 422 ``calibration_file_not_read``, ``nothing_to_compare``.
@@ -55,7 +54,7 @@ def stated_comparison(body: ComparisonRequest, result: FitResult, spread: Betwee
     read_as = _reading(stated, solved)
     if read_as != "stated":
         hints.append(_ADVICE[read_as])
-    measured = compared_with_stated(result, spread, stated)
+    measured = compared_with_stated(result, stated)
     return StatedComparison(
         T_camera_lidar=transform_view(stated), read_as=read_as, lens=lens, hints=hints, **measured
     )

@@ -29,7 +29,7 @@ def compare_with_stated(result_id: UUID, body: ComparisonRequest, access: ReadAc
     from service.imports.comparing import stated_comparison
 
     result = access.find(Result, result_id)
-    return stated_comparison(body, result.fit, result.spread)
+    return stated_comparison(body, result.published)
 
 
 @router.post("/recordings/{recording_id}/rig-proposals", max_body_size=DOCUMENT)

@@ -76,12 +76,11 @@ def _sentence(name: str, limit: float, value: float | None) -> str:
 
 
 def _measures(session: Session, result: Result, *, with_coverage: bool) -> dict[str, float | None]:
-    # As published: with the spread of the models, if they were weighed.
-    std = (result.spread or result.fit).std
+    std = result.published.std
     metres = _largest(std, _SHIFTS)
     return {
         "heldout_mean_px": result.summary and result.summary.heldout_mean_px,
-        "halves_ratio": max((half.ratio for half in result.fit.halves), default=None),
+        "halves_ratio": max((half.ratio for half in result.published.halves), default=None),
         "std_deg": _largest(std, _TURNS),
         "std_mm": None if metres is None else 1000.0 * metres,
         "coverage": _coverage(session, result) if with_coverage else None,

@@ -13,9 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from apexcal.documents.camera_models import parse_model
+from apexcal.documents.precision import Prediction
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import BetweenModels
 from apexcal.geometry.result_differences import MOUNT, TURNS, difference
+from apexcal.geometry.se3 import from_document
+from workers.geometry.projection import project, unproject
+from workers.solver.prediction import NO_RAY_PX
 
 # scipy publishes no types.
 _normal: Callable[[NDArray[np.float64]], NDArray[np.float64]] = special.ndtr
@@ -59,6 +64,7 @@ def spread_of(model: str, results: Mapping[str, FitResult], weight: Mapping[str,
         interval95_half_width={
             name: None if mixture is None else _half_width95(mixture) for name, mixture in peaks.items()
         },
+        prediction=_prediction(model, results, shares),
     )
 
 
@@ -100,6 +106,57 @@ def _half_width95(peaks: Sequence[_Peak]) -> float:
         inside = share @ (_normal((middle - apart) / deviation) - _normal((-middle - apart) / deviation))
         low, high = (middle, high) if inside < 0.95 else (low, middle)
     return high
+
+
+def _prediction(model: str, results: Mapping[str, FitResult], shares: Mapping[str, float]) -> Prediction | None:
+    """The mixture's deviations of projected points; a model that has no ray there counts as the result."""
+    own = results[model].prediction
+    if own is None:
+        return None
+    squares = np.zeros((2, len(own.points), len(own.distances_m)))
+    for name, share in shares.items():
+        apart = _points_apart(results[name], results[model], own)
+        stated = _stated(results[name].prediction or own)
+        stated = np.where(np.isnan(apart) | np.isnan(stated), _stated(own), stated)
+        squares += share * (stated**2 + np.nan_to_num(apart) ** 2)
+    px, mm = np.sqrt(squares).tolist()
+    points = [
+        point.model_copy(update={"stated_px": px[row], "stated_mm": mm[row]}) if point.stated_px else point
+        for row, point in enumerate(own.points)
+    ]
+    return own.model_copy(update={"points": points})
+
+
+def _stated(prediction: Prediction) -> NDArray[np.float64]:
+    """(2, points, distances) deviations, px and mm; nan where the lens has no ray."""
+    none = [np.nan] * len(prediction.distances_m)
+    points = prediction.points
+    return np.array([[point.stated_px or none for point in points], [point.stated_mm or none for point in points]])
+
+
+def _points_apart(result: FitResult, own: FitResult, prediction: Prediction) -> NDArray[np.float64]:
+    """(2, points, distances): how far the result puts the points from their pixels, px, and their rays, mm."""
+    pixels = np.array([[point.u, point.v] for point in prediction.points])
+    distances = np.array(prediction.distances_m)
+    mount, other_mount = (from_document(each.transform) for each in (own, result))
+    lens, other_lens = own.intrinsics, result.intrinsics
+    rays, _ = unproject(parse_model(lens.model), lens.by_name(), pixels)
+    other_rays, miss = unproject(parse_model(other_lens.model), other_lens.by_name(), pixels)
+    other_rays[miss >= NO_RAY_PX] = np.nan
+    there = (rays[:, None] * distances[:, None]).reshape(-1, 3)
+    points = other_mount.apply(mount.inverse().apply(there))
+    projected, violation = project(parse_model(other_lens.model), other_lens.by_name(), points)
+    projected[violation > 0.0] = np.nan
+    px = np.linalg.norm(projected - np.repeat(pixels, len(distances), axis=0), axis=1)
+    # From the own ray at that distance to where the other model has the pixel, without the part along the ray.
+    other_points = (other_rays[:, None] * distances[:, None]).reshape(-1, 3)
+    moved = mount.apply(other_mount.inverse().apply(other_points)) - there
+    along = np.repeat(rays, len(distances), axis=0)
+    across = moved - np.sum(moved * along, axis=1, keepdims=True) * along
+    apart = np.stack([px, 1e3 * np.linalg.norm(across, axis=1)])
+    # Both or none.
+    apart[:, np.isnan(apart).any(axis=0)] = np.nan
+    return apart.reshape(2, len(pixels), len(distances))
 
 
 def spread_sentence(model: str, results: Mapping[str, FitResult], spread: BetweenModels | None) -> str | None:

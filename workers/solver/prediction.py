@@ -17,7 +17,7 @@ DISTANCES_M: Final = (5.0, 20.0, 50.0)
 _COLUMNS: Final = 5
 _ROWS: Final = 3
 # If the projection of a pixel's ray misses the pixel by more, the lens model has no ray there.
-_NO_RAY_PX: Final = 0.1
+NO_RAY_PX: Final = 0.1
 
 
 def prediction(estimate: Estimate, halves: list[Halves]) -> Prediction | None:
@@ -37,7 +37,7 @@ def prediction(estimate: Estimate, halves: list[Halves]) -> Prediction | None:
     pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     rays, miss = unproject(problem.model, p[6:], pixels)
     px, mm = deviations_along(estimate, rays)
-    visible = (miss < _NO_RAY_PX) & np.all(np.isfinite(px), axis=0)
+    visible = (miss < NO_RAY_PX) & np.all(np.isfinite(px), axis=0)
     return Prediction(
         distances_m=list(DISTANCES_M),
         expected_over_stated=max([1.0, *(half.field_ratio for half in halves if not half.holds)]),

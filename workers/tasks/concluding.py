@@ -13,7 +13,7 @@ import numpy as np
 from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.checks import MARKS_CONFIRMED, Check, CheckScope, CheckVerdict, verdict_of
+from apexcal.documents.checks import MARKS_CONFIRMED, Check, CheckScope, CheckVerdict, later_checks, verdict_of
 from apexcal.documents.errors import GeometryError
 from apexcal.documents.jobs import ProblemView
 from apexcal.documents.pairs import MACHINE
@@ -40,6 +40,7 @@ from service.platform.handovers import Conclusion
 from service.platform.jobs.claims import Claim, Lease
 from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
+from workers.judge.precision_checks import mount_alone
 from workers.judge.validation_checks import elsewhere as other_data_check
 from workers.models.summary import CameraFit, camera_summary
 from workers.solver.outcomes import Stop
@@ -69,27 +70,29 @@ _CONFIRMED: Final = MARKS_CONFIRMED.name
 
 
 class _Current(NamedTuple):
-    """What a camera is given while its new results are judged, and the summary of its model."""
+    """What a camera is given while its new results are judged, as published, and the summary of its model."""
 
     result: Result
+    published: FitResult
     summary: ModelSummary | None
 
 
 class _Judged(NamedTuple):
-    """A fit to all pairs with the checks of its calibration, and the result that was current then."""
+    """A fit to all pairs, as it is published, with the checks of its calibration, and the current result then."""
 
     result: Result
+    published: FitResult
     checks: list[Check]
     current_id: UUID | None
 
     def verdict(self, scope: CheckScope) -> CheckVerdict:
-        return verdict_of([*self.result.fit.checks, *self.checks], scope)
+        return verdict_of(later_checks(self.result.fit.checks, self.checks), scope)
 
     @property
     def columns(self) -> Json:
         """What is written of it."""
         checks, verdict = [check.model_dump(mode="json") for check in self.checks], self.verdict("mount_with_lens")
-        middle = self.result.fit.prediction and self.result.fit.prediction.middle_at(20.0)
+        middle = self.published.prediction and self.published.prediction.middle_at(20.0)
         return {
             "id": self.result.id,
             "checks": checks,
@@ -159,27 +162,31 @@ def _judge(
     points = np.column_stack([pairs[name] for name in "xyz"]).astype(np.float64)
     model = summary.models[result.model]
     other = None if current is None or current.result.id == result.id else current
+    fit, spread = result.fit, model.between_models
+    published = FitResult.model_validate(fit.model_dump() | spread.members()) if spread else fit
     checks = checks_of_calibration(
-        result.fit,
+        fit,
         camera=result.camera,
         summary=summary,
         ended_well=ended_well,
-        pairs=held_out_pairs(result.fit, folds, points),
+        pairs=held_out_pairs(fit, folds, points),
         rig=rig,
-        current=other and _beside(result.fit, model, other),
+        current=other and _beside(published, other),
         columns=pairs,
-        confirming=_beside(result.fit, model, confirming) if confirming and any(pairs.get(MACHINE, ())) else None,
+        confirming=_beside(published, confirming) if confirming and any(pairs.get(MACHINE, ())) else None,
     )
-    return _Judged(result, [*checks, other_data_check(elsewhere)], current and current.result.id)
+    # What a check of the fit says of its interval holds for the published one.
+    own = [mount_alone(published)] if spread else []
+    return _Judged(result, published, [*own, *checks, other_data_check(elsewhere)], current and current.result.id)
 
 
-def _beside(fit: FitResult, model: ModelSummary, current: _Current) -> CurrentResult:
+def _beside(published: FitResult, current: _Current) -> CurrentResult:
     """What the vehicle has, and how far this fit is from it."""
-    result, summary = current
+    result, standard, summary = current
     return CurrentResult(
-        result=result.fit,
+        result=standard,
         verdict=result.verdict,
-        compared=compared(fit, result.fit, model.between_models, summary and summary.between_models),
+        compared=compared(published, standard),
         heldout_mean_px=summary and summary.heldout_mean_px,
     )
 
@@ -189,7 +196,7 @@ def _current(session: Session, vehicle_id: UUID, camera: str) -> _Current | None
     if publication is None:
         return None
     result = session.get_one(Result, publication.result_id)
-    return _Current(result, result.summary)
+    return _Current(result, result.published, result.summary)
 
 
 def _confirming(session: Session, vehicle_id: UUID, camera: str) -> _Current | None:
@@ -207,7 +214,7 @@ def _confirming(session: Session, vehicle_id: UUID, camera: str) -> _Current | N
             (check.figures.get("machine") for check in result.stored_checks if check.name == _CONFIRMED), None
         )
         if machine == 0.0:
-            return _Current(result, result.summary)
+            return _Current(result, result.published, result.summary)
     return None
 
 

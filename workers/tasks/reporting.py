@@ -89,7 +89,7 @@ def _material(session: Session, result: Result, checks: Sequence[Check], stop: S
     }
     rows = {name: value and str(value) for name, value in ids.items()}
     return Material(
-        result=result.fit,
+        result=result.published,
         problem=read_run(run.problem, FULL, pairs.columns, stop).problem,
         heldout=[fold.fit.heldout for fold in folds if fold.fit.heldout],
         pairs=pairs.columns,

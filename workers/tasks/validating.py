@@ -132,6 +132,6 @@ def _judge_elsewhere(session: Session, result_id: UUID) -> None:
     if result is None or result.checks is None:
         return
     check = elsewhere(other_data(session, [result])[result.id])
-    others = [other for other in result.stored_checks[len(result.fit.checks) :] if other.name != check.name]
-    result.checks = [other.model_dump(mode="json") for other in [*others, check]]
+    others = [other for other in result.checks if other["name"] != check.name]
+    result.checks = [*others, check.model_dump(mode="json")]
     result.verdict = verdict_of(result.stored_checks, "mount_with_lens")

@@ -10,7 +10,7 @@ from uuid import UUID
 from sqlalchemy import Index, Select, String, UniqueConstraint, select
 from sqlalchemy.orm import Mapped, Session, mapped_column, object_session
 
-from apexcal.documents.checks import Check, CheckVerdict
+from apexcal.documents.checks import Check, CheckVerdict, later_checks
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.results import FitResult
 from apexcal.documents.states import WorkState
@@ -197,13 +197,25 @@ class Result(Dated):
 
     @property
     def spread(self) -> BetweenModels | None:
-        """Its deviations with other models counted, if there are any."""
-        return self.summary and self.summary.between_models
+        """What it states with other models counted, if there are any."""
+        return self.summary and self.summary.between_models if self.fold == FULL else None
+
+    @property
+    def published_document(self) -> Json:
+        """The document with the deviations, intervals and prediction that are published."""
+        spread = self.spread
+        return self.document | spread.members() if spread else self.document
+
+    @cached_property
+    def published(self) -> FitResult:
+        """The published document as its class."""
+        return FitResult.model_validate(self.published_document)
 
     @property
     def stored_checks(self) -> list[Check]:
-        """The checks of the fit, of its calibration and of other data."""
-        return [*self.fit.checks, *(Check.model_validate(check) for check in self.checks or ())]
+        """The checks of the fit, of its calibration and of other data; a later one replaces one of its name."""
+        later = [Check.model_validate(check) for check in self.checks or ()]
+        return later_checks(self.fit.checks, later)
 
 
 class Publication(Dated):

@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from apexcal.documents.results import ComparedResult
-from apexcal.documents.summaries import BetweenModels
 from apexcal.geometry.result_differences import compared, side_by_side
 from apexcal.geometry.se3 import SE3, to_document
 
@@ -37,7 +36,7 @@ def result(turn_deg, t, u=0.0, number=(3, 5, 9), **members):
 
 def test_the_difference_counts_in_what_both_state():
     one, other = result([0.0, 0.0, 0.0], [0.1, 0.2, 0.3]), result([0.02, 0.01, 0.0], [0.1, 0.203, 0.3])
-    found = compared(one, other, None, None)
+    found = compared(one, other)
     assert found.rotation_deg == pytest.approx(np.hypot(0.02, 0.01), rel=1e-6)
     assert found.translation_mm == pytest.approx(3.0)
     d = np.array([-0.02, -0.01, 0.0, 0.0, -0.003, 0.0])
@@ -47,15 +46,14 @@ def test_the_difference_counts_in_what_both_state():
 
 def test_half_a_degree_is_no_chance_unless_other_models_say_so():
     one, other = result([0.0, 0.0, 0.0], [0.1, 0.2, 0.3]), result([0.4, 0.0, 0.0], [0.1, 0.2, 0.314])
-    assert compared(one, other, None, None).differs
-    std = one.std | {"rotation_x": 0.5, "t_z": 0.05}
-    wide = BetweenModels(weights={}, std=std, interval95_half_width={})
-    assert not compared(one, other, wide, None).differs
+    assert compared(one, other).differs
+    wide = one.model_copy(update={"std": one.std | {"rotation_x": 0.5, "t_z": 0.05}})
+    assert not compared(wide, other).differs
 
 
 def test_the_field_is_compared_where_both_see_it():
     one, other = result([0.0] * 3, [0.0] * 3), result([0.0] * 3, [0.0] * 3, u=3.0, number=[5, 9, 11])
-    found = compared(one, other, None, None)
+    found = compared(one, other)
     # Points 5 and 9: u 20 against 13 and 30 against 23; v 2 against 1 and 3 against 2.
     assert found.field_px == pytest.approx(np.sqrt(((20 - 13) ** 2 + 1 + (30 - 23) ** 2 + 1) / 2))
     sigma = np.array([np.hypot(1.0, 0.5), np.hypot(2.0, 1.0)])
@@ -64,15 +62,15 @@ def test_the_field_is_compared_where_both_see_it():
 
 def test_results_without_a_field_and_without_deviations():
     one, other = result([0.0] * 3, [0.0] * 3), result([0.1, 0.0, 0.0], [0.0] * 3, field=None)
-    assert compared(one, other, None, None).field_px is None
-    assert compared(one, result([0.1, 0.0, 0.0], [0.0] * 3, std={}), None, None) is None
+    assert compared(one, other).field_px is None
+    assert compared(one, result([0.1, 0.0, 0.0], [0.0] * 3, std={})) is None
 
 
 def test_two_results_side_by_side():
     number = [3, 611, 612]
     one = result([0.0, 0.0, 0.0], [0.1, 0.2, 0.3], number=number)
     other = result([0.02, 0.0, 0.0], [0.1, 0.203, 0.3], u=3.0, number=number)
-    found = side_by_side(one, other, None, None)
+    found = side_by_side(one, other)
     by_name = {each.name: each for each in found["parameters"]}
     turn, t_y = by_name["rotation_x"], by_name["t_y"]
     assert (turn.unit, turn.difference) == ("deg", pytest.approx(-0.02))
@@ -92,7 +90,7 @@ def test_two_results_side_by_side():
 def test_two_models_side_by_side_and_one_without_deviations():
     one, other = result([0.0] * 3, [0.0] * 3), result([0.1, 0.0, 0.0], [0.0] * 3, std={}, field=None)
     other.intrinsics.model = "kannala_brandt"
-    found = side_by_side(one, other, None, None)
+    found = side_by_side(one, other)
     assert found["rotation_deg"] == pytest.approx(0.1)
     assert (found["sigmas"], found["differs"], found["field"], found["field_px"]) == (None, None, None, None)
     assert "k1" not in [each.name for each in found["parameters"]]

@@ -77,13 +77,16 @@ def test_a_measure_that_a_result_lacks_does_not_pass(api, rig, admin):
 
 def test_halves_and_the_spread_of_the_models_count_where_a_result_has_them(api, rig, admin):
     state(admin, "rigs", rig.id, {"halves_ratio": 1.5, "std_mm": 5})
-    found = FOUND | {"between_models": {"weights": {}, "std": STD | {"t_z": 0.006}, "interval95_half_width": {}}}
+    spread = {"std": STD | {"t_z": 0.006}, "interval95_half_width": {"t_z": 0.011}, "prediction": None}
+    found = FOUND | {"between_models": {"weights": {}, **spread}}
     _, (result, _) = seed_results(api, rig, found=found)
     with api.database.writing() as session:
         halves = [half("alternating", ratio=1.2), half("first_and_last", ratio=1.7)]
         document = DOCUMENT | {"std": STD | {"t_z": 0.004}, "halves": halves}
         session.execute(update(Result).values(document=document))
-    (missed,) = failed(admin.get(f"/results/{result}").json())
+    answer = admin.get(f"/results/{result}").json()
+    assert {name: answer[name] for name in spread} == spread
+    (missed,) = failed(answer)
     assert "the difference of halves" in missed and "it is 1.7" in missed
     assert "at most 5 mm" in missed and "it is 6 mm" in missed
 

@@ -71,6 +71,29 @@ def test_nothing_is_said_or_added_where_the_other_model_is_ruled_out_or_open():
     assert spread_of("pinhole", {"pinhole": RESULTS["pinhole"]}, {"pinhole": 1.0}) is None
 
 
+def test_the_prediction_counts_where_the_other_model_puts_points():
+    """A turn by 0.3 degrees about x moves the middle by f tan(0.3) px and d sin(0.3); the corner has no ray."""
+    stated = {"stated_px": [0.4, 0.3], "stated_mm": [3.0, 10.0]}
+    none = {"stated_px": None, "stated_mm": None}
+    points = [{"u": 640.0, "v": 480.0} | stated, {"u": 0.0, "v": 0.0} | none]
+    prediction = {"distances_m": [5.0, 20.0], "expected_over_stated": 1.5, "points": points}
+    models = {
+        name: FitResult.model_validate(
+            result([turn_deg, 0.0, 0.0], [0.0] * 3, 600.0, 0.05).model_dump() | {"prediction": prediction}
+        )
+        for name, turn_deg in {"pinhole": 0.0, "brown_conrady": 0.3}.items()
+    }
+    mixture = spread_of("pinhole", models, {"pinhole": 0.75, "brown_conrady": 0.25}).prediction
+    turn = np.radians(0.3)
+    assert mixture.points[0].stated_px == pytest.approx(np.hypot([0.4, 0.3], 0.5 * 600.0 * np.tan(turn)))
+    assert mixture.points[0].stated_mm == pytest.approx(
+        np.hypot([3.0, 10.0], 0.5 * 1e3 * np.array([5.0, 20.0]) * np.sin(turn))
+    )
+    assert (mixture.points[1].stated_px, mixture.expected_over_stated) == (None, 1.5)
+    ruled_out = spread_of("pinhole", models, {"pinhole": 1.0, "brown_conrady": 0.0}).prediction
+    assert ruled_out.points[0].stated_mm == pytest.approx([3.0, 10.0])
+
+
 def test_what_is_not_determined_stays_so():
     lost = RESULTS | {"pinhole": result([0.0, 0.0, 0.0], [0.1, 0.2, 0.3], 600.0, 0.05, t_x=None)}
     spread = spread_of("pinhole", lost, {"pinhole": 0.5, "brown_conrady": 0.5})

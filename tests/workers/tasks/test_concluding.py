@@ -300,6 +300,34 @@ STATED = {
 }
 
 
+def test_a_result_states_what_is_published_of_it(context):
+    """Two models predict alike, 0.1 m apart: deviations, interval, prediction and the mount's check count both."""
+    calibration_id, runs = two_models(context)
+    point = {"u": 640.0, "v": 480.0, "stated_px": [0.1], "stated_mm": [2.0]}
+    stated = STATED | {
+        "interval95_half_width": {name: 2.0 * std for name, std in DEVIATIONS.items()},
+        "prediction": {"distances_m": [20.0], "expected_over_stated": 1.0, "points": [point]},
+        "checks": [check("pass", scope="mount_alone") | {"name": "mount_alone"}],
+    }
+    for model, t_x in (("pinhole", 0.0), ("brown_conrady", 0.1)):
+        mount = to_document(SE3("camera", "velodyne", t=np.array([t_x, 0.0, 0.0])))
+        end(context, runs[model][0], found=document(1.0, model=model) | stated | {"transform": mount})
+        for fold, run_id in enumerate(runs[model][1:]):
+            end(context, run_id, found=document(1.0, model=model) | {"heldout": of_block([1.0] * 10, range_of(fold))})
+    ended(context, calibration_id)
+    with context.database.reading() as session:
+        result = session.scalars(select(Result).where(Result.run_id == runs["pinhole"][0])).one()
+        published, half_width_m = result.published, result.published.interval95_half_width["t_x"]
+        assert (half_width_m > 0.1, result.fit.interval95_half_width["t_x"]) == (True, 0.01)
+        assert published.std["t_x"] == pytest.approx(np.hypot(0.005, np.sqrt(0.5) * 0.1))
+        expected_mm = np.hypot(2.0, np.sqrt(0.5) * 100.0)
+        assert result.error_20m_mm == published.prediction.points[0].stated_mm[0] == pytest.approx(expected_mm)
+        (alone,) = (one for one in result.stored_checks if one.name == "mount_alone")
+        assert (alone.verdict, alone.figures["half_width_mm"]) == ("stop", pytest.approx(1e3 * half_width_m))
+        (fold,) = session.scalars(select(Result).where(Result.run_id == runs["pinhole"][1])).all()
+        assert fold.published_document == fold.document
+
+
 def give_marked(context, of_run, number, machine, off_m=0.0):
     """An earlier result whose pairs had so many machine marks, given to the camera by its move of this number."""
     mount = to_document(SE3("camera", "velodyne", t=np.array([off_m, 0.0, 0.0])))
