@@ -8,12 +8,19 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
+
+from apexcal.documents.results import ResultView
 
 AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
 WIDTHS = (390, 1280, 1920)
 Scheme = Literal["light", "dark"]
 View = tuple[Scheme, int]
+VERDICTS = {
+    "pass": "It passes its checks.",
+    "look": "Look at these checks before it is used.",
+    "stop": "It should not be used as it is.",
+}
 
 # Colours depend on the scheme, places on the width: each of them once, and all of them together in the long form.
 ONCE: tuple[View, ...] = (("light", 390), ("dark", 1280), ("light", 1920))
@@ -62,3 +69,15 @@ def assert_looks(page: Page, views: tuple[View, ...] = PHONE) -> None:
         show(page, ("light", width))
         assert_fits(page)
     show(page, ("light", 1280))
+
+
+def assert_verdict_at_once(page: Page, result: ResultView) -> None:
+    """A result's verdict and its gravest reason stand on the first screen of a phone and of a laptop."""
+    assert result.verdict and result.checks
+    failing = [check for check in result.checks if check.verdict == result.verdict != "pass"]
+    reasons = [check.sentence for check in sorted(failing, key=lambda check: check.scope == "mount_alone")[:1]]
+    for width, height in ((390, 844), (1280, 800)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.evaluate("scrollTo(0, 0)")
+        for sentence in (VERDICTS[result.verdict], *reasons):
+            expect(page.get_by_text(sentence).first).to_be_in_viewport()
