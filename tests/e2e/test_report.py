@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Request, expect
 
 from tests.e2e.conftest import Track
-from tests.e2e.looks import View, assert_looks, each_view
+from tests.e2e.looks import View, assert_looks, assert_verdict_at_once, each_view
 from tests.e2e.test_calibrating import pairs_of_truth
 from tests.faults.jobs import SHORT
 from tests.workers.reports.material import EDGES, made
@@ -129,6 +129,9 @@ def test_wrong_marks_are_seen_and_left_out_on_the_page(sign_in: Callable[[str, s
     page = sign_in("Ines", "engineer")
     page.goto(f"{track.url}/calibrations/{done.id}")
     expect(page.get_by_role("table").filter(has_text="At 20 m")).to_be_visible()
+    assert done.summary
+    fitted = done.summary.cameras["front"].models["brown_conrady"]
+    assert_verdict_at_once(page, track.owner.calibrations.result(fitted.result_id))
     page.get_by_text("Residuals of 90 pairs").click()
     page.get_by_label("Farther off than").fill("30")
     page.get_by_role("button", name="Choose them").click()
