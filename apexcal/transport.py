@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import math
 import os
 import random
 import re
@@ -19,7 +18,7 @@ from urllib.parse import SplitResult, quote, urlsplit
 import httpx
 from pydantic import BaseModel, ValidationError
 
-from apexcal.documents.base import Page
+from apexcal.documents.base import Page, not_finite
 from apexcal.errors import ApiError, ForeignAnswerError, InputError, TokenError, UnreachableError
 from apexcal.pull_alone import BUSY, LONGEST_ANSWER, LONGEST_WAIT_S, PAUSES_S, retry_after_s
 
@@ -106,13 +105,6 @@ class HttpTransport:
         """PUT a JSON document."""
         return read(self.send("PUT", path, json=body, headers=headers), kind)
 
-    def get_if_changed(self, path: str, kind: type[M], etag: str | None) -> tuple[M, str] | None:
-        """GET a document with its ETag, or None where it still is the one that ``etag`` names."""
-        response = self.send("GET", path, headers={"If-None-Match": etag} if etag else None)
-        if response.status_code == httpx.codes.NOT_MODIFIED:
-            return None
-        return read(response, kind), _etag(response)
-
     def get_export(self, path: str, format: str, **query: Any) -> httpx.Response:
         """GET a calibration in a format of another program.
 
@@ -121,7 +113,8 @@ class HttpTransport:
         params = _given({"format": format, **query})
         identity = {"Accept-Encoding": "identity"}
         response = self.send("GET", path, params=params, headers=identity, most_bytes=LONGEST_ANSWER)
-        _etag(response)
+        if response.status_code != httpx.codes.OK or not response.headers.get("ETag"):
+            raise ForeignAnswerError(response.request.url, "answered what is no document")
         media_type = f"application/vnd.apexcal.{format}"
         if not response.headers.get("Content-Type", "").startswith(f"{media_type}+"):
             raise ForeignAnswerError(response.request.url, f"answered what is no {media_type}")
@@ -143,7 +136,7 @@ class HttpTransport:
         must not be compressed then. Every request of this client may be repeated: reads and deletes by nature, parts
         by their digest, edits by their version, creations by their key.
         """
-        strange = _not_finite(request.get("json"))
+        strange = not_finite(request.get("json"))
         if strange is not None:
             raise InputError(f"{strange or 'what would be sent'} is not a finite number", "JSON has no such numbers.")
         parts = _given(request)
@@ -261,16 +254,6 @@ def problem_of(response: httpx.Response) -> ApiError:
     return ApiError(response.status_code, fields)
 
 
-def _not_finite(document: Any, at: str = "") -> str | None:
-    """Where in a document a number stands that JSON cannot hold, its steps joined by dots; None where none does."""
-    if isinstance(document, float):
-        return None if math.isfinite(document) else at
-    steps = document.items() if isinstance(document, Mapping) else ()
-    steps = enumerate(document) if isinstance(document, list | tuple) else steps
-    inside = (_not_finite(value, f"{at}.{step}" if at else str(step)) for step, value in steps)
-    return next((where for where in inside if where is not None), None)
-
-
 def _read(streamed: httpx.Response, most_bytes: int | None) -> httpx.Response:
     """The whole answer. Raises ForeignAnswerError if there is a limit and it is longer, or is compressed."""
     if most_bytes is None:
@@ -286,14 +269,6 @@ def _read(streamed: httpx.Response, most_bytes: int | None) -> httpx.Response:
     return httpx.Response(
         streamed.status_code, headers=streamed.headers, content=bytes(content), request=streamed.request
     )
-
-
-def _etag(response: httpx.Response) -> str:
-    """The ETag of a whole answer. Raises ForeignAnswerError for what only another program can have sent."""
-    etag = response.headers.get("ETag")
-    if response.status_code != httpx.codes.OK or not etag:
-        raise ForeignAnswerError(response.request.url, "answered what is no document")
-    return etag
 
 
 def _given(query: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import unicodedata
 from collections.abc import Mapping
 from typing import Annotated, Any, Generic, Self, TypeVar
@@ -88,6 +89,16 @@ def check_texts(document: Any) -> None:
             left.extend(item.values())
         elif isinstance(item, list):
             left.extend(item)
+
+
+def not_finite(document: Any, at: str = "") -> str | None:
+    """Where in a document a number stands that JSON cannot hold, its steps joined by dots; None where none does."""
+    if isinstance(document, float):
+        return None if math.isfinite(document) else at
+    steps = document.items() if isinstance(document, Mapping) else ()
+    steps = enumerate(document) if isinstance(document, list | tuple) else steps
+    inside = (not_finite(value, f"{at}.{step}" if at else str(step)) for step, value in steps)
+    return next((where for where in inside if where is not None), None)
 
 
 class Received(BaseModel):

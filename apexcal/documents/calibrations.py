@@ -13,7 +13,16 @@ from apexcal.documents.bounds import BoundsPreset
 from apexcal.documents.camera_models import DEFAULT_MODELS, SearchForm
 from apexcal.documents.jobs import ProblemView
 from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
-from apexcal.documents.schedules import LIMITS, PresetName
+from apexcal.documents.schedules import (
+    Generations,
+    Goal,
+    Iterations,
+    Population,
+    PresetName,
+    Scale,
+    Slots,
+    Tolerance,
+)
 from apexcal.documents.summaries import Summary
 
 # What a browser's numbers hold exactly.
@@ -70,14 +79,14 @@ class CommonErrors(Received):
 class ScheduleOverrides(Received):
     """Single numbers of the preset's schedule, replaced."""
 
-    slots: Annotated[int, Field(**LIMITS["slots"])] | None = None
-    population: Annotated[int, Field(**LIMITS["population"])] | None = None
-    generations: Annotated[int, Field(**LIMITS["generations"])] | None = None
-    scale: Annotated[float, Field(**LIMITS["scale"])] | None = None
-    max_iterations: Annotated[int, Field(**LIMITS["max_iterations"])] | None = None
-    patience: Annotated[int, Field(**LIMITS["patience"])] | None = None
-    tolerance: Annotated[float, Field(**LIMITS["tolerance"])] | None = None
-    goal_px: Annotated[float, Field(**LIMITS["goal_px"])] | None = None
+    slots: Slots | None = None
+    population: Population | None = None
+    generations: Generations | None = None
+    scale: Scale | None = None
+    max_iterations: Iterations | None = None
+    patience: Iterations | None = None
+    tolerance: Tolerance | None = None
+    goal_px: Goal | None = None
 
 
 class CalibrationTemplate(Received):

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, MODELS, ModelName
+from apexcal.documents.errors import DocumentError
 from apexcal.documents.readings import ImageKind
 
 STATED_MODELS: Final = sorted({stated for model in CAMERA_MODELS.values() for stated in model.stated_as if stated})
@@ -41,6 +43,39 @@ def model_of_lens(distortion_model: str, D: Sequence[float]) -> ModelOfLens:
         if (coefficients := coefficients_of(model, D)) is not None:
             return ModelOfLens(model, coefficients)
     return ModelOfLens(named[-1] if named else None, None)
+
+
+def check_lens(
+    camera: str, distortion_model: str, K: Sequence[float], D: Sequence[float]
+) -> tuple[ModelName, list[float]]:
+    """Our camera model of a lens as people or files state it, K by rows, and as many coefficients as it has.
+
+    Raises:
+        DocumentError: ``unknown_distortion_model``, ``distortion_without_equal``, ``invalid_intrinsics``.
+    """
+    model, coefficients = model_of_lens(distortion_model, D)
+    if model is None:
+        raise DocumentError(
+            "unknown_distortion_model",
+            f"The lens of {camera} is of the distortion model {distortion_model!r}, which is none here.",
+            f"Known are {', '.join(STATED_MODELS)}. Leave the lens out of a request, or give its focal lengths and "
+            "centre as bounds of the rig or the request.",
+        )
+    if coefficients is None:
+        raise DocumentError(
+            "distortion_without_equal",
+            f"The lens of {camera} has {len(D)} coefficients ({distortion_model}), and {model} has "
+            f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero, and no model here has them.",
+            "Calibrate it as plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (k1 k2 p1 p2 k3 k4 k5 k6) or "
+            "equidistant (k1 k2 k3 k4), or give focal lengths and centre as bounds of the rig or the request.",
+        )
+    if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or list(K[6:]) != [0.0, 0.0, 1.0]:
+        raise DocumentError(
+            "invalid_intrinsics",
+            f"K of {camera} is no camera matrix: it is [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows, in pixels.",
+            "A CameraInfo without a calibration has zeros there.",
+        )
+    return model, coefficients
 
 
 def coefficients_of(model: ModelName, D: Sequence[float]) -> list[float] | None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from math import inf
-from typing import Any, Final, Literal
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import ConfigDict, Field, ValidationError
+from pydantic.dataclasses import dataclass as checked
 
 from apexcal.documents.bounds import BoundsPreset
 from apexcal.documents.camera_models import SearchForm
@@ -15,24 +16,32 @@ from apexcal.documents.rules import Loss, OutlierRule
 
 PresetName = Literal["default", "paper", "toolbox"]
 
+Slots = Annotated[int, Field(ge=1, le=1000)]
+Population = Annotated[int, Field(ge=64, le=100_000)]
+Generations = Annotated[int, Field(ge=1, le=10_000)]
+Scale = Annotated[float, Field(gt=0, le=1)]
+Iterations = Annotated[int, Field(ge=1, le=1000)]
+Tolerance = Annotated[float, Field(ge=0, lt=1)]
+Goal = Annotated[float, Field(gt=0)]
 
-@dataclass(frozen=True)
+
+@checked(frozen=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
 class Schedule:
     """Algorithm 2's numbers. `scale` narrows the half-widths from iteration to iteration.
 
     It stops when `patience` iterations brought no relative decrease above `tolerance`, at `goal_px`, or after
     `max_iterations`; never by wall time. With `agreeing` above 0 each slot's best is polished, and it also stops when
-    so many slots ended at the lowest loss, within `tolerance` of it.
+    so many slots ended at the lowest loss, within `tolerance` of it. Raises ValidationError for other numbers.
     """
 
-    slots: int = 4
-    population: int = 800
-    generations: int = 30
-    scale: float = 0.7
-    max_iterations: int = 60
-    patience: int = 3
-    tolerance: float = 1e-4
-    goal_px: float | None = None
+    slots: Slots = 4
+    population: Population = 800
+    generations: Generations = 30
+    scale: Scale = 0.7
+    max_iterations: Iterations = 60
+    patience: Iterations = 3
+    tolerance: Tolerance = 1e-4
+    goal_px: Goal | None = None
     agreeing: int = 0
 
 
@@ -61,20 +70,6 @@ PRESETS: Final[dict[PresetName, Preset]] = {
     "toolbox": Preset(Schedule(slots=20, population=2000, generations=50, max_iterations=1)),
 }
 
-LIMITS: Final[dict[str, dict[str, Any]]] = {
-    "slots": {"ge": 1, "le": 1000},
-    "population": {"ge": 64, "le": 100_000},
-    "generations": {"ge": 1, "le": 10_000},
-    "scale": {"gt": 0, "le": 1},
-    "max_iterations": {"ge": 1, "le": 1000},
-    "patience": {"ge": 1, "le": 1000},
-    "tolerance": {"ge": 0, "lt": 1},
-    "goal_px": {"gt": 0},
-}
-"""What each number may be, in the words of pydantic's fields: ge and le with the end, gt and lt without."""
-_WHOLE: Final = ("slots", "population", "generations", "max_iterations", "patience")
-_WORDS: Final = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
-
 
 def parse_preset(name: object) -> Preset:
     """The preset of that name. Raises DocumentError ``unknown_preset``."""
@@ -87,31 +82,9 @@ def schedule_of(preset: Preset, overrides: Mapping[str, Any]) -> Schedule:
     Whoever replaces a number asks for Algorithm 2, whose slots narrow their bounds and need not agree.
     """
     narrowing = Schedule() if overrides and preset.schedule.agreeing else preset.schedule
-    return check_schedule(_replaced(narrowing, overrides))
-
-
-def _replaced(schedule: Schedule, overrides: Mapping[str, Any]) -> Schedule:
-    names = sorted(field.name for field in fields(Schedule))
-    unknown = [name for name in overrides if name not in names]
-    if unknown:
-        raise DocumentError("bad_schedule", f"`schedule` has no {unknown[0]!r}.", f"It has {', '.join(names)}.")
     try:
-        numbers = {
-            name: None if value is None else int(value) if name in _WHOLE else float(value)
-            for name, value in overrides.items()
-        }
-    except (TypeError, ValueError) as error:
-        raise DocumentError("bad_schedule", f"`schedule` holds something that is no number: {error}.") from error
-    return replace(schedule, **numbers)
-
-
-def check_schedule(schedule: Schedule) -> Schedule:
-    """The schedule itself, if it can be run. Raises DocumentError ``bad_schedule``."""
-    for name, limits in LIMITS.items():
-        value = getattr(schedule, name)
-        if value is None and name == "goal_px":
-            continue
-        if value == inf or not all(getattr(operator, how)(value, end) for how, end in limits.items()):
-            range_words = " and ".join(f"{_WORDS[how]} {end}" for how, end in limits.items())
-            raise DocumentError("bad_schedule", f"`{name}` is {value}.", f"It must be {range_words}.")
-    return schedule
+        return replace(narrowing, **overrides)
+    except ValidationError as error:
+        first = error.errors()[0]
+        what = f"`{first['loc'][-1]}` of the schedule cannot be {first['input']!r:.60}: {first['msg']}."
+        raise DocumentError("bad_schedule", what, f"It has {', '.join(vars(narrowing))}.") from None

@@ -1,14 +1,13 @@
 """Rigid transforms that know both their frames: the group SE(3).
 
-Sources: Barfoot, State Estimation for Robotics, 2017, chapter 7; Sola, Deray and Atchuthan, A micro Lie theory for
-state estimation in robotics, 2018.
+Source: Barfoot, State Estimation for Robotics, 2017, chapter 7.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,13 +21,9 @@ from apexcal.geometry.rotations import (
     quaternion_from_rotation,
     rotation_from_euler,
     rotation_from_quaternion,
-    rotation_from_vector,
-    vector_from_rotation,
 )
 
 Floats = NDArray[np.float64]
-# Radians below which the series of the left Jacobian stands for its formula.
-_SMALL: Final = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,25 +48,10 @@ class SE3:
         object.__setattr__(self, "R", R)
         object.__setattr__(self, "t", t)
 
-    @staticmethod
-    def exp(twist: ArrayLike, to_frame: str, from_frame: str) -> SE3:
-        """The transform of a twist (6,): phi in radians, then rho in metres; R = exp(phi), t = J(phi) rho.
-
-        Barfoot 2017, eqs. 7.31 to 7.37. The turn stands first, as in the covariances of mounts.
-        """
-        phi, rho = np.split(np.asarray(twist, dtype=np.float64), 2)
-        return SE3(to_frame, from_frame, rotation_from_vector(phi), _left_jacobian(phi) @ rho)
-
-    def log(self) -> Floats:
-        """The twist (6,) of which this is the exponential; its turn is at most pi."""
-        phi = vector_from_rotation(self.R)
-        rho = np.linalg.solve(_left_jacobian(phi), self.t)
-        return np.concatenate([phi, np.asarray(rho, dtype=np.float64)])
-
     def adjoint(self) -> Floats:
         """Ad (6, 6), which carries twists of `from_frame` into `to_frame`: T exp(x) T^-1 = exp(Ad x).
 
-        Barfoot 2017, eq. 7.45; with the turn first [[R, 0], [[t]x R, R]].
+        A twist is a turn in radians, then a shift in metres. Barfoot 2017, eq. 7.45: [[R, 0], [[t]x R, R]].
         """
         return np.block([[self.R, np.zeros((3, 3))], [_cross(self.t) @ self.R, self.R]])
 
@@ -145,11 +125,3 @@ def to_document(transform: SE3) -> dict[str, Any]:
 def _cross(v: Floats) -> Floats:
     """[v]x (3, 3), so that [v]x w = v x w."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-def _left_jacobian(phi: Floats) -> Floats:
-    """J(phi) (3, 3), the left Jacobian of SO(3): Sola et al. 2018, eq. 145."""
-    angle, hat = float(np.linalg.norm(phi)), _cross(phi)
-    if angle < _SMALL:
-        return np.eye(3) + 0.5 * hat + hat @ hat / 6.0
-    return np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * hat + (angle - np.sin(angle)) / angle**3 * (hat @ hat)

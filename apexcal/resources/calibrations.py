@@ -170,11 +170,3 @@ class Calibrations(Resource):
         return self._http.get(
             at("vehicles", vehicle_id, "calibration"), VehicleCalibration, camera=cameras, as_of=as_of, **query
         )
-
-    def current_if_changed(
-        self, vehicle_id: UUID | str, camera: str, etag: str | None = None
-    ) -> tuple[CurrentCalibration, str] | None:
-        """A camera's current calibration and its ETag; None where it still is the one that ``etag`` names."""
-        return self._http.get_if_changed(
-            at("vehicles", vehicle_id, "cameras", camera, "calibration"), CurrentCalibration, etag
-        )

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from apexcal.documents.bounds import LEAST_FOCAL_PX
-from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
-from apexcal.documents.lenses import STATED_MODELS, model_of_lens, parameters_of, stated_deviation
+from apexcal.documents.camera_models import ModelName
+from apexcal.documents.lenses import check_lens, parameters_of, stated_deviation
 from apexcal.documents.rules import LensUse
 from service.platform.db.base import Json
 from service.platform.db.fleets import RigCamera
@@ -36,33 +35,10 @@ def as_stated(camera: str, intrinsics: Json) -> Json:
     """A lens as people send it, under our model's name.
 
     Raises:
-        Problem: 422 ``unknown_distortion_model``, ``distortion_without_equal``, ``invalid_intrinsics``.
+        DocumentError: ``unknown_distortion_model``, ``distortion_without_equal``, ``invalid_intrinsics``.
     """
-    name = str(intrinsics["distortion_model"])
-    stated = [float(value) for value in intrinsics["D"]]
-    model, D = model_of_lens(name, stated)
-    if model is None:
-        raise unprocessable(
-            "unknown_distortion_model",
-            f"The intrinsics of {camera} are of the distortion model {name!r}, which is none here.",
-            f"Known are {', '.join(STATED_MODELS)}. Leave the intrinsics out, or give their "
-            "focal lengths and centre as bounds of the rig or the request.",
-        )
-    if D is None:
-        raise unprocessable(
-            "distortion_without_equal",
-            f"The intrinsics of {camera} have {len(stated)} coefficients ({name}), and {model} has "
-            f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero, and no model here has them.",
-            "Calibrate the lens as plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (k1 k2 p1 p2 k3 k4 k5 k6) or "
-            "equidistant (k1 k2 k3 k4), or give focal lengths and centre as bounds of the rig or the request.",
-        )
-    K = [float(value) for value in intrinsics["K"]]
-    if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
-        raise unprocessable(
-            "invalid_intrinsics",
-            f"K of {camera} is no camera matrix: it is [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows.",
-            "A CameraInfo without a calibration has zeros there.",
-        )
+    K, stated = ([float(value) for value in intrinsics[name]] for name in "KD")
+    model, D = check_lens(camera, str(intrinsics["distortion_model"]), K, stated)
     return {"model": model, "K": K, "D": D, "width": intrinsics["width"], "height": intrinsics["height"]}
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from math import isfinite
 from uuid import UUID
 
 from sqlalchemy import Select, select, tuple_
@@ -57,17 +56,11 @@ def calibration_views(
     ]
 
 
-def _best_loss(run: CalibrationRun) -> float | None:
-    """The best loss so far in pixels; None before the first iteration, and where it is no number to show."""
-    loss = (run.schedule or {}).get("best_loss")
-    return float(loss) if isinstance(loss, int | float) and isfinite(loss) else None
-
-
 def _calibration_view(row: Calibration, runs: list[CalibrationRun], *, with_pairs: bool) -> CalibrationView:
     return CalibrationView.of(
         row,
         progress=_progress(row, runs),
-        runs=[RunView.of(run, best_loss=_best_loss(run)) for run in runs],
+        runs=[RunView.of(run, best_loss=(run.schedule or {}).get("best_loss")) for run in runs],
         summary=row.summary if with_pairs else _without_vertices(row.summary),
     )
 

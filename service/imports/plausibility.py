@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from apexcal.documents.bounds import LEAST_FOCAL_PX
-from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
-from apexcal.documents.lenses import STATED_MODELS, model_of_lens
+from apexcal.documents.camera_models import ModelName
+from apexcal.documents.errors import DocumentError
+from apexcal.documents.lenses import check_lens
 from apexcal.geometry.se3 import SE3, Floats
 from service.imports.contents import FileLens, refused
 
@@ -36,23 +36,10 @@ def known_lens(camera: str, lens: FileLens, size: tuple[int, int] | None) -> Kno
     Raises:
         Problem: 422 ``calibration_file_not_read``.
     """
-    model, D = model_of_lens(lens.distortion_model, lens.D)
-    if model is None:
-        models = ", ".join(STATED_MODELS)
-        raise refused(f"The lens of {camera} is of the model {lens.distortion_model!r}.", f"Known are {models}.")
-    if D is None:
-        raise refused(
-            f"The lens of {camera} has {len(lens.D)} coefficients, and {model} has "
-            f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero.",
-            "Calibrate it as plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (k1 k2 p1 p2 k3 k4 k5 k6) or "
-            "equidistant (k1 k2 k3 k4).",
-        )
-    K = lens.K
-    if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
-        raise refused(
-            f"K of {camera} is no camera matrix. It must be [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows, in pixels.",
-            "It has zeros if the camera was not calibrated.",
-        )
+    try:
+        model, D = check_lens(camera, lens.distortion_model, lens.K, lens.D)
+    except DocumentError as error:
+        raise refused(error.message, error.hint) from None
     if lens.size is None and size is None:
         raise refused(f"The file says no image size of {camera}.", "Give image_size (width, height).")
     if lens.size is not None and size is not None and lens.size != size:
@@ -61,7 +48,7 @@ def known_lens(camera: str, lens: FileLens, size: tuple[int, int] | None) -> Kno
             f"The lens of {camera} is for {own_width} x {own_height} pixels, but the images have {width} x {height}.",
             "Scale K, or calibrate at this size.",
         )
-    return KnownLens(model, K, D, *(lens.size or size or (0, 0)))
+    return KnownLens(model, lens.K, D, *(lens.size or size or (0, 0)))
 
 
 def lens_doubts(lens: KnownLens) -> list[str]:

@@ -7,11 +7,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from uuid import UUID
 
 from sqlalchemy import Select, and_, func, select
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy.orm import Session
 
 from service.exports.queries import of_results
 from service.platform.db.base import Json
-from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.platform.db.calibrations import (
+    Calibration,
+    CalibrationRun,
+    CorrespondenceSet,
+    Publication,
+    Result,
+    newest_move,
+)
 from service.platform.db.detections import Detection
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.db.people import Person
@@ -104,11 +111,7 @@ def _newest(vehicle_id: UUID, selection: Selection) -> Select[*tuple[Any, ...]]:
     if selection.cameras:
         cameras = cameras.where(RigCamera.name.in_(selection.cameras))
     names = cameras.distinct().subquery()
-    move = aliased(Publication)
-    of_alias = [move.vehicle_id == vehicle_id, move.camera == names.c.name, move.alias == selection.alias]
-    if selection.as_of is not None:
-        of_alias.append(move.created_at <= selection.as_of)
-    newest = select(move.id).where(*of_alias).order_by(move.number.desc()).limit(1)
+    newest = newest_move(vehicle_id, names.c.name, selection.alias, selection.as_of)
     return (
         select(Publication, Result, Calibration, Rig, RigCamera, Person.name, Detection.pairing)
         .select_from(names)

@@ -30,13 +30,13 @@ from sqlalchemy import (
     tuple_,
     type_coerce,
 )
-from sqlalchemy.orm import InstrumentedAttribute, Session, aliased
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from apexcal.documents.fleet_health import CameraHealth, FleetHealth
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import UNENDED, CameraState, RecordingState, WorkState
 from service.platform.db.base import state_literal
-from service.platform.db.calibrations import Calibration, CalibrationRun, Publication, Result
+from service.platform.db.calibrations import Calibration, CalibrationRun, Publication, Result, newest_move
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.db.recordings import Recording
 from service.platform.http.pages import Window, invalid_cursor
@@ -258,20 +258,14 @@ def _mounts(fleet_id: UUID) -> CTE:
         partition_by=of_camera, order_by=(RigCamera.serial.is_(None), *newest_first)
     )
     age = func.rank().over(partition_by=of_lidar, order_by=(RigCamera.id.is_(None), *newest_first))
-    move = aliased(Publication)
-    newest_move = (
-        select(move.id)
-        .where(move.vehicle_id == Vehicle.id, move.camera == RigCamera.name, move.alias == CURRENT)
-        .order_by(move.number.desc())
-        .limit(1)
-    )
+    move_id = newest_move(Vehicle.id, RigCamera.name, CURRENT).correlate(Vehicle, RigCamera)
     rows = (
         select(
             *(Vehicle.id.label("vehicle_id"), Vehicle.name.label("vehicle"), Vehicle.sort_name),
             *(Rig.id.label("rig_id"), Rig.created_at.label("rig_created_at"), RigCamera.name.label("camera")),
             age.label("rig_age"),
             or_(Rig.lidar_serial != lidar_now, RigCamera.serial != camera_now).label("is_swapped"),
-            newest_move.correlate(Vehicle, RigCamera).scalar_subquery().label("publication_id"),
+            move_id.scalar_subquery().label("publication_id"),
         )
         .select_from(Vehicle)
         .outerjoin(Rig, Rig.vehicle_id == Vehicle.id)

@@ -9,7 +9,7 @@ from hashlib import sha256
 from sqlalchemy import Select, String, Uuid, and_, bindparam, cast, func, or_, select
 from sqlalchemy.orm import aliased
 
-from service.platform.db.calibrations import Calibration, Publication, Result
+from service.platform.db.calibrations import Calibration, Publication, Result, newest_move
 from service.platform.db.clock import now
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.db.people import ApiToken, Membership, Person
@@ -21,9 +21,7 @@ def state_of_vehicle(dialect: str) -> Select[str]:
 
     It takes ``vehicle`` and ``alias``. The database makes the text, so that each driver reads the same.
     """
-    move, publisher = aliased(Publication), aliased(Person)
-    of_alias = (move.vehicle_id == Vehicle.id, move.camera == RigCamera.name, move.alias == bindparam("alias"))
-    newest = select(move.id).where(*of_alias).order_by(move.number.desc()).limit(1)
+    publisher, newest = aliased(Person), newest_move(Vehicle.id, RigCamera.name, bindparam("alias"))
     # A result that is deleted leaves its publication. A calibration's figures are known since its end.
     state = (
         *(Vehicle.id, Vehicle.version, Rig.id, Rig.version, RigCamera.name),

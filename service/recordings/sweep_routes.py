@@ -51,8 +51,8 @@ def _packed(access: Access, recording: Recording) -> PackedSweeps:
     raise conflict(
         "not_packed",
         f"The sweeps of {recording.name!r} are not packed: only packed sweeps are sent.",
-        "A recording is packed right after it was read: wait for its job. Ask for one of an older version with POST "
-        "/v1/analyses and the kind packing.",
+        "A recording is packed right after it was read: wait for its job. Where that failed, ask again: POST "
+        "/v1/analyses with the kind packing.",
     )
 
 

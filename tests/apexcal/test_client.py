@@ -16,8 +16,6 @@ from apexcal.rigs import read_rig
 from apexcal.transport import HttpTransport
 from apexcal.upload_sources import open_source
 from apexcal.uploads import send_parts
-from tests.faults.jobs import LEVEL_RIG, SHORT
-from tests.faults.jobs import pairs as level_pairs
 
 KEEP = {"and": [{"quantity": "x", "op": ">", "value": 2}, {"quantity": "z", "op": ">", "value": -1.7}]}
 
@@ -192,18 +190,6 @@ def test_frames_vertices_and_marks_that_outlive_a_pairing(owner, rig, simulated)
     with pytest.raises(ApiError) as refused:
         owner.calibrations.create(rig.vehicle_id, [pairs.id], ["fisheye"])
     assert refused.value.code == "unknown_model"
-
-
-def test_what_is_current_is_sent_once(owner, rig):
-    level = owner.vehicles.create_rig(rig.vehicle_id, LEVEL_RIG)
-    of = owner.correspondence_sets.import_pairs(level.id, "front", level_pairs(60))
-    lens = {"models": ["pinhole"], "folds": 0, "schedule": SHORT}
-    calibration = owner.wait(owner.calibrations.create(rig.vehicle_id, [of.id], **lens), timeout_s=120)
-    result = calibration.summary.cameras["front"].models["pinhole"].result_id
-    owner.calibrations.publish(result, "To look at it.", override=True)
-    current, etag = owner.calibrations.current_if_changed(rig.vehicle_id, "front")
-    assert current.model == "pinhole"
-    assert owner.calibrations.current_if_changed(rig.vehicle_id, "front", etag) is None
 
 
 BOARD = {"board_width_m": 0.61, "board_height_m": 0.914}

@@ -16,7 +16,7 @@ from apexcal.documents import bounds
 from apexcal.documents.bounds import BoundsPreset, Interval
 from apexcal.documents.fit_requests import FitRequest
 from apexcal.documents.rules import Loss, OutlierRule
-from apexcal.documents.schedules import Schedule, check_schedule
+from apexcal.documents.schedules import Schedule
 from apexcal.geometry.rotations import euler_from_rotation
 from apexcal.geometry.se3 import SE3, from_document
 from workers.geometry.models import (
@@ -132,7 +132,6 @@ class FitProblem:
         bounds = narrowed({name: self.bounds[name] for name in self.names}, {})
         object.__setattr__(self, "bounds", bounds | {name: (v, v) for name, v in self.locked.items()})
         _check_numbers(self)
-        check_schedule(self.schedule)
         if self.covariances is not None and len(self.covariances.marks) != len(self.points):
             raise SolveError("bad_covariances", "There is not one covariance for each pair.", "")
         for rows in (self.blocks and self.blocks.labels, self.velocities, self.people):

@@ -8,7 +8,7 @@ from typing import Any
 from uuid import UUID
 
 from sqlalchemy import Index, Select, String, UniqueConstraint, select
-from sqlalchemy.orm import Mapped, Session, mapped_column, object_session
+from sqlalchemy.orm import Mapped, Session, aliased, mapped_column, object_session
 
 from apexcal.documents.checks import Check, CheckVerdict, later_checks
 from apexcal.documents.publications import CURRENT
@@ -239,6 +239,14 @@ class Publication(Dated):
     published_by: Mapped[UUID | None] = refers_to("person.id")
     reason: Mapped[str | None] = mapped_column(String(500))
     overridden: Mapped[list[Any] | None]
+
+
+def newest_move(vehicle_id: Any, camera: Any, alias: Any, until: datetime | None = None) -> Select[UUID]:
+    """A query inside another one for the id of an alias's last move, or of its last until a moment."""
+    move = aliased(Publication)
+    of_alias = (move.vehicle_id == vehicle_id, move.camera == camera, move.alias == alias)
+    in_time = () if until is None else (move.created_at <= until,)
+    return select(move.id).where(*of_alias, *in_time).order_by(move.number.desc()).limit(1)
 
 
 def newest_publication(session: Session, vehicle_id: UUID, camera: str, alias: str = CURRENT) -> Publication | None:

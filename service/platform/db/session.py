@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from sqlalchemy.exc import DisconnectionError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 import service.platform.db.models  # noqa: F401  # a flush sorts tables by their foreign keys, so all of them must be known
+from apexcal.documents.base import not_finite
 from apexcal.documents.errors import DocumentError
 from service.platform.db.base import Base, Json
 from service.platform.db.connection import LOCK_S, connect_args
@@ -71,7 +71,7 @@ def _to_json(value: Any) -> str:
     except ValueError:
         raise DocumentError(
             "non_finite",
-            f"{_not_finite(value) or 'A number'} of the result is not finite: the data do not determine it.",
+            f"{not_finite(value) or 'A number'} of the result is not finite: the data do not determine it.",
             "Give more data, or lock what is known. Nothing was stored.",
         ) from None
 
@@ -82,19 +82,6 @@ def _from_json(text: str | bytes) -> Any:
         return from_json(text)
     except ValueError:  # half of a surrogate pair
         return json.loads(text)
-
-
-def _not_finite(value: Any) -> str | None:
-    """The path of a number that is none."""
-    if isinstance(value, float):
-        return None if math.isfinite(value) else ""
-    members = (
-        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else ()
-    )
-    for name, member in members:
-        if (rest := _not_finite(member)) is not None:
-            return f"{name}.{rest}" if rest else str(name)
-    return None
 
 
 def open_engine(url: str, *, patient: bool = False, lock_s: float = LOCK_S, connections: int | None = None) -> Engine:

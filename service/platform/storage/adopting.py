@@ -1,7 +1,7 @@
-"""Marks a folder as the database's store, once, unless its content contradicts that.
+"""Marks a folder as the database's store at the first start.
 
-A folder without its marker is an empty one (a first start), one from before there were markers, or the bare mount
-point of a disk that is not there. The last looks like a store that lost everything, so it is refused.
+Later a folder without its marker is the bare mount point of a disk that is not there, which looks like a store that
+lost everything, or a copy that was made without the marker. So it is refused.
 """
 
 from __future__ import annotations
@@ -16,24 +16,22 @@ from service.platform.db.recordings import Blob
 from service.platform.db.session import Database
 from service.platform.storage.store import MARKER, Store
 
-# So many of the newest objects are looked for: one that is there tells that the folder is ours.
-_LOOKED_FOR = 50
 _AGAIN_S = 10.0
 
 log = logging.getLogger(__name__)
 
 
 class StrangeFolderError(Exception):
-    """The store's folder holds nothing of what the database says is in it; ``hint`` says what to do."""
+    """The store's folder has no marker, and the database names objects; ``hint`` says what to do."""
 
     def __init__(self, folder: str, objects: int) -> None:
         super().__init__(
-            f"the folder {folder} is not this database's: it lacks the file {MARKER} and what was looked for of the "
-            f"{objects} objects that the database names"
+            f"the folder {folder} is not this database's: it lacks the file {MARKER}, and the database names "
+            f"{objects} objects"
         )
         self.hint = (
             "Is its disk mounted, and its path right? If the objects are lost, restore a backup into a new database "
-            "and a new folder; or go on without them: `python -m service.platform.storage.prepare --anew` with "
+            "and a new folder. To take the folder as it is: `python -m service.platform.storage.prepare --anew` with "
             "this service's settings (embedded: APEXCAL_DATA_DIR)."
         )
 
@@ -42,26 +40,15 @@ def adopt(database: Database, store: Store) -> None:
     """Mark the store's folder as this database's, unless it is. Nothing is done with a bucket.
 
     Raises :class:`StrangeFolderError`; SQLAlchemy's errors where the database does not say what it knows, and OSError
-    where the folder cannot be looked into.
+    where the folder cannot be written.
     """
     if store.is_prepared():
         return
-    stored = select(Blob.key).where(Blob.state == "stored")
     with database.reading() as session:
-        newest = session.scalars(stored.order_by(Blob.created_at.desc()).limit(_LOOKED_FOR)).all()
-        if newest and not any(_is_there(store, key) for key in newest):
-            count = session.scalar(select(func.count()).select_from(stored.subquery())) or 0
-            raise StrangeFolderError(str(store.folder), count)
+        count = session.scalar(select(func.count()).where(Blob.state == "stored"))
+    if count:
+        raise StrangeFolderError(str(store.folder), count)
     store.prepare()
-
-
-def _is_there(store: Store, key: str) -> bool:
-    assert store.folder
-    try:
-        (store.folder / key).stat()
-    except (FileNotFoundError, NotADirectoryError):
-        return False  # any other error says nothing of whose folder it is
-    return True
 
 
 def adopt_if_known(database: Database, store: Store) -> None:

@@ -34,8 +34,6 @@ def test_a_policy_is_stated_by_an_admin(fleet, rig, admin, engineer):
     for wrong in ({"std_mm": 0}, {"coverage": 1.5}, {"heldout": 1}, {"std_deg": "x"}):
         answer = admin.put(f"/rigs/{rig.id}/policy", json=wrong, headers={"If-Match": '"v3"'})
         assert answer.status_code == 422, wrong
-    assert engineer.put(f"/fleets/{fleet}/policy", json={}, headers={"If-Match": "*"}).status_code == 403
-    assert engineer.put(f"/rigs/{rig.id}/policy", json={}, headers={"If-Match": "*"}).status_code == 403
 
 
 def test_what_misses_a_limit_is_published_with_a_reason_only(api, fleet, rig, admin):

@@ -418,8 +418,6 @@ def test_sets_must_fit_the_vehicle_the_rig_and_the_cameras(api, fleet, engineer,
     assert ask(engineer, rig, theirs).status_code == 404
     assert ask(stranger, rig, theirs).status_code == 404
     assert ask(engineer, rig, "00000000-0000-7000-8000-000000000000").status_code == 404
-    low = ask(api.member(fleet, "reviewer"), rig, one)
-    assert (low.status_code, low.json()["code"]) == (403, "role_too_low")
 
 
 def test_what_a_set_said_of_itself_is_said_of_the_calibration_to_reviewers(api, fleet, engineer, rig):

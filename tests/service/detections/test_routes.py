@@ -151,12 +151,3 @@ def test_vertices_say_how_sure_they_are_and_what_to_look_at(api, fleet, viewer):
     assert fine["frames"] == {"front": {"index": 1, "gap_ns": 0, "moved": moved, "corners": []}}
     assert viewer.get(path, params={"quality": "usable"}).json()["items"] == []
     assert viewer.get(path, params={"quality": "good"}).status_code == 422
-
-
-def test_roles_and_fleets_are_kept_apart(api, fleet):
-    seed = seed_marking(api.database, fleet)
-    outsider = api.member(api.fleet(), "admin")
-    assert outsider.get(f"/detections/{seed.detection_id}").status_code == 404
-    assert outsider.post(f"/recordings/{seed.recording_id}/detections", {"region": REGION}).status_code == 404
-    low = api.member(fleet, "reviewer").post(f"/recordings/{seed.recording_id}/detections", {"region": REGION})
-    assert (low.status_code, low.json()["code"]) == (403, "role_too_low")

@@ -184,21 +184,6 @@ def test_a_request_for_nobody_with_pairs_has_ended_when_it_is_made(vans: Vans):
     assert asked["finished_at"] is not None
 
 
-def test_a_fleet_request_is_its_fleets_and_an_engineers(api, vans: Vans):
-    vans.add("van")
-    asked = vans.ask().json()
-    viewer = api.member(vans.fleet_id, "viewer")
-    stranger = api.member(api.fleet(), "admin")
-    assert viewer.get(f"/fleet-requests/{asked['id']}").status_code == 200
-    assert viewer.post(f"/fleets/{vans.fleet_id}/fleet-requests", {"vehicles": {}}).status_code == 403
-    for verb in ("cancel", "retry"):
-        assert viewer.post(f"/fleet-requests/{asked['id']}/{verb}").status_code == 403
-        assert stranger.post(f"/fleet-requests/{asked['id']}/{verb}").status_code == 404
-    assert stranger.get(f"/fleet-requests/{asked['id']}/vehicles").status_code == 404
-    listed = viewer.get(f"/fleets/{vans.fleet_id}/fleet-requests").json()["items"]
-    assert [one["id"] for one in listed] == [asked["id"]]
-
-
 def test_vehicles_come_in_pages_and_by_state(vans: Vans):
     for name in ("van 10", "Van 2", "van 9"):
         vans.add(name, 40 if name != "van 9" else None)

@@ -297,7 +297,7 @@ def test_a_mount_in_millimetres_is_doubted_and_one_that_mirrors_refused():
     [
         (CAMCHAIN.replace("camera_model: pinhole", "camera_model: eucm"), "no camera with a supported model"),
         (CAMCHAIN.replace("distortion_model: equi", "model: equi"), "has no distortion_model"),
-        (CAMERA_CALIBRATION.replace("plumb_bob", "fov"), "is of the model 'fov'"),
+        (CAMERA_CALIBRATION.replace("plumb_bob", "fov"), "is of the distortion model 'fov'"),
         (CAMERA_CALIBRATION.replace("500.0", ".nan"), "holds nan"),
         (CAMERA_CALIBRATION.replace("500.0", "true"), "holds True"),
         (CAMERA_CALIBRATION.replace("image_width: 640", "image_width: .inf"), "holds inf"),

@@ -64,15 +64,6 @@ def test_a_reason_is_a_sentence_or_two_of_plain_text(api, rig, reviewer, reason)
     assert history(reviewer, rig)["items"] == []
 
 
-def test_only_a_reviewer_overrides(api, fleet, rig):
-    _, (full, _) = seed_results(api, rig, found=ON_BOUNDS)
-    body = {"override": {"reason": "I want to."}}
-    assert api.member(fleet, "annotator").post(f"/results/{full}/publication", body).status_code == 403
-    assert api.member(api.fleet(), "admin").post(f"/results/{full}/publication", body).status_code == 404
-    outsider = api.member(api.fleet(), "admin")
-    assert outsider.get(f"/vehicles/{rig.vehicle_id}/cameras/front/publications").status_code == 404
-
-
 def test_a_result_of_a_calibration_that_has_not_ended_is_held_back(api, rig, reviewer):
     _, (full, _) = seed_results(api, rig)
     with api.database.writing() as session:
@@ -185,10 +176,3 @@ def test_the_newest_is_what_was_published_last_whatever_the_clocks_say(api, rig,
         times = session.scalars(select(Publication.created_at).order_by(Publication.number)).all()
     assert times == sorted(times)
     assert all(abs(at - asked_at) < timedelta(seconds=100) for at in times), "they are the database's"
-
-
-def test_a_deleted_result_is_no_500(api, rig, reviewer):
-    _, (full, _) = seed_results(api, rig)
-    with api.database.writing() as session:
-        session.delete(session.get_one(Result, full))
-    assert reviewer.post(f"/results/{full}/publication").status_code == 404

@@ -151,13 +151,3 @@ def test_what_a_published_calibration_came_from_stays(api: Api, world: World, ki
     assert (refused.status_code, refused.json()["code"]) == (409, "calibration_in_use"), refused.text
     assert "current calibration of front" in refused.json()["detail"] and "withdraw" in refused.json()["hint"]
     assert count(api, *tables) == before and "condemned" not in blob_states(api)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_who_may_not_delete_is_refused_and_strangers_see_nothing(api: Api, world: World, kind: str) -> None:
-    for role in ("viewer", "annotator", "reviewer"):
-        refused = api.member(world.fleet, role).delete(world.address(kind))
-        assert (refused.status_code, refused.json()["code"]) == (403, "role_too_low")
-    stranger = api.member(api.fleet("south"), "admin")
-    assert stranger.delete(world.address(kind)).status_code == 404
-    assert count(api, Calibration, Detection, Rig, Vehicle) == [1, 1, 1, 1]

@@ -107,9 +107,3 @@ def wait_for_subscriptions(broker: Broker) -> None:
     """Of the server, and of the test's own client, in which the application lives too."""
     with broker.client() as client:
         wait_until(lambda: len(client.client_list(_type="pubsub")) == 2, "the subscriptions")
-
-
-def test_only_members_follow(api: Api) -> None:
-    stranger = api.member(api.fleet(), "admin")
-    answer = stranger.get(f"/fleets/{api.fleet()}/events")
-    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
