@@ -140,12 +140,6 @@ def test_slots_come_in_pages_and_by_fit(api, fleet, rig, viewer):
     assert read["progress"] == {"fraction": 1.0, "message": "2 of 2 fits have ended"}
 
 
-def test_before_a_publication_the_answer_says_what_to_do(api, fleet, rig):
-    answer = api.member(fleet, "viewer").get(current_address(rig))
-    assert (answer.status_code, answer.json()["code"]) == (404, "no_calibration_yet")
-    assert "publication" in answer.json()["hint"]
-
-
 def test_a_published_result_is_current_with_both_transforms(api, fleet, rig, viewer):
     calibration, (full, _) = seed_results(api, rig)
     published = api.member(fleet, "reviewer").post(f"/results/{full}/publication", {})
@@ -167,19 +161,6 @@ def test_a_published_result_is_current_with_both_transforms(api, fleet, rig, vie
     assert current["quality"]["mean_px"] == 1.25
     assert current["quality"]["heldout_mean_px"] == 0.9
     assert viewer.get(current_address(rig), headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
-
-
-def test_a_newer_publication_takes_over_and_changes_the_etag(api, fleet, rig, reviewer):
-    _, (first, _) = seed_results(api, rig)
-    _, (second, _) = seed_results(api, rig)
-    reviewer.post(f"/results/{first}/publication")
-    before = reviewer.get(current_address(rig))
-    assert reviewer.post(f"/results/{first}/publication").status_code == 200
-    assert reviewer.post(f"/results/{second}/publication").status_code == 201
-    after = reviewer.get(current_address(rig), headers={"If-None-Match": before.headers["etag"]})
-    assert (after.status_code, after.json()["result_id"]) == (200, str(second))
-    assert reviewer.post(f"/results/{first}/publication", {"reason": "The second is off."}).status_code == 201
-    assert reviewer.get(current_address(rig)).json()["result_id"] == str(first)
 
 
 def test_a_rig_without_a_vehicle_frame_gives_none(api, fleet, rig, reviewer):

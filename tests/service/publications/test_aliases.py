@@ -111,7 +111,6 @@ def test_checks_hold_for_aliases_too(api, rig, reviewer, viewer):
 
 def test_what_an_alias_cannot_be(api, fleet, rig, reviewer, viewer):
     given = publish(api, rig, reviewer)
-    assert move(viewer, given["result_id"]).status_code == 403
     for name in ("Canary", "-x", "x" * 65, "a b"):
         assert move(reviewer, given["result_id"], name).status_code == 422
     assert move(reviewer, given["result_id"], reason=" ").status_code == 422
