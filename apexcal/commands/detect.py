@@ -108,9 +108,7 @@ def detect(
             "--offset-ms and --max-gap-ms are finite numbers",
             "Both are in milliseconds, for example --offset-ms 12.5",
         )
-    if corner != "tip" and not board:
-        usage(f"--corner {corner} needs the board's size", "Give its two edges in metres, as --board 0.61x0.91")
-    options = _board(board, detector) | _UPPER_CORNERS[corner] | _options(option or [], detector)
+    options = board_options(board, corner, detector) | _options(option or [], detector)
     tree = read_region(region) if region else parse_region(keep or [])
     detections, of = session.client.detections, find_recording(session.client, recording)
     if of.state == "failed":
@@ -149,9 +147,11 @@ def _suggestion(facts: SuggestionFacts) -> str:
     )
 
 
-def _board(text: str, detector: DetectorName) -> dict[str, Any]:
-    """The board's edges from ``WIDTHxHEIGHT``, metres."""
+def board_options(text: str, corner: BoardCorner, detector: DetectorName = "refined") -> dict[str, Any]:
+    """Return the detector's options for a board of ``WIDTHxHEIGHT`` metres and for the corner that is looked for."""
     if not text:
+        if corner != "tip":
+            usage(f"--corner {corner} needs the board's size", "Give its two edges in metres, as --board 0.61x0.91")
         return {}
     if detector != "refined":
         usage(f"--board is for refined only; {detector} does not use the board's size", "Leave --board out")
@@ -165,7 +165,7 @@ def _board(text: str, detector: DetectorName) -> dict[str, Any]:
             f"--board {text!r} is no size of a board: its edges are in metres, each from {least} to {most:g}",
             "Write it as 0.61x0.91; leave it out where the size is not known",
         )
-    return {"board_width_m": width, "board_height_m": height}
+    return {"board_width_m": width, "board_height_m": height} | _UPPER_CORNERS[corner]
 
 
 def _options(texts: list[str], detector: DetectorName) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from apexcal.commands.recordings import LidarModelOption, RingsOption, StillOpti
 from apexcal.commands.rig import add_rig
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.stated_files import read_text
-from apexcal.commands.terminal import check_target, complain, note
+from apexcal.commands.terminal import check_target, complain, note, usage
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.crops import LEAST_MARKS
 from apexcal.documents.fleets import RigOut
@@ -50,6 +50,7 @@ def solve(
     output: OutputOption,
     urdf: UrdfOption = None,
     board: str = "",
+    corner: detect.BoardCorner = "tip",
     description: Annotated[Path | None, typer.Option("--rig", exists=True)] = None,
     machine_marks: Annotated[bool, typer.Option("--machine-marks")] = False,
     camera: CameraOption = "",
@@ -74,11 +75,15 @@ def solve(
     Args:
         recording: File or folder that `apexcal upload` takes.
         board: Size of the board in metres, as 0.61x0.91.
+        corner: Which corner of the board is looked for: see `apexcal detect`. People mark an upper corner.
         description: JSON file of the rig (docs/rigs.md), instead of what the recording proposes.
         machine_marks: The machine marks, and nobody looks at its marks.
         fleet: Fleet, by name; a new name makes one.
     """
     check_target(output, force)
+    detect.board_options(board, corner)
+    if machine_marks and corner != "tip":
+        usage(f"the machine does not mark a board's {corner} corner", "Leave --machine-marks out: people mark it")
     reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
     if description:
         document = read_rig(description)
@@ -101,7 +106,7 @@ def solve(
         with TemporaryDirectory() as folder:
             region = Path(folder) / "region.json"
             _step(detect.suggest(session, of, out=region))
-            detection = str(_step(detect.detect(session, of, region=region, board=board)).id)
+            detection = str(_step(detect.detect(session, of, region=region, board=board, corner=corner)).id)
         _step(marks(session, detection, camera=name))
         if not machine_marks:
             _people_mark(session, detection, name, link)

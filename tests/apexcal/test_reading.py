@@ -6,8 +6,8 @@ from typer.testing import CliRunner
 from apexcal.cli import USAGE, app
 from apexcal.client import time_left
 from apexcal.commands.clock_offset import _outcome
-from apexcal.commands.detect import _board
 from apexcal.commands.detect import _outcome as _detected
+from apexcal.commands.detect import board_options
 from apexcal.commands.recordings import candidates_of, merged_reading, reading_of
 from apexcal.documents.analyses import ClockOffset
 from apexcal.documents.detections import DetectionCounts, DetectionView, Pairing, SizeSeen
@@ -55,8 +55,8 @@ def test_candidates_are_listed_with_the_command_that_answers():
 
 
 def test_the_boards_size_is_two_edges():
-    assert _board("0.61x0.91", "refined") == {"board_width_m": 0.61, "board_height_m": 0.91}
-    assert _board("", "strict") == {}
+    assert board_options("0.61x0.91", "tip") == {"board_width_m": 0.61, "board_height_m": 0.91}
+    assert board_options("", "tip", "strict") == {}
 
 
 @pytest.mark.parametrize(

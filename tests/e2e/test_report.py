@@ -76,6 +76,9 @@ def test_a_saved_report_opens_from_a_file_and_names_stay_text(browser: Browser, 
     document = contents(material)
     document["names"] |= {"vehicle": "<img src=x onerror=alert(1)></script><script>alert(2)</script>"}
     document["elsewhere"] = [EDGES | {"sentence": "<!--<script>"}]
+    document["upper_corner"] = 1
+    for outlier, corner in zip(document["result"]["outliers"], ("top", "right"), strict=False):
+        outlier["pair"] |= {"frame_index": 7, "corner": corner}
     file = tmp_path / "report.html"
     file.write_text(page_of(document))
     context = browser.new_context(offline=True, accept_downloads=True)
@@ -88,6 +91,8 @@ def test_a_saved_report_opens_from_a_file_and_names_stay_text(browser: Browser, 
     page.goto(file.as_uri())
     expect(page.get_by_role("heading", level=1)).to_contain_text(document["names"]["vehicle"])
     expect(page.get_by_text("<!--<script>")).to_be_visible()
+    for corner in ("upper left corner", "upper right corner"):
+        expect(page.get_by_role("cell", name=f"frame 7, {corner}", exact=True)).to_be_visible()
     assert page.locator("script").count() == 2 and page.locator("img").count() == 0
 
     rings = [float(one.get_attribute("data-rms") or 0) for one in page.locator("#plot-by_angle .ring").all()]

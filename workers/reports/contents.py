@@ -33,6 +33,7 @@ def contents(material: Material) -> Json:
         "result": _result(material),
         "summary": material.summary,
         "pairs": _pairs(material),
+        "upper_corner": material.upper_corner,
         "people": _people(material),
         "elsewhere": list(material.elsewhere),
         "request": material.request,

@@ -42,7 +42,7 @@ class Material:
     by side, a ``CameraSummary``, once there is one. ``marks``: by
     person, where the pairs are made of marks. ``elsewhere``: what validations found on other data, the newest first,
     without single pairs. ``names`` are those of vehicle, rig and camera; ``rows`` are the members of a ``ResultView``
-    that say whose the result is.
+    that say whose the result is. ``upper_corner`` is the detection's option.
     """
 
     result: FitResult
@@ -57,3 +57,4 @@ class Material:
     rows: Mapping[str, Any] = field(default_factory=dict[str, Any])
     request: Json = field(default_factory=dict[str, Any])
     made_at: str = ""
+    upper_corner: int = 0

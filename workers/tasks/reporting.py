@@ -17,7 +17,7 @@ from service.platform.db.analyses import Analysis
 from service.platform.db.annotations import Answer
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.platform.db.detections import Vertex, VertexFrame
+from service.platform.db.detections import Detection, Vertex, VertexFrame
 from service.platform.db.fleets import Rig, Vehicle
 from service.platform.db.people import Person
 from service.platform.db.recordings import CameraFrame, Sensor
@@ -71,6 +71,7 @@ def report(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
 def _material(session: Session, result: Result, checks: Sequence[Check], stop: Stop) -> Material:
     run = session.get_one(CalibrationRun, result.run_id)
     pairs = session.get_one(CorrespondenceSet, run.set_id)
+    detection = session.get(Detection, pairs.detection_id) if pairs.detection_id else None
     calibration = session.get_one(Calibration, result.calibration_id)
     summary = calibration.summarised.cameras.get(result.camera)
     same_model = [Result.model == result.model, Result.camera == result.camera, Result.fold != FULL]
@@ -101,6 +102,7 @@ def _material(session: Session, result: Result, checks: Sequence[Check], stop: S
         rows=rows | {"camera": result.camera, "fold": FULL, "seed": run.problem["seed"]},
         request=calibration.request,
         made_at=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        upper_corner=int(detection.options.get("upper_corner") or 0) if detection else 0,
     )
 
 

@@ -37,6 +37,8 @@ export interface ReportDocument {
   result: ResultView;
   summary: CameraSummary | null;
   pairs: PairColumns;
+  /** See `upperCorner`. */
+  upper_corner: number;
   /** Of each person: the pairs' numbers and the marks. */
   people: { name: string; pair: number[]; u: number[]; v: number[] }[];
   elsewhere: OtherData[];
