@@ -185,7 +185,8 @@ class FitResult(FitPrecision):
     it projects them. ``checks`` are all that the result is judged by.
 
     ``explained_px`` is what marks and vertices explain of ``sigma_px``; ``marks_outside`` counts marks outside of the
-    image. ``weak_priors`` are the deviations about zero of priors that hold distortion which the pairs hardly hold.
+    image. ``weak_priors`` are the deviations of priors that hold what the pairs hardly hold: distortion about
+    zero, ``aspect`` (f_y / f_x) about one.
     ``lens`` says where the lens comes from. Intrinsics and transform hold together only; ``stated_lens`` has the
     mount for who projects through the stated lens. ``common_errors`` are the deviations stated for what all pairs
     share, ``person_bias`` is what was found of the people's, ``rolling_shutter`` what the residuals show beyond the

@@ -51,7 +51,7 @@ class Preset:
 
     By default wrong marks do no harm: the loss of the search saturates, pairs that do not belong are left out, and
     the others are fitted by least squares (decision 0089). ``weak_priors``: whether weak priors may hold distortion
-    of which the request says nothing.
+    and aspect of which the request says nothing.
     """
 
     schedule: Schedule

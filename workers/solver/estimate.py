@@ -15,8 +15,8 @@ from workers.solver.common_errors import beside_decentring, common_errors, with_
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.outcomes import Outcome
 from workers.solver.outliers import judge, without
-from workers.solver.polish import Fit, polish, refine
-from workers.solver.problem import FitProblem
+from workers.solver.polish import Fit, cost_of, polish, refine
+from workers.solver.problem import ASPECT, FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.shared_errors import own_noise, shared_errors
 from workers.solver.uncertainty import Uncertainty, turns_are_free, uncertainty, units_of
@@ -43,7 +43,7 @@ class Estimate:
     what blocks share; wider: the same with what blocks share, also if it is too small to count; shared: what blocks
     share. They are None if the pairs leave a direction open or show no noise, and `wider` and `shared` also if there
     are no blocks. bias: of the people who marked, if the problem states its deviation.
-    weak: standard deviations of the weak priors that hold distortion terms, by name.
+    weak: standard deviations of the weak priors that hold distortion terms and the aspect, by name.
     """
 
     fit: Fit
@@ -82,13 +82,13 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
     """Polish from `start` (D,), name the outliers, and find the noise and the covariance.
 
     A prior weighs against the marks by its own sigma and theirs. The marks' sigma is not known beforehand, so where
-    there are priors fit and noise are repeated until the noise settles. Distortion that the pairs hardly hold is
-    fitted once more, with weak priors.
+    there are priors fit and noise are repeated until the noise settles. Distortion and aspect that the pairs hardly
+    hold are fitted once more, with weak priors.
     """
     result = _settled(problem, polish(problem, start))
-    weak = lens_priors(problem, result.parameters, result.spread)
+    weak = lens_priors(problem, result.parameters, result.spread) | aspect_prior(result)
     if weak and result.spread.sigma_px > 0.0:
-        priors = problem.priors | {name: (0.0, sigma) for name, sigma in weak.items()}
+        priors = problem.priors | {name: (float(name == ASPECT), sigma) for name, sigma in weak.items()}
         scale = result.spread.sigma_px / _stated_px(result)
         again = replace(problem, priors=priors, noise_scale=scale)
         result = replace(_settled(again, polish(again, _held(problem, result.parameters, weak))), weak=weak)
@@ -109,8 +109,8 @@ def _settled(problem: FitProblem, fit: Fit) -> Estimate:
 def _held(problem: FitProblem, p: Floats, weak: Mapping[str, float]) -> Floats:
     # From a bound the descent would have far to go.
     start = p.copy()
-    for name, sigma in weak.items():
-        index = problem.names.index(name)
+    for name in weak.keys() - {ASPECT}:
+        index, sigma = problem.names.index(name), weak[name]
         start[index] = np.clip(start[index], -sigma, sigma)
     return start
 
@@ -188,6 +188,10 @@ _AT_CORNER: Final = 0.3
 _DECENTRED: Final = 0.1
 """Tangential terms are the first radial one of a lens off its axis by this share of the corner's radius
 (Conrady 1919)."""
+_ASPECT: Final = 0.005
+"""One standard deviation of f_y / f_x: pixels are square, and published lenses differ from one by 0.0033 (root mean
+square; `docs/uncertainty.md`)."""
+_CONTRADICTED: Final = 4.0  # standard deviations; errors that last, found only later, bring sound fits beyond three
 _RADIAL: Final = {
     "pinhole": {},
     "brown_conrady": {"k1": 1, "k2": 2, "k5": 3},
@@ -214,6 +218,25 @@ def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str
     if all(std[name] < sigmas[name] for name in open_names):
         return {}
     return {name: sigmas[name] for name in open_names}
+
+
+def aspect_prior(result: Estimate) -> dict[str, float]:
+    """The standard deviation of `ASPECT` about one, if the pairs determine it less well and do not contradict it.
+
+    Empty also where the request says something of f_x or f_y.
+    """
+    problem, p, spread = result.holding, result.held_at, result.spread
+    focal = [spread.names.index(name) for name in ("f_x", "f_y") if name in spread.names and name in problem.unstated]
+    if len(focal) < 2 or spread.sigma_px <= 0.0:
+        return {}
+    slope = np.array([-p[7] / p[6], 1.0]) / p[6]
+    if float(slope @ spread.covariance[np.ix_(focal, focal)] @ slope) <= _ASPECT**2:  # False also where one is open
+        return {}
+    priors = problem.priors | {ASPECT: (1.0, _ASPECT)}
+    square = replace(problem, priors=priors, noise_scale=spread.sigma_px / _stated_px(result))
+    here = whitened(square, p)
+    worse = cost_of(here, refine(square, p).parameters) - cost_of(replace(here, priors=problem.priors), p)
+    return {ASPECT: _ASPECT} if worse <= (_CONTRADICTED * spread.sigma_px) ** 2 else {}
 
 
 def _corner(problem: FitProblem, p: Floats) -> float:

@@ -117,7 +117,7 @@ def prior_rows(problem: FitProblem) -> tuple[Floats, Floats]:
     """(D,) mean and 1 / sigma of each parameter's prior, 0 where there is none or it is locked."""
     mean, strength = np.zeros(len(problem.names)), np.zeros(len(problem.names))
     for name, (value, sigma) in problem.priors.items():
-        if name not in problem.locked:
+        if name in problem.names and name not in problem.locked:
             index = problem.names.index(name)
             mean[index], strength[index] = value, 1.0 / sigma
     return mean, strength

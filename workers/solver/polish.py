@@ -14,7 +14,7 @@ from apexcal.geometry.rotations import shortest_vector
 from workers.geometry.projection import distances_px
 from workers.solver.newton import Quadratic, newton, quadratic, saturated
 from workers.solver.outcomes import Outcome
-from workers.solver.problem import FitProblem
+from workers.solver.problem import ASPECT, FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian
 from workers.solver.weighting import REWEIGHTED, roughly_whitened, whitened
 
@@ -159,13 +159,22 @@ def weighted_residuals(
     root = np.sqrt(np.repeat(problem.weights, 2))
     rows, derivatives = [root * residuals], [root[:, None] * jacobian]
     for name, (mean, sigma) in problem.priors.items():
-        index = problem.names.index(name)
         strength = problem.noise_scale * problem.mark_sigma_px / sigma
-        row = np.zeros((1, len(p)))
-        row[0, index] = strength
-        rows.append(np.array([strength * (p[index] - mean)]))
-        derivatives.append(row)
+        value, slope = _under_prior(problem, p, name)
+        rows.append(np.array([strength * (value - mean)]))
+        derivatives.append(strength * slope[None])
     return np.concatenate(rows), np.ascontiguousarray(np.concatenate(derivatives)[:, problem.free])
+
+
+def _under_prior(problem: FitProblem, p: Floats, name: str) -> tuple[float, Floats]:
+    """What a prior of that name holds, and its derivative (D,) by the parameters p (D,)."""
+    slope = np.zeros(len(p))
+    if name != ASPECT:
+        index = problem.names.index(name)
+        slope[index] = 1.0
+        return float(p[index]), slope
+    slope[6:8] = -p[7] / p[6] ** 2, 1.0 / p[6]
+    return float(p[7] / p[6]), slope
 
 
 def _plain(problem: FitProblem, p: Floats) -> Fit:

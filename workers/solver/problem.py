@@ -3,11 +3,11 @@
 Its bounds are a preset's for the nominal mount, with single parameters replaced.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isfinite, pi
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,7 +62,11 @@ def narrowed(preset: Mapping[str, Interval], overrides: Mapping[str, Interval]) 
     return merged
 
 
-def check_names(values: Mapping[str, object], names: Mapping[str, object], where: str) -> None:
+ASPECT: Final = "aspect"
+"""f_y / f_x, which may have a prior as a parameter may."""
+
+
+def check_names(values: Iterable[str], names: Mapping[str, object], where: str) -> None:
     """Raises SolveError `unknown_parameter` for a name that the model and search form do not have."""
     for name in values:
         if name not in names:
@@ -81,7 +85,7 @@ class FitProblem:
     priors go by parameter name in radians, metres and pixels; `bounds` holds every parameter, locked ones with
     both ends at their value. `loss` is what the genetic algorithm minimises: the weighted mean distance in pixels,
     or the mean of d / (1 + d / saturation_px). A prior (mean, sigma) weighs against marks of `mark_sigma_px`
-    times `noise_scale`.
+    times `noise_scale`; the polish takes one of `ASPECT`, too.
     `outliers`: whether the polish keeps the pairs that are judged not to belong, or leaves them out.
     `covariances`: of the pairs' errors, by which they then weigh (`weighting` makes `whitening` (N, 2, 2) of them and
     sets `mark_sigma_px` to the typical pair's); without them all pairs weigh as `weights` says.
@@ -128,7 +132,7 @@ class FitProblem:
     def __post_init__(self) -> None:
         _check_pairs(self.points, self.pixels, self.weights)
         check_names(self.locked, dict.fromkeys(self.names), "locked")
-        check_names(self.priors, dict.fromkeys(self.names), "priors")
+        check_names(self.priors.keys() - {ASPECT}, dict.fromkeys(self.names), "priors")
         bounds = narrowed({name: self.bounds[name] for name in self.names}, {})
         object.__setattr__(self, "bounds", bounds | {name: (v, v) for name, v in self.locked.items()})
         _check_numbers(self)

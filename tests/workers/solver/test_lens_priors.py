@@ -105,3 +105,19 @@ def test_a_quotient_s_terms_which_pairs_hardly_tell_apart_are_held(wrong):
     off = predict(problem, p)[0] - predict(problem, truth)[0]
     # Of 18 parameters from 400 marks with 1 px of noise: 0.15 px in each direction.
     assert np.sqrt(np.mean(off**2)) < 0.25
+
+
+def test_marks_at_one_height_leave_the_pixels_square_unless_they_say_otherwise():
+    """Heights tell f_y; without them only that pixels are square does. Where they show not to be, they stay so."""
+    problem, truth = simulated("pinhole", 5, pairs=1500)
+    assert "aspect" not in estimate(problem, truth).weak
+    level = np.argsort(np.abs(problem.points[:, 2] - np.median(problem.points[:, 2])))[:40]
+    flat = replace(problem, **{name: getattr(problem, name)[level] for name in ("points", "pixels", "weights")})
+    held = estimate(flat, truth)
+    assert held.weak == {"aspect": 0.005}
+    free = estimate(replace(flat, unstated=frozenset()), truth)
+    off = [abs(fit.parameters[7] / fit.parameters[6] - truth[7] / truth[6]) for fit in (held, free)]
+    assert off[0] < 0.015 < off[1] and held.spread.std[7] < 0.7 * free.spread.std[7]
+    squeezed = replace(problem, pixels=problem.pixels * [1.0, 0.8], image_size=(1280, 768))
+    wide = estimate(squeezed, truth * np.where(np.isin(problem.names, ("f_y", "c_y")), 0.8, 1.0))
+    assert "aspect" not in wide.weak and wide.parameters[7] / wide.parameters[6] == pytest.approx(0.8, abs=0.02)
