@@ -24,7 +24,7 @@ KERNELS = (
     rays.mixed_rays,
     range_image._image,
     correlation._product,
-    correlation._whiten,
+    correlation._unlikely,
 )
 
 
