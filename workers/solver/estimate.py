@@ -86,7 +86,7 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
     hold are fitted once more, with weak priors.
     """
     result = _settled(problem, polish(problem, start))
-    weak = lens_priors(problem, result.parameters, result.spread) | aspect_prior(result)
+    weak = lens_priors(problem, result.parameters, result.spread) | _aspect_prior(result)
     if weak and result.spread.sigma_px > 0.0:
         priors = problem.priors | {name: (float(name == ASPECT), sigma) for name, sigma in weak.items()}
         scale = result.spread.sigma_px / _stated_px(result)
@@ -220,7 +220,7 @@ def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str
     return {name: sigmas[name] for name in open_names}
 
 
-def aspect_prior(result: Estimate) -> dict[str, float]:
+def _aspect_prior(result: Estimate) -> dict[str, float]:
     """The standard deviation of `ASPECT` about one, if the pairs determine it less well and do not contradict it.
 
     Empty also where the request says something of f_x or f_y.
@@ -230,7 +230,8 @@ def aspect_prior(result: Estimate) -> dict[str, float]:
     if len(focal) < 2 or spread.sigma_px <= 0.0:
         return {}
     slope = np.array([-p[7] / p[6], 1.0]) / p[6]
-    if float(slope @ spread.covariance[np.ix_(focal, focal)] @ slope) <= _ASPECT**2:  # False also where one is open
+    # Not a number, and so not below, where one of them is open.
+    if float(slope @ spread.covariance[np.ix_(focal, focal)] @ slope) <= _ASPECT**2:
         return {}
     priors = problem.priors | {ASPECT: (1.0, _ASPECT)}
     square = replace(problem, priors=priors, noise_scale=spread.sigma_px / _stated_px(result))

@@ -94,7 +94,7 @@ class FitProblem:
     `people` (N, P): each person's share in the marks; without it all marks are one person's. `line_time_us`: from
     one row of the image to the next (`rolling_shutter` moves the points by it).
     `stated_lens`: the lens that somebody stated of the camera, {"model", "f_x", ...}, whatever holds this fit's.
-    `unstated`: parameters of which the request says nothing, so that weak priors may hold them (`lens_priors`).
+    `unstated`: parameters of which the request says nothing, so that weak priors may hold them (`estimate`).
     `stop`: what may end the work on it; every long computation checks it within a second.
     Raises SolveError where the parts do not make a problem that can be fitted.
     """

@@ -113,11 +113,11 @@ def test_marks_at_one_height_leave_the_pixels_square_unless_they_say_otherwise()
     assert "aspect" not in estimate(problem, truth).weak
     level = np.argsort(np.abs(problem.points[:, 2] - np.median(problem.points[:, 2])))[:40]
     flat = replace(problem, **{name: getattr(problem, name)[level] for name in ("points", "pixels", "weights")})
-    held = estimate(flat, truth)
-    assert held.weak == {"aspect": 0.005}
+    square = estimate(flat, truth)
+    assert square.weak == {"aspect": 0.005}
     free = estimate(replace(flat, unstated=frozenset()), truth)
-    off = [abs(fit.parameters[7] / fit.parameters[6] - truth[7] / truth[6]) for fit in (held, free)]
-    assert off[0] < 0.015 < off[1] and held.spread.std[7] < 0.7 * free.spread.std[7]
+    off = [abs(fit.parameters[7] / fit.parameters[6] - truth[7] / truth[6]) for fit in (square, free)]
+    assert off[0] < 0.015 < off[1] and square.spread.std[7] < 0.7 * free.spread.std[7]
     squeezed = replace(problem, pixels=problem.pixels * [1.0, 0.8], image_size=(1280, 768))
     wide = estimate(squeezed, truth * np.where(np.isin(problem.names, ("f_y", "c_y")), 0.8, 1.0))
     assert "aspect" not in wide.weak and wide.parameters[7] / wide.parameters[6] == pytest.approx(0.8, abs=0.02)
