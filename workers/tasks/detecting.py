@@ -9,11 +9,12 @@ from math import sqrt
 from uuid import UUID
 
 import numpy as np
-from sqlalchemy import and_, delete, select, update
+from sqlalchemy import and_, delete, exists, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP, nearest
 from apexcal.documents.states import UNENDED, WorkState
+from service.platform.db.annotations import Answer
 from service.platform.db.base import Json, new_id
 from service.platform.db.clock import now
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
@@ -33,6 +34,8 @@ from workers.vertices.vertex import Vertex as Found
 _REPORT_EVERY = 50
 # An apex's id and place.
 _Known = tuple[UUID, Sequence[float]]
+# By sweep, the frame of each mark and the place of its apex.
+_Marked = Mapping[int, Sequence[tuple[int, Sequence[float]]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +62,7 @@ def detect(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
         run = session.get_one(Detection, claim.subject_id)
         key = lidar_key(session, run.recording_id)
         cameras = _camera_stamps(session, run.recording_id)
+        marked = _marked_frames(session, run.recording_id)
         still = said_still(session, run.recording_id)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
         shard = range(claim.payload.get("first", 0), claim.payload.get("stop", len(lidar)))
@@ -73,7 +77,8 @@ def detect(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
         batch = detect_range(
             lidar, region, run.detector, run.options, indices=shard, on_sweep=report, margin=margin, still=still
         )
-    return writing(run, batch, {sensor: _pair(batch, stamps, run.pairing) for sensor, stamps in cameras.items()})
+    pairs = {sensor: _pair(batch, stamps, run.pairing, marked.get(sensor, {})) for sensor, stamps in cameras.items()}
+    return writing(run, batch, pairs)
 
 
 def writing(run: Detection, batch: Detections, pairs: Pairs) -> Callable[[Session], Detection | None]:
@@ -106,15 +111,37 @@ def _camera_stamps(session: Session, recording_id: UUID) -> dict[UUID, np.ndarra
     return {sensor_id: np.array(values, np.int64) for sensor_id, values in stamps.items()}
 
 
-def _pair(batch: Detections, stamps: np.ndarray, pairing: Json) -> list[Pair | None]:
-    """Each vertex's frame, or None where there is none near enough. Still poses have no track to be moved along."""
-    near = {"offset_ns": pairing["offset_ns"], "max_gap_ns": pairing["max_gap_ns"]}
+def _marked_frames(session: Session, recording_id: UUID) -> dict[UUID, _Marked]:
+    """What people marked in each camera, the last mark first."""
+    rows = session.execute(
+        select(Answer.sensor_id, Answer.frame_index, Apex.sweep_index, Apex.x, Apex.y, Apex.z)
+        .join(Apex, Apex.id == Answer.apex_id)
+        .where(Answer.recording_id == recording_id, Answer.is_mark, Apex.corner == TOP)
+        .order_by(Answer.created_at.desc(), Answer.id)
+    )
+    marked: dict[UUID, dict[int, list[tuple[int, Sequence[float]]]]] = defaultdict(lambda: defaultdict(list))
+    for sensor_id, frame_index, sweep_index, *xyz in rows:
+        marked[sensor_id][sweep_index].append((frame_index, xyz))
+    return dict(marked)
+
+
+def _pair(batch: Detections, stamps: np.ndarray, pairing: Json, marked: _Marked) -> list[Pair | None]:
+    """Each vertex's frame, or None where there is none near enough. Still poses have no track to be moved along.
+
+    A vertex keeps the frame in which people marked it as far as its track reaches.
+    """
+    of_marks = [nearest(marked.get(vertex.sweep_index, ()), vertex.xyz) for vertex in batch.vertices]
+    near = {
+        "offset_ns": pairing["offset_ns"],
+        "max_gap_ns": pairing["max_gap_ns"],
+        "marked": np.array([-1 if frame is None else frame for frame in of_marks], np.int64),
+    }
     times = np.array([vertex.time_ns for vertex in batch.vertices], np.int64)
     index, gap = pair(times, stamps, **near)
     rows = zip(index.tolist(), gap.tolist(), strict=True)
-    nearest = [Pair(frame, gap_ns) if frame >= 0 else None for frame, gap_ns in rows]
+    closest = [Pair(frame, gap_ns) if frame >= 0 else None for frame, gap_ns in rows]
     if pairing["mode"] == "nearest" or batch.poses is not None:
-        return nearest
+        return closest
     track = pair_interpolated(batch.vertices, stamps, context=batch.context, **near)
     rows = zip(batch.vertices, track.index.tolist(), track.xyz, track.covariance, strict=True)
     along = [_moved(vertex, frame, xyz, spread) if frame >= 0 else None for vertex, frame, xyz, spread in rows]
@@ -123,7 +150,7 @@ def _pair(batch: Detections, stamps: np.ndarray, pairing: Json) -> list[Pair | N
     # The ring rules state no covariances: a moved vertex beside one that stayed would state what the other does not.
     tracked = on_track(batch.vertices, batch.context).tolist()
     moves = [yes and vertex.covariance is not None for yes, vertex in zip(tracked, batch.vertices, strict=True)]
-    return [moved if yes else stayed for yes, moved, stayed in zip(moves, along, nearest, strict=True)]
+    return [moved if yes else stayed for yes, moved, stayed in zip(moves, along, closest, strict=True)]
 
 
 def _moved(vertex: Found, frame: int, xyz: np.ndarray, covariance: np.ndarray) -> Pair:
@@ -284,10 +311,17 @@ def _rolls(before: Mapping[str, float] | None, rolls: list[float]) -> Json:
 
 
 def _settle_frames(session: Session, run: Detection) -> dict[str, int]:
-    """Leave each frame to the vertex nearest to it in time: a mark belongs to a frame and means one vertex.
+    """Leave each frame to the vertex that people marked in it, else to the nearest in time.
 
-    Returns how many vertices have a frame of some camera, and how many lost theirs to a nearer one.
+    A mark belongs to a frame and means one vertex. Returns how many vertices have a frame of some camera, and how
+    many lost theirs to another one.
     """
+    is_marked = exists().where(
+        Answer.apex_id == Vertex.apex_id,
+        Answer.sensor_id == VertexFrame.sensor_id,
+        Answer.frame_index == VertexFrame.frame_index,
+        Answer.is_mark,
+    )
     of_frame = and_(CameraFrame.sensor_id == VertexFrame.sensor_id, CameraFrame.index == VertexFrame.frame_index)
     # Not the stored gap, which is zero for every vertex that was moved.
     rows = session.execute(
@@ -296,23 +330,24 @@ def _settle_frames(session: Session, run: Detection) -> dict[str, int]:
             VertexFrame.frame_index,
             CameraFrame.stamp_ns - Vertex.time_ns,
             VertexFrame.vertex_id,
+            is_marked,
         )
         .join(Vertex, Vertex.id == VertexFrame.vertex_id)
         .join(CameraFrame, of_frame)
         .where(Vertex.detection_id == run.id)
         .order_by(Vertex.time_ns, Vertex.id)
     ).all()
-    closest: dict[tuple[UUID, int], tuple[int, UUID]] = {}
+    closest: dict[tuple[UUID, int], tuple[tuple[bool, int], UUID]] = {}
     lost: list[tuple[UUID, UUID]] = []
-    for sensor_id, frame_index, difference_ns, vertex_id in rows:
-        away_ns = abs(difference_ns - run.pairing["offset_ns"])
+    for sensor_id, frame_index, difference_ns, vertex_id, marked in rows:
+        away = (not marked, abs(difference_ns - run.pairing["offset_ns"]))
         other = closest.get((sensor_id, frame_index))
-        if other and other[0] <= away_ns:
+        if other and other[0] <= away:
             lost.append((vertex_id, sensor_id))
             continue
         if other:
             lost.append((other[1], sensor_id))
-        closest[sensor_id, frame_index] = (away_ns, vertex_id)
+        closest[sensor_id, frame_index] = (away, vertex_id)
     for vertex_id, sensor_id in lost:
         session.execute(
             delete(VertexFrame).where(VertexFrame.vertex_id == vertex_id, VertexFrame.sensor_id == sensor_id)

@@ -30,15 +30,23 @@ NO_FRAME_GAP_NS = int(np.iinfo(np.int64).max)
 
 
 def pair(
-    vertex_times_ns: ArrayLike, frame_stamps_ns: ArrayLike, *, offset_ns: int = 0, max_gap_ns: int
+    vertex_times_ns: ArrayLike,
+    frame_stamps_ns: ArrayLike,
+    *,
+    offset_ns: int = 0,
+    max_gap_ns: int,
+    marked: ArrayLike = -1,
+    reach_ns: int = 0,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pair each vertex with the camera frame nearest to its own time.
+    """Pair each vertex with the camera frame nearest to its own time, or with the one that people marked.
 
     Args:
         vertex_times_ns: (N,) when each vertex point was measured, UTC nanoseconds (LiDAR clock).
         frame_stamps_ns: (M,) stamps of the camera frames, UTC nanoseconds, in any order.
         offset_ns: camera clock minus LiDAR clock; it is added to the vertex times.
         max_gap_ns: farther frames are no pair.
+        marked: (N,) index of the frame in which people marked the vertex, -1 where there is none. It is taken if it
+            is no farther than max_gap_ns, or than reach_ns.
 
     Returns:
         (N,) int64 index of the frame, -1 where none is near enough; (N,) int64 signed gap in nanoseconds,
@@ -63,7 +71,10 @@ def pair(
     nearest = np.where(take_before, before, after)
     gap = stamps[nearest] - times
     index = np.where(np.abs(gap) <= max_gap_ns, order[nearest], -1)
-    return index.astype(np.int64), gap
+    marked = np.asarray(marked, np.int64)
+    of_marked = np.asarray(frame_stamps_ns, np.int64).reshape(-1)[marked] - times
+    stays = (marked >= 0) & (np.abs(of_marked) <= max(max_gap_ns, reach_ns))
+    return np.where(stays, marked, index).astype(np.int64), np.where(stays, of_marked, gap)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,19 +126,23 @@ def pair_interpolated(
     context: Sequence[Vertex] = (),
     offset_ns: int = 0,
     max_gap_ns: int,
+    marked: ArrayLike = -1,
 ) -> MovedVertices:
-    """Pair each vertex with the nearest frame, as `pair` does, and move it along its track to the frame's time.
+    """Pair each vertex with a frame, as `pair` does, and move it along its track to the frame's time.
+
+    A frame that people marked is taken as far as the track reaches.
 
     Args:
         vertices: (N,) of a recording or of one of its shards.
         context: vertices of `tracks.MARGIN_SWEEPS` sweeps on either side of the shard, for the track alone.
-        offset_ns, max_gap_ns: as for `pair`.
+        offset_ns, max_gap_ns, marked: as for `pair`.
 
     Raises:
         ValueError: max_gap_ns is negative.
     """
     times = np.array([vertex.time_ns for vertex in vertices], np.int64)
-    index, gap = pair(times, frame_stamps_ns, offset_ns=offset_ns, max_gap_ns=max_gap_ns)
+    near = {"offset_ns": offset_ns, "max_gap_ns": max_gap_ns, "reach_ns": REACH_NS}
+    index, gap = pair(times, frame_stamps_ns, marked=marked, **near)
     paired = np.flatnonzero(index >= 0)
     xyz, covariance = np.full((len(times), 3), np.nan), np.full((len(times), 3, 3), np.nan)
     if paired.size:

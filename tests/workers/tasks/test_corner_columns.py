@@ -33,7 +33,7 @@ def test_corners_are_kept_with_what_they_share_and_move_with_their_vertex(databa
     vertices, joint = walked()
     found = Detections(vertices, len(vertices), {})
     stamps = np.array([vertex.time_ns + 20_000_000 for vertex in vertices])
-    pairs = detecting._pair(found, stamps, PAIRING | {"mode": "interpolate"})
+    pairs = detecting._pair(found, stamps, PAIRING | {"mode": "interpolate"}, {})
     run.finish(0, found, pairs)
     with database.reading() as session:
         rows = session.query(Vertex).filter_by(detection_id=run.row.id).order_by(Vertex.sweep_index).all()

@@ -8,15 +8,15 @@ import pytest
 from sqlalchemy import select
 
 from apexcal.documents.detections import DetectionCounts
-from service.platform.db.models import Analysis, Apex, Detection, Job, Vertex, VertexFrame
+from service.platform.db.models import Analysis, Answer, Apex, Detection, Job, Person, Vertex, VertexFrame
 from service.platform.jobs.claims import claim, finishing
 from service.platform.jobs.claims import finish as end_job
 from service.platform.jobs.queue import enqueue_all
-from tests.service.detections.seeding import seed_recording, seed_rig
+from tests.service.detections.seeding import answered, seed_recording, seed_rig
 from tests.service.platform.jobs.support import make_fleet
 from tests.support.rows import add
 from workers.tasks import detecting
-from workers.tasks.detecting import Pair
+from workers.tasks.detecting import Pair, _camera_stamps, _marked_frames, _pair
 from workers.vertices.vertex import Detections, PoseFacts, SizeFacts
 from workers.vertices.vertex import Vertex as Found
 
@@ -111,6 +111,27 @@ def test_a_moved_vertex_has_no_gap_and_yet_the_nearest_keeps_the_frame(database,
         assert (row.gap_ns, row.x, row.covariance) == (0, 5.2, moved[1].covariance)
 
 
+def test_a_vertex_keeps_the_frame_that_people_marked(database, make_run, recording):
+    _, recording_id, camera_id = recording
+    make_run().finish(0, found((0, 60)), [Pair(0, -60)])
+    with database.writing() as session:
+        apex, person = session.scalars(select(Apex)).one(), add(session, Person, name="anna")
+        marked = answered(recording_id, person.id, camera_id, 0, "confirmed", (8.0, 9.0))
+        session.add(Answer(**marked, apex_id=apex.id))
+    with database.reading() as session:
+        marks, stamps = (
+            each[camera_id] for each in (_marked_frames(session, recording_id), _camera_stamps(session, recording_id))
+        )
+    run = make_run()
+    both = found((0, 60), (1, 5))
+    pairs = _pair(both, stamps, PAIRING, marks)
+    assert [pair.frame_index for pair in pairs] == [0, 0]
+    run.finish(0, both, pairs)
+    with database.reading() as session:
+        vertices = select(Vertex.sweep_index).join(VertexFrame).where(Vertex.detection_id == run.row.id)
+        assert session.scalars(vertices).all() == [0]
+
+
 @pytest.mark.parametrize(
     ("x", "moved_m", "apexes"), [(5.0, 0.09, 1), (5.0, 0.11, 2), (30.0, 0.15, 1), (30.0, 0.17, 2)]
 )
@@ -182,7 +203,7 @@ def test_by_default_vertices_of_a_walk_move_to_their_frames_and_still_poses_stay
             Found(place, 1_000_000 * time, 7, sweep, 2, "refined", covariance=stated)
             for sweep, (place, time) in enumerate(zip(places, times, strict=True))
         ]
-        return detecting._pair(Detections(vertices, 12, {}), stamps, pairing)
+        return detecting._pair(Detections(vertices, 12, {}), stamps, pairing, {})
 
     walked = paired(0.0)
     assert all(pair.gap_ns == 0 and pair.xyz is not None for pair in walked)

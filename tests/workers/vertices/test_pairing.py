@@ -39,6 +39,23 @@ def test_a_negative_limit_is_refused():
         pair(np.array([1]), np.array([1]), max_gap_ns=-1)
 
 
+def test_a_frame_that_people_marked_is_kept_as_far_as_the_track_reaches():
+    way = walk(0)
+    found = vertices(way, 0)
+    frames = START_NS + np.arange(0, 31 * 15) * 66_700_000
+    near = {"offset_ns": 0, "max_gap_ns": 34 * MS}
+    first = pair_interpolated(found, frames, **near)
+    again = pair_interpolated(found, frames, **near | {"offset_ns": 45 * MS}, marked=first.index)
+    np.testing.assert_array_equal(again.index, first.index)
+    truth = way.poses(seconds(frames[again.index] - 45 * MS)).apex
+    errors = (spherical(again.xyz) - spherical(truth)) / np.sqrt(np.einsum("nii->ni", again.covariance))
+    assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.3
+    nearest = pair_interpolated(found, frames, **near | {"offset_ns": 45 * MS}).index
+    assert np.mean(nearest != first.index) > 0.3
+    beyond = pair([v.time_ns for v in found], frames, **near, marked=len(frames) - 1, reach_ns=REACH_NS)[0]
+    assert (beyond[:100] == pair([v.time_ns for v in found], frames, **near)[0][:100]).all()
+
+
 def test_moved_vertices_lie_where_the_apex_was_at_the_frames_moment():
     offset = 30 * MS
     before, after, scored = [], [], []
