@@ -111,6 +111,13 @@ class PersonBias(Document):
     people: int
 
 
+class FittedOffset(Document):
+    """The camera's clock minus what the pairs were made with, as a fit estimates it with the mount."""
+
+    offset_ms: float
+    std_ms: float
+
+
 class RollingShutter(Document):
     """The line time (from an image row to the next) that residuals show beyond the stated one, and its deviation.
 
@@ -123,7 +130,7 @@ class RollingShutter(Document):
     shown: bool
 
 
-StepKind = Literal["clock", "lens", "board", "person", "marks"]
+StepKind = Literal["lens", "board", "person", "marks"]
 
 
 class NextStep(Document):

@@ -20,6 +20,7 @@ from apexcal.documents.precision import (
     Deviations,
     Field,
     FitPrecision,
+    FittedOffset,
     Halves,
     NextSteps,
     PersonBias,
@@ -189,8 +190,8 @@ class FitResult(FitPrecision):
     zero, ``aspect`` (f_y / f_x) about one.
     ``lens`` says where the lens comes from. Intrinsics and transform hold together only; ``stated_lens`` has the
     mount for who projects through the stated lens. ``common_errors`` are the deviations stated for what all pairs
-    share, ``person_bias`` is what was found of the people's, ``rolling_shutter`` what the residuals show beyond the
-    stated ``line_time_us``.
+    share, ``person_bias`` is what was found of the people's, ``clock_offset`` the offset beyond the estimated one if
+    these pairs tell it better, ``rolling_shutter`` what the residuals show beyond the stated ``line_time_us``.
 
     Of a fit to all pairs ``heldout`` is null. Of one that holds pairs out these are null: ``stated_lens``,
     ``rolling_shutter``, ``prediction``, ``next_steps``, ``explained_px``, ``marks_outside``, ``field`` and both
@@ -230,6 +231,7 @@ class FitResult(FitPrecision):
     shared_errors: SharedErrors | None
     common_errors: dict[str, float]
     person_bias: PersonBias | None
+    clock_offset: FittedOffset | None
     line_time_us: float
     rolling_shutter: RollingShutter | None
     weak_priors: dict[str, float]

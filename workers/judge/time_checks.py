@@ -33,10 +33,12 @@ def clock(estimate: Estimate) -> Check:
     seconds, deviation = float(test.values[0]), float(test.deviations[0])
     speed_px_s = _speed(estimate, moved)
     verdict = graded(test.probability, abs(seconds) * speed_px_s, MATTERS * estimate.spread.sigma_px)
+    fitted = estimate.clock
+    beside = fitted and f"The fit estimates {fitted.offset_ms:.1f} ± {fitted.std_ms:.1f} ms beyond the pairs' offset."
     offset = f"{1e3 * abs(seconds):.1f} ± {1e3 * deviation:.1f} ms"
     return _CLOCK.fails(
         verdict,
-        f"The marks follow the board's motion: the clocks differ by {offset}."
+        beside or f"The marks follow the board's motion: the clocks differ by {offset}."
         if verdict == "pass"
         else f"The marks lie where the board was {offset} {'later' if seconds > 0 else 'earlier'} than the pairs "
         "say: the offset between the clocks is wrong.",

@@ -1,5 +1,7 @@
 """The estimate at the end of a run: the fit, the pairs it uses, the noise of the marks, and the covariance."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -8,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.camera_models import CAMERA_MODELS
-from apexcal.documents.precision import PersonBias, SharedErrors
+from apexcal.documents.precision import FittedOffset, PersonBias, SharedErrors
 from apexcal.documents.results import Outlier
 from apexcal.geometry.rotations import vector_from_rotation
-from workers.solver.common_errors import beside_decentring, common_errors, with_people
+from workers.solver.common_errors import beside_decentring, column_of, common_errors, with_people
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.outcomes import Outcome
 from workers.solver.outliers import judge, without
@@ -44,6 +46,7 @@ class Estimate:
     share. They are None if the pairs leave a direction open or show no noise, and `wider` and `shared` also if there
     are no blocks. bias: of the people who marked, if the problem states its deviation.
     weak: standard deviations of the weak priors that hold distortion terms and the aspect, by name.
+    clock: the clocks' offset beyond the stated one, if the pairs tell it; `fitted` and `holding` are moved by it.
     """
 
     fit: Fit
@@ -59,6 +62,7 @@ class Estimate:
     shared: SharedErrors | None = None
     bias: PersonBias | None = None
     weak: Mapping[str, float] = field(default_factory=dict[str, float])
+    clock: FittedOffset | None = None
 
     @property
     def parameters(self) -> Floats:
@@ -83,8 +87,16 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
 
     A prior weighs against the marks by its own sigma and theirs. The marks' sigma is not known beforehand, so where
     there are priors fit and noise are repeated until the noise settles. Distortion and aspect that the pairs hardly
-    hold are fitted once more, with weak priors.
+    hold are fitted once more, with weak priors. So is everything if the pairs tell the clocks' offset.
     """
+    result = _estimate(problem, start)
+    clock = _clock(result)
+    if clock is None:
+        return result
+    return replace(_estimate(at_clock(problem, clock), result.parameters), clock=clock)
+
+
+def _estimate(problem: FitProblem, start: Floats) -> Estimate:
     result = _settled(problem, polish(problem, start))
     weak = lens_priors(problem, result.parameters, result.spread) | _aspect_prior(result)
     if weak and result.spread.sigma_px > 0.0:
@@ -93,6 +105,35 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
         again = replace(problem, priors=priors, noise_scale=scale)
         result = replace(_settled(again, polish(again, _held(problem, result.parameters, weak))), weak=weak)
     return _with_shared_errors(result)
+
+
+def _clock(result: Estimate) -> FittedOffset | None:
+    """The clocks' offset if these pairs tell it better than it is stated and do not contradict it.
+
+    It is a further unknown without a prior, because an estimate from the same marks says nothing more: the covariance
+    with its deviation as a common error is that of the fit with this unknown.
+    """
+    stated_ms = result.holding.common_errors.get("clock_ms", 0.0)
+    if result.errors is None or stated_ms == 0.0:
+        return None
+    problem = whitened(result.holding, result.held_at)
+    column = column_of(problem, result.held_at, "clock_ms")
+    wider = result.errors.without("clock_ms").with_columns(column)
+    if not wider.determines(problem.weights > 0.0):
+        return None
+    offset_ms, std_ms = float(wider.step()[-1]), float(np.sqrt(wider.covariance()[-1, -1]))
+    if std_ms >= _BETTER * stated_ms or abs(offset_ms) > _CONTRADICTED * np.hypot(std_ms, stated_ms):
+        return None
+    return FittedOffset(offset_ms=offset_ms, std_ms=std_ms)
+
+
+def at_clock(problem: FitProblem, clock: FittedOffset | None) -> FitProblem:
+    """A problem of pairs (of any of a recording) at the times that an estimate's `clock` says; the same without."""
+    if clock is None:
+        return problem
+    # A later camera clock looks at an earlier moment of the walk.
+    moved = problem.moved_by(-1e-3 * clock.offset_ms)
+    return replace(moved, common_errors=problem.common_errors | {"clock_ms": clock.std_ms})
 
 
 def _settled(problem: FitProblem, fit: Fit) -> Estimate:
@@ -192,6 +233,7 @@ _ASPECT: Final = 0.005
 """One standard deviation of f_y / f_x: pixels are square, and published lenses differ from one by 0.0033 (root mean
 square; `docs/uncertainty.md`)."""
 _CONTRADICTED: Final = 4.0  # standard deviations; errors that last, found only later, bring sound fits beyond three
+_BETTER: Final = 0.9  # of a stated deviation: what tells it less is not worth another fit
 _RADIAL: Final = {
     "pinhole": {},
     "brown_conrady": {"k1": 1, "k2": 2, "k5": 3},

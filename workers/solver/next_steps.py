@@ -15,7 +15,7 @@ from apexcal.documents.camera_models import ANGLES
 from apexcal.documents.checks import ALONE_LIMIT_DEG, ALONE_LIMIT_MM, figure
 from apexcal.documents.lenses import stated_deviation
 from apexcal.documents.precision import NextStep, NextSteps, StepKind
-from workers.solver.common_errors import beside_decentring, column_of, columns_of, common_errors
+from workers.solver.common_errors import beside_decentring, columns_of, common_errors
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.estimate import Estimate
 from workers.solver.problem import FitProblem
@@ -101,14 +101,11 @@ def next_steps(estimate: Estimate) -> NextSteps | None:
     now = plan.deviations()
     turn, shift = mount.half_widths(now)
     people = 1 if problem.people is None else int(np.count_nonzero(problem.people.sum(axis=0)))
-    clock = _clock_factor(problem, p, estimate.errors)
     steps: list[NextStep] = []
     done: set[StepKind] = set()
     parts = _parts(plan, lens, mount.widest(now), (turn, shift))
     while len(steps) < _MOST_STEPS:
         ways: list[tuple[StepKind, str, _Plan]] = []
-        if clock < 1.0 and "clock" not in done:
-            ways.append(("clock", "estimate the clocks' offset again (no click)", plan.scaled({"clock_ms": clock})))
         if np.any(np.isfinite(lens)) and problem.stated_lens is None and "lens" not in done:
             ways.append(("lens", "give a lens file", plan.with_lens(_padded(lens, plan.errors))))
         board = {name: min(1.0, _MEASURED_MM / problem.common_errors.get(name, 1.0)) for name in _BOARD[:2]}
@@ -244,14 +241,6 @@ def _best_place(plan: _Plan, index: int) -> int:
     toward = A[:, :, index]
     gains = np.einsum("ki,kij,kj->k", toward, np.linalg.inv(S), toward)
     return rows[int(np.argmax(gains))]
-
-
-def _clock_factor(problem: FitProblem, p: Floats, errors: ErrorModel) -> float:
-    """What these pairs would leave of the stated deviation of the clocks' offset; 1 if nothing is stated."""
-    if "clock_ms" not in errors.terms:
-        return 1.0
-    wider = errors.without("clock_ms").with_columns(column_of(problem, p, "clock_ms"))
-    return min(1.0, float(np.sqrt(wider.covariance()[-1, -1])) / problem.common_errors["clock_ms"])
 
 
 def _lens_sigmas(problem: FitProblem, p: Floats) -> Floats:

@@ -3,8 +3,10 @@
 Its bounds are a preset's for the nominal mount, with single parameters replaced.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite, pi
 from typing import Any, Final
@@ -197,6 +199,12 @@ class FitProblem:
         return all(lower <= -pi and upper >= pi for lower, upper in ends) and not any(
             name in self.priors for name in self.names[:3]
         )
+
+    def moved_by(self, late_s: NDArray[np.float64] | float) -> FitProblem:
+        """The same with each point (N, 3) where the apex was that much later (N,)."""
+        if self.velocities is None:
+            return self
+        return replace(self, points=self.points + np.reshape(late_s, (-1, 1)) * self.velocities)
 
     @property
     def rows_below(self) -> NDArray[np.float64]:

@@ -8,7 +8,6 @@ the middle row; the clocks' offset absorbs any other.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -42,8 +41,7 @@ def at_their_rows(problem: FitProblem) -> FitProblem:
             "The pairs do not say how the apex moved, so nothing follows from line_time_us.",
             "Give stamp_ns of pairs from a walk, or leave line_time_us out.",
         )
-    late_s = 1e-6 * problem.line_time_us * problem.rows_below
-    return replace(problem, points=problem.points + late_s[:, None] * problem.velocities)
+    return problem.moved_by(1e-6 * problem.line_time_us * problem.rows_below)
 
 
 def rolling_shutter(estimate: Estimate) -> RollingShutter | None:

@@ -23,7 +23,7 @@ from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import distances_px, image_diagonal_px, project
 from workers.solver.baselines import baseline, linear_baseline
 from workers.solver.degeneracy import arbitrary, is_determined, point_problem
-from workers.solver.estimate import Estimate, estimate
+from workers.solver.estimate import Estimate, at_clock, estimate
 from workers.solver.field import field
 from workers.solver.halves import halves_of
 from workers.solver.next_steps import next_steps
@@ -67,6 +67,7 @@ def finished(problem: FitProblem, state: State) -> Finished:
     if not state.best_parameters:
         raise SolveError("bad_schedule", "The run has no iteration to finish from.", "Run at least one.")
     best = estimate(problem, np.array(state.best_parameters))
+    problem = at_clock(problem, best.clock)
     polished, outliers, counted, spread = best.fit, best.outliers, best.fitted, best.spread
     p = best.parameters
     is_whole = problem.fold < 0
@@ -120,6 +121,7 @@ def finished(problem: FitProblem, state: State) -> Finished:
         shared_errors=best.shared,
         common_errors=dict(problem.common_errors),
         person_bias=best.bias,
+        clock_offset=best.clock,
         line_time_us=problem.line_time_us,
         rolling_shutter=rolling_shutter(best) if is_whole else None,
         weak_priors=dict(best.weak),

@@ -43,6 +43,7 @@ from workers.judge.held_out_check import held_out_pairs
 from workers.judge.precision_checks import mount_alone
 from workers.judge.validation_checks import elsewhere as other_data_check
 from workers.models.summary import CameraFit, camera_summary
+from workers.solver.estimate import at_clock
 from workers.solver.outcomes import Stop
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
 from workers.tasks.context import Context
@@ -289,7 +290,7 @@ def _solved_cameras(
 
 def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result, stop: Stop) -> SolvedCamera:
     detection = str(pairs.detection_id) if pairs.detection_id else None
-    problem = read_run(run.problem, run.fold, pairs.columns, stop).problem
+    problem = at_clock(read_run(run.problem, run.fold, pairs.columns, stop).problem, result.fit.clock_offset)
     return SolvedCamera(run.camera, problem, result.fit, pairs.columns, detection)
 
 

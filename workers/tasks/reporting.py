@@ -25,6 +25,7 @@ from service.platform.jobs.claims import Claim, Lease
 from workers.reports.contents import contents
 from workers.reports.material import FrameImage, Material, PersonMark
 from workers.reports.page import page
+from workers.solver.estimate import at_clock
 from workers.solver.outcomes import Stop
 from workers.tasks.analysis_files import keeping, store_file
 from workers.tasks.context import Context
@@ -91,7 +92,7 @@ def _material(session: Session, result: Result, checks: Sequence[Check], stop: S
     rows = {name: value and str(value) for name, value in ids.items()}
     return Material(
         result=result.published,
-        problem=read_run(run.problem, FULL, pairs.columns, stop).problem,
+        problem=at_clock(read_run(run.problem, FULL, pairs.columns, stop).problem, result.published.clock_offset),
         heldout=[fold.fit.heldout for fold in folds if fold.fit.heldout],
         pairs=pairs.columns,
         checks=checks,

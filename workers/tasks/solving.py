@@ -26,6 +26,7 @@ from workers.solver.blocks import blocks_of
 from workers.solver.common_errors import shares_of
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
+from workers.solver.estimate import at_clock
 from workers.solver.held_out import Fold, folds, held_out
 from workers.solver.motion import velocities_of
 from workers.solver.outcomes import NEVER, SolveError, Stop
@@ -185,9 +186,8 @@ def solved(run_input: RunInput, state: State) -> FitResult:
     """Polish, baselines, deviations and checks; or the errors on the pairs that were held out."""
     estimate, result = finished(run_input.problem, state)
     if run_input.heldout:
-        heldout = held_out(
-            run_input.problem, run_input.whole, run_input.heldout, estimate.parameters, result.outliers
-        )
+        here, whole = (at_clock(problem, estimate.clock) for problem in (run_input.problem, run_input.whole))
+        heldout = held_out(here, whole, run_input.heldout, estimate.parameters, result.outliers)
         return result.model_copy(update={"heldout": heldout})
     return result.model_copy(update={"checks": checks_of_fit(estimate, result, pairs=run_input.pairs)})
 

@@ -39,7 +39,9 @@ OLD: dict[str, Any] = {
     **{name: [] for name in ("history", "outliers", "at_bounds", "checks", "several_optima", "halves")},
     **{name: [] for name in ("correlation", "undetermined")},
     **dict.fromkeys(("baseline", "linear_baseline", "stated_lens", "shared_errors", "person_bias", "heldout")),
-    **dict.fromkeys(("rolling_shutter", "prediction", "explained_px", "marks_outside", "field", "provenance")),
+    **dict.fromkeys(
+        ("clock_offset", "rolling_shutter", "prediction", "explained_px", "marks_outside", "field", "provenance")
+    ),
     **dict.fromkeys(("next_steps", "finish_seconds", "stopped", "worst_correlation", "noise_scale", "condition")),
     **dict.fromkeys(("degrees_of_freedom", "recording_id", "detection_id", "seed", "verdict", "verdict_alone")),
     "std": {"f_x": None},

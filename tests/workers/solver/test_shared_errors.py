@@ -12,8 +12,9 @@ from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import simulated
 from tests.workers.solver.walks import Recomputed, finish, posed, walked
 from workers.solver.blocks import blocks_of
-from workers.solver.estimate import estimate
+from workers.solver.estimate import at_clock, estimate
 from workers.solver.outcomes import SolveError
+from workers.solver.polish import distances
 from workers.solver.residuals import predict
 
 
@@ -209,6 +210,40 @@ def test_the_clocks_deviation_needs_motion():
     # 2.4 mm to the side for all pairs: t, in the camera's frame, takes all of it.
     grown = np.sqrt(np.sum(wider.std[3:6] ** 2 - narrow.std[3:6] ** 2))
     assert grown == pytest.approx(2.4e-3, rel=1e-5)
+
+
+def late(seed, late_ms, stated_ms=10.0):
+    """(problem, truth): a walk to and fro whose marks show the apex `late_ms` before the pairs' points."""
+    problem, truth = walked(seed)
+    side = np.where(np.random.default_rng([seed, 6]).uniform(size=len(problem.points)) < 0.5, -1.2, 1.2)
+    problem = replace(problem, velocities=side[:, None] * [0.0, 1.0, 0.0], common_errors={"clock_ms": stated_ms})
+    return replace(problem, points=problem.moved_by(1e-3 * late_ms).points), truth
+
+
+def test_the_clocks_offset_is_estimated_where_the_pairs_tell_it_better_than_it_is_stated():
+    errors = []
+    for seed in range(12):
+        problem, truth = late(seed, 8.0)
+        fitted, informed = estimate(problem, truth), estimate(late(seed, 0.0, 0.0)[0], truth)
+        assert fitted.clock is not None and fitted.clock.std_ms < 5.0
+        assert fitted.holding.common_errors["clock_ms"] == fitted.clock.std_ms
+        errors.append((fitted.clock.offset_ms - 8.0) / fitted.clock.std_ms)
+        # What the fit states is the deviation of a fit with one unknown more, no wider than with the offset stated.
+        assert (fitted.spread.std[3:6] >= 0.97 * informed.spread.std[3:6]).all()
+    assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.5
+
+
+@pytest.mark.parametrize(("late_ms", "stated_ms"), [(60.0, 10.0), (1.0, 0.1), (8.0, 0.0)])
+def test_an_offset_that_is_contradicted_or_known_better_is_left_as_stated(late_ms, stated_ms):
+    problem, truth = late(3, late_ms, stated_ms)
+    assert estimate(problem, truth).clock is None
+
+
+def test_held_out_pairs_are_judged_at_the_clock_of_their_fit():
+    problem, truth = late(5, 30.0, 15.0)
+    fitted = estimate(problem, truth)
+    apart = [distances(at_clock(problem, clock), fitted.parameters).mean() for clock in (None, fitted.clock)]
+    assert apart[1] < 0.8 * apart[0]
 
 
 @pytest.mark.parametrize("simulate", [posed, walked])
