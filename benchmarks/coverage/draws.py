@@ -117,7 +117,11 @@ CELLS: Final[dict[str, Callable[[int, Random], Draw]]] = {
 def draw_score(numbered: tuple[str, int]) -> DrawScore | None:
     """The draw of a cell with that seed; None if the pairs leave a direction open."""
     cell, seed = numbered
-    draw = CELLS[cell](seed, np.random.default_rng([seed, 71]))
+    return score(CELLS[cell](seed, np.random.default_rng([seed, 71])))
+
+
+def score(draw: Draw) -> DrawScore | None:
+    """What a draw's fit states against its truth; None if the pairs leave a direction open."""
     (fit,) = planned(draw).fits
     problem = read_run(fit.of_fold(FULL), FULL, draw.known).problem
     truth = true_parameters(draw, problem)
@@ -186,7 +190,7 @@ def summary(cell: str, draws: Sequence[DrawScore | None]) -> dict[str, Any]:
     }
     lines = [draw.line_time for draw in seen if draw.line_time is not None]
     if 2 * len(lines) > len(seen):
-        true = _LINE_TIME_US if cell == "rolling shutter" else 0.0
+        true = _LINE_TIME_US if "shutter" in cell else 0.0
         figures |= {
             "line_us": float(np.median([line for line, _, _ in lines])),
             "line_std_us": float(np.median([std for _, std, _ in lines])),
