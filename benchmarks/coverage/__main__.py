@@ -2,7 +2,7 @@
 
 Pairs are drawn with errors of each cell's law (`draws.py`), or come from whole walks (`whole_walks.py`). DRAWS: of
 each cell (default 800); WALKS: whole walks (default 20); CELLS: parts of the names of some cells; SEED: of the first.
-By cell: the shares of 95 % intervals that hold, of the mount's parameters and of pixels at 5, 20 and 50 m; `gross`: of
+By cell: the shares of 95 % intervals that hold, of the mount and of pixels at 5, 20 and 50 m; `gross`: of
 the mount's errors beyond 3 deviations; `accused`: of draws by halves.
 """
 
