@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,6 @@ from workers.readers.images.still_images import image_frame
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
 from workers.readers.trees.cloud_files import read_cloud
 from workers.readers.trees.file_tree import FileTree, read_file
-from workers.readers.trees.kitti import KittiSpin
 from workers.readers.trees.series import Series
 
 
@@ -25,14 +24,14 @@ class FileSeries(Recording):
     Args:
         tree: where the files are; it stays open.
         series: the files, stamped.
-        tables: KITTI's tables of times, by file name.
+        looks_ahead: stamps are the moments at which the LiDAR looks ahead, as KITTI's are.
         options: what the owner knows.
     """
 
     format = "folder"
 
-    def __init__(self, tree: FileTree, series: Series, tables: Mapping[str, bytes], options: ReadOptions) -> None:
-        self._tree, self._series, self._tables, self._options = tree, series, tables, options
+    def __init__(self, tree: FileTree, series: Series, options: ReadOptions, *, looks_ahead: bool) -> None:
+        self._tree, self._series, self._options, self._looks_ahead = tree, series, options, looks_ahead
         self.sensors = [Sensor(series.kind, series.name, "", len(series.paths), self._notes())]
 
     def _notes(self) -> dict[str, str]:
@@ -54,8 +53,7 @@ class FileSeries(Recording):
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned of a LiDAR from files spread over the folder."""
-        facts = self._model.facts
-        return facts if self._spin is None else self._spin.facts(facts, sensor.name)
+        return self._model.facts
 
     @cached_property
     def _period(self) -> int | None:
@@ -64,22 +62,11 @@ class FileSeries(Recording):
         return int(np.median(np.diff(stamps))) if len(stamps) > 2 else None
 
     @cached_property
-    def _spin(self) -> KittiSpin | None:
-        if self._series.times_from != "kitti" or self._options.point_times != "auto":
-            return None
-        turn_ns = self._period if self._options.rate_hz is None else round(1e9 / self._options.rate_hz)
-        cloud = self._cloud(self._series.paths[0])
-        if any(axis not in cloud for axis in "xyz"):  # said when the cloud is read
-            return None
-        xyz = np.stack([cloud[axis] for axis in "xyz"], 1).astype(np.float32)
-        return KittiSpin.of(self._tables, self._series.stamps_ns, turn_ns, xyz[np.isfinite(xyz).all(1)])
-
-    @cached_property
     def _model(self) -> CloudModel:
         paths, name, options = self._series.paths, self._series.name, self._options
         made_up = self._series.times_from == "index"
-        if made_up or self._spin is not None:
-            # Made-up times say nothing about when, within a sweep, a point was measured.
+        if made_up or self._looks_ahead:
+            # Neither says when, within a sweep, a point was measured.
             options = options.model_copy(update={"point_times": "stamp_only"})
         numbers: list[int] = np.unique(np.linspace(0, len(paths) - 1, min(SAMPLES, len(paths))).astype(int)).tolist()
         samples = ((self._series.stamps_ns[paths[i]], self._cloud(paths[i])) for i in numbers)
@@ -92,8 +79,7 @@ class FileSeries(Recording):
                 yield sensor, self._frame(path) if sensor.kind == "camera" else self._sweep(path)
 
     def _sweep(self, path: str) -> Sweep:
-        sweep = self._model.sweep(self._series.stamps_ns[path], self._cloud(path))
-        return sweep if self._spin is None else self._spin.timed(sweep, path)
+        return self._model.sweep(self._series.stamps_ns[path], self._cloud(path))
 
     def _frame(self, path: str) -> Frame:
         return image_frame(read_file(self._tree, path), self._series.stamps_ns[path], path)

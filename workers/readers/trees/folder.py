@@ -27,7 +27,6 @@ from workers.readers.trees.file_times import (
     without_times,
 )
 from workers.readers.trees.file_tree import FileTree, read_file, read_head, refused
-from workers.readers.trees.kitti import KITTI_ENDS, KITTI_STARTS
 from workers.readers.trees.open_tree import open_tree
 from workers.readers.trees.series import Series, find_series, is_sensor_file, stem_and_number
 
@@ -35,7 +34,9 @@ _BAG_FOLDER: Final = "metadata.yaml"
 _BAG_FILES: Final = {".db3": SQLITE, ".mcap": MCAP}
 _VIDEO: Final = "workers.readers.images.video"
 _CAPTURE: Final = "workers.readers.captures.pcap"
-_TIMES: Final = frozenset({CSV_NAME, KITTI_NAME, KITTI_STARTS, KITTI_ENDS})
+# Of KITTI's raw layout: `_KITTI_STARTS` is there where stamps are the moments at which the LiDAR looks ahead.
+_KITTI_STARTS: Final = "timestamps_start.txt"
+_TIMES: Final = frozenset({CSV_NAME, KITTI_NAME, _KITTI_STARTS, "timestamps_end.txt"})
 _MAX_SOURCES: Final = 256
 _MAX_METADATA: Final = 16  # each takes up to 25 MB once it is read
 _MAX_LISTED: Final = 20
@@ -205,9 +206,9 @@ def _open_series(
 ) -> list[TreePart]:
     """The sensors whose messages are files; none where they have no times and the other sources suffice."""
     every_path = frozenset(tree.paths)
-    kitti = {series.name: _kitti_tables(tree, series, every_path) for series in every}
+    kitti = {series.name: table for series in every if (table := _kitti_table(series, every_path))}
     try:
-        stamp_series(every, tables, {name: tables_of[KITTI_NAME] for name, tables_of in kitti.items() if tables_of})
+        stamp_series(every, tables, {name: read_file(tree, path) for name, path in kitti.items()})
         if parts and any(series.times_from == "index" for series in every):
             raise without_times(
                 f"The files of {every[0].name} have no times, and {parts[0].label} has: which belong together is "
@@ -225,17 +226,20 @@ def _open_series(
             "File names hold numbers and no times: files of equal number are taken as simultaneous, and the times, "
             "0.1 s from number to number, are made up."
         )
-    return [TreePart(FileSeries(tree, files, kitti[files.name], options), ".", named=True) for files in every]
+    starts = {
+        name for name, path in kitti.items() if posixpath.join(posixpath.dirname(path), _KITTI_STARTS) in every_path
+    }
+    return [
+        TreePart(FileSeries(tree, files, options, looks_ahead=files.name in starts), ".", named=True)
+        for files in every
+    ]
 
 
-def _kitti_tables(tree: FileTree, series: Series, every_path: Collection[str]) -> dict[str, bytes]:
-    """KITTI's tables of times, which stand beside the files or beside their folder ``data``."""
+def _kitti_table(series: Series, every_path: Collection[str]) -> str | None:
+    """KITTI's table of times, which stands beside the files or beside their folder ``data``."""
     folder = PurePosixPath(series.folder)
-    for parent in (folder, folder.parent) if folder.name == "data" else (folder,):
-        paths = {name: (parent / name).as_posix() for name in (KITTI_NAME, KITTI_STARTS, KITTI_ENDS)}
-        if paths[KITTI_NAME] in every_path:
-            return {name: read_file(tree, path) for name, path in paths.items() if path in every_path}
-    return {}
+    parents = (folder, folder.parent) if folder.name == "data" else (folder,)
+    return next((path for parent in parents if (path := (parent / KITTI_NAME).as_posix()) in every_path), None)
 
 
 def _join_split(parts: Sequence[TreePart], options: ReadOptions) -> list[TreePart]:
