@@ -11,7 +11,7 @@ from pydantic import Field
 from apexcal.documents.base import Document, Received, Sent, Stored
 from apexcal.documents.checks import CheckVerdict
 from apexcal.documents.jobs import JobView, ProblemView
-from apexcal.documents.region_fields import KeptRegion, Region
+from apexcal.documents.regions import KeptRegion, Region
 from apexcal.documents.states import WorkState
 
 

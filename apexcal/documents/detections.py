@@ -12,7 +12,7 @@ from apexcal.documents.base import Document, Received, Sent, Stored
 from apexcal.documents.corners import TOP, CornerName
 from apexcal.documents.detectors import FLAGS, PairingMode, Quality
 from apexcal.documents.jobs import JobView, ProblemView
-from apexcal.documents.region_fields import KeptRegion, Region
+from apexcal.documents.regions import KeptRegion, Region
 from apexcal.documents.states import WorkState
 
 Covariance = list[list[float]]

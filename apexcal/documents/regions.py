@@ -18,23 +18,49 @@ its y if up is within 26 degrees of its x. Their origin is the LiDAR's.
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import count
-from typing import Any, Final, cast
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal, NotRequired, get_args
 
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    PlainSerializer,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+    WrapValidator,
+    with_config,
+)
+from typing_extensions import TypeAliasType, TypedDict
+
+from apexcal.documents.base import Stored
 from apexcal.documents.errors import DocumentError
 
+Quantity = Literal["x", "y", "z", "range", "azimuth_deg", "elevation_deg"]
+Operator = Literal["<", "<=", ">", ">="]
 # The position of each name is its number in the compiled program.
-QUANTITIES: Final = ("x", "y", "z", "range", "azimuth_deg", "elevation_deg")
-OPERATORS: Final = ("<", "<=", ">", ">=")
+QUANTITIES: Final = get_args(Quantity)
+OPERATORS: Final = get_args(Operator)
 MAX_DEPTH: Final = 16
 MAX_NODES: Final = 256
 MAX_CORNERS: Final = 64
 MAX_METRES: Final = 1e6
 _SHORTEST: Final = 1e-3  # of a direction; shorter ones are zeros that were rounded
+_HINT: Final = (
+    'Write {"and": [nodes]}, {"or": [nodes]}, {"not": node}, {"box": {"min": [x, y, z], "max": [x, y, z]}}, '
+    '{"polygon": [[x, y], ...]} or {"quantity": "x", "op": ">", "value": 0}; a whole tree in level axes as '
+    '{"level": tree, "up": [x, y, z]}.'
+)
+
+_BRANCHES: Final = ("and", "or", "not", "level")
 
 Document = dict[str, Any]
+_Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_Metres = Annotated[_Number, Field(ge=-MAX_METRES, le=MAX_METRES)]
+_Two = Annotated[list[_Metres], Field(min_length=2, max_length=2)]
+_Three = Annotated[list[_Metres], Field(min_length=3, max_length=3)]
 
 
 class RegionError(DocumentError):
@@ -44,144 +70,164 @@ class RegionError(DocumentError):
     """
 
 
+def _rises(shape: BoxShape) -> BoxShape:
+    for axis, low, high in zip("xyz", shape["min"], shape["max"], strict=True):
+        if low >= high:
+            raise ValueError(f"min is not below max in {axis}")
+    return shape
+
+
+def _ascends(heights: list[float]) -> list[float]:
+    if heights[0] >= heights[1]:
+        raise ValueError("low is not below high")
+    return heights
+
+
+def _points(up: list[float]) -> list[float]:
+    if math.hypot(*up) < _SHORTEST:
+        raise ValueError("it has no direction")
+    return up
+
+
+def _without_nulls(node: Any) -> Any:
+    return {name: value for name, value in node.items() if value is not None} if isinstance(node, Mapping) else node
+
+
+@with_config(extra="forbid")
+class Inequality(TypedDict):
+    """``quantity``, or its quotient by another one, compared with ``value``; metres, degrees or a ratio."""
+
+    quantity: Quantity
+    divided_by: NotRequired[Quantity]
+    op: Operator
+    value: _Number
+
+
+@with_config(extra="forbid")
+class BoxShape(TypedDict):
+    """Two corners in metres; ``yaw_deg`` turns the box about its own upright axis, counter-clockwise from above."""
+
+    min: Annotated[_Three, Field(examples=[[9, -1, -2]])]
+    max: Annotated[_Three, Field(examples=[[10, 1, 1]])]
+    yaw_deg: NotRequired[Annotated[_Number, Field(ge=-360, le=360)]]
+
+
+@with_config(extra="forbid")
+class Box(TypedDict):
+    """The points in a box."""
+
+    box: Annotated[BoxShape, BeforeValidator(_without_nulls), AfterValidator(_rises)]
+
+
+@with_config(extra="forbid")
+class Polygon(TypedDict):
+    """The points over a polygon seen from above, between two heights where ``z`` is given; metres."""
+
+    polygon: Annotated[list[_Two], Field(min_length=3, max_length=MAX_CORNERS)]
+    z: NotRequired[Annotated[_Two, AfterValidator(_ascends)]]
+
+
+# pyright follows no alias to classes that are made by a call.
+_some = Annotated["list[RegionNode]", Field(min_length=1)]
+And = with_config(extra="forbid")(TypedDict("And", {"and": _some}))  # pyright: ignore[reportInvalidTypeForm]
+Or = with_config(extra="forbid")(TypedDict("Or", {"or": _some}))  # pyright: ignore[reportInvalidTypeForm]
+Not = with_config(extra="forbid")(TypedDict("Not", {"not": "RegionNode"}))  # pyright: ignore[reportInvalidTypeForm]
+
+
+def _kind(node: Any) -> str | None:
+    names = ("and", "or", "not", "box", "polygon") if isinstance(node, Mapping) else ()
+    return next((f"<{name}>" for name in names if name in node), "<inequality>" if names else None)
+
+
+RegionNode = TypeAliasType(
+    "RegionNode",
+    Annotated[
+        Annotated[And, Tag("<and>")]
+        | Annotated[Or, Tag("<or>")]
+        | Annotated[Not, Tag("<not>")]
+        | Annotated[Box, Tag("<box>")]
+        | Annotated[Polygon, Tag("<polygon>")]
+        | Annotated[Inequality, Tag("<inequality>")],
+        Discriminator(_kind, "no_object", "it is no object"),
+        BeforeValidator(_without_nulls),
+    ],
+)
+
+
+@with_config(extra="forbid")
+class Level(TypedDict):
+    """A whole tree in level axes: their z is ``up``, their x the horizontal direction nearest to the LiDAR's x."""
+
+    level: RegionNode
+    up: Annotated[_Three, AfterValidator(_points)]
+
+
+_Tree = Annotated[
+    Annotated[RegionNode, Tag("<tree>")] | Annotated[Level, Tag("<level>")],
+    Discriminator(lambda region: "<level>" if isinstance(region, Mapping) and "level" in region else "<tree>"),
+]
+_TREE: Final = TypeAdapter[Any](_Tree)
+
+
 def check_region(document: object) -> Document:
     """The document in its canonical form (members that are null left out).
 
     Raises:
         RegionError: naming the path of the first bad node, or that the tree is too deep or too large.
     """
-    if isinstance(document, Mapping) and "level" in document:
-        tree = cast("Mapping[Any, object]", document)
-        _only(tree, ("level", "up"), "$")
-        return {"level": _node(tree["level"], "$.level", 2, count(1)), "up": _up(tree.get("up"))}
-    return _node(document, "$", 1, count())
+    _check_extent(document)
+    try:
+        return _TREE.validate_python(document)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+    # Tags of the union are no members of the document.
+    steps = [step for step in first["loc"] if not str(step).startswith("<")]
+    if first["type"] in ("missing", "extra_forbidden"):
+        what = f"it {'lacks' if first['type'] == 'missing' else 'has beside'} {str(steps.pop())[:60]!r}"
+    else:
+        what = first["msg"].removeprefix("Value error, ")
+    path = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps)
+    raise RegionError("region_invalid", f"region node ${path}: {what}.", _HINT)
 
 
-def _up(document: object) -> list[float]:
-    hint = 'Write "up": [x, y, z], the direction of up in the LiDAR\'s frame.'
-    numbers = _list(document)
-    if len(numbers) != 3:
-        raise _fail("$.up", "it is no list of three numbers", hint)
-    up = [_number(value, f"$.up[{i}]", MAX_METRES) for i, value in enumerate(numbers)]
-    if math.hypot(*up) < _SHORTEST:
-        raise _fail("$.up", "it has no direction", hint)
-    return up
+def _check_extent(document: object) -> None:
+    """Raises RegionError before anything is called once for each level of the document."""
+    level, count = [document], 0
+    for _ in range(MAX_DEPTH):
+        count += len(level)
+        if count > MAX_NODES:
+            break
+        branches = [node.get(name) for node in level if isinstance(node, Mapping) for name in _BRANCHES]
+        level = [node for branch in branches for node in (branch if isinstance(branch, list) else [branch])]
+        level = [node for node in level if isinstance(node, Mapping)]
+        if not level:
+            return
+    what = f"larger than {MAX_NODES} nodes" if count > MAX_NODES else f"deeper than {MAX_DEPTH} levels"
+    raise RegionError("region_too_large", f"region node $: the tree is {what}.", "Merge nested and / or nodes.")
 
 
-def _fail(path: str, what: str, hint: str, code: str = "region_invalid") -> RegionError:
-    return RegionError(code, f"region node {path}: {what}.", hint)
+_SAYS = Field(
+    description=f"A tree of and, or and not over inequalities, boxes and polygons in the LiDAR's frame; at most "
+    f"{MAX_DEPTH} levels and {MAX_NODES} nodes. For a tilted LiDAR the whole tree may be in level axes: "
+    '{"level": tree, "up": [x, y, z]}.',
+    examples=[
+        {
+            "and": [
+                {"polygon": [[2, -3], [30, -6], [30, 6], [2, 3]], "z": [-1.6, 0.8]},
+                {"quantity": "range", "op": "<", "value": 28},
+                {"quantity": "z", "divided_by": "x", "op": ">", "value": -0.2},
+                {"not": {"box": {"min": [9, -1, -2], "max": [10, 1, 1], "yaw_deg": 20}}},
+            ]
+        }
+    ],
+)
 
 
-def _node(node: object, path: str, depth: int, counter: Iterator[int]) -> Document:
-    if depth > MAX_DEPTH:
-        what = f"the tree is deeper than {MAX_DEPTH} levels"
-        raise _fail(path, what, "Merge nested and / or nodes.", "region_too_large")
-    if next(counter) >= MAX_NODES:
-        what = f"the tree is larger than {MAX_NODES} nodes"
-        raise _fail(path, what, "Merge inequalities, or use a box or a polygon.", "region_too_large")
-    if not isinstance(node, Mapping):
-        raise _fail(path, "it is no object", 'Write {"and": [...]}, a box, a polygon or an inequality.')
-    tree = cast("Mapping[Any, object]", node)
-    for name in ("and", "or"):
-        if name in tree:
-            return {name: _children(tree, name, path, depth, counter)}
-    if "not" in tree:
-        _only(tree, ("not",), path)
-        return {"not": _node(tree["not"], f"{path}.not", depth + 1, counter)}
-    if "box" in tree:
-        _only(tree, ("box",), path)
-        return {"box": _box(tree["box"], f"{path}.box")}
-    if "polygon" in tree:
-        return _polygon(tree, path)
-    if "level" in tree:
-        hint = 'Write {"level": the whole tree, "up": [x, y, z]}.'
-        raise _fail(path, "only a whole region may be in level axes", hint)
-    return _inequality(tree, path)
-
-
-def _children(node: Mapping[Any, object], name: str, path: str, depth: int, counter: Iterator[int]) -> list[Document]:
-    _only(node, (name,), path)
-    children = _list(node[name])
-    if not children:
-        raise _fail(f"{path}.{name}", "it is no list of at least one node", "Put boxes or inequalities in it.")
-    return [_node(child, f"{path}.{name}[{i}]", depth + 1, counter) for i, child in enumerate(children)]
-
-
-def _inequality(node: Mapping[Any, object], path: str) -> Document:
-    _only(node, ("quantity", "divided_by", "op", "value"), path)
-    for name in ("quantity", "op", "value"):
-        if name not in node:
-            raise _fail(path, f"it lacks {name!r}", 'Example: {"quantity": "x", "op": ">", "value": 0}.')
-    leaf: Document = {"quantity": _choice(node["quantity"], QUANTITIES, f"{path}.quantity")}
-    if node.get("divided_by") is not None:
-        leaf["divided_by"] = _choice(node["divided_by"], QUANTITIES, f"{path}.divided_by")
-    leaf["op"] = _choice(node["op"], OPERATORS, f"{path}.op")
-    leaf["value"] = _number(node["value"], f"{path}.value")
-    return leaf
-
-
-def _box(box: object, path: str) -> Document:
-    hint = 'Write {"min": [x, y, z], "max": [x, y, z]}, perhaps with "yaw_deg".'
-    if not isinstance(box, Mapping):
-        raise _fail(path, "it is no object", hint)
-    members = cast("Mapping[Any, object]", box)
-    _only(members, ("min", "max", "yaw_deg"), path)
-    corners: dict[str, list[float]] = {}
-    for name in ("min", "max"):
-        numbers = _list(members.get(name))
-        if len(numbers) != 3:
-            raise _fail(f"{path}.{name}", "it is no list of three numbers", hint)
-        corners[name] = [_number(value, f"{path}.{name}[{i}]", MAX_METRES) for i, value in enumerate(numbers)]
-    for axis, low, high in zip("xyz", corners["min"], corners["max"], strict=True):
-        if low >= high:
-            raise _fail(path, f"min is not below max in {axis}", "Exchange them.")
-    if members.get("yaw_deg") is None:
-        return {**corners}
-    return {**corners, "yaw_deg": _number(members["yaw_deg"], f"{path}.yaw_deg", 360.0)}
-
-
-def _polygon(node: Mapping[Any, object], path: str) -> Document:
-    _only(node, ("polygon", "z"), path)
-    corners = _list(node["polygon"])
-    if not 3 <= len(corners) <= MAX_CORNERS:
-        raise _fail(
-            f"{path}.polygon", f"it is no list of 3 to {MAX_CORNERS} corners", "Write [[x, y], ...] in metres."
-        )
-    shape: Document = {"polygon": [_pair(xy, f"{path}.polygon[{i}]") for i, xy in enumerate(corners)]}
-    if node.get("z") is not None:
-        low, high = _pair(node["z"], f"{path}.z")
-        if low >= high:
-            raise _fail(f"{path}.z", "low is not below high", "Write [low, high] in metres.")
-        shape["z"] = [low, high]
-    return shape
-
-
-def _pair(value: object, path: str) -> list[float]:
-    numbers = _list(value)
-    if len(numbers) != 2:
-        raise _fail(path, "it is no list of two numbers", "Give two numbers in metres.")
-    return [_number(number, f"{path}[{i}]", MAX_METRES) for i, number in enumerate(numbers)]
-
-
-def _only(node: Mapping[Any, object], names: tuple[str, ...], path: str) -> None:
-    unknown = sorted(str(key)[:60] for key in node if key not in names)
-    if unknown:
-        raise _fail(path, f"it has {unknown[0]!r} beside", f"Possible here: {', '.join(names)}.")
-
-
-def _list(value: object) -> Sequence[object]:
-    return cast("Sequence[object]", value) if isinstance(value, list | tuple) else ()
-
-
-def _choice(name: object, choices: tuple[str, ...], path: str) -> str:
-    if not isinstance(name, str) or name not in choices:
-        raise _fail(path, f"{str(name)[:60]!r} is not known", f"One of: {', '.join(choices)}.")
-    return name
-
-
-def _number(value: object, path: str, largest: float = sys.float_info.max) -> float:
-    # Comparing is exact also for integers that are too large for a float, and false for not-a-number.
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -largest <= value <= largest:
-        within = f" from {-largest:g} to {largest:g}" if largest < sys.float_info.max else ""
-        raise _fail(path, f"it is no finite number{within}", "Give metres, degrees or a ratio.")
-    return value
+Region = Annotated[
+    _Tree,
+    WrapValidator(lambda document, _: check_region(document)),
+    PlainSerializer(lambda region: region),
+    _SAYS,
+]
+"""A region that somebody sends, in its canonical form."""
+KeptRegion = Annotated[Stored[_Tree], _SAYS]
