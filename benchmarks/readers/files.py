@@ -15,7 +15,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from mcap_protobuf.writer import Writer as ProtobufWriter
 
 from apexcal.documents.simulation import SimulationOptions
-from tests.support.packets import packet_rig, write_capture
+from benchmarks.readers.packets import packet_rig, write_capture
 from workers.readers.detect import open_recording
 from workers.readers.recording import Sweep
 from workers.simulation.simulate import simulate

@@ -26,7 +26,6 @@ _EVERY_CASE = (
     "tests/faults/",
     "tests/service/platform/db/",
     "tests/service/platform/jobs/",
-    "tests/workers/tasks/",
     "tests/service/annotations/test_task_actions.py",
     "tests/service/platform/http/test_repeated_requests.py",
     "tests/service/platform/http/test_texts.py::test_what_is_no_text",
@@ -55,6 +54,7 @@ _EVERY_TEST = (
     "tests/service/publications/test_retrieval.py",
     "tests/service/publications/test_routes.py::test_the_newest_is_what_was_published_last_whatever_the_clocks_say",
     "tests/service/recordings/",
+    "tests/workers/tasks/",
 )
 
 

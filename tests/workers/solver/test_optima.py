@@ -49,14 +49,6 @@ def test_a_small_board_has_two_mounts_and_either_names_the_other():
     np.testing.assert_allclose(back.parameters, deep.parameters, atol=1e-4)
 
 
-def test_an_optimum_that_is_clearly_worse_is_none():
-    problem = small_board(0, noise_px=0.3)
-    state, _ = run_schedule(problem)
-    ends = [polish(problem, start) for start in state.first_slot_parameters]
-    deep = min(ends, key=lambda fit: fit.cost)
-    assert other_optima(problem, deep, [fit.parameters for fit in ends]) == []
-
-
 def test_nearly_as_deep_is_a_quarter_more():
     """Of the same marks with less and less noise the wrong mount stands out more: named up to a ratio of 1.25."""
     ratios = []

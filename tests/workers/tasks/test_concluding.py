@@ -27,7 +27,6 @@ from workers.tasks.concluding import conclude
 
 pytestmark = pytest.mark.usefixtures("broker")
 
-WRONG = {"residual_px": 500.0, "score": 99.0, "reason": "It is far off.", "excluded": True}
 MOUNT = {"to_frame": "camera", "from_frame": "velodyne"}
 
 
@@ -133,49 +132,6 @@ def test_the_transaction_that_ends_a_calibration_is_short(context):
     # The calibration, locked; the results' checks; the vehicle, locked; the recommended result and its checks of now
     # (its origin, the current one, withdrawals, sensors); the end, and the fleet request.
     assert seen == ["SELECT", "UPDATE", *["SELECT"] * 6, "UPDATE", "UPDATE"]
-
-
-def test_a_model_of_which_nothing_was_held_out_is_not_judged(context, three_runs):
-    calibration_id, (pinhole, brown, fold) = three_runs
-    end(context, pinhole, found=document(5.0))
-    end(context, brown, found=document(1.0, model="brown_conrady"))
-    end(context, fold, found=document(5.0, [5.0, 6.0]))
-    state, summary, _ = ended(context, calibration_id)
-    assert state == "done"
-    assert summary["cameras"]["front"]["recommended"] == "pinhole"
-    assert "brown_conrady was not judged: nothing was held out of it." in summary["cameras"]["front"]["why"]
-
-
-def test_a_fold_that_failed_or_left_parameters_open_counts_for_no_model(context):
-    calibration_id, runs = two_models(context, folds=3)
-    end_model(context, [runs["pinhole"][0]], 1.0, "pinhole")
-    end_model(context, [runs["brown_conrady"][0]], 1.0, "brown_conrady")
-    for fold in range(3):
-        for model in ("pinhole", "brown_conrady"):
-            found = document(1.0, model=model)
-            wild = fold == 1 and model == "brown_conrady"
-            found |= {"heldout": of_block([900.0 if wild else 1.0] * 10, range_of(fold))}
-            found |= {"status": "not_determined"} if wild else {}
-            end(context, runs[model][1 + fold], found=found)
-    _, summary, _ = ended(context, calibration_id)
-    models = summary["cameras"]["front"]["models"]
-    assert models["brown_conrady"]["heldout_mean_px"] == pytest.approx(1.0)
-    assert models["brown_conrady"]["weight"] == pytest.approx(0.5)
-
-
-def test_a_projection_that_is_none_costs_a_bounded_error(context):
-    calibration_id, runs = two_models(context)
-    for model, (full, *folds) in runs.items():
-        end(context, full, found=document(1.0, model=model))
-        for fold, run_id in enumerate(folds):
-            errors = [1.0] * 9 + [2300.0 if (fold, model) == (0, "brown_conrady") else 1.0]
-            end(context, run_id, found=document(1.0, model=model) | {"heldout": of_block(errors, range_of(fold))})
-    _, summary, _ = ended(context, calibration_id)
-    brown = summary["cameras"]["front"]["models"]["brown_conrady"]
-    assert brown["heldout_forbidden"] == 1
-    # A hundredth of the image's diagonal of 1600 px.
-    assert brown["heldout_mean_px"] == pytest.approx((19 * 1.0 + 16.0) / 20)
-    assert brown["behind"]["log_likelihood"] < 25.0
 
 
 def two_models(context, *, folds=2):
@@ -417,20 +373,3 @@ def test_a_result_that_predicts_worse_than_a_sound_current_one_does_not_publish_
     front = summary["cameras"]["front"]
     assert front["published"] is takes_over
     assert takes_over or failed(front)[0].endswith("lie 1.01 px off; of the vehicle's current result 0.60.")
-
-
-def test_pairs_that_every_fit_left_out_are_not_held_against_any_model(context):
-    calibration_id, runs = two_models(context)
-    excluded = {"pinhole": (3, 4), "brown_conrady": (4,)}
-    for model, (full, *folds) in runs.items():
-        outliers = [WRONG | {"index": index} for index in excluded[model]]
-        end(context, full, found=document(1.0, model=model, outliers=outliers))
-        for fold, run_id in enumerate(folds):
-            errors = [1.0] * 3 + [9.0, 500.0] if fold == 0 else [1.0] * 5
-            found = document(1.0, model=model)
-            end(context, run_id, found=found | {"heldout": of_block(errors, range_of(fold, 5))})
-    _, summary, published = ended(context, calibration_id)
-    models = summary["cameras"]["front"]["models"]
-    assert [models[name]["heldout_pairs"] for name in runs] == [9, 9]
-    assert models["brown_conrady"]["heldout_mean_px"] == pytest.approx((8 * 1.0 + 9.0) / 9)
-    assert len(published) == 1

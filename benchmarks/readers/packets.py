@@ -1,4 +1,4 @@
-"""What a VLP-16 sends over the network, captured as pcap; for tests and benchmarks.
+"""What a VLP-16 sends over the network, captured as pcap.
 
 Layout of the data packets: VLP-16 User Manual (63-9243 Rev. D), chapter 9. Twelve blocks of two firings of 16
 lasers, ranges in steps of 2 mm, azimuth clockwise in hundredths of a degree, microseconds past the hour, and the
