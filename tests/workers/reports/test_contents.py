@@ -6,7 +6,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from scipy.stats import f as f_distribution
 
 from apexcal.documents.results import ResultView
 from tests.workers.reports.material import EDGES, made, steady
@@ -22,9 +21,7 @@ def report():
 
 
 def matrix(document):
-    """R and t of T_camera_lidar, from the document's quaternion, or from R where a test turned it."""
-    if "R" in document["transform"]:
-        return document["transform"]["R"], np.array(document["transform"]["translation_m"])
+    """R and t of T_camera_lidar, from the document's quaternion."""
     x, y, z, w = document["transform"]["rotation"]["quaternion_xyzw"]
     R = np.array(
         [
@@ -94,105 +91,6 @@ def test_figures_of_checks_are_counted_from_the_pairs(report):
     ratios = {f"{one['split']}_ratio": one["ratio"] for one in document["halves"]}
     assert {name: figures["halves"][name] for name in ratios} == pytest.approx(ratios, rel=1e-5)
     assert figures["elsewhere"] == {"agrees": 1, "disagrees": 0, "unknown": 1}
-
-
-def changed(document, name, by):
-    """The document with one parameter changed: degrees about the camera's axes, metres, pixels, coefficients."""
-    found = {**document, "intrinsics": {**document["intrinsics"]}, "transform": {**document["transform"]}}
-    if name.startswith("rotation_"):
-        turn = cv2.Rodrigues(np.radians(by) * np.eye(3)["xyz".index(name[-1])])[0]
-        found["transform"]["R"] = turn @ matrix(document)[0]
-    elif name.startswith("t_"):
-        t = matrix(document)[1] + by * np.eye(3)["xyz".index(name[-1])]
-        found["transform"]["translation_m"] = t.tolist()
-    else:
-        found["intrinsics"][name] += by
-    return found
-
-
-def derivatives(document, points, step=1e-6):
-    """(N, 2, F) of the pixels by the free parameters: finite differences through OpenCV."""
-    return np.stack(
-        [
-            (projected(changed(document, name, step), points) - projected(changed(document, name, -step), points))
-            / (2 * step)
-            for name in document["covariance"]["names"]
-        ],
-        axis=2,
-    )
-
-
-def belonging(document):
-    """(N,) bool, the pairs that the fit did not leave out."""
-    used = np.ones(len(document["residuals_px"]), bool)
-    used[[one["index"] for one in document["outliers"]]] = False
-    return used
-
-
-def refitted(material):
-    """The reported result without its outliers: which pairs are used, and least squares from the stored optimum."""
-    document = plain(material.result)
-    points, marks = points_and_marks(material)
-    used = belonging(document)
-    for _ in range(5):
-        J = derivatives(document, points[used]).reshape(2 * used.sum(), -1)
-        residual = (projected(document, points[used]) - marks[used]).ravel()
-        for name, by in zip(document["covariance"]["names"], np.linalg.lstsq(J, -residual)[0], strict=True):
-            document = changed(document, name, by)
-    return document, used
-
-
-def further(document, used, points, marks, columns):
-    """Further unknowns by which pixels change as columns (N, 2, e), solved for with all parameters by one step.
-
-    Values, deviations, the probability of the F distribution, and the residuals that they explain, px. Combinations
-    that the parameters themselves do to 98 % are left out.
-    """
-    J = derivatives(document, points[used]).reshape(2 * used.sum(), -1)
-    residual = (projected(document, points[used]) - marks[used]).ravel()
-    freedom = len(residual) - J.shape[1]
-    variance = residual @ residual / freedom
-    G = columns[used].reshape(len(residual), -1)
-    scale = 1.0 / np.linalg.norm(G, axis=0)
-    basis = np.linalg.qr(J / np.linalg.norm(J, axis=0))[0]
-    _, left, turn = np.linalg.svd(G * scale - basis @ (basis.T @ (G * scale)), full_matrices=False)
-    combined = scale[:, None] * turn[left > 0.02].T
-    both = np.column_stack([J / np.linalg.norm(J, axis=0), G @ combined])
-    count = combined.shape[1]
-    step = np.linalg.lstsq(both, -residual)[0][-count:]
-    C = variance * np.linalg.inv(both.T @ both)[-count:, -count:]
-    statistic = step @ np.linalg.solve(C, step) / count
-    deviations = np.sqrt(np.diag(combined @ C @ combined.T))
-    pattern = columns @ (combined @ step)
-    return combined @ step, deviations, f_distribution.sf(statistic, count, freedom), pattern
-
-
-def test_the_pattern_of_a_lens_is_least_squares_of_the_residuals(report):
-    material = made()
-    points, marks = points_and_marks(material)
-    document, used = refitted(material)
-    lens = document["intrinsics"]
-    away = projected(document, points) - (lens["c_x"], lens["c_y"])
-    radius = np.linalg.norm(away, axis=1)
-    share = radius / (0.5 * np.hypot(*lens["image_size"]))
-    shifts = (away / radius[:, None])[:, :, None] * np.stack([share**k for k in range(1, 8)], axis=1)[:, None]
-    x, y = (away / (0.5 * np.hypot(*lens["image_size"]))).T
-    decentred = np.array([[3 * x * x + y * y, 2 * x * y], [2 * x * y, x * x + 3 * y * y]]).transpose(2, 1, 0)
-    shifts = np.concatenate([shifts, decentred], axis=2)
-    _, _, probability, pattern = further(document, used, points, marks, shifts)
-    figures = next(one["figures"] for one in report["result"]["checks"] if one["name"] == "lens_model")
-    assert figures["probability"] == pytest.approx(probability, rel=1e-4)
-    size = np.hypot(*pattern[used].T)
-    largest = np.quantile(size, 0.99)
-    assert figures["pattern_px"] == pytest.approx(largest, rel=1e-3)
-    # The angle told is that of a pair whose pattern is about the largest.
-    R, t = matrix(plain(made().result))
-    camera = points @ R.T + t
-    angle = np.degrees(np.arctan2(np.hypot(*camera[:, :2].T), camera[:, 2]))[used]
-    at = np.argmin(np.abs(angle - figures["pattern_at_deg"]))
-    # The report's angles are under the fit that keeps the outliers.
-    assert angle[at] == pytest.approx(figures["pattern_at_deg"], abs=1.0)
-    assert size[at] == pytest.approx(largest, rel=0.1)
 
 
 def test_the_rest_is_as_stored(report):

@@ -1,0 +1,42 @@
+"""A pattern is tested as further unknowns of the fit, computed again with NumPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tests.workers.judge.fits import rig
+from workers.judge.lens_checks import lens_model, lens_patterns
+from workers.judge.residual_patterns import pattern_test
+from workers.solver.error_model import linearised
+from workers.solver.estimate import estimate
+
+
+def test_the_pattern_of_a_lens_is_least_squares_of_the_residuals():
+    """Combinations that the parameters themselves do to 98 % are left out."""
+    problem, start = rig("pinhole")
+    found = estimate(replace(problem, blocks=None), np.array(start))
+    patterns = lens_patterns(found)
+    fit = linearised(found.holding, found.held_at)[0]
+    residual, J = fit.residuals.ravel(), fit.jacobian.reshape(fit.residuals.size, -1)
+    J, G = (each / np.linalg.norm(each, axis=0) for each in (J, patterns.reshape(len(residual), -1)))
+    basis = np.linalg.qr(J)[0]
+    _, left, turn = np.linalg.svd(G - basis @ (basis.T @ G), full_matrices=False)
+    G = G @ turn[left > 0.02].T
+    both, count, freedom = np.column_stack([J, G]), G.shape[1], len(residual) - J.shape[1]
+    step = np.linalg.lstsq(both, -residual)[0][-count:]
+    C = residual @ residual / freedom * np.linalg.inv(both.T @ both)[-count:, -count:]
+    test = pattern_test(found, patterns)
+    assert count >= 3
+    assert test.probability == pytest.approx(
+        stats.f.sf(step @ np.linalg.solve(C, step) / count, count, freedom), rel=1e-4
+    )
+    np.testing.assert_allclose(test.pattern.ravel(), G @ step, atol=1e-4)
+    figures = lens_model(found).figures
+    size = np.hypot(*test.pattern.T)
+    assert figures["probability"] == test.probability
+    assert figures["pattern_px"] == pytest.approx(np.quantile(size, 0.99))
+    camera = problem.points @ np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]).T
+    angle = np.degrees(np.arctan2(np.hypot(*camera[:, :2].T), camera[:, 2]))
+    assert size[np.argmin(np.abs(angle - figures["pattern_at_deg"]))] == pytest.approx(figures["pattern_px"], rel=0.1)
