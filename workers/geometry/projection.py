@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from math import hypot
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +32,10 @@ def project(
     PROJECTIONS[model].project_into(values, points, pixels, violation)
     pixels[violation > 0.0] = np.nan
     return pixels, violation
+
+
+NO_RAY_PX: Final = 0.1
+"""If the projection of a pixel's ray misses the pixel by more, the lens model has no ray there."""
 
 
 def unproject(

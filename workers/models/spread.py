@@ -19,8 +19,7 @@ from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import BetweenModels
 from apexcal.geometry.result_differences import MOUNT, TURNS, difference
 from apexcal.geometry.se3 import from_document
-from workers.geometry.projection import project, unproject
-from workers.solver.prediction import NO_RAY_PX
+from workers.geometry.projection import NO_RAY_PX, project, unproject
 
 # scipy publishes no types.
 _normal: Callable[[NDArray[np.float64]], NDArray[np.float64]] = special.ndtr

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.precision import Halves, PredictedPixel, Prediction
-from workers.geometry.projection import unproject
+from workers.geometry.projection import NO_RAY_PX, unproject
 from workers.solver.estimate import Estimate
 from workers.solver.residuals import by_point, residuals_and_jacobian, transform_of
 from workers.solver.uncertainty import turns_are_free
@@ -16,8 +16,6 @@ Floats = NDArray[np.float64]
 DISTANCES_M: Final = (5.0, 20.0, 50.0)
 _COLUMNS: Final = 5
 _ROWS: Final = 3
-# If the projection of a pixel's ray misses the pixel by more, the lens model has no ray there.
-NO_RAY_PX: Final = 0.1
 
 
 def prediction(estimate: Estimate, halves: list[Halves]) -> Prediction | None:

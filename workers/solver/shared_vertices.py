@@ -13,14 +13,12 @@ from apexcal.documents.corners import TOP
 from apexcal.documents.pairs import CORNER
 from apexcal.geometry.se3 import SE3
 from workers.geometry.models import ModelName
-from workers.geometry.projection import project, unproject
+from workers.geometry.projection import NO_RAY_PX, project, unproject
 from workers.solver.camera_transform import normal_sigmas
 from workers.solver.outliers import threshold_of
 
 Floats = NDArray[np.float64]
 _STEP_PX: Final = 0.5
-# A mark whose ray's own projection misses it by more has no ray under its lens model.
-_NO_RAY_PX: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +128,7 @@ def _carried(a: View, b: View, rows: NDArray[np.int64], step: Floats) -> tuple[F
     moved = b.points[in_b] - a.points[in_a]
     points = a.T_camera_lidar.inverse().apply(rays * along[:, None]) + moved
     pixels, violation = project(b.model, b.intrinsics, b.T_camera_lidar.apply(points))
-    return pixels, (violation == 0.0) & (miss < _NO_RAY_PX) & (along > 0.0)
+    return pixels, (violation == 0.0) & (miss < NO_RAY_PX) & (along > 0.0)
 
 
 def _repeated(keys: Sequence[Hashable]) -> set[Hashable]:

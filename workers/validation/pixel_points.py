@@ -16,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from workers.geometry.projection import unproject
+from workers.geometry.projection import NO_RAY_PX, unproject
 from workers.validation.calibration import KnownCalibration
 
 Floats = NDArray[np.float64]
 _chi2_tail: Callable[[float, float], float] = special.chdtrc
 
-# A ray whose projection misses its pixel by more does not exist under the lens model.
-_NO_RAY_PX: Final = 0.1
 # As many points are looked at for each pixel, the nearest in the image: the cone holds fewer.
 _NEAREST: Final = 1000
 # A plane has three parameters, and a fourth point is the first that can contradict it.
@@ -94,7 +92,7 @@ def point_of_pixel(
     ``k`` deviations of the pixel, the calibration's own included. None if the lens model has no ray at the pixel.
     """
     rays, miss = unproject(calibration.model, calibration.intrinsics, pixel[None])
-    if not miss[0] < _NO_RAY_PX:
+    if not miss[0] < NO_RAY_PX:
         return None
     to_lidar = calibration.mount.inverse()
     origin, direction = to_lidar.t, to_lidar.R @ rays[0]
