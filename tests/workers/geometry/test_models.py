@@ -1,15 +1,4 @@
-import pytest
-
-from apexcal.documents.errors import DocumentError
 from workers.geometry.models import INTRINSICS, MODELS, SEARCH_FORMS, parameter_names, parse_model
-
-
-@pytest.mark.parametrize("name", ["fisheye", "", "Pinhole", None, 3, ["pinhole"]])
-def test_other_names_are_refused_and_fisheye_with_both_models_that_people_mean(name):
-    with pytest.raises(DocumentError) as caught:
-        parse_model(name)
-    assert caught.value.code == "unknown_model"
-    assert name != "fisheye" or ("kannala_brandt" in caught.value.hint and "brown_conrady" in caught.value.hint)
 
 
 def test_numbers_of_parameters_are_the_papers():

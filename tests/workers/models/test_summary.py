@@ -40,6 +40,9 @@ def test_a_fold_that_left_parameters_open_counts_for_no_model():
     wild = fit("brown_conrady", 1, [900.0] * 10, status="not_determined")
     brown = camera_summary([*(fit(model) for model in BOTH), *folds, wild]).models["brown_conrady"]
     assert (brown.heldout_mean_px, brown.weight) == (pytest.approx(1.0), pytest.approx(0.5))
+    of_most = [one._replace(result=one.result.model_copy(update={"status": "not_determined"})) for one in folds[3:]]
+    fits = [*(fit(model) for model in BOTH), *folds[:3], *of_most, wild]
+    assert camera_summary(fits).models["brown_conrady"].heldout_mean_px is None
 
 
 def test_a_projection_that_is_none_costs_a_bounded_error():

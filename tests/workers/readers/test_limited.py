@@ -1,4 +1,3 @@
-import json
 import os
 import shutil
 import signal
@@ -10,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from making_bombs import BOMBS
 from making_recordings import IMAGE, START_NS, clouds, images, interleaved, raw_image, write_bag
 from rosbags.rosbag1 import Writer
 
@@ -209,18 +207,6 @@ def test_a_folder_in_use_is_not_touched(small, tmp_path):
     assert (tmp_path / "precious").read_text() == "keep"
 
 
-def test_the_command_prints_json_lines(small, tmp_path):
-    command = [sys.executable, "-m", "workers.readers", str(small), str(tmp_path / "out"), "--request"]
-    done = subprocess.run([*command, '{"cameras": ["front"]}'], capture_output=True, text=True, cwd=ROOT, check=True)
-    *progress, last = [json.loads(line) for line in done.stdout.splitlines()]
-    assert progress[-1] == {"progress": {"done": 10, "total": 10, "share": 1.0, "seconds_left": None}}
-    assert last["manifest"]["sensors"][1]["name"] == "front"
-    failed = subprocess.run([*command, '{"lidar": "/no"}'], capture_output=True, text=True, cwd=ROOT, check=False)
-    assert failed.returncode == 1
-    error = json.loads(failed.stdout.splitlines()[-1])["error"]
-    assert error["code"] == "topic_not_found" and error["fields"]["candidates"][0]["name"] == "/points"
-
-
 def stand_in(tmp_path, monkeypatch, script):
     """What runs in the place of the child: a shell script, or Python without any limits of its own."""
     python = tmp_path / "stand-in"
@@ -266,24 +252,6 @@ def test_a_child_that_does_not_end_is_ended_with_all_that_it_started(small, tmp_
     assert sum(len(error_note) for error_note in getattr(error, "__notes__", [])) < 5000
 
 
-def test_whoever_must_stop_is_asked_although_the_child_is_silent(small, tmp_path, monkeypatch):
-    stand_in(tmp_path, monkeypatch, f"sleep 300 & echo $$ $! > {tmp_path / 'pids'}; wait")
-    asked = []
-
-    def must_stop():
-        if pids_in(tmp_path / "pids"):
-            asked.append(time.monotonic())
-        if len(asked) == 5:
-            raise StopError
-
-    with pytest.raises(StopError):
-        ingest_limited(small, tmp_path / "out", {}, must_stop=must_stop)
-    # A silent child ends by itself after 60 s.
-    assert time.monotonic() - asked[-1] < 20 and asked[-1] - asked[0] < 30
-    assert all(gone_within(pid, GONE_S) for pid in pids_in(tmp_path / "pids"))
-    assert not (tmp_path / "out").exists()
-
-
 def test_work_without_messages_is_no_silence(tmp_path):
     """A zip is unpacked, an index is read: that takes its time, and the child says so."""
     bag = write_bag(tmp_path / "walk.bag", interleaved(clouds(5), images(5)))
@@ -302,36 +270,6 @@ def test_work_without_messages_is_no_silence(tmp_path):
     finally:
         limited._Ingestion._take = real
     assert any(beats)
-
-
-SMALL_THAT_GROW = ("generated_column", "default_column", "zstd_chunks", "repeated_index", "packed_zeros")
-ENDLESS = ("endless_view", "endless_messages", "endless_tree")
-
-
-@pytest.mark.parametrize("kind", [*SMALL_THAT_GROW, *ENDLESS])
-def test_small_files_neither_fill_the_disk_nor_keep_a_worker(tmp_path, kind):
-    source = BOMBS[kind](tmp_path / "upload")
-    most = []
-    limits = Limits(cpu_s=30)
-
-    def look():
-        most.append(limited._stored(tmp_path / "work"))
-
-    error = None
-    before = os.times()
-    try:
-        ingest_limited(source, tmp_path / "work" / "out", {"cameras": ["front"]}, limits=limits, must_stop=look)
-    except ReadError as caught:
-        error = caught
-    after = os.times()
-    assert error is not None and error.code in (
-        *("sqlite_not_plain", "recording_damaged", "ingest_output_limit", "archive_expands"),
-    )
-    assert error.message.endswith(".") and len(error.hint) > 10
-    assert max(most) <= limits.output_bytes(source.stat().st_size, video=False)
-    # Importing the libraries takes most of it; before, the endless ones took all there was.
-    assert after.children_user + after.children_system - before.children_user - before.children_system < 15
-    assert list((tmp_path / "work").iterdir()) == []
 
 
 def test_the_reserve_is_kept_while_writing(tmp_path):

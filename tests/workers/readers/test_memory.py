@@ -15,9 +15,9 @@ ROOT = Path(__file__).parents[3]
 MB = 1_000_000
 # Writers, and the sizes of the short form: a capture's megabyte holds five times as many messages as a bag's.
 KINDS = {
-    "bag": (long_bag, 50 * MB, 150 * MB),
+    "bag": (long_bag, 25 * MB, 75 * MB),
     "pcap": (long_pcap, 5 * MB, 15 * MB),
-    "tar": (long_tar, 50 * MB, 150 * MB),
+    "tar": (long_tar, 25 * MB, 75 * MB),
 }
 
 

@@ -32,7 +32,7 @@ from workers.readers.recording import ReadError
 # Damaged numbers are infinite and the like; what comes of them is looked at here.
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 LONG = [pytest.mark.slow, pytest.mark.timeout(7200)]
-SHORT_AND_LONG = [range(200), pytest.param(range(200, 10_200), marks=LONG)]
+SHORT_AND_LONG = [range(100), pytest.param(range(100, 10_100), marks=LONG)]
 IN_PLACE = (flip_bits, fill, overwrite, point_elsewhere, set_length)
 MOVING = (truncate, cut_out, repeat, repeat_at_end, splice)
 

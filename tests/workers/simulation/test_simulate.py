@@ -20,11 +20,3 @@ def test_progress_counts_to_its_end(short):
     total = short.files.sweeps + short.files.frames
     expected = [("background", 0, 1), ("background", 1, 1)]
     assert short.progress == expected + [("recording", done, total) for done in range(1, total + 1)]
-
-
-def test_the_rig_names_what_the_recording_holds(short):
-    assert short.description["lidar"]["topic"] == "/velodyne_points"
-    [camera] = short.description["cameras"]
-    assert camera["image_size"] == short.truth["intrinsics"]["image_size"] == [960, 600]
-    assert short.truth["intrinsics"]["model"] == "brown_conrady"
-    assert short.truth["settings"]["seed"] == 3

@@ -61,7 +61,7 @@ def test_wrong_marks_that_are_kept_count_as_what_they_moved_the_result_by():
         assert half < 1.97 * kept["std"][name]
 
 
-@few_or_many(40, 80)
+@few_or_many(20, 80)
 @pytest.mark.parametrize("model", ["pinhole", "kannala_brandt"])
 def test_intervals_beside_wrong_marks_that_are_kept_hold_their_share(model, draws):
     """Marks on one side of the apex, as those of another corner are, move the result."""
@@ -81,7 +81,7 @@ def test_intervals_beside_wrong_marks_that_are_kept_hold_their_share(model, draw
     assert np.mean(held) >= 0.9 > 0.6 > np.mean(before)
 
 
-@few_or_many(40, 80)
+@few_or_many(20, 80)
 @pytest.mark.parametrize("model", ["pinhole", "kannala_brandt"])
 def test_intervals_beside_wrong_marks_hold_their_share(model, draws):
     held = []

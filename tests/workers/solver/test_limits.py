@@ -54,9 +54,11 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("case", CASES)
-def test_a_fit_that_can_be_anything_says_so(model, case):
+@pytest.mark.parametrize(
+    ("case", "model"),
+    [*((case, "pinhole") for case in CASES), *((case, model) for case in list(CASES)[2:5] for model in MODELS[1:])],
+)
+def test_a_fit_that_can_be_anything_says_so(case, model):
     points, marks, words = CASES[case]
     problem = placed(model, points, marks)
     solution = json.loads(json.dumps(finish_plain(problem, run_schedule(problem)[0]), allow_nan=False))

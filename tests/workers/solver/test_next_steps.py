@@ -45,7 +45,7 @@ def taken(problem, truth, p, step, random):
     return replace(problem, people=np.full((len(problem.points), people + 1), 1.0 / (people + 1)))
 
 
-@few_or_many(3, 10)
+@few_or_many(2, 10)
 @pytest.mark.parametrize("model", ["pinhole", "brown_conrady", "kannala_brandt"])
 def test_each_step_followed_from_sixty_marks_on_brings_what_it_promises(model, draws):
     ratios = []

@@ -74,14 +74,6 @@ def _turned(one, other):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_one_optimum_is_not_called_two(model):
-    for seed in range(3):
-        problem, _ = simulated(model, 700 + seed)
-        state, _ = run_schedule(problem)
-        assert finish_plain(problem, state)["several_optima"] == []
-
-
-@pytest.mark.parametrize("model", MODELS)
 def test_slots_that_stopped_short_in_one_basin_are_one_optimum(model):
     """Two slots that ended 6 per mille apart, on either side of the optimum along the flattest valley's floor."""
     problem, truth = simulated(model, 760, pairs=60, noise_px=4.7)

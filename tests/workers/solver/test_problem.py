@@ -23,10 +23,7 @@ def refusal(document=None, points=POINTS, pixels=PIXELS, weights=None):
 @pytest.mark.parametrize(
     ("document", "code"),
     [
-        ({"model": "fisheye"}, "unknown_model"),
-        ({"model": "omni"}, "unknown_model"),
         ({"search": "quaternion"}, "unknown_search_form"),
-        ({"bounds": {"f_x": [900, 300]}}, "bounds_inside_out"),
         ({"bounds": {"f_x": [300]}}, "bad_fit_request"),
         ({"bounds": {"f_x": [float("nan"), 300]}}, "bad_fit_request"),
         ({"bounds": {"k1": [0, 1]}}, "unknown_parameter"),

@@ -35,13 +35,7 @@ def test_search_and_polish_reach_the_optimum_from_the_truth(model):
         weak = {name: (0.0, sigma) for name, sigma in solution["weak_priors"].items()}
         held = replace(problem, priors=weak, noise_scale=solution["sigma_px"])
         assert solution["polished"]["rms_px"] < 1.0001 * polish(held, truth).rms_px
-        assert solution["at_bounds"] == []
-
-
-def test_any_mount_is_found():
-    for seed in range(3):
-        problem, truth = simulated("pinhole", seed, mount_deg=100, rotation_range_deg=180)
-        assert solve(problem)["polished"]["rms_px"] < 1.0001 * polish(problem, truth).rms_px
+        assert solution["at_bounds"] == [] and solution["several_optima"] == []
 
 
 @pytest.mark.parametrize(("model", "limit_px"), [("pinhole", 19.5), ("brown_conrady", 4.3), ("kannala_brandt", 4.3)])
@@ -97,11 +91,6 @@ def test_locked_intrinsics_pin_the_rotation():
     assert locked["std"]["rotation_x"] < 0.3 * free["std"]["rotation_x"]
     assert set(locked["std"]) == {"rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z"}
     assert {name: locked["intrinsics"][name] for name in locks} == locks
-
-
-def test_an_edge_is_stated():
-    edge, _ = simulated("pinhole", 52, bounds={"f_x": [900, 1000], "f_y": [900, 1000]})
-    assert "f_x" in solve(edge)["at_bounds"]
 
 
 def test_what_the_solution_forbids_counts_with_its_cost():

@@ -69,7 +69,7 @@ class Walk:
         return float(np.sqrt(np.mean(np.sum((opencv(self.far, R, t, lens) - self.at_20_m) ** 2, axis=1))))
 
 
-@few_or_many(20, 200)
+@few_or_many(10, 200)
 def test_the_mount_alone_meets_the_vehicles_own_projection_and_the_fitted_mount_does_not(draws):
     fitted, alone, stated = [], [], []
     for seed in range(draws):

@@ -62,8 +62,10 @@ def test_who_may_stop_a_slot_changes_no_bit_of_it(model, loss):
     assert stop.looks > 0
 
 
-@pytest.mark.parametrize(("pairs", "population"), [(40, 100_000), (8_000, 64)])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    ("model", "pairs", "population"),
+    [*((model, 40, 100_000) for model in MODELS), ("brown_conrady", 8_000, 64)],
+)
 def test_a_running_slot_ends_at_once(model, pairs, population):
     # Minutes of work: of many evaluations, or of generations that each take long.
     schedule = {"population": population, "generations": 10_000}

@@ -12,7 +12,7 @@ from sqlalchemy import func, select
 from apexcal.geometry.frame_tree import urdf_tree
 from apexcal.geometry.se3 import from_document
 from apexcal.geometry.urdf_tree import read_joints
-from service.platform.db.models import Analysis, AnalysisFile, Blob, Fleet, Recording
+from service.platform.db.models import Analysis, AnalysisFile, Blob, Recording
 from service.platform.db.recordings import CameraFrame
 from service.platform.db.recordings import Recording as Row
 from service.platform.jobs.sweep import sweep
@@ -117,18 +117,6 @@ def test_a_deleted_copy_and_a_deleted_recording_leave_nothing(api, engineer, rec
     with api.database.reading() as session:
         assert session.scalars(select(Blob)).all() == [] and session.scalars(select(Analysis)).all() == []
     assert second
-
-
-def test_a_fleet_without_room_hears_why(api, engineer, recorded, context):
-    before, _ = taken(api, recorded)
-    with api.database.writing() as session:
-        fleet = session.get_one(Fleet, session.get_one(Recording, recorded).fleet_id)
-        fleet.quota_bytes = before + 10
-    asked = ask(engineer, recorded).json()["id"]
-    work(context)
-    row = engineer.get(f"/analyses/{asked}").json()
-    assert (row["state"], row["problem"]["code"]) == ("failed", "fleet_quota_exceeded")
-    assert taken(api, recorded)[0] == before
 
 
 URDF = """<robot name="car">

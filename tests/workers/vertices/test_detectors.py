@@ -108,22 +108,13 @@ def test_a_range_that_the_source_does_not_have_is_refused(indices):
         detect_range(Listed([sweep(STRICT_FRAME)] * 3), EVERYTHING, "strict", indices=indices)
 
 
-def test_an_unknown_detector_is_answered_with_the_known_ones():
-    with pytest.raises(DocumentError) as caught:
-        detect_range(Listed([]), EVERYTHING, "lenient", indices=range(0))
-    assert caught.value.code == "unknown_detector"
-    assert "strict, tolerant" in caught.value.hint
-
-
 @pytest.mark.parametrize(
     ("name", "options", "code"),
     [
         ("strict", {"min_points": 3}, "invalid_options"),
-        ("tolerant", {"max_spread_m": -0.1}, "invalid_options"),
         ("tolerant", {"max_spread_m": float("nan")}, "invalid_options"),
         ("tolerant", {"max_spread_m": "wide"}, "invalid_options"),
         ("tolerant", {"min_points": 2.5}, "invalid_options"),
-        ("tolerant", {"min_points": True}, "invalid_options"),
         ("refined", {"upper_corner": 1, "board_width_m": 0.6}, "invalid_options"),
     ],
 )
@@ -131,8 +122,3 @@ def test_bad_options_are_refused(name, options, code):
     with pytest.raises(DocumentError) as caught:
         resolve_options(name, options)
     assert caught.value.code == code
-
-
-def test_the_defaults_are_those_of_the_papers_toolbox():
-    papers = {"min_points": 10, "max_top_points": 3, "max_spread_m": 0.05, "min_points_two_below": 3}
-    assert resolve_options("tolerant") == papers

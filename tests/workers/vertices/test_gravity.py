@@ -20,9 +20,7 @@ def degrees_off(up, mount):
     return np.degrees(np.arccos(np.clip(up @ mount.rotation()[2], -1.0, 1.0)))
 
 
-@pytest.mark.parametrize(
-    "mount", [Mount(roll_deg=20.0), Mount(roll_deg=-12.0, pitch_deg=15.0), Mount(roll_deg=180.0), Mount(170.0, 8.0)]
-)
+@pytest.mark.parametrize("mount", [Mount(roll_deg=20.0), Mount(roll_deg=-12.0, pitch_deg=15.0), Mount(170.0, 8.0)])
 def test_the_ground_tells_up(mount):
     up = learn_grid(walk(3, 0.5, mount=mount).sweeps).R_level_lidar[2]
     assert degrees_off(up, mount) < 0.5

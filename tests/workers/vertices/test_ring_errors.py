@@ -13,8 +13,8 @@ from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 
-@pytest.mark.parametrize("rings", [3, 5, 18])
-@pytest.mark.parametrize("ring_m", [0.0, 0.005, 0.012])
+@pytest.mark.parametrize("rings", [3, 18])
+@pytest.mark.parametrize("ring_m", [0.0, 0.012])
 def test_the_errors_of_rings_are_told_apart_from_noise(rings, ring_m):
     random = np.random.default_rng([rings, round(1e3 * ring_m)])
     ring = np.repeat(np.arange(rings), 14)

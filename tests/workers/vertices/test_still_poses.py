@@ -73,7 +73,7 @@ def test_walls_and_furniture_in_a_region_by_hand_cost_no_board():
     assert off_m(recording, found.vertices).max() < 0.05
 
 
-@pytest.mark.parametrize(("place", "seed"), [("garage", 3), ("garage", 4), ("room", 3), ("street", 4)])
+@pytest.mark.parametrize(("place", "seed"), [("garage", 3), ("room", 3), ("street", 4)])
 def test_one_pose_is_found_by_the_boards_shape(place, seed):
     recording = recorded(place, seed, 1)
     suggestion = suggest(recording.source)

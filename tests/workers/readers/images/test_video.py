@@ -6,7 +6,6 @@ import pytest
 from making_videos import CREATED_NS, HEIGHT, TIMES_MS, WIDTH, number_of, write_video
 
 from apexcal.documents.readings import ReadOptions
-from workers.readers.detect import open_recording
 from workers.readers.images.headers import read_image_header
 from workers.readers.images.video import VideoRecording
 from workers.readers.recording import ReadError
@@ -160,9 +159,3 @@ def test_names_in_another_alphabet_than_unicode(tmp_path):
     path.write_bytes(data.replace(handler, "Straßenkamer".encode("latin1")))
     _, frames = read(path)
     assert len(frames) == COUNT
-
-
-def test_a_video_alone_is_a_camera_alone(tmp_path):
-    recording = open_recording(write_video(tmp_path / "camera.mp4"))
-    assert recording.format == "video" and [s.kind for s in recording.sensors] == ["camera"]
-    recording.close()

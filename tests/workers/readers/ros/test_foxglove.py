@@ -50,10 +50,6 @@ def test_types_with_and_without_a_sign_are_those_of_ros(name, form):
     assert message.cloud.fields[0].datatype == form
 
 
-def test_fields_of_a_newer_schema_are_passed_over():
-    assert decode("PointCloud", cloud() + field(100, "of a newer schema")).cloud.width == 2
-
-
 BESIDE = "more than 262144 bytes beside its data"
 NO_MESSAGES = [
     # What is no message.
