@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import AsyncIterator, Collection
+from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 
@@ -15,6 +15,7 @@ from fastapi.concurrency import run_in_threadpool
 
 from service import description
 from service.analyses import routes as analyses
+from service.analyses.precision import queue_due_fits
 from service.annotations import mark_routes
 from service.annotations import routes as annotations
 from service.calibrations import result_routes
@@ -103,6 +104,8 @@ _UPKEEP_S = 600.0
 # A part of the upkeep takes at most this share of a thread's time; what takes long comes more rarely.
 _UPKEEP_SHARE = 0.05
 _PARTS_S = 1.0
+# People mark thirty frames in a minute at best.
+_FITS_S = 5.0
 _UPKEEP_CONNECTIONS = 2
 _CANCEL_AGAIN_S = 0.1
 _UPKEEP = (
@@ -113,18 +116,23 @@ _UPKEEP = (
 log = logging.getLogger(__name__)
 
 
-async def _keep_house(database: Database, store: Store, settings: Settings) -> None:
-    """Remove what has ended and count rows, every ten minutes or as rarely as it takes long.
-
-    Several services doing it at once do no harm. ``database`` waits for locks longer than requests do.
-    """
+def _housework(store: Store, settings: Settings) -> Sequence[Callable[[Database], object]]:
+    """What removes what has ended and counts rows."""
 
     def audit_store(database: Database) -> None:
         audit_if_due(database, store, settings)
 
-    due_at = dict.fromkeys((*_UPKEEP, audit_store), 0.0)
+    return (*_UPKEEP, audit_store)
+
+
+async def _keep_house(database: Database, tasks: Sequence[Callable[[Database], object]], every_s: float) -> None:
+    """Do these as often, or as rarely as they take long.
+
+    Several services doing it at once do no harm. ``database`` waits for locks longer than requests do.
+    """
+    due_at = dict.fromkeys(tasks, 0.0)
     while True:
-        await asyncio.sleep(_UPKEEP_S)
+        await asyncio.sleep(every_s)
         for task in due_at:
             began = time.monotonic()
             if began < due_at[task]:
@@ -187,7 +195,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         current_default_thread_limiter().total_tokens = threads.OTHERS
         tasks = (
             keep_adopting(upkeep_database, store),
-            _keep_house(upkeep_database, store, settings),
+            _keep_house(upkeep_database, _housework(store, settings), _UPKEEP_S),
+            _keep_house(upkeep_database, (queue_due_fits,), _FITS_S),
             _make_parts(upkeep_database),
         )
         upkeep = [asyncio.create_task(task) for task in (*tasks, fanout.feed(), fanout.watch())]

@@ -19,6 +19,7 @@ from apexcal.documents.analyses import (
 from apexcal.documents.base import Page
 from apexcal.documents.copies import CopyRequest, CopyView
 from apexcal.documents.machine_marks import MarksRequest, MarksView
+from apexcal.documents.marking_precision import PrecisionRequest, PrecisionView
 from apexcal.documents.pixel_points import PixelPointsRequest, PixelPointsView
 from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import (
@@ -35,6 +36,7 @@ AnalysisKind = Literal[
     "packing",
     "calibrated_copy",
     "machine_marks",
+    "precision",
     "pixel_points",
     "report",
     "pair_validation",
@@ -48,6 +50,7 @@ AnalysisRequest = Annotated[
     | PackingRequest
     | CopyRequest
     | MarksRequest
+    | PrecisionRequest
     | PixelPointsRequest
     | ReportRequest
     | PairValidationRequest
@@ -61,6 +64,7 @@ AnyAnalysis = Annotated[
     | PackingView
     | CopyView
     | MarksView
+    | PrecisionView
     | PixelPointsView
     | ReportView
     | PairValidationView

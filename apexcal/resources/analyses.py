@@ -10,6 +10,7 @@ from uuid import UUID
 from apexcal.documents.analyses import AnalysisView, OffsetView, PreviewView, ReportView, SuggestionView
 from apexcal.documents.copies import CopyView
 from apexcal.documents.machine_marks import MachineMark, MarksList, MarksView
+from apexcal.documents.marking_precision import PrecisionView
 from apexcal.documents.pixel_points import PixelPointsView
 from apexcal.documents.sweeps import PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
@@ -45,6 +46,10 @@ class Analyses(Resource):
     def marks(self, analysis_id: UUID | str) -> Sequence[MachineMark]:
         """The machine's marks and reasons. What one answers on their vertices afterwards counts as reviewed."""
         return self._http.get(at("analyses", analysis_id, "marks"), MarksList).marks
+
+    def fit_marks(self, detection_id: UUID | str, camera: str) -> PrecisionView:
+        """Ask how good the calibration of a detection's marks would be now. The service asks by itself, too."""
+        return self._ask(PrecisionView, "precision", detection_id=detection_id, camera=camera)
 
     def pack(self, recording_id: UUID | str) -> PackingView:
         """Pack the sweeps of a recording, so that they can be read."""

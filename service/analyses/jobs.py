@@ -25,6 +25,7 @@ _QUEUES = {
     "suggestion": "detect",
     "clock_offset": "solve",
     "machine_marks": "detect",
+    "precision": "solve",
     "packing": "ingest",
     "calibrated_copy": "ingest",
     "pixel_points": "report",
@@ -73,7 +74,10 @@ def queue_marks(session: Session, detection_id: UUID, detection: Detection) -> N
 
 
 def _take(session: Session, analysis_id: UUID, result: Json) -> None:
-    session.get_one(Analysis, analysis_id).result = result
+    row = session.get_one(Analysis, analysis_id)
+    row.result = result
+    if row.kind == "precision":
+        row.single_pairs = None  # what the fit was asked about
 
 
 def _end(session: Session, analysis_id: UUID, state: WorkState, problem: Json | None) -> None:

@@ -18,10 +18,11 @@ from apexcal.documents.analyses import (
 from apexcal.documents.analysis_kinds import AnalysisRequest, AnyAnalysis
 from apexcal.documents.copies import CopyRequest, CopyView
 from apexcal.documents.machine_marks import MarksView
+from apexcal.documents.marking_precision import PrecisionView
 from apexcal.documents.pixel_points import PixelPointsView
 from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
-from service.analyses import clock_offsets, machine_marks, pixel_points, validations
+from service.analyses import clock_offsets, machine_marks, pixel_points, precision, validations
 from service.analyses.jobs import analysis_of
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
@@ -97,6 +98,7 @@ _KINDS: Final[Mapping[str, _Kind]] = {
     "clock_offset": _Kind(clock_offsets.plan, OffsetView, clock_offsets.members),
     "calibrated_copy": _Kind(_copy, CopyView, _shown("results", "poses", "for_viewers")),
     "machine_marks": _Kind(machine_marks.plan, MarksView, machine_marks.members),
+    "precision": _Kind(precision.plan, PrecisionView, _shown("camera")),
     "pixel_points": _Kind(pixel_points.plan, PixelPointsView, _shown("camera")),
     "report": _Kind(_report, ReportView),
     "pair_validation": _Kind(validations.plan_on_pairs, PairValidationView, _shown("camera")),

@@ -30,13 +30,13 @@ def pixels_of(points):
     return np.column_stack([F * right / forward + CX, F * down / forward + CY])
 
 
-def seed_walk(database, fleet_id, person_id, *, moving=True):
+def seed_walk(database, fleet_id, person_id, *, moving=True, offset_s=OFFSET_S):
     """A detection of a vertex in every sweep, marked in every frame by somebody who is a pixel off."""
     rng = np.random.default_rng(11)
     recording_id, camera_id = seed_recording(database, seed_rig(database, fleet_id), FRAMES)
     seconds = np.arange(FRAMES) / 10 if moving else np.zeros(FRAMES)
     seen = apex_at(seconds) + rng.normal(0.0, 0.004, (FRAMES, 3))
-    marks = pixels_of(apex_at(seconds - OFFSET_S * moving)) + rng.normal(0.0, 1.0, (FRAMES, 2))
+    marks = pixels_of(apex_at(seconds - offset_s * moving)) + rng.normal(0.0, 1.0, (FRAMES, 2))
     with database.writing() as session:
         apexes = [new_id() for _ in range(FRAMES)]
         for index, (apex_id, (x, y, z)) in enumerate(zip(apexes, seen.tolist(), strict=True)):

@@ -44,14 +44,11 @@ def test_a_part_of_the_upkeep_that_takes_long_comes_rarely(monkeypatch: pytest.M
         ran.append("slow")
         time.sleep(0.2)
 
-    monkeypatch.setattr(service_app, "_UPKEEP", (slow, quick))
-    monkeypatch.setattr(service_app, "_UPKEEP_S", 0.01)
-    monkeypatch.setattr(service_app, "audit_if_due", lambda *_: None)
     loop = asyncio.new_event_loop()
 
     async def run() -> None:
         unused: Any = None
-        upkeep = asyncio.create_task(service_app._keep_house(unused, unused, unused))
+        upkeep = asyncio.create_task(service_app._keep_house(unused, (slow, quick), 0.01))
         await asyncio.wait_for(rounds.wait(), 4)
         upkeep.cancel()
 

@@ -63,6 +63,7 @@ _ROOMS = {
     "corners": "cornering",
     "clock_offset": "analysing",
     "machine_marks": "marking",
+    "precision": "solving",
     "solve": "solving",
     "conclude": "concluding",
     "report": "reporting",

@@ -17,8 +17,9 @@ from apexcal.documents.fit_requests import FitRequest
 from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, held_together
 from apexcal.documents.results import FitResult, Provenance
 from apexcal.documents.states import UNENDED
+from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
-from service.platform.db.calibrations import CalibrationRun, Result, Slot
+from service.platform.db.calibrations import FULL, CalibrationRun, Result, Slot
 from service.platform.handovers import RunEnd, SlotBundle
 from service.platform.jobs.claims import CancelledError, Claim, Lease
 from workers.judge.fit_checks import checks_of_fit
@@ -219,6 +220,24 @@ def _finish(run_input: RunInput, run: Any, state: State, schedule: tuple[Json, i
         return RunEnd(run, schedule)
 
     return write
+
+
+def precision(context: Context, claim: Claim, lease: Lease) -> Write:
+    """A fit to a camera's marks of now, of which the figures alone are stored."""
+    with context.database.reading() as session:
+        analysis = session.get_one(Analysis, claim.subject_id)
+        question, pairs = analysis.asked, analysis.single_pairs or {}
+    run_input = read_run(question["problem"], FULL, pairs, lease)
+    state, _ = run_schedule(run_input.problem)
+    result = solved(run_input, state)
+    middle = result.prediction and result.prediction.middle_at(20.0)
+    answer: Json = {
+        "answered": question["answered"],
+        "pairs": result.pairs,
+        "error_20m_mm": middle and middle[1],
+        "next_steps": result.next_steps and result.next_steps.model_dump(mode="json"),
+    }
+    return lambda session: answer
 
 
 def _slot_row(

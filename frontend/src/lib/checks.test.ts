@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Check } from "./api/schema.ts";
+import type { Check, MarkingPrecision, NextStep } from "./api/schema.ts";
 import { failing, fitInWords } from "./checks.ts";
 
 const check = (name: string, verdict: Check["verdict"], scope: Check["scope"] = "mount_with_lens"): Check => ({
@@ -35,11 +35,14 @@ test("a fit says how good it is, and how many marks are enough", () => {
   };
   const lens = { ...marks, kind: "lens" as const, words: "give a lens file" };
   const now = { half_width_deg: 0.31, half_width_mm: 14.4, parts: {} };
+  const fit = { answered: 25, pairs: 24, error_20m_mm: 35.2 };
+  const of = (steps: NextStep[]): MarkingPrecision => ({ ...fit, next_steps: { ...now, steps } });
   assert.equal(
-    fitInWords(24, { ...now, steps: [lens, marks] }),
-    "From 24 pairs: ±0.31°, ±14 mm (95 %). Next: give a lens file (±0.20°, ±9 mm); then mark 12 more at the left edge" +
+    fitInWords(of([lens, marks])),
+    "From 24 pairs: 35 mm at 20 m; mount ±0.31°, ±14 mm (95 %). Next: give a lens file (±0.20°, ±9 mm); then mark 12 more at the left edge" +
       " (±0.20°, ±9 mm). 12 more marks are enough.",
   );
-  assert.match(fitInWords(24, { ...now, steps: [lens] }), /More marks narrow it little\.$/);
-  assert.match(fitInWords(24, { ...now, steps: [] }), /That is enough/);
+  assert.match(fitInWords(of([lens])), /More marks narrow it little\.$/);
+  assert.match(fitInWords(of([])), /That is enough/);
+  assert.match(fitInWords({ ...fit, next_steps: null }), /do not determine the mount yet\.$/);
 });

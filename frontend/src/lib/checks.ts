@@ -1,7 +1,7 @@
 /** The checks of a result, as pages show them. */
 
 import type { CheckVerdict } from "./api/types.ts";
-import type { CameraSummary, Check, NextSteps, ResultView } from "./api/schema.ts";
+import type { CameraSummary, Check, MarkingPrecision, ResultView } from "./api/schema.ts";
 import { counted, fixed } from "./format.ts";
 
 /** What does not pass, the gravest first, what concerns the mount alone last. */
@@ -20,9 +20,12 @@ export const ENOUGH_MARKS = 33;
 const STEP_MARKS = 12;
 
 /** How good a fit is by what it states, and what would narrow it: the marks that are worth making, and where. */
-export function fitInWords(pairs: number, { half_width_deg, half_width_mm, steps }: NextSteps): string {
+export function fitInWords({ pairs, error_20m_mm, next_steps }: MarkingPrecision): string {
   const size = (deg: number, mm: number): string => `±${fixed(deg)}°, ±${fixed(mm, 0)} mm`;
-  const now = `From ${counted(pairs, "pair")}: ${size(half_width_deg, half_width_mm)} (95 %).`;
+  const far = error_20m_mm == null ? "" : ` ${fixed(error_20m_mm, 0)} mm at 20 m;`;
+  if (!next_steps) return `From ${counted(pairs, "pair")}:${far} they do not determine the mount yet.`;
+  const { half_width_deg, half_width_mm, steps } = next_steps;
+  const now = `From ${counted(pairs, "pair")}:${far} mount ${size(half_width_deg, half_width_mm)} (95 %).`;
   const marks = steps.filter(({ kind }) => kind === "marks").length * STEP_MARKS;
   if (steps.length === 0) return `${now} That is enough: nothing narrows it by more than a twentieth.`;
   const ways = steps.map((step) => `${step.words} (${size(step.half_width_deg, step.half_width_mm)})`);

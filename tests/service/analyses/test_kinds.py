@@ -28,6 +28,7 @@ KINDS = {
     "packing": (("recording_id",), {}, "engineer"),
     "clock_offset": (("detection_id",), {"camera": "front"}, "engineer"),
     "machine_marks": (("detection_id",), {"camera": "front"}, "engineer"),
+    "precision": (("detection_id",), {"camera": "front"}, "engineer"),
     "pixel_points": (("recording_id", "result_id"), {"camera": "front", "frame": 0, "pixels": [PIXEL]}, "engineer"),
     "calibrated_copy": (("recording_id",), {"for_viewers": True}, "engineer"),
     "report": (("result_id",), {}, "reviewer"),
@@ -41,8 +42,9 @@ BELOW = {"engineer": "reviewer", "reviewer": "annotator"}
 @pytest.fixture
 def ids(api, fleet, engineer, reviewer):
     """A vehicle with a marked recording, and a published result of pairs from it."""
-    seed = seed_marking(api.database, fleet)
-    seed_answer(api.database, seed, engineer.person_id, 1, "confirmed", (10.0, 20.0))
+    seed = seed_marking(api.database, fleet, vertices=20)
+    for number in range(20):
+        seed_answer(api.database, seed, engineer.person_id, number, "confirmed", (10.0 + number, 20.0))
     with api.database.reading() as session:
         rig = session.get_one(Rig, seed.rig_id)
     made = publish(api, rig, reviewer)

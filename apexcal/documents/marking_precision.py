@@ -1,0 +1,40 @@
+"""What requests and answers about a fit to the marks of now look like."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+from uuid import UUID
+
+from pydantic import Field
+
+from apexcal.documents.analyses import AnalysisView
+from apexcal.documents.base import Document, Received, Stored
+from apexcal.documents.precision import NextSteps
+
+
+class PrecisionRequest(Received):
+    """Ask how good the calibration of a detection's marks in one camera would be now."""
+
+    kind: Literal["precision"]
+    detection_id: UUID
+    camera: Annotated[str, Field(max_length=200)]
+
+
+class MarkingPrecision(Document):
+    """What a fit to the ``pairs`` of so many ``answered`` vertices states, and what would narrow it.
+
+    ``error_20m_mm``: one standard deviation 20 m away in the middle of the image.
+    """
+
+    answered: int
+    pairs: int
+    error_20m_mm: float | None
+    next_steps: NextSteps | None
+
+
+class PrecisionView(AnalysisView):
+    """How good the calibration would be. While a newer fit is under way, ``result`` is that of the one before."""
+
+    kind: Literal["precision"]
+    result: Stored[MarkingPrecision | None]
+    camera: str
