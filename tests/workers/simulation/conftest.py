@@ -1,4 +1,4 @@
-"""One short simulation for all tests of this folder: 5 s, written once."""
+"""One short simulation for all tests of this folder: 1 s, written once."""
 
 import json
 from dataclasses import dataclass
@@ -17,15 +17,13 @@ class Short:
     files: SimulationFiles
     rig: SimulatedRig
     truth: dict[str, Any]
-    description: dict[str, Any]
     progress: list[tuple[str, int, int]]
 
 
 @pytest.fixture(scope="session")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Short:
-    options = SimulationOptions(seconds=5.0, seed=3)
+    options = SimulationOptions(seconds=1.0, seed=3)
     out: Path = tmp_path_factory.mktemp("simulation")
     progress: list[tuple[str, int, int]] = []
     files = simulate(options, out, lambda stage, done, total: progress.append((stage, done, total)))
-    truth, description = (json.loads(file.read_text()) for file in (files.truth, files.rig))
-    return Short(files, SimulatedRig(options), truth, description, progress)
+    return Short(files, SimulatedRig(options), json.loads(files.truth.read_text()), progress)

@@ -1,4 +1,4 @@
-"""A seed decides every byte, progress counts, and the rig's description names what the recording holds."""
+"""A seed decides every byte, and progress counts."""
 
 import hashlib
 

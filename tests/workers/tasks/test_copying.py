@@ -9,17 +9,12 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
-from apexcal.geometry.frame_tree import urdf_tree
-from apexcal.geometry.se3 import from_document
-from apexcal.geometry.urdf_tree import read_joints
-from service.platform.db.models import Analysis, AnalysisFile, Blob, Recording
+from service.platform.db.models import Analysis, AnalysisFile, Blob
 from service.platform.db.recordings import CameraFrame
 from service.platform.db.recordings import Recording as Row
 from service.platform.jobs.sweep import sweep
-from tests.faults.jobs import pairs
 from tests.service.detections.seeding import seed_rig
 from tests.service.publications.given import publish
-from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.databases import one_database
 from tests.support.work import work
 from tests.workers.readers.making_packets import captured, packets, write_pcap
@@ -117,53 +112,6 @@ def test_a_deleted_copy_and_a_deleted_recording_leave_nothing(api, engineer, rec
     with api.database.reading() as session:
         assert session.scalars(select(Blob)).all() == [] and session.scalars(select(Analysis)).all() == []
     assert second
-
-
-URDF = """<robot name="car">
-  <link name="base_link"/><link name="velodyne"/><link name="mount"/><link name="camera"/>
-  <joint name="lidar_joint" type="fixed"><parent link="base_link"/><child link="velodyne"/>
-    <origin xyz="1.2 0 1.9"/></joint>
-  <joint name="mount_joint" type="fixed"><parent link="base_link"/><child link="mount"/>
-    <origin xyz="1.5 0.1 1.4"/></joint>
-  <joint name="optical_joint" type="fixed"><parent link="mount"/><child link="camera"/>
-    <origin rpy="-1.5707963267948966 0 -1.5707963267948966"/></joint>
-</robot>"""
-
-
-def test_tf_static_in_and_a_verified_urdf_out(api, fleet, engineer, recorded, context):
-    """A rig from the bag's /tf_static, pairs, a calibration, and the vehicle's URDF with its own joint solved."""
-    with api.database.reading() as session:
-        vehicle = session.get_one(Recording, recorded).vehicle_id
-    proposed = engineer.post(f"/recordings/{recorded}/rig-proposals", {"name": "of its tree"}).json()
-    drafted, notes = proposed["rig"], proposed["notes"]
-    assert not proposed["questions"] and "as the recording says" in notes[0]
-    rig = engineer.post(f"/vehicles/{vehicle}/rigs", drafted)
-    assert rig.status_code == 201, rig.text
-    seen = pairs(120)
-    brought = bring_pairs(engineer, rig.json()["id"], seen)
-    schedule = {"slots": 2, "population": 400, "generations": 20, "max_iterations": 4}
-    request = {"models": ["pinhole"], "folds": 0, "schedule": schedule}
-    calibration = ask_calibration(engineer, vehicle, brought, **request)
-    work(context)
-    found = engineer.get(f"/calibrations/{calibration}").json()["summary"]["cameras"]["front"]["models"]["pinhole"]
-    override = {"override": {"reason": "The walk is short."}}
-    reviewer = api.member(fleet, "reviewer", "Rev")
-    published = reviewer.post(f"/results/{found['result_id']}/publication", override)
-    assert published.status_code == 201, published.text
-    given = engineer.get(f"/vehicles/{vehicle}/cameras/front/calibration").json()
-    body = {"urdf": URDF, "joint": "mount_joint"}
-    text = engineer.post(f"/vehicles/{vehicle}/cameras/front/calibration/urdf", body).content
-    joint = read_joints(text)["mount_joint"].T_parent_child
-    assert (given["T_parent_child"]["to_frame"], given["T_parent_child"]["from_frame"]) == ("base_link", "mount")
-    assert np.abs(joint.matrix - from_document(given["T_parent_child"]).matrix).max() < 1e-9
-    # The file's own chain of joints puts every vertex where it was marked, to the noise of the marks (1 px each way).
-    T = urdf_tree(text).transform("camera", "velodyne")
-    points = np.array([[one[axis] for axis in "xyz"] for one in seen]) @ T.R.T + T.t
-    lens = given["intrinsics"]
-    u = lens["f_x"] * points[:, 0] / points[:, 2] + lens["c_x"] - [one["u"] for one in seen]
-    v = lens["f_y"] * points[:, 1] / points[:, 2] + lens["c_y"] - [one["v"] for one in seen]
-    assert np.sqrt(np.mean(u**2 + v**2)) == pytest.approx(found["polished"]["rms_px"], abs=1e-4)
-    assert found["polished"]["rms_px"] < 1.6
 
 
 def from_packets(tmp_path):
