@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from apexcal.documents.results import ResultView
+from apexcal.documents.checks import Check
 
 AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
 WIDTHS = (390, 1280, 1920)
@@ -71,13 +72,13 @@ def assert_looks(page: Page, views: tuple[View, ...] = PHONE) -> None:
     show(page, ("light", 1280))
 
 
-def assert_verdict_at_once(page: Page, result: ResultView) -> None:
+def assert_verdict_at_once(page: Page, verdict: str | None, checks: Sequence[Check | dict[str, Any]] | None) -> None:
     """A result's verdict and its gravest reason stand on the first screen of a phone and of a laptop."""
-    assert result.verdict and result.checks
-    failing = [check for check in result.checks if check.verdict == result.verdict != "pass"]
+    assert verdict and checks
+    failing = [check for check in map(Check.model_validate, checks) if check.verdict == verdict != "pass"]
     reasons = [check.sentence for check in sorted(failing, key=lambda check: check.scope == "mount_alone")[:1]]
     for width, height in ((390, 844), (1280, 800)):
         page.set_viewport_size({"width": width, "height": height})
         page.evaluate("scrollTo(0, 0)")
-        for sentence in (VERDICTS[result.verdict], *reasons):
-            expect(page.get_by_text(sentence).first).to_be_in_viewport()
+        for sentence in (VERDICTS[verdict], *reasons):
+            expect(page.get_by_text(sentence).first).to_be_in_viewport(ratio=1)

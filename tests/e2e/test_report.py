@@ -136,7 +136,8 @@ def test_wrong_marks_are_seen_and_left_out_on_the_page(sign_in: Callable[[str, s
     expect(page.get_by_role("table").filter(has_text="At 20 m")).to_be_visible()
     assert done.summary
     fitted = done.summary.cameras["front"].models["brown_conrady"]
-    assert_verdict_at_once(page, track.owner.calibrations.result(fitted.result_id))
+    result = track.owner.calibrations.result(fitted.result_id)
+    assert_verdict_at_once(page, result.verdict, result.checks)
     page.get_by_text("Residuals of 90 pairs").click()
     page.get_by_label("Farther off than").fill("30")
     page.get_by_role("button", name="Choose them").click()
