@@ -33,7 +33,7 @@ _WIDEST_M = 1.8  # a stretch of points on a ring that is wider is no board
 _NARROWEST_M = 0.26
 _PAIRS = 8
 _ON_BOARD = 2.0  # likelihood ratio from which a point counts as the board's
-_CONFIDENT = 5.0
+CONFIDENT = 5.0
 _UNLIKELY = 0.05
 _HOPELESS = 12.0  # log odds from which the other way to hold the board is not followed further
 # Pulses last 4 to 6 ns; echoes that are less than c t / 2 apart become one.
@@ -93,7 +93,7 @@ def _with_rays(
     between: NDArray[np.bool_] = (column >= ends[:, :1]) & (column <= ends[:, 1:]) & (ends[:, :1] >= 0)
     on_points = between & (ratio > _ON_BOARD)
     points = int(np.count_nonzero(on_points))
-    hits = np.nonzero(between & (ratio > _CONFIDENT))
+    hits = np.nonzero(between & (ratio > CONFIDENT))
     hit_at: Floats = np.stack([left[hits], up[hits]])
     # Rings so far apart that a board holds fewer of them have met a body too.
     apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
@@ -102,7 +102,8 @@ def _with_rays(
     widest = int(on_board[np.argmax(widths)])
     level = float(up[widest, ends[widest].sum() // 2])
     off = (_OFF * model.sigma, _PULSE_M)
-    missed = np.nonzero((window.distance > 0.0) & (ratio < 1.0 / _CONFIDENT) & _may_be_board(left, up, hit_at, model))
+    missed = np.nonzero((window.distance > 0.0) & (ratio < 1.0 / CONFIDENT) & _may_be_board(left, up, hit_at, model))
+    near = np.nonzero((ratio > CONFIDENT) & _may_be_board(left, up, hit_at, model))
     plane = Plane(
         R_window_lidar=window.R_window_lidar,
         w=w,
@@ -117,6 +118,7 @@ def _with_rays(
         mixed=mixed_rays(*image, w, *off, *at),
         hits=hit_at,
         misses=np.stack([left[missed], up[missed], mixed_rays(*image, w, *off, *missed).astype(np.float64)]),
+        near=np.stack([left[near], up[near], window.inside[near].astype(np.float64)]),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
         points=points,
@@ -184,6 +186,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
         errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
     first = int(np.argmax(weight))
     against, within, upper, lower = _against(plane, model, weighed.ways[first].edges, corners[first])
+    moving = _moving(plane, model, weighed.ways[first].edges, corners[first]) if model.upper_corner else 1.0
     wrong = np.where(plane.below, model.wrong_below, model.wrong)
     expected = float(np.sum(wrong * np.log(wrong))) + plane.ratio.size * model.lost * math.log(model.lost)
     ways = tuple(
@@ -194,7 +197,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
         plane, xyz, errors, math.sqrt(own[0, 0] + own[1, 1]), float(mean[2]),
         math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(weight @ np.array([corner[3] for corner in corners])),
         against, within, upper, lower, max(float(corner[10]) for corner in corners), expected, weighed.evidence,
-        model.wrong, weighed.told, ways, model.upper_corner,
+        model.wrong, weighed.told, ways, model.upper_corner, moving,
     )  # fmt: skip
 
 
@@ -249,7 +252,7 @@ def _against(
     """`Fix.against`, `Fix.within`, `Fix.upper` and `Fix.lower` of the board in the middle of its posterior."""
     board = (model.soft, model.slack, *edges, corner)
     on_board = covered(plane.left, plane.up, _grown(plane, model), plane.reach, *board)
-    hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
+    hit, missed = plane.ratio > CONFIDENT, plane.returned & (plane.ratio < 1.0 / CONFIDENT)
     # Near a soft edge either answer is as expected.
     inside, outside = missed & (on_board > 1.0 - _UNLIKELY), hit & (on_board < _UNLIKELY)
     down = edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3])
@@ -273,10 +276,18 @@ def _against(
     return against, float(within.mean()) if within.size else 0.0, upper, lower
 
 
+def _moving(plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats) -> float:
+    """`Fix.moving` of the board in the middle of its posterior."""
+    left, up, moves = plane.near
+    reach = np.full_like(left, float(np.median(plane.reach)))
+    on_board = covered(left, up, np.zeros_like(left), reach, model.soft, model.slack, *edges, corner)
+    return float(on_board @ moves) / max(float(on_board.sum()), 1.0)
+
+
 def inside_of(plane: Plane, model: BoardModel, fix: Fix) -> tuple[Floats, Floats]:
     """Of the returns that meet a board that was found: radians to its nearest edge, and 1 where they are mixed."""
     way = max(fix.ways, key=lambda way: way.weight)
-    mixed = plane.mixed & plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
+    mixed = plane.mixed & plane.returned & (plane.ratio < 1.0 / CONFIDENT)
     reach = np.concatenate([plane.reach[mixed], np.full(plane.hits.shape[1], float(np.median(plane.reach)))])
     x = np.concatenate([plane.left[mixed], plane.hits[0]]) - way.mean[0]
     y = np.concatenate([plane.up[mixed], plane.hits[1]]) - way.mean[1]
@@ -313,7 +324,7 @@ def _corner(
     plane: Plane, model: BoardModel, edges: tuple[float, float], coarse: bool, floor: float
 ) -> tuple[Floats, Floats, Floats] | None:
     """See :func:`find_corner`. None where no board explains the rays, or the first pass ends below ``floor``."""
-    hits = plane.ratio > _CONFIDENT
+    hits = plane.ratio > CONFIDENT
     if not hits.any():
         return None
     best = find_corner(

@@ -145,6 +145,8 @@ class Plane:
         hits: (2, H) metres to the left and up, of all returns that lie in the plane where the board was followed.
         misses: (3, M) of all returns from behind the plane, where a board that holds the hits may be: metres to the
             left and up, and 1 if the return may be of both the board and something close behind it, else 0.
+        near: (3, K) of all returns in the plane where a board that holds the hits may be: metres to the left and up,
+            and 1 if the return lies in the region and is not static, else 0.
         rings: how many rings meet the board.
         top_ring: the highest of these rings.
         points: how many points lie on the board.
@@ -166,6 +168,7 @@ class Plane:
     mixed: NDArray[np.bool_]
     hits: Floats
     misses: Floats
+    near: Floats
     rings: int
     top_ring: int
     points: int
@@ -243,6 +246,7 @@ class Fix:
             out because the other is so much likelier.
         ways: the posterior by the way to hold the board, without errors that all sweeps share.
         upper_corner: see `BoardModel.upper_corner`.
+        moving: of a board with level edges, the share of its returns that lie in the region and are not static.
     """
 
     plane: Plane
@@ -263,6 +267,7 @@ class Fix:
     told: Floats
     ways: tuple[Way, ...]
     upper_corner: int
+    moving: float
 
     @property
     def explained(self) -> bool:

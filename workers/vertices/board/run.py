@@ -127,7 +127,7 @@ def _beside(powers: Floats, value: Floats, sigma: Floats, own_sigma: float) -> f
 # A sweep has some ten planes that could be a board; in 200 sweeps without one, none may pass: log(2000) = 7.6.
 # Five points of a shoulder and a leg can lie like a board; six hardly ever do. On the path of the sweeps before and
 # after, four are enough: a sensor that turns fast has no more on a far board.
-_LEAST_SUPPORT, _LEAST_POINTS, _ON_PATH_POINTS = 8.0, 6, 4
+_LEAST_SUPPORT, LEAST_POINTS, _ON_PATH_POINTS = 8.0, 6, 4
 _LEAN = 2.5  # standard deviations: a plane through a head or legs and the board leans farther
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
 _MISSED = ("no_points", "too_few_rings", "not_a_board")
@@ -177,7 +177,7 @@ def _outside(
         for fix in boards:
             if fix.plane.telling and fix.trustworthy and likelier_than_upright(fix, model):
                 x, y, _ = fix.xyz.tolist()
-                better[index] = _refused("outside_the_region", fix, f"at x {x:.1f}, y {y:.1f} m")
+                better[index] = refused("outside_the_region", fix, f"at x {x:.1f}, y {y:.1f} m")
                 break
     return better
 
@@ -189,7 +189,7 @@ def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
     every = find_boards(sweep, inside, model)
     boards = [pair for pair in every if not overtopped(*pair, model)]
     if not boards:
-        return _Findings((), (), _refused("overtopped", every[0][1]) if every else Rejection("too_few_rings"))
+        return _Findings((), (), refused("overtopped", every[0][1]) if every else Rejection("too_few_rings"))
     first = boards[0]
     if any(fix.explained for _, fix in boards):
         if area.fixed_left_out:
@@ -202,13 +202,14 @@ def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
             clear = not model.upper_corner
             boards = [pair for pair in boards if not pair[1].explained or (clear and clearly_a_board(pair[1], model))]
         if not any(fix.explained for _, fix in boards):
-            return _Findings((), (), _refused("upright_object", first[1]))
+            return _Findings((), (), refused("upright_object", first[1]))
     candidates = [TimedFix(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in boards]
     flags = [_flags(sighting, fix, boards) for sighting, fix in boards]
     return _Findings(tuple(candidates), tuple(flags), Rejection(""))
 
 
-def _refused(reason: str, fix: Fix, why: str = "") -> Rejection:
+def refused(reason: str, fix: Fix, why: str = "") -> Rejection:
+    """Return a reason with what the likeliest candidate looks like."""
     return Rejection(reason, thing(fix) + (f", {why}" if why else ""), fix.plane.points)
 
 
@@ -243,26 +244,26 @@ def _settle(
     fix = candidate.fix
     if others:
         fix = locate(fix.plane, replace(model, roll=roll_prior(candidate, others, model))) or fix
-    if not _is_board(fix, model, least):
-        return _refused("not_a_board", fix, no_board(fix, model, least))
+    if not is_board(fix, model, least):
+        return refused("not_a_board", fix, no_board(fix, model, least))
     if model.upper_corner and not fix.plane.telling:  # a trunk is a level rectangle too
-        return _refused("too_few_rings", fix, "a board with level edges needs four")
+        return refused("too_few_rings", fix, "a board with level edges needs four")
     if model.upper_corner and model.size is not None and model.size.contradicts:
-        return _refused("never_shown", fix, "and the near sweeps show a thing of another size")
+        return refused("never_shown", fix, "and the near sweeps show a thing of another size")
     if model.upper_corner and reach and not confirmed(candidate, others):
-        return _refused("upright_object", fix, "which the sweeps before and after do not show there")
+        return refused("upright_object", fix, "which the sweeps before and after do not show there")
     if fix.plane.like_a_person and path is None and not confirmed(candidate, others):
-        return _refused("like_a_person", fix)
+        return refused("like_a_person", fix)
     if not model.shown and not (fix.plane.telling and _size_known(options, model)):
-        return _refused("never_shown", fix)
+        return refused("never_shown", fix)
     sigma_deg = math.degrees(fix.sigma)
     if sigma_deg > options["max_sigma_deg"]:
-        return _refused("too_uncertain", fix, f"its tip is known to {sigma_deg:.2f} degrees")
+        return refused("too_uncertain", fix, f"its tip is known to {sigma_deg:.2f} degrees")
     if beside >= _FAR_OFF_PATH:
-        return _refused("off_the_track", fix, f"{beside:.0f} deviations off the path")
+        return refused("off_the_track", fix, f"{beside:.0f} deviations off the path")
     if beside >= _OFF_PATH:
         flags = (*flags, "track_jump")
-    return _vertex(index, candidate.time_ns, fix, flags, options, model)
+    return vertex_of(index, candidate.time_ns, fix, flags, options, model)
 
 
 def _choose(
@@ -275,25 +276,27 @@ def _choose(
     """
     judged: list[tuple[int, float | None, int]] = []
     for number, candidate in enumerate(candidates):
-        if judged and not _is_board(candidate.fix, model, _ON_PATH_POINTS):
+        if judged and not is_board(candidate.fix, model, _ON_PATH_POINTS):
             continue
         path = off_path(candidate, others)
-        judged.append((number, path, _LEAST_POINTS if path is None or path >= _OFF_PATH else _ON_PATH_POINTS))
-        if (path or 0.0) < _OFF_PATH and _is_board(candidate.fix, model, judged[-1][2]):
+        judged.append((number, path, LEAST_POINTS if path is None or path >= _OFF_PATH else _ON_PATH_POINTS))
+        if (path or 0.0) < _OFF_PATH and is_board(candidate.fix, model, judged[-1][2]):
             return judged[-1]
     return judged[0]
 
 
-def _is_board(fix: Fix, model: BoardModel, least_points: int) -> bool:
+def is_board(fix: Fix, model: BoardModel, least_points: int) -> bool:
+    """Whether the rays agree with a board that rests on so many returns."""
     w, (mean, spread) = fix.plane.w, model.tilt
     upright = fix.plane.telling or abs(-w[2] / w[0] - mean) < _LEAN * spread
     enough = fix.support >= _LEAST_SUPPORT and fix.plane.points >= least_points
     return upright and enough and fix.explained
 
 
-def _vertex(
+def vertex_of(
     index: int, time_ns: int, fix: Fix, flags: tuple[str, ...], options: Options, model: BoardModel
 ) -> Vertex:
+    """Return the vertex of sweep ``index``; its corners, too, if the board's size is stated."""
     x, y, z = fix.xyz.tolist()
     (aa, ae, ar), (ea, ee, er), (ra, re, rr) = fix.covariance.tolist()
     covariance: Covariance = ((aa, ae, ar), (ea, ee, er), (ra, re, rr))

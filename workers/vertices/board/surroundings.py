@@ -176,7 +176,12 @@ def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
 
 
 def likelier_than_upright(fix: Fix, model: BoardModel) -> bool:
-    """Whether the board explains the rays better than upright rectangles do, one of which a lowered board is."""
+    """Whether the board explains the rays better than upright rectangles do, one of which a lowered board is.
+
+    With level edges a sign is such a board, too, but most of its returns are static.
+    """
+    if model.upper_corner and fix.moving < MOST_ON_BOARD:
+        return False
     return fix.evidence > upright_evidence(fix, model) + (_ONE_OF_TEN if model.upper_corner else 0.0)
 
 
