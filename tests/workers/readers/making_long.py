@@ -3,13 +3,23 @@
 import struct
 import tarfile
 from io import BytesIO
+from itertools import chain
 
 import numpy as np
 from formats import pcd
 from making_packets import datagram, packet_ns, packets
-from making_recordings import CLOUD, COMPRESSED, PERIOD_NS, START_NS, TYPES, cloud, compressed, jpeg_claiming, scene
+from making_recordings import (
+    CLOUD,
+    COMPRESSED,
+    PERIOD_NS,
+    START_NS,
+    cloud,
+    compressed,
+    jpeg_claiming,
+    scene,
+    write_bag,
+)
 from pypcd4 import Encoding
-from rosbags.rosbag1 import Writer
 
 FRAME_BYTES = 200_000
 _TURN_PACKETS = 75
@@ -23,19 +33,12 @@ def frame(number):
 
 def long_bag(path, size):
     """Clouds and compressed frames, 10 a second each."""
-    with Writer(path) as bag:
-        topics = {
-            kind: bag.add_connection(f"/{kind.lower()}", f"sensor_msgs/msg/{kind}", typestore=TYPES)
-            for kind in ("PointCloud2", "CompressedImage")
-        }
-        for number in range(size // (FRAME_BYTES + 32_000)):
-            stamp = START_NS + number * PERIOD_NS
-            sweep = TYPES.serialize_ros1(cloud(stamp, scene()), CLOUD)
-            bag.write(topics["PointCloud2"], stamp, sweep)
-            bag.write(
-                topics["CompressedImage"], stamp, TYPES.serialize_ros1(compressed(stamp, frame(number)), COMPRESSED)
-            )
-    return path
+    stamps = enumerate(START_NS + number * PERIOD_NS for number in range(size // (FRAME_BYTES + 32_000)))
+    messages = (
+        (("/points", CLOUD, at, cloud(at, scene())), ("/image", COMPRESSED, at, compressed(at, frame(number))))
+        for number, at in stamps
+    )
+    return write_bag(path, chain.from_iterable(messages))
 
 
 def long_pcap(path, size):

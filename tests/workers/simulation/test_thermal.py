@@ -15,9 +15,8 @@ COUNTS_A_KELVIN = 25.0
 AIR = 290.0 * COUNTS_A_KELVIN
 
 
-@pytest.mark.parametrize("kind", ["bag", "mcap"])
-def test_a_recording_holds_temperatures(tmp_path, kind):
-    options = SimulationOptions(seconds=2.0, seed=6, camera_hz=5.0, images="thermal", walk="yard", format=kind)
+def test_a_recording_holds_temperatures(tmp_path):
+    options = SimulationOptions(seconds=1.0, seed=6, camera_hz=10.0, images="thermal", walk="yard", format="mcap")
     files = simulate(options, tmp_path)
     opened = open_recording(files.recording, ReadOptions())
     try:
