@@ -53,12 +53,11 @@ def test_the_suggestion_alone_finds_the_boards(place, seed, count):
     region = Region.from_document(suggestion.document)
     assert region.mask(recording.apex).all()
     assert (suggestion.facts["poses"], suggestion.facts["sweeps_moving"]) == (count, count)
-    for options in (size(recording), {}):
-        found = detected(recording, region, options)
-        assert (found.poses.count, found.poses.stated) == (count, False)
-        assert len(found.vertices) >= count - 1
-        assert np.median(off_m(recording, found.vertices)) < 0.03
-        assert off_m(recording, found.vertices).max() < 0.3
+    found = detected(recording, region, {})
+    assert (found.poses.count, found.poses.stated) == (count, False)
+    assert len(found.vertices) >= count - 1
+    assert np.median(off_m(recording, found.vertices)) < 0.03
+    assert off_m(recording, found.vertices).max() < 0.3
 
 
 def test_walls_and_furniture_in_a_region_by_hand_cost_no_board():

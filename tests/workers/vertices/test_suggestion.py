@@ -56,8 +56,8 @@ def test_the_suggestion_keeps_the_board_and_next_to_nothing_else():
 
 
 def test_rain_and_lost_returns_do_not_widen_it():
-    recording = recorded(3, 150, speckle=0.01, dropouts=0.05)
-    clean = suggest(Listed([sweep for sweep, _ in recorded(3, 150)]))
+    recording = recorded(3, 100, speckle=0.01, dropouts=0.05)
+    clean = suggest(Listed([sweep for sweep, _ in recorded(3, 100)]))
     wet = suggest(Listed([sweep for sweep, _ in recording]))
     share, others = kept(recording, wet.document)
     assert share >= 0.99
@@ -89,7 +89,7 @@ def test_nothing_moves():
 
 def test_too_few_sweeps_and_a_lidar_that_moves_are_told():
     random = np.random.default_rng(0)
-    seen = [sweep for sweep, _ in recorded(1, 40)]
+    seen = [sweep for sweep, _ in recorded(1, 20)]
     moved = [replace(sweep, xyz=(sweep.xyz + random.uniform(-3, 3, 3)).astype(np.float32)) for sweep in seen]
     for sweeps, code in ((moved, "everything_moves"), (seen[:7], "too_few_sweeps")):
         with pytest.raises(InputError) as caught:
