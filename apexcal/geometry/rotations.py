@@ -1,9 +1,9 @@
 """Rotations: matrices, Euler angles in both orders, rotation vectors and quaternions (scalar last).
 
-The formulas go through unit quaternions, as those of SciPy do, whose bits they give without its import.
+Vectors and quaternions go as in SciPy, whose bits they give without its import.
 """
 
-from math import atan2, cos, pi, sin, sqrt
+from math import atan2, cos, sin, sqrt
 from typing import Final, Literal
 
 import numpy as np
@@ -18,10 +18,9 @@ FORWARD_LIDAR_TO_OPTICAL: Final[NDArray[np.float64]] = np.array([[0.0, -1.0, 0.0
 
 Floats = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
-_AXES: Final[dict[EulerOrder, tuple[int, int, int]]] = {"zyx": (2, 1, 0), "xyz_eq2": (0, 1, 2)}
 # Radians below which sin and cos of small angles are taken by their series.
 _SMALL: Final = 1e-3
-# Radians off its ends at which the middle angle is singular.
+# Cosine of the middle angle at which it is singular.
 _SINGULAR: Final = 1e-7
 
 
@@ -31,8 +30,16 @@ def rotation_from_euler(angles: ArrayLike, order: EulerOrder = "zyx") -> Floats:
     `zyx`: R = Rz(alpha) Ry(beta) Rx(gamma), as the paper's released toolbox computes it.
     `xyz_eq2`: R = Rx(alpha) Ry(beta) Rz(gamma), as the paper's equation 2 prints it.
     """
-    turns = [_about(axis, angle) for axis, angle in zip(_AXES[order], _vector(angles).tolist(), strict=True)]
-    return _matrix(_product(_product(turns[0], turns[1]), turns[2]))
+    if order == "xyz_eq2":
+        return _mirrored(rotation_from_euler(-_vector(angles)))
+    (sa, sb, sg), (ca, cb, cg) = np.sin(_vector(angles)), np.cos(_vector(angles))
+    return np.array(
+        [
+            [ca * cb, ca * sb * sg - sa * cg, ca * sb * cg + sa * sg],
+            [sa * cb, sa * sb * sg + ca * cg, sa * sb * cg - ca * sg],
+            [-sb, cb * sg, cb * cg],
+        ]
+    )
 
 
 def euler_from_rotation(R: ArrayLike, order: EulerOrder = "zyx") -> Floats:
@@ -41,9 +48,9 @@ def euler_from_rotation(R: ArrayLike, order: EulerOrder = "zyx") -> Floats:
     Every rotation has two such triples; the one whose absolute values sum to less is given, so that a camera
     tilted 15 degrees down reads (90, -105, 0) degrees and lies in the paper's box, not (-90, -75, 180).
     At the singular point (|beta| = pi/2) alpha and gamma act alike; gamma is 0 there and alpha carries the sum.
-    Source: Bernardes and Viollet, PLoS ONE 17(11), 2022.
     """
-    first = _euler(_quaternion(check_rotation(R)), order)
+    matrix = check_rotation(R)
+    first = _zyx(matrix) if order == "zyx" else -_zyx(_mirrored(matrix))
     turned = first * (1.0, -1.0, 1.0) + np.pi
     second = np.arctan2(np.sin(turned), np.cos(turned))
     return second if np.abs(second).sum() < np.abs(first).sum() - 1e-9 else first
@@ -121,22 +128,20 @@ def _vector(values: ArrayLike) -> Floats:
     return vector
 
 
-def _about(axis: int, angle: float) -> Quaternion:
-    q = [0.0, 0.0, 0.0, cos(angle / 2.0)]
-    q[axis] = sin(angle / 2.0)
-    return q[0], q[1], q[2], q[3]
+def _mirrored(R: Floats) -> Floats:
+    """The same turn where x and z change names: of Rx(a) Ry(b) Rz(g) it is Rz(-a) Ry(-b) Rx(-g), and back."""
+    return R[::-1, ::-1].copy()
 
 
-def _product(p: Quaternion, q: Quaternion) -> Quaternion:
-    x = p[1] * q[2] - p[2] * q[1]
-    y = p[2] * q[0] - p[0] * q[2]
-    z = p[0] * q[1] - p[1] * q[0]
-    return (
-        p[3] * q[0] + q[3] * p[0] + x,
-        p[3] * q[1] + q[3] * p[1] + y,
-        p[3] * q[2] + q[3] * p[2] + z,
-        p[3] * q[3] - p[0] * q[0] - p[1] * q[1] - p[2] * q[2],
-    )
+def _zyx(R: Floats) -> Floats:
+    flat = np.hypot(R[0, 0], R[1, 0])
+    beta = np.arctan2(-R[2, 0], flat)
+    if flat <= _SINGULAR:
+        return np.array([np.arctan2(-R[0, 1], R[1, 1]), beta, 0.0])
+    alpha = np.arctan2(R[1, 0], R[0, 0])
+    # From what the first turn leaves, so that near the singular point the two angles keep their sum.
+    cosine, minus_sine = np.array([-np.sin(alpha), np.cos(alpha)]) @ R[:2, 1:]
+    return np.array([alpha, beta, np.arctan2(-minus_sine, cosine)])
 
 
 def _unit(q: Quaternion) -> Quaternion:
@@ -170,21 +175,3 @@ def _quaternion(R: Floats) -> Quaternion:
     q = [0.0, 0.0, 0.0, m[k][j] - m[j][k]]
     q[i], q[j], q[k] = 1.0 - trace + 2.0 * m[i][i], m[j][i] + m[i][j], m[k][i] + m[i][k]
     return _unit((q[0], q[1], q[2], q[3]))
-
-
-def _euler(q: Quaternion, order: EulerOrder) -> Floats:
-    k, j, i = _AXES[order]
-    sign = 1.0 if order == "zyx" else -1.0
-    a, b, c, d = q[3] - q[j], q[i] + q[k] * sign, q[j] + q[3], q[k] * sign - q[i]
-    middle = 2.0 * atan2(np.hypot(c, d), np.hypot(a, b))
-    half_sum, half_difference = atan2(b, a), atan2(d, c)
-    if abs(middle) <= _SINGULAR:
-        first, last = 2.0 * half_sum, 0.0
-    elif abs(middle - pi) <= _SINGULAR:
-        first, last = 2.0 * half_difference, 0.0
-    else:
-        first, last = half_sum + half_difference, half_sum - half_difference
-    angles = (first * sign, middle - pi / 2.0, last)
-    return np.array(
-        [angle + 2.0 * pi if angle < -pi else angle - 2.0 * pi if angle > pi else angle for angle in angles]
-    )

@@ -123,80 +123,51 @@ def geometric_median(points: Sequence[Pixel]) -> Pixel:
     a median, and their mean is taken. Otherwise the sum is smooth and strictly convex about its minimum:
     Weiszfeld's iteration comes near, Newton's ends it to the precision of the numbers.
     """
-    ordered = sorted(points)
-    medians = sorted({point for point in ordered if _is_median(point, ordered)})
+    ordered = [complex(*point) for point in sorted(points)]
+    medians = [point for i, point in enumerate(ordered) if point not in ordered[:i] and _is_median(point, ordered)]
     if medians:
-        return _mean(medians)
-    guess = _mean(ordered)
+        return _mean([(median.real, median.imag) for median in medians])
+    guess = sum(ordered) / len(ordered)
     for _ in range(200):
         steps = [_weiszfeld_step(guess, ordered), *_newton_steps(guess, ordered)]
-        moved = min(steps, key=lambda step: _sum_of_distances(step, ordered))
-        if _distance(moved, guess) <= 1e-13 * (1.0 + abs(guess[0]) + abs(guess[1])):
+        moved = min(steps, key=lambda step: math.fsum(abs(point - step) for point in ordered))
+        if abs(moved - guess) <= 1e-13 * (1.0 + abs(guess)):
             break
         guess = moved
-    return guess
+    return guess.real, guess.imag
 
 
-def _is_median(point: Pixel, points: Sequence[Pixel]) -> bool:
-    pull_u = pull_v = 0.0
-    here = 0
-    for other in points:
-        distance = _distance(other, point)
-        if distance == 0.0:
-            here += 1
-            continue
-        pull_u += (other[0] - point[0]) / distance
-        pull_v += (other[1] - point[1]) / distance
+def _is_median(point: complex, points: Sequence[complex]) -> bool:
+    away = [other - point for other in points if other != point]
+    pull = abs(sum(offset / abs(offset) for offset in away))
     # A margin of a few ulp: with points on a line the pull is 1 up to rounding.
-    return math.hypot(pull_u, pull_v) <= here + 1e-12 * len(points)
+    return pull <= len(points) - len(away) + 1e-12 * len(points)
 
 
-def _weiszfeld_step(guess: Pixel, points: Sequence[Pixel]) -> Pixel:
+def _weiszfeld_step(guess: complex, points: Sequence[complex]) -> complex:
     """Weiszfeld 1937, with the step of Vardi and Zhang 2000 where the guess meets one of the points."""
-    weights = weighted_u = weighted_v = 0.0
-    pull_u = pull_v = 0.0
-    here = 0
-    for point in points:
-        distance = _distance(point, guess)
-        if distance == 0.0:
-            here += 1
-            continue
-        weights += 1.0 / distance
-        weighted_u += point[0] / distance
-        weighted_v += point[1] / distance
-        pull_u += (point[0] - guess[0]) / distance
-        pull_v += (point[1] - guess[1]) / distance
-    pull = math.hypot(pull_u, pull_v)
-    stay = min(1.0, here / pull) if pull > 0.0 else 1.0
-    return (
-        (1.0 - stay) * weighted_u / weights + stay * guess[0],
-        (1.0 - stay) * weighted_v / weights + stay * guess[1],
-    )
+    away = [point - guess for point in points if point != guess]
+    pull = sum(offset / abs(offset) for offset in away)
+    stay = min(1.0, (len(points) - len(away)) / abs(pull)) if pull else 1.0
+    return guess + (1.0 - stay) * pull / sum(1.0 / abs(offset) for offset in away)
 
 
-def _newton_steps(guess: Pixel, points: Sequence[Pixel]) -> list[Pixel]:
-    """Newton's step and shortened ones (the sum has kinks at the points); none where it is undefined."""
-    gradient_u = gradient_v = h_uu = h_uv = h_vv = 0.0
-    for point in points:
-        distance = _distance(point, guess)
-        if distance == 0.0:
-            return []
-        unit_u, unit_v = (guess[0] - point[0]) / distance, (guess[1] - point[1]) / distance
-        gradient_u += unit_u
-        gradient_v += unit_v
-        h_uu += unit_v * unit_v / distance
-        h_uv -= unit_u * unit_v / distance
-        h_vv += unit_u * unit_u / distance
-    determinant = h_uu * h_vv - h_uv * h_uv
+def _newton_steps(guess: complex, points: Sequence[complex]) -> list[complex]:
+    """Newton's step and shortened ones (the sum has kinks at the points); none where it is undefined.
+
+    With unit vectors e at distances d, the step s solves: sum of (s - e Re(e* s)) / d = sum of e.
+    """
+    if guess in points:
+        return []
+    away = [point - guess for point in points]
+    pull = sum(offset / abs(offset) for offset in away)
+    whole = sum(1.0 / abs(offset) for offset in away)
+    turned = sum(offset * offset / abs(offset) ** 3 for offset in away)
+    determinant = whole * whole - abs(turned) ** 2
     if determinant <= 0.0:
         return []
-    step_u = (h_uv * gradient_v - h_vv * gradient_u) / determinant
-    step_v = (h_uv * gradient_u - h_uu * gradient_v) / determinant
-    return [(guess[0] + step_u / 4**k, guess[1] + step_v / 4**k) for k in range(8)]
-
-
-def _sum_of_distances(center: Pixel, points: Sequence[Pixel]) -> float:
-    return math.fsum(_distance(point, center) for point in points)
+    step = 2.0 * (whole * pull + turned * pull.conjugate()) / determinant
+    return [guess + step / 4**k for k in range(8)]
 
 
 def _mean(points: Sequence[Pixel]) -> Pixel:
