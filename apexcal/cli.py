@@ -58,7 +58,6 @@ COMMANDS = {
     "clock-offset": Command("clock_offset", "Estimate how far the camera's clock is from the LiDAR's."),
     "calibrate": Command("calibrate", "Calibrate a camera from marks or from a file of pairs."),
     "validate": Command("results", "Test a calibration on other pairs, or on a drive."),
-    "drift": Command("results", "Compare a camera's results over time."),
     "admin": Command("programs", "Back up, restore and maintain a service.", "serve"),
     "publish": Command("publishing", "Make a result its camera's current calibration."),
     "withdraw": Command("publishing", "Take back a camera's current calibration."),

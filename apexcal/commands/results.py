@@ -13,7 +13,6 @@ from apexcal.commands.named import (
     find_camera,
     find_recording,
     find_result,
-    find_vehicle,
     find_vehicle_camera,
 )
 from apexcal.commands.options import (
@@ -23,17 +22,14 @@ from apexcal.commands.options import (
     OutputOption,
     ResultArgument,
     ResultOption,
-    VehicleArgument,
     VehicleOption,
 )
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.stated_files import read_texts
 from apexcal.commands.terminal import check_target, usage, write_content
-from apexcal.documents.comparisons import DriftStep, ResultComparison, ResultDifference
+from apexcal.documents.comparisons import ResultComparison
 from apexcal.documents.imports import StatedComparison
 from apexcal.documents.validations import RoadScore
-
-CameraNameOption = Annotated[str, typer.Option("--camera", help="Camera, by its name in the rig.")]
 
 
 def report(
@@ -124,22 +120,6 @@ def validate(
     return Reply(view, sentence)
 
 
-def drift(
-    session: Session,
-    vehicle: VehicleArgument,
-    camera: CameraNameOption,
-    limit: Annotated[int, typer.Option(min=2, max=100)] = 20,
-    fleet: FleetOption = "",
-) -> Reply:
-    """Compare a camera's recommended results over time: how far the mount moved, and whether more than chance.
-
-    Args:
-        limit: How many of the newest results at most.
-    """
-    view = session.client.calibrations.drift(find_vehicle(session.client, fleet, vehicle).id, camera, limit=limit)
-    return Reply(view, "\n".join([view.sentence, *map(_drift_line, view.steps)]))
-
-
 def recalibrate(
     session: Session, result: ResultArgument, leave_out: Annotated[str, typer.Option()], camera: CameraOption = ""
 ) -> Reply:
@@ -184,17 +164,3 @@ def _stated_lines(comparison: StatedComparison) -> list[str]:
 
 def _sigmas(before: str, count: float | None, after: str = "") -> str:
     return "" if count is None else f"{before}{count:.1f} standard deviations{after}"
-
-
-def _drift_line(step: DriftStep) -> str:
-    return (
-        f"  {step.at:%Y-%m-%d %H:%M}  {step.model:15}  {step.result_id}"
-        f"  before: {_apart(step.from_previous)}  first: {_apart(step.from_first)}"
-    )
-
-
-def _apart(difference: ResultDifference | None) -> str:
-    if difference is None:
-        return "-"
-    size = f"{difference.rotation_deg:.3f} deg {difference.translation_mm:.0f} mm {difference.sigmas:.1f} sigmas"
-    return f"{size} (differs)" if difference.differs else size

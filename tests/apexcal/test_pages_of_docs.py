@@ -226,7 +226,7 @@ PAGE_SETUPS: dict[str, Setup] = {
         _walk,
         instead={"--detection DETECTION": "--detection DETECTION " + _FEW},
     ),
-    "docs/judging.md": Setup(after=(_ENGINEERS,), instead={"VAN": '"Truck 7"', "DRIVE": "RECORDING"}),
+    "docs/judging.md": Setup(after=(_ENGINEERS,), instead={"DRIVE": "RECORDING"}),
     "docs/exports.md": Setup(_truck, (_ENGINEERS,), {"/etc/truck/": ""}),
     "docs/imports.md": Setup(
         _other_programs,
