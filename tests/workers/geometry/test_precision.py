@@ -1,16 +1,11 @@
-"""Both precisions of the kernels over the whole box of the default bounds."""
+"""Projections over the whole box of the default bounds."""
 
 import cv2
 import numpy as np
 import pytest
-from numba import njit
 
 from workers.geometry.models import INTRINSICS, MODELS
 from workers.geometry.projection import project
-from workers.geometry.projections.brown_conrady import brown_conrady_fold, brown_conrady_point
-from workers.geometry.projections.kannala_brandt import kannala_brandt_fold, kannala_brandt_point
-from workers.geometry.projections.pinhole import pinhole_point
-from workers.geometry.projections.rational_polynomial import rational_polynomial_fold, rational_polynomial_point
 
 SIZE = np.array([1920.0, 1208.0])
 LENSES, POINTS = 200, 60
@@ -48,44 +43,3 @@ def test_double_precision_is_opencvs_over_the_whole_bounds(model):
         compared += int(good.sum())
         np.testing.assert_allclose(pixels[good], theirs.reshape(-1, 2)[good], atol=1e-6, rtol=1e-12)
     assert compared > LENSES * POINTS / 4
-
-
-@njit(error_model="numpy")
-def _single(model_id, points, k, fold, out):
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        if model_id == 0:
-            out[i] = pinhole_point(x, y, z, k[0], k[1], k[2], k[3])
-        elif model_id == 1:
-            out[i] = brown_conrady_point(
-                x, y, z, k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], fold
-            )  # fmt: skip
-        elif model_id == 2:
-            out[i] = kannala_brandt_point(x, y, z, k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], fold)
-        else:
-            out[i] = rational_polynomial_point(
-                x, y, z, k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], k[10], k[11], fold
-            )  # fmt: skip
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_single_precision_is_within_a_hundredth_of_a_pixel_inside_the_image(model):
-    rng = np.random.default_rng(10 + MODELS.index(model))
-    out, compared = np.empty((POINTS, 3), dtype=np.float32), 0
-    for _ in range(LENSES):
-        lens, points = draw(model, rng)
-        fold = np.inf
-        if model == "brown_conrady":
-            fold = brown_conrady_fold(lens[5], lens[6], lens[9])
-        elif model == "kannala_brandt":
-            fold = kannala_brandt_fold(*lens[4:])
-        elif model == "rational_polynomial":
-            fold = rational_polynomial_fold(*lens[[4, 5, 8, 9, 10, 11]])
-        pixels, violation = project(model, lens, points)
-        _single(MODELS.index(model), points.astype(np.float32), lens.astype(np.float32), np.float32(fold), out)
-        # On the fold's very edge either may call it past.
-        inside = (violation == 0.0) & (out[:, 2] == 0.0) & ((pixels >= 0.0) & (pixels <= SIZE - 1.0)).all(axis=1)
-        compared += int(inside.sum())
-        np.testing.assert_allclose(out[inside, :2], pixels[inside], atol=0.01, rtol=0.0)
-        assert np.count_nonzero((violation > 0.0) != (out[:, 2] > 0.0)) <= 1
-    assert compared > LENSES * POINTS / 10

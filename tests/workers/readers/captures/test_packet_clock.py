@@ -25,14 +25,6 @@ def delays(count, seed=0):
     return late.astype(np.int64)
 
 
-def test_moments_are_even_although_the_host_is_not():
-    truth = stream(20)
-    late = delays(len(truth))
-    clock, error = run(truth, (truth - START_NS) // 1000 + 3_599_990_000, late)  # past the hour after 10 ms
-    assert clock.jumps == 0 and late.max() > 3_000_000
-    assert error.min() > -2_000 and np.percentile(error[1000:], 99) < 30_000
-
-
 @pytest.mark.parametrize("ppm", [-60, 60])
 def test_clocks_that_drift_apart_stay_tied(ppm):
     truth = stream(1200, 10 * PACKET_NS)
@@ -47,9 +39,3 @@ def test_a_clock_that_is_set_while_it_runs():
     device_us[len(truth) // 2 :] += 1_234_000  # the sensor finds its satellites
     clock, error = run(truth, device_us, delays(len(truth)))
     assert clock.jumps == 1 and np.abs(error[len(truth) // 2 + 400 :]).max() < 300_000
-
-
-def test_a_sensor_without_a_clock():
-    truth = stream(0.1)
-    _, error = run(truth, np.zeros(len(truth)), np.full(len(truth), 70_000), device=False)
-    assert np.all(error == 70_000)
