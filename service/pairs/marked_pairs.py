@@ -246,42 +246,15 @@ def _notes(consensus: dict[UUID, Consensus], per_vertex: int, apart_px: float, *
     count = {outcome: sum(answer.outcome is outcome for answer in answered) for outcome in ConsensusOutcome}
     tied = "left out" if exclude_flagged else "kept and flagged"
     unit = "mark" if per_vertex == 1 else "marks"
-    sentences = [
-        (total - len(answered), "{n} of {total} vertices {have} not been judged by anybody and {are} left out."),
-        (few, f"{{n}} of {{total}} vertices {{have}} fewer than the {per_vertex} {unit} asked for."),
-        (
-            reviewed,
-            "{n} of {total} vertices {have} answers of people who had seen others'; they are not independent.",
+    sentences = {
+        "Left out, because nobody judged them": total - len(answered),
+        f"With fewer than the {per_vertex} {unit} asked for": few,
+        "With answers of people who had seen others', which are not independent": reviewed,
+        "Removed, because most people rejected them": count[ConsensusOutcome.REMOVED],
+        f"With as many rejections as confirmations, and so {tied}": count[ConsensusOutcome.TIED],
+        f"Left out, because two marks lie more than {apart_px:.0f} px apart; have them marked once more": (
+            count[ConsensusOutcome.APART]
         ),
-        (
-            count[ConsensusOutcome.REMOVED],
-            "{n} of {total} vertices {were} removed, because most people rejected {them}.",
-        ),
-        (
-            count[ConsensusOutcome.TIED],
-            f"{{n}} of {{total}} vertices {{have}} as many rejections as confirmations; {{they}} {{were}} {tied}.",
-        ),
-        (
-            count[ConsensusOutcome.APART],
-            f"{{n}} of {{total}} vertices {{are}} left out, because two marks lie more than {apart_px:.0f} px apart; "
-            "have {them} marked once more.",
-        ),
-        (
-            count[ConsensusOutcome.UNMARKED],
-            "{n} of {total} vertices {are} left out, because people were unsure of {them}.",
-        ),
-    ]
-    return [_sentence(text, n, total) for n, text in sentences if n]
-
-
-def _sentence(text: str, n: int, total: int) -> str:
-    singular = n == 1
-    return text.format(
-        n=n,
-        total=total,
-        have="has" if singular else "have",
-        are="is" if singular else "are",
-        were="was" if singular else "were",
-        them="it" if singular else "them",
-        they="it" if singular else "they",
-    )
+        "Left out, because people were unsure of them": count[ConsensusOutcome.UNMARKED],
+    }
+    return [f"{words}: {n} of {total} vertices." for words, n in sentences.items() if n]

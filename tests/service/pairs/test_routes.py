@@ -55,11 +55,11 @@ def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
     made = answer.json()
     assert (made["count"], made["source"], made["flagged"], made["camera"]) == (3, "annotations", 1, "front")
     assert made["notes"] == [
-        "1 of 6 vertices has not been judged by anybody and is left out.",
-        "3 of 6 vertices have fewer than the 3 marks asked for.",
-        "1 of 6 vertices was removed, because most people rejected it.",
-        "1 of 6 vertices has as many rejections as confirmations; it was kept and flagged.",
-        "1 of 6 vertices is left out, because people were unsure of it.",
+        "Left out, because nobody judged them: 1 of 6 vertices.",
+        "With fewer than the 3 marks asked for: 3 of 6 vertices.",
+        "Removed, because most people rejected them: 1 of 6 vertices.",
+        "With as many rejections as confirmations, and so kept and flagged: 1 of 6 vertices.",
+        "Left out, because people were unsure of them: 1 of 6 vertices.",
     ]
     pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
     assert [(pair["u"], pair["v"], pair["marks"], pair["flagged"]) for pair in pairs] == [
@@ -74,7 +74,7 @@ def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
     assert "sigma_clock_ms" not in pairs[0] or pairs[0]["sigma_clock_ms"] is None
     strict = build(engineer, seed, exclude_flagged=True).json()
     assert (strict["count"], strict["flagged"]) == (2, 0)
-    assert "it was left out" in strict["notes"][3]
+    assert "and so left out" in strict["notes"][3]
 
 
 def test_pairs_state_the_deviation_of_the_clock_offset_that_they_were_made_with(api, fleet, engineer):
@@ -243,7 +243,7 @@ def test_what_is_said_of_a_set_is_never_of_another_time(api, fleet, engineer):
         session.get_one(Recording, seed.recording_id).marks_per_vertex = 3
     second = build(engineer, seed)
     assert (second.status_code, first["notes"]) == (201, [])
-    assert second.json()["notes"] == ["1 of 1 vertices has fewer than the 3 marks asked for."]
+    assert second.json()["notes"] == ["With fewer than the 3 marks asked for: 1 of 1 vertices."]
 
 
 def test_who_marks_does_not_read_the_pairs_made_of_marks(api, fleet, engineer, reviewer):
@@ -268,7 +268,8 @@ def test_two_marks_far_apart_give_no_pair_and_that_is_said(api, fleet, engineer)
     say(api, seed, api.member(fleet, "annotator", "two"), ("confirmed", (101.0, 50.0)), ("confirmed", (127.0, 86.0)))
     made = build(engineer, seed).json()
     assert made["count"] == 1
-    assert any("1 of 2 vertices is left out, because two marks lie more than" in note for note in made["notes"])
+    (note,) = (note for note in made["notes"] if "two marks lie more than" in note)
+    assert note.startswith("Left out") and note.endswith("1 of 2 vertices.")
 
 
 def test_vertices_that_stayed_where_they_were_measured_and_a_clock_that_was_set_back_are_said(api, fleet, engineer):
