@@ -1,19 +1,63 @@
 """What a sensor sees of a walk: points on their rings and surfaces, and each disturbance by its figure."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from apexcal.documents.simulation import Disturbances
-from tests.support.scenes.flawed_lidar import Mount
-from tests.workers.simulation.scans import azimuths_deg, elevations_deg, ranges, scanned
+from tests.support.scenes.flawed_lidar import FlawedLidar
+from tests.support.scenes.held_board import HeldWalk
 from workers.simulation.beams import BOARD, GROUND, PERSON, POLE, SECOND_PERSON, SPECKLE, WALL
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS
 from workers.simulation.walker import BOARD_EDGES_M
 
 MINUTE_S = tuple(np.arange(0.5, 59.0, 2.5))
+
+
+def scanned(disturbances=None, *, sensor="vlp16", plan="yard", noise_m=0.0, starts_s=(1.0, 4.0, 7.0, 10.0)):
+    """What a sensor sees of a walk, with what each point lies on and where board and bodies are."""
+    scene = Scene()
+    walk = HeldWalk(5, 60.0, scene.ground_z, plan=plan, disturbances=disturbances)
+    spoiled = {"noise_m": noise_m, "disturbances": disturbances}
+    lidar = FlawedLidar(SENSORS[sensor], scene, walk, sector_deg=60.0, seed=5, **spoiled)
+    sweeps, labels, poses = [], [], []
+    for index, start_s in enumerate(starts_s):
+        sweep, label = lidar.labelled_sweep(index, start_s, 0)
+        sweeps.append(sweep)
+        labels.append(label)
+        poses.append(walk.poses(start_s + sweep.offset_ns * 1e-9))
+
+    def joined(*names):
+        """Fields of the poses at each point's time, all sweeps as one."""
+        fields = (np.concatenate([getattr(one, name) for one in poses]) for name in names)
+        return next(fields) if len(names) == 1 else fields
+
+    return SimpleNamespace(
+        walk=walk,
+        lidar=lidar,
+        xyz=np.concatenate([sweep.xyz for sweep in sweeps]).astype(float),
+        ring=np.concatenate([sweep.ring for sweep in sweeps]),
+        offset_ns=np.concatenate([sweep.offset_ns for sweep in sweeps]),
+        label=np.concatenate(labels),
+        joined=joined,
+    )
+
+
+def ranges(xyz):
+    return np.linalg.norm(xyz, axis=1)
+
+
+def elevations_deg(xyz):
+    return np.degrees(np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1])))
+
+
+def azimuths_deg(xyz):
+    return np.degrees(np.arctan2(xyz[:, 1], xyz[:, 0]))
+
+
 plain = cache(scanned)
 
 
@@ -63,9 +107,6 @@ def apart_m(scan):
 
 # What the sensor or the scene has, what is measured, and within what it lies.
 FIGURES = {
-    "a seam": (
-        {"mount": Mount(seam_deg=10.0)}, lambda s: azimuths_deg(s.xyz)[np.argmin(s.offset_ns)], 9.0, 10.01
-    ),
     "noise": ({"noise_m": 0.02}, lambda s: (ranges(s.xyz) - ranges(plain().xyz)).std(), 0.019, 0.021),
     "returns are lost": (
         {"disturbances": Disturbances(dropouts=0.2)}, lambda s: len(s.label) / len(plain().label), 0.79, 0.81

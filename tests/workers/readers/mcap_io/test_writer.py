@@ -54,8 +54,3 @@ def test_without_a_message(tmp_path):
     with made(tmp_path / "a.mcap", [], -1).open("rb") as file:
         summary = SeekingReader(file, validate_crcs=True).get_summary()
         assert (summary.statistics.message_count, summary.chunk_indexes) == (0, [])
-
-
-def test_uncompressed_messages_are_ranges_of_the_file(tmp_path, messages):
-    data = made(tmp_path / "a.mcap", messages, None).read_bytes()
-    assert all(b"".join(parts) in data for _, parts in messages)
