@@ -40,7 +40,9 @@ StillOption = Annotated[
 LidarModelOption = Annotated[
     LidarModel | None, typer.Option(help="Sensor of a packet capture; otherwise found from its packets.")
 ]
-RingsOption = Annotated[int, typer.Option(help="Number of the LiDAR's rings, if the file does not say it.", min=0)]
+RingsOption = Annotated[
+    int, typer.Option(help="Number of the LiDAR's rings, if the file does not say it; 1 if it has none.", min=0)
+]
 
 
 def upload(

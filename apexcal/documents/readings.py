@@ -35,7 +35,7 @@ class ReadOptions(Received):
     stamp_convention: StampConvention | None = None
     rate_hz: Annotated[float, Field(ge=0.5, le=1000)] | None = None
     lidar_model: LidarModel | None = None
-    rings: Annotated[int, Field(ge=2, le=256)] | None = None
+    rings: Annotated[int, Field(ge=1, le=256)] | None = None
     camera_start_ns: Annotated[int, Field(ge=0, lt=2**31 * 10**9)] | None = None
 
 
@@ -45,8 +45,8 @@ class Reading(ReadOptions):
     ``topics`` says which is which; ``point_times: stamp_only`` leaves the points' own times out, as for still poses
     whose stamps were made up, ``auto`` uses them, or derives them where the file has none; ``stamp_convention`` says
     what a sweep's stamp means; ``rate_hz`` how often the LiDAR turns in a second; ``lidar_model`` which sensor sent
-    captured packets; ``rings`` how many rings to compute where the file has none; ``camera_start_ns`` when a video's
-    first frame was taken, UTC nanoseconds, where nothing else says it.
+    captured packets; ``rings`` how many rings to compute where the file has none, 1 if the sensor has none;
+    ``camera_start_ns`` when a video's first frame was taken, UTC nanoseconds, where nothing else says it.
     """
 
     topics: Topics = Topics(cameras={})

@@ -20,6 +20,7 @@ from workers.vertices.board.run import run as run_refined
 from workers.vertices.cut_angle import find_cut, run_cut
 from workers.vertices.pose_detection import detect_poses
 from workers.vertices.region import Region
+from workers.vertices.ringless import any_rings, run_ringless
 from workers.vertices.sensor_grid import some_grid
 from workers.vertices.static_background import FIXED_SHARE, Foreground, StaticBackground
 from workers.vertices.still_poses import find_poses
@@ -161,7 +162,7 @@ def detect_range(
         still: the owner says that these are still poses; it is noticed otherwise, too.
 
     Raises:
-        DocumentError: ``unknown_detector``, ``invalid_options``.
+        DocumentError: ``unknown_detector``, ``invalid_options``, ``points_without_rings``.
         ValueError: ``indices`` are not consecutive sweeps of the source.
     """
     detector = parse_detector(name)
@@ -184,9 +185,13 @@ def detect_range(
     context: list[Vertex] = []
     refused: dict[int, str] = {}
     best: dict[str, tuple[int, str]] = {}
-    poses = find_poses(source, region, stated=still, on_sweep=lambda: report(indices.start))
-    cut = find_cut(source, region) if poses is None else None
-    if cut is not None:
+    has_rings = detector != "refined" or any_rings(source)
+    poses = find_poses(source, region, stated=still, on_sweep=lambda: report(indices.start)) if has_rings else None
+    cut = find_cut(source, region) if poses is None and has_rings else None
+    facts = None if poses is None else poses.facts()
+    if not has_rings:
+        answers, facts = run_ringless(source, region, resolved, wider, still, report)
+    elif cut is not None:
         answers = run_cut(source, region, cut, walk, resolved, wider, report)
     elif poses is None:
         answers = walk(source, region, resolved, wider, report)
@@ -200,6 +205,5 @@ def detect_range(
             if answer.points > best.get(answer.reason, (0, ""))[0]:
                 best[answer.reason] = answer.points, f"sweep {index}: {answer.example}"
     rejected = dict(sorted(Counter(refused.values()).items()))
-    facts = None if poses is None else poses.facts()
     examples = {reason: example for reason, (_, example) in best.items()}
     return Detections(vertices, len(indices), rejected, tuple(context), refused, facts, answers.size, examples)

@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 _NOTICED_UP_TO: Final = 64  # sweeps; who walks records more than six seconds
 _FEWEST_OF_A_WALK: Final = 4
-_SAME_POSE: Final = 0.9
+SAME_POSE: Final = 0.9
 _GRID_SWEEPS: Final = 8
 _PAIRS: Final = 4
 _A_SWEEP: Final = 500  # points; clouds with fewer were cut out already and show no surroundings
@@ -179,7 +179,7 @@ def _same_pose(first: Sweep, other: Sweep, region: Region, background: StaticBac
     both = background.again([first, other])
     for sweep, index in ((first, 1), (other, 0)):
         inside = region.mask(sweep.xyz)
-        if both.same(sweep, inside & ~background.compare(sweep, inside).still, index) < _SAME_POSE:
+        if both.same(sweep, inside & ~background.compare(sweep, inside).still, index) < SAME_POSE:
             return False
     return True
 

@@ -129,7 +129,7 @@ def test_what_is_known_of_a_file_is_corrected_until_it_is_read(api: Api, enginee
         "unknown_camera",
         ["front"],
     )
-    for wrong in ({"lidar_model": "vlp17"}, {"rings": 1}, {"topics": {"lidar": ""}}, {"topic": {}}):
+    for wrong in ({"lidar_model": "vlp17"}, {"rings": 0}, {"topics": {"lidar": ""}}, {"topic": {}}):
         assert edit(wrong).json()["code"] == "invalid_request"
     with api.database.writing() as session:
         session.execute(update(Recording).values(state="ready"))

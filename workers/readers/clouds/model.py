@@ -197,7 +197,7 @@ def learn_clouds(
     if fields is None:
         raise ReadError("no_sweeps", f"{where} holds no sweeps.", "Record again, or choose another topic.")
     rings: RingOrder | ComputedRings
-    if fields.ring is None:
+    if fields.ring is None or options.rings == 1:
         rings = learn_missing_rings([xyz for _, xyz, _, _ in clouds], where, options.rings)
     else:
         numbered = [(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None]

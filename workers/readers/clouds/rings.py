@@ -152,6 +152,8 @@ class ComputedRings:
 
     def number(self, xyz: NDArray[np.float32]) -> NDArray[np.int32]:
         """(N,) int32 ring of (N, 3) points of one sweep in the order of their file, -1 between rings."""
+        if self.count == 1:
+            return np.zeros(len(xyz), np.int32)
         if self.runs is not None:
             return self.runs.number(xyz)
         return nearest_level(elevations(xyz, self.focus_m), self.centres)
@@ -166,12 +168,14 @@ def learn_missing_rings(
         clouds: (N, 3) float32 points of several sweeps, metres, in the LiDAR's own frame, returns only, in the order
             of their file.
         where: names the LiDAR in messages.
-        expected: number of rings, if the owner knows it.
+        expected: number of rings, if the owner knows it; 1 says that there are none, and all points are of ring 0.
 
     Raises:
         ReadError: ``rings_not_separable`` where the points' elevations do not fall into separate rings;
             ``rings_unexpected`` where they fall into more than ``expected``.
     """
+    if expected == 1:
+        return ComputedRings(np.zeros(1), 0.0, 1, "it has no rings, as stated: it finds boards that stand still.")
     xyz = np.concatenate([np.zeros((0, 3), np.float32), *clouds])
     xyz = sample(xyz, _MANY)
     focus_m, levels = 0.0, find_levels(elevations(xyz))
@@ -258,5 +262,6 @@ def _not_separable(where: str, count: int, gap_deg: float, spread_deg: float, be
         "rings_not_separable",
         f"{where} has no ring field, and its rings cannot be told by elevation: {measured}.",
         "Record the driver's full point type (for a Velodyne: PointXYZIR), or clouds in the LiDAR's own frame, "
-        "neither moved into the vehicle's frame nor corrected for motion.",
+        "neither moved into the vehicle's frame nor corrected for motion. If the sensor has no rings, record still "
+        "poses and say so by `--rings 1`.",
     )
