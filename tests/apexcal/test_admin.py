@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import fcntl
-import json
 from pathlib import Path
 
 import pytest
 
+from apexcal.client import Client
 from apexcal.commands.programs import data_first
 from service.admin.__main__ import _made
 from service.admin.context import AdminError
@@ -30,10 +30,8 @@ def test_the_folder_may_stand_anywhere(words: list[str], moved: list[str]):
     assert data_first(words) == moved
 
 
-def test_a_link_of_the_operator_leads_to_the_running_service(embedded: Embedded):
-    listed = program("admin", "users", "list", "--json", "--data", embedded.data)
-    assert listed.returncode == 0, listed.stderr
-    made = program("admin", "users", "link", json.loads(listed.stdout)[0]["id"], "--data", embedded.data)
+def test_a_link_of_the_operator_leads_to_the_running_service(embedded: Embedded, owner: Client):
+    made = program("admin", "users", "link", owner.me().id, "--data", embedded.data)
     assert made.returncode == 0, made.stderr
     assert f"{embedded.url}/sign-in#" in made.stdout
     assert made.stderr == ""

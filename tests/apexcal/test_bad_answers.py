@@ -207,13 +207,6 @@ def test_no_redirect_is_followed_and_no_other_server_gets_the_token(car):
     assert ended.exit_code == 4 and "leads on to" in told(ended) and portal.asked == []
 
 
-def test_a_wrong_prefix_is_no_calibration(car):
-    assert car.pull().exit_code == 0
-    good = car.file.read_bytes()
-    ended = car.pull("--vehicle", str(car.rig.vehicle_id), url=car.url + "/wrong")
-    assert ended.exit_code in (1, FOREIGN) and car.file.read_bytes() == good
-
-
 def test_a_try_again_is_awaited_as_long_as_the_service_says(car, monkeypatch):
     """And not at the same moment by every car."""
     left, waited = [Answer(503, {"Retry-After": "7"}, b"{}"), Answer(429, {}, b"{}")], []

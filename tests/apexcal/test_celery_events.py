@@ -16,7 +16,6 @@ from sqlalchemy import select
 
 from apexcal.client import Client
 from apexcal.errors import FailedError
-from apexcal.rigs import read_rig
 from service.platform.db.models import Job
 from service.platform.db.session import Database
 from tests.apexcal.conftest import Embedded
@@ -65,14 +64,12 @@ def jobs_of(embedded: Embedded, after: int) -> dict[int, tuple[str, str, str]]:
         database.close()
 
 
-def test_each_job_of_a_calibration_is_told_by_its_kind(
-    embedded: Embedded, owner: Client, simulated: Path, tmp_path: Path
-) -> None:
+def test_each_job_of_a_calibration_is_told_by_its_kind(embedded: Embedded, owner: Client, tmp_path: Path) -> None:
     before = max(jobs_of(embedded, 0), default=0)
     rubbish = tmp_path / "rubbish.bag"
     rubbish.write_bytes(b"no recording" * 100)
     with celery_events(f"redis+socket://{embedded.data / 'broker.sock'}?virtual_host=0") as events:
-        calibrate(owner, simulated)
+        owner.wait(ask(owner, f"of pairs {time.monotonic_ns()}", schedule=QUICK), timeout_s=150)
         try:
             vehicle = owner.vehicles.create(owner.fleets.create(f"rubbish {time.monotonic_ns()}").id, "car")
             owner.wait(owner.recordings.upload(rubbish, vehicle.id), timeout_s=120)
@@ -104,18 +101,6 @@ def test_each_job_of_a_calibration_is_told_by_its_kind(
     for job_id, (kind, _, state) in jobs.items():
         assert ("task-failed" in events_of[job_id]) == (state == "failed"), (kind, state)
     kinds = {kind for kind, *_ in jobs.values()}
-    assert kinds >= {"ingest", "packing", "suggestion", "solve", "conclude", "report"}
+    assert kinds >= {"ingest", "solve", "conclude"}
     workers = {event["hostname"].partition("@")[0] for event in events if event["type"] == "worker-heartbeat"}
     assert workers >= {"worker", "worker-ingest"}
-
-
-def calibrate(owner: Client, folder: Path) -> None:
-    """An upload with what follows it, a calibration of its vehicle, and a report."""
-    fleet = owner.fleets.create(f"events {time.monotonic_ns()}")
-    vehicle = owner.vehicles.create(fleet.id, "Van 7")
-    rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "front"))
-    recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=150)
-    owner.wait(owner.analyses.suggest(recording.id), timeout_s=150)
-    calibration = owner.wait(ask(owner, f"of pairs {time.monotonic_ns()}", schedule=QUICK), timeout_s=150)
-    result = calibration.summary.cameras["front"].models["pinhole"].result_id
-    owner.wait(owner.analyses.report(result), timeout_s=150)

@@ -55,12 +55,6 @@ def test_help_names_every_command_at_once():
     assert min(taken) < 0.4, "the help loads something heavy"
 
 
-def test_help_loads_neither_the_client_nor_numbers():
-    heavy = "{'httpx', 'numpy', 'rich.progress'}"
-    code = f"import sys; from apexcal.cli import app; print(sorted({heavy} & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
-
-
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in PASSED_ON])
 def test_every_command_explains_itself(name):
     shown = CliRunner().invoke(app, [name, "--help"], prog_name="apexcal")
@@ -161,19 +155,9 @@ def test_a_file_that_goes_away_meanwhile_and_a_name_of_stray_bytes_are_said(tmp_
     assert said in capsys.readouterr().err
 
 
-def test_an_id_that_is_none_reaches_no_other_address(embedded):
-    for words, printed_by, code in (
-        (("detect", "../../fleets", "--keep", "x > 0"), "apexcal upload", 1),
-        (("calibrate", "--detection", "../../fleets"), "apexcal upload", 1),
-    ):
-        refused = apexcal(*words, "--data", embedded.data)
-        assert refused.returncode == code
-        assert "'../../fleets'" in refused.stderr or printed_by in refused.stderr
-
-
 def test_no_service_is_3_with_what_to_do(tmp_path):
     for words in (["--data", tmp_path / "none"], ["--url", "http://127.0.0.1:9", "--token", "apx_x"]):
-        shown = program("invite", "Ada", *words)
+        shown = apexcal("invite", "Ada", *words)
         assert shown.returncode == 3
         assert "apexcal serve" in shown.stderr
         assert "--data" not in words or str(tmp_path / "none") in shown.stderr
@@ -181,7 +165,7 @@ def test_no_service_is_3_with_what_to_do(tmp_path):
 
 
 def test_a_refusal_is_1_with_the_services_sentence_and_hint(embedded):
-    shown = program("detect", "01890000-0000-7000-8000-000000000000", "--keep", "x > 0", "--data", embedded.data)
+    shown = apexcal("detect", "01890000-0000-7000-8000-000000000000", "--keep", "x > 0", "--data", embedded.data)
     assert shown.returncode == 1
     assert "not_found" in shown.stderr
     assert "Traceback" not in shown.stderr
@@ -290,48 +274,6 @@ def test_a_name_orders_no_terminal(capsys):
     assert "van\\u001b[2J\\u202e" in shown.err and "\nhere" in shown.err
     document = shown.out.partition("\n")[2]
     assert json.loads(document)["name"] == name
-
-
-def test_calibrate_says_what_became_of_its_result(embedded, simulated, tmp_path):
-    here = ("--data", embedded.data)
-    names = ("--fleet", "Published", "--vehicle", "Van")
-    rig = json.loads(apexcal("rig", simulated / "rig.json", *names, *here, "--json").stdout)
-    uncalibrated = apexcal("export", "--vehicle", rig["vehicle_id"], *here)
-    assert uncalibrated.returncode == 1
-    assert "apexcal calibrate" in uncalibrated.stderr
-    (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
-    calibrate = ("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"])
-    calibrate = (*calibrate, "--model", "brown_conrady", *known_lens(simulated, tmp_path))
-    for more, said in (
-        (("--folds", 0, "--publish"), "look: No pairs were held out to judge it by."),
-        (("--folds", 0), "Nothing was published for front on Van: --publish was not given"),
-        (("--folds", 2, "--publish"), "Nothing was published for front on Van: a check keeps it back."),
-    ):
-        shown = apexcal(*calibrate, *more, *here)
-        assert said in shown.stdout, shown.stdout + shown.stderr
-    assert apexcal(*calibrate, "--folds", 1, *here).returncode == 2
-    for more, said in (
-        (("--seed", 10**19), "pairs of front, as the correspondence set"),
-        (("--camera", "nose"), "Its cameras are front"),
-    ):
-        refused = CliRunner().invoke(app, [*map(str, (*calibrate, *more, *here))])
-        assert refused.exit_code == 2 and said in refused.stderr, refused.output
-    both = apexcal(*calibrate, "--detection", "x", *here)
-    assert both.returncode == 2
-    assert "not both" in both.stderr
-
-
-def known_lens(simulated, folder) -> tuple[str, ...]:
-    """Options that lock the true lens, out of a ROS file: six seconds of walking hold no lens of their own."""
-    lens = json.loads((simulated / "truth.json").read_text())["intrinsics"]
-    width, height = lens["image_size"]
-    matrix = [lens["f_x"], lens["skew"], lens["c_x"], 0, lens["f_y"], lens["c_y"], 0, 0, 1]
-    (folder / "front.yaml").write_text(
-        f"image_width: {width}\nimage_height: {height}\ndistortion_model: plumb_bob\n"
-        f"camera_matrix: {{rows: 3, cols: 3, data: {matrix}}}\n"
-        f"distortion_coefficients: {{rows: 1, cols: 5, data: {[lens[f'k{i}'] for i in range(1, 6)]}}}\n"
-    )
-    return "--intrinsics", str(folder / "front.yaml"), "--intrinsics-as", "locked"
 
 
 def pairs_csv(simulated) -> str:

@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Final
 from uuid import UUID
 
-import httpx
 import pytest
 from packaging.requirements import Requirement
 
 import apexcal
 from apexcal.cli import COMMANDS, UNREACHABLE
-from tests.support.processes import free_port, wait_until
 
 MOST_BYTES: Final = 30_000_000
 PROGRAMS: Final = {name: command.extra for name, command in COMMANDS.items() if command.extra}
@@ -93,43 +91,31 @@ def test_the_client_is_light(client: Path) -> None:
     assert taken < MOST_BYTES
 
 
-def test_the_api_starts_with_its_extra_alone(tmp_path: Path) -> None:
-    """What the API's image holds: no kernels, no SciPy, no video decoder. It migrates, starts and answers."""
-    (tmp_path / "serve").mkdir()
-    folder = installed(tmp_path / "serve", "serve", rooms=("apexcal", "service"))
-    assert not {"numba", "llvmlite", "scipy", "av", "workers"} & {path.name for path in folder.iterdir()}
+# What an image holds of ours, what it lacks, and what its process does before its work.
+IMAGES: Final = {
+    "serve": (
+        ("service",),
+        {"numba", "llvmlite", "scipy", "av", "workers"},
+        "from service.platform.db.migrate import main; main([]); "
+        "from service.app import create_app; create_app().openapi()",
+    ),
+    "worker": (("service", "workers"), {"fastapi", "uvicorn", "alembic"}, "import workers.app"),
+}
+
+
+@pytest.mark.parametrize("extra", IMAGES)
+def test_an_image_needs_its_extra_alone(tmp_path: Path, extra: str) -> None:
+    """The API migrates and describes itself; of its last room every module is imported."""
+    rooms, absent, begins = IMAGES[extra]
+    (tmp_path / "image").mkdir()
+    folder = installed(tmp_path / "image", extra, rooms=("apexcal", *rooms))
+    assert not absent & {path.name for path in folder.iterdir()}
+    root = Path(apexcal.__file__).parents[1]
+    files = (file.relative_to(root).with_suffix("") for file in (root / rooms[-1]).rglob("*.py"))
+    left_out = {"__init__", "__main__", "migrations"}
+    modules = [".".join(file.parts) for file in files if not left_out & {*file.parts}]
+    code = f"{begins}; import importlib; [importlib.import_module(name) for name in sys.argv[1:]]"
     settings = {"APEXCAL_DATA_DIR": str(tmp_path / "data"), "APEXCAL_BROKER_URL": "redis://127.0.0.1:9/0"}
     env = {"HOME": os.environ["HOME"], **settings}
-    migrate = program(folder, "from service.platform.db.migrate import main; main([])")
-    subprocess.run(migrate, env=env, check=True, timeout=120)
-    port = free_port()
-    serve = program(
-        folder, "from uvicorn.main import main; main()", "service.app:create_app", "--factory", f"--port={port}"
-    )
-    child = subprocess.Popen(serve, env=env, stderr=subprocess.PIPE, text=True)
-    try:
-        wait_until(lambda: child.poll() is not None or _answers(port), "the API's start")
-        assert child.poll() is None, child.communicate()[1]
-        described = httpx.get(f"http://127.0.0.1:{port}/v1/openapi.json", timeout=30).json()
-        assert "vehicles.list" in {one["operationId"] for of in described["paths"].values() for one in of.values()}
-    finally:
-        child.terminate()
-        child.communicate(timeout=30)
-
-
-def test_a_worker_needs_its_extra_alone(tmp_path: Path) -> None:
-    folder = installed(tmp_path, "worker", rooms=("apexcal", "service", "workers"))
-    assert not {"fastapi", "uvicorn", "alembic"} & {path.name for path in folder.iterdir()}
-    root = Path(apexcal.__file__).parents[1]
-    files = (file.relative_to(root).with_suffix("") for file in (root / "workers").rglob("*.py"))
-    modules = [".".join(file.parts) for file in files if file.name not in ("__init__", "__main__")]
-    code = "import importlib; [importlib.import_module(name) for name in sys.argv[1:]]"
-    done = subprocess.run(program(folder, code, *modules), capture_output=True, text=True, timeout=170)
+    done = subprocess.run(program(folder, code, *modules), capture_output=True, text=True, timeout=170, env=env)
     assert done.returncode == 0, done.stderr
-
-
-def _answers(port: int) -> bool:
-    try:
-        return httpx.get(f"http://127.0.0.1:{port}/healthz", timeout=5).status_code == 200
-    except httpx.TransportError:
-        return False

@@ -1,8 +1,5 @@
 """`apexcal.fit`: arrays in, the worker's own result out, and nothing of the workers loaded before it is called."""
 
-import subprocess
-import sys
-
 import cv2
 import numpy as np
 import pytest
@@ -83,8 +80,3 @@ def request_of(drawn):
 def test_what_makes_no_fit_is_said(truth, changed, sentence):
     with pytest.raises(InputError, match=sentence):
         apexcal.fit(**{"points": truth[0], "pixels": truth[1], "image_size": SIZE} | changed)
-
-
-def test_nothing_heavy_is_loaded_before_it_is_called():
-    code = "import sys, apexcal; print(sorted({'numpy', 'workers', 'httpx', 'pydantic'} & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"

@@ -96,7 +96,7 @@ class Reader:
         for written, ours in setup.instead.items():
             text = text.replace(written, ours)
         text = text.replace("http://127.0.0.1:8000", self.service.url).replace("apx_...", self.service.token)
-        self.program |= {"input": lambda _: self.mark(str(self.program["detection"].id))}
+        self.program |= {"input": lambda _: self.mark(str(self.program["detection"].id), most=150)}
         try:
             exec(compile(text, "a page", "exec"), self.program)
         finally:
@@ -110,7 +110,7 @@ class Reader:
             return
         assert words[0] == "apexcal", f"{line!r} is no command of ours, in a block of ours"
         if words[1:3] == ["calibrate", "--detection"]:
-            self.mark(words[3], most=60)
+            self.mark(words[3])
         ran = apexcal(*words[1:])
         # So short a walk is kept back by checks, and lacks a CameraInfo.
         wanting = {"calibrate": 4 if "--publish" in words else 0, "inspect": 1}.get(words[1], 0)
@@ -133,7 +133,7 @@ class Reader:
         # The reader judges it and publishes it all the same.
         self.client.calibrations.publish(result.result_id, "To practise.", override=True)
 
-    def mark(self, detection_id: str, most: int = 1000) -> None:
+    def mark(self, detection_id: str, most: int = 60) -> None:
         """What people do meanwhile: one of them marks vertices, a pixel off."""
         fleet_id, random = self.client.detections.get(detection_id).fleet_id, np.random.default_rng(0)
         truth = Truth(self.walk / "truth.json")
@@ -233,12 +233,13 @@ PAGE_SETUPS: dict[str, Setup] = {
         (_ENGINEERS,),
         {"--rig-out rig.json": "--rig-out of_urdf.json", "--pairs labels.txt": "--pairs labels.txt " + _FEW},
     ),
-    "docs/simulating.md": Setup(instead={"--seconds 240": "--seconds 3"}),
+    "docs/simulating.md": Setup(instead={"--seconds 240": "--seconds 1"}),
     "docs/api.md": Setup(
         after=(_ENGINEERS,),
         instead={
             '"Trucks"': '"Trucks of the program"',
             '["brown_conrady"])': f'["brown_conrady"], folds=0, schedule={SHORT})',
+            "folds=5)": f"folds=0, schedule={SHORT})",
         },
     ),
 }

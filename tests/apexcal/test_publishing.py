@@ -98,8 +98,17 @@ def test_what_a_check_keeps_back_ends_the_command_with_4_and_is_what_the_service
         table = csv.DictWriter(file, few[0].keys())
         table.writeheader()
         table.writerows(few)
+    here = ["--url", embedded.url, "--token", embedded.token]
     words = ["calibrate", "--pairs", str(tmp_path / "pairs.csv"), "--vehicle", str(vehicle.id), "--model", "pinhole"]
-    words += ["--folds", "0", "--publish", "--url", embedded.url, "--token", embedded.token]
+    words += ["--folds", "0", "--publish", *here]
+    uncalibrated = CliRunner().invoke(app, ["export", "--vehicle", str(vehicle.id), *here])
+    assert uncalibrated.exit_code == 1 and "apexcal calibrate" in uncalibrated.stderr
+    for more, said in (
+        (("--seed", str(10**19)), "pairs of front, as the"),
+        (("--camera", "nose"), "Its cameras are front"),
+    ):
+        refused = CliRunner().invoke(app, [*words, *more])
+        assert refused.exit_code == 2 and said in refused.stderr, refused.output
     told = CliRunner().invoke(app, [*words, "--json"])
     assert told.exit_code == 4, told.stderr
     camera = json.loads(told.stdout)["summary"]["cameras"]["front"]

@@ -33,13 +33,6 @@ def test_it_is_replaced_when_something_is_published_and_only_then(car):
     assert car.kept() == first
 
 
-def test_an_edited_file_is_fetched_again(car):
-    assert car.pull().exit_code == 0
-    good = car.file.read_text()
-    car.file.write_text(good[:100])
-    assert car.pull().exit_code == 0 and car.file.read_text() == good
-
-
 def test_without_an_answer_the_last_file_stays(car):
     nobody = "http://127.0.0.1:9"
     assert car.pull(url=nobody).exit_code == 4 and not car.file.exists()

@@ -117,16 +117,6 @@ def test_a_file_that_takes_long_to_read_keeps_no_other_fleet_waiting(embedded, o
     assert [owner.wait(one, timeout_s=60).state for one in (first, second)] == ["ready", "ready"]
 
 
-def test_work_goes_on_after_the_broker_was_killed(embedded, owner, simulated):
-    """What was asked for while the broker was dead is done when it is back: the database knew."""
-    fleet = owner.fleets.create("Broker")
-    vehicle = owner.vehicles.create(fleet.id, "Car")
-    rig = owner.vehicles.create_rig(vehicle.id, read_rig(simulated / "rig.json", "Rig"))
-    os.kill(embedded.children()["broker"]["pid"], signal.SIGKILL)
-    recording = owner.recordings.upload(simulated / "recording.bag", vehicle.id, rig.id)
-    assert owner.wait(recording, timeout_s=60).state == "ready"
-
-
 def test_a_second_serve_on_the_same_folder_is_refused(embedded):
     second = subprocess.run([*SERVE, "--data", str(embedded.data)], capture_output=True, text=True, timeout=30)
     assert second.returncode == 1
@@ -161,11 +151,6 @@ def test_a_folder_that_cannot_be_made_is_said(tmp_path):
         assert str(data) in refused.stderr
         assert "--data" in refused.stderr
         assert "Traceback" not in refused.stderr
-
-
-def test_the_folder_is_its_owners_alone(embedded):
-    assert embedded.data.stat().st_mode & 0o077 == 0
-    assert (embedded.data / "owner.token").stat().st_mode & 0o077 == 0
 
 
 def is_refused_on_another_disk(data: Path) -> None:

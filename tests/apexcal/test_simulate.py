@@ -28,7 +28,6 @@ def test_refusals_name_the_value_and_no_program_behind_the_command(tmp_path):
     (tmp_path / "file").touch()
     for words, sentence in (
         (["--cameras", "rear", "--out", tmp_path / "a"], "rear:DEGREES"),
-        (["--camera-model", "fisheye", "--out", tmp_path / "a"], "apexcal simulate: error"),
         (["--out", tmp_path / "file" / "below"], "not a directory"),
     ):
         refused = program("simulate", *words)

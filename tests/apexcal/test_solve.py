@@ -97,9 +97,9 @@ def distance_m(urdf: Path, walk: Path) -> float:
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory) -> Path:
-    """A walk of 20 s with a tree of frames."""
+    """A walk of 12 s with a tree of frames."""
     walk = tmp_path_factory.mktemp("short") / "walk"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(walk), "--seconds", "20", "--camera-hz", "5"]
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(walk), "--seconds", "12", "--camera-hz", "5"]
     subprocess.run([*command, "--camera-info", "raw"], check=True, stdout=subprocess.DEVNULL)
     return walk
 
@@ -127,7 +127,7 @@ def test_it_goes_on_once_a_person_has_marked_and_takes_the_same_rig_again(embedd
             detection, _ = waits_at(solving)
             mark(owner, detection, Truth(short / "truth.json"))
             shown, printed = solving.communicate(timeout=300)
-            # 4: a check said stop, for 20 s are little.
+            # 4: a check said stop, for 12 s are little.
             assert (solving.returncode, out.exists()) in ((0, True), (4, False)), printed
         assert "Verdict on" in shown
     fleet = next(each for each in owner.fleets.list() if each.name == "Marked")

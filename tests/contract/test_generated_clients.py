@@ -1,7 +1,7 @@
-"""Clients that other people's generators make of the API's description, in Python and in TypeScript.
+"""A client that somebody else's generator makes of the API's description, in Python.
 
-Each drives one whole calibration against the real service: upload, detection, marks, fit, publication, export,
-validation, and a 422.
+The pages are one in TypeScript, type-checked by `make check`. It drives one whole calibration against the real
+service: upload, detection, marks, fit, publication, export, validation, and a 422.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ import hashlib
 import importlib
 import io
 import json
-import os
-import shutil
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from uuid import UUID, uuid4
@@ -31,8 +29,6 @@ from tests.support.people import Api
 from tests.support.work import work
 from workers.tasks.context import Context
 
-ROOT = Path(__file__).parents[2]
-PAGES = ROOT / "frontend" / "node_modules"
 GENERATOR = "openapi-python-client==0.29.1"
 # Bytes as they are. The generator knows no CSV and leaves that way to bring pairs out; JSON is the other.
 BINARY = ("image/png", "image/jpeg", "image/webp", "application/xml", "application/yaml")
@@ -186,29 +182,3 @@ class Generated:
             "exported": exported.status_code,
             "validated": checked.result.pairs,
         }
-
-
-@one_database
-def test_a_generated_typescript_client_calibrates(given: dict[str, Any], tmp_path: Path) -> None:
-    node = shutil.which("node", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-    if node is None or not (PAGES / "openapi-fetch").exists():
-        pytest.skip("node or the pages' packages are not here: `make frontend` installs both")
-    (tmp_path / "node_modules").symlink_to(PAGES)
-    (tmp_path / "package.json").write_text('{"type": "module"}')
-    (tmp_path / "api.json").write_text(document())
-    (tmp_path / "input.json").write_text(json.dumps(given))
-    shutil.copy(Path(__file__).parent / "generated" / "calibrate.ts", tmp_path)
-    run: Callable[..., subprocess.CompletedProcess[str]] = lambda *words: subprocess.run(  # noqa: E731
-        [node, *words], cwd=tmp_path, capture_output=True, text=True, timeout=120
-    )
-    made = run(
-        "node_modules/openapi-typescript/bin/cli.js", "api.json", "-o", "schema.ts", "--default-non-nullable=false"
-    )
-    assert made.returncode == 0, made.stderr
-    strict = ("--strict", "--noUncheckedIndexedAccess", "--skipLibCheck", "--noEmit", "--target", "ES2023")
-    found = ("--module", "ESNext", "--moduleResolution", "bundler", "--lib", "ES2023,DOM", "--types", "node")
-    typed = run("node_modules/typescript/bin/tsc", *strict, *found, "calibrate.ts")
-    assert typed.returncode == 0, typed.stdout
-    done = run("calibrate.ts", "input.json")
-    assert done.returncode == 0, done.stderr
-    check(json.loads(done.stdout))

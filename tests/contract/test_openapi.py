@@ -24,7 +24,7 @@ from service.platform.db.models import Sensor, VertexFrame
 from service.platform.http.router import location_of
 from tests.faults.jobs import pairs
 from tests.service.fleet_requests.conftest import QUICK
-from tests.service.platform.auth.test_every_route import OPEN, address, fill
+from tests.service.platform.auth.test_every_route import OPEN, address, document, fill
 from tests.support.databases import one_database
 from tests.support.people import Actor, Api
 from tests.support.uploads import RIG, new_vehicle
@@ -81,9 +81,8 @@ def untyped(schema: Any, schemas: dict[str, Any], where: str, seen: set[str]) ->
         yield where
 
 
-@one_database
-def test_every_answer_says_what_it_holds(api: Api) -> None:
-    described = api.app.openapi()
+def test_every_answer_says_what_it_holds() -> None:
+    described = document()
     found: set[str] = set()
     for path, methods in described["paths"].items():
         for method, operation in methods.items():
@@ -102,7 +101,7 @@ def test_every_answer_says_what_it_holds(api: Api) -> None:
 
 @one_database
 def test_a_program_learns_credentials_names_headers_and_refusals(api: Api) -> None:
-    described = api.app.openapi()
+    described = document()
     operations = {
         (method, path): operation
         for path, methods in described["paths"].items()
@@ -121,16 +120,14 @@ def test_a_program_learns_credentials_names_headers_and_refusals(api: Api) -> No
         assert "422" not in operation["responses"] and operation["responses"]["default"]["content"] == refusal
 
 
-@one_database
-def test_members_are_described_by_the_sentences_of_their_document_that_name_them(api: Api) -> None:
-    schemas = api.app.openapi()["components"]["schemas"]
+def test_members_are_described_by_the_sentences_of_their_document_that_name_them() -> None:
+    schemas = document()["components"]["schemas"]
     assert schemas["HeldOut"]["properties"]["stretch"]["description"] == "``stretch`` is how that scales lengths."
     assert schemas["HeldOut"]["properties"]["max_px"]["description"] == "the largest distance, pixels"
 
 
-@one_database
-def test_every_member_and_parameter_is_described_and_no_word_is_idle(api: Api) -> None:
-    described = api.app.openapi()
+def test_every_member_and_parameter_is_described_and_no_word_is_idle() -> None:
+    described = document()
     schemas = described["components"]["schemas"]
     members = {
         (document, name): one for document, of in schemas.items() for name, one in of.get("properties", {}).items()
@@ -144,9 +141,8 @@ def test_every_member_and_parameter_is_described_and_no_word_is_idle(api: Api) -
     assert [name for name, text in words.items() if text.partition(",")[0] not in used] == []
 
 
-@one_database
-def test_every_example_is_what_its_schema_and_its_document_take(api: Api) -> None:
-    described = api.app.openapi()
+def test_every_example_is_what_its_schema_and_its_document_take() -> None:
+    described = document()
     models = {
         name: model
         for module in pkgutil.iter_modules(documents.__path__)
@@ -164,25 +160,21 @@ def test_every_example_is_what_its_schema_and_its_document_take(api: Api) -> Non
     assert checked > 150
 
 
-@one_database
-@pytest.mark.parametrize(
-    ("method", "path", "header"),
-    [
+def test_headers_that_a_route_reads_are_described() -> None:
+    for method, path, header in (
         ("post", "/v1/fleets", "Idempotency-Key"),
         ("patch", "/v1/fleets/{id}", "If-Match"),
         ("get", "/v1/fleets/{id}", "If-None-Match"),
         ("put", "/v1/recordings/{id}/parts/{number}", "Content-Digest"),
-    ],
-)
-def test_headers_that_a_route_reads_are_described(api: Api, method: str, path: str, header: str) -> None:
-    parameters = api.app.openapi()["paths"][path][method]["parameters"]
-    assert [one["name"] for one in parameters if one["in"] == "header"] == [header]
+    ):
+        parameters = document()["paths"][path][method]["parameters"]
+        assert [one["name"] for one in parameters if one["in"] == "header"] == [header]
 
 
 @one_database
 def test_what_is_made_says_where_it_is_read(api: Api) -> None:
     """Each address by the routes, and four of them by their answers."""
-    paths = api.app.openapi()["paths"]
+    paths = document()["paths"]
     shape = {re.sub(r"\{\w+\}", "{}", path) for path, methods in paths.items() if "get" in methods}
     made = 0
     for path, methods in paths.items():
@@ -214,7 +206,7 @@ def test_head_is_answered_as_get_is_without_the_content(served: tuple[Api, str],
     rows = rows_of(api, fleet, engineer, context)
     heads = 0
     with httpx.Client(headers={"Authorization": f"Bearer {engineer.token}"}, timeout=30) as client:
-        for path, methods in api.app.openapi()["paths"].items():
+        for path, methods in document()["paths"].items():
             if "get" not in methods or not path.startswith("/v1/"):
                 continue
             head = client.head(url + address(path, rows))
@@ -259,10 +251,10 @@ def rows_of(api: Api, fleet: Any, engineer: Actor, context: Context) -> dict[str
     return rows | real | {"calibrations": calibration["id"], "fleet-requests": request["id"]}
 
 
-def ids(api: Api, rows: dict[str, str]) -> str:
+def ids(rows: dict[str, str]) -> str:
     """A configuration that puts rows which exist into the paths."""
     lines: list[str] = []
-    for path in api.app.openapi()["paths"]:
+    for path in document()["paths"]:
         if "{" not in path:
             continue
         parts = zip(path.split("/"), address(path, rows).split("/"), strict=True)
@@ -311,7 +303,7 @@ def test_a_quick_look_finds_no_failure(served: tuple[Api, str], context: Context
     api, url = served
     fleet = api.fleet()
     engineer = api.member(fleet, "engineer")
-    config = ids(api, rows_of(api, fleet, engineer, context))
+    config = ids(rows_of(api, fleet, engineer, context))
     asked = ask(
         *(url, engineer, tmp_path / "quick", config, "--exclude-method", "DELETE"),
         *("--phases", "fuzzing", "--max-examples", "2"),
@@ -326,7 +318,7 @@ def test_a_long_look_finds_no_failure(served: tuple[Api, str], context: Context,
     api, url = served
     fleet = api.fleet()
     engineer = api.member(fleet, "engineer")
-    config = ids(api, rows_of(api, fleet, engineer, context))
+    config = ids(rows_of(api, fleet, engineer, context))
     kept = ("--exclude-method", "DELETE", "--phases", "coverage,fuzzing", "--max-examples", "30")
     known = ask(url, engineer, tmp_path / "known", config, *kept)
     found = ask(url, engineer, tmp_path / "found", "", "--phases", "fuzzing,stateful", "--max-examples", "15")

@@ -51,9 +51,11 @@ def assert_ended_once_with_the_same_bits(farm: Farm, calibration, undisturbed) -
         assert session.execute(twice).all() == []
 
 
-def test_a_worker_process_killed_within_a_slot(farm: Farm, undisturbed):
+def test_a_worker_process_killed_within_a_slot_and_the_sweeper_before_it(farm: Farm, undisturbed):
     began = time.monotonic()
     calibration = ask(farm.client, next(_names))
+    farm.kill("sweeper")
+    farm.start("sweeper")
     job_id = farm.kill_who_works_on("solve", "slots")
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
     later = time.monotonic() - began - undisturbed[1]
@@ -178,14 +180,6 @@ def test_the_broker_stopped_for_a_while_and_started_empty(farm: Farm, undisturbe
         farm.broker.start()
         assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
         assert_ended_once_with_the_same_bits(farm, meanwhile.result(), undisturbed)
-
-
-def test_sweeper_killed(farm: Farm, undisturbed):
-    calibration = ask(farm.client, next(_names))
-    farm.kill("sweeper")
-    farm.start("sweeper")
-    farm.kill_who_works_on("solve", "slots")
-    assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
 
 
 @pytest.mark.skipif(bool(why_not()), reason=f"no clock can be set here: {why_not()}")

@@ -13,7 +13,7 @@ import pytest
         ("workers.app", {"sqlalchemy", "fastapi", "redis", "numpy", "numba"}),
         ("workers.tasks.entry", {"fastapi", "alembic", "cv2", "scipy"}),
         ("service.prepare", {"alembic", "celery", "numpy"}),
-        ("apexcal.cli", {"httpx", "pydantic", "numpy", "sqlalchemy"}),
+        ("apexcal.cli", {"httpx", "pydantic", "numpy", "sqlalchemy", "workers", "rich.progress"}),
     ],
 )
 def test_what_is_not_needed_to_start_is_not_imported(module: str, never: set[str]) -> None:

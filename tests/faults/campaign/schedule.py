@@ -77,13 +77,6 @@ class Injector:
             else:
                 what()
 
-    def end(self) -> None:
-        """End whatever lasts, and forget what has not struck."""
-        for _, _, what in self._due:
-            if not isinstance(what, Planned):
-                what()
-        self._due.clear()
-
     def _strike(self, fault: Planned, now_s: float) -> None:
         struck = KINDS[fault.kind].strike(self._plant, self._random)
         if not struck.target and now_s < fault.at_s + _WAITS_S:

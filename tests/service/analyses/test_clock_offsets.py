@@ -56,6 +56,12 @@ def test_a_clock_offset_that_cannot_be_asked_is_refused(api, fleet, engineer):
     ):
         refused = engineer.post(path, known | change)
         assert (refused.status_code, refused.json()["code"]) == (status, code)
+    for state, hint in (("running", "Wait"), ("failed", "Run")):
+        with api.database.writing() as session:
+            session.get_one(Detection, seed.detection_id).state = state
+        refused = engineer.post(path, known)
+        assert (refused.status_code, refused.json()["code"]) == (409, "detection_not_done")
+        assert refused.json()["state"] == state and hint in refused.json()["hint"]
     with api.database.reading() as session:
         assert session.query(Analysis).count() == session.query(Job).count() == 0
 
@@ -75,23 +81,3 @@ def test_a_clock_offset_of_too_many_marks_is_refused(api, fleet, engineer, monke
     assert "20 marks" in refused.json()["detail"]
     with api.database.reading() as session:
         assert session.query(Analysis).count() == session.query(Job).count() == 0
-
-
-@pytest.mark.parametrize("state", ["queued", "running", "failed", "cancelled"])
-def test_a_clock_offset_needs_a_detection_that_is_done(api, fleet, engineer, state):
-    seed = seed_marking(api.database, fleet)
-    seed_answer(api.database, seed, engineer.person_id, 1, "confirmed", (10.0, 20.0))
-    with api.database.writing() as session:
-        session.get_one(Detection, seed.detection_id).state = state
-    refused = engineer.post(
-        "/analyses",
-        {"kind": "clock_offset", "detection_id": str(seed.detection_id), "camera": "front"},
-    )
-    assert (refused.status_code, refused.json()["code"], refused.json()["state"]) == (
-        409,
-        "detection_not_done",
-        state,
-    )
-    assert ("Wait" in refused.json()["hint"]) == (state in ("queued", "running"))
-    with api.database.reading() as session:
-        assert session.query(Analysis).count() == 0

@@ -123,9 +123,3 @@ def test_it_goes_with_its_job_and_with_what_it_is_of(api, engineer, ids, kind):
     assert engineer.get(f"/analyses/{second}").status_code == 404
     with api.database.reading() as session:
         assert {job.state for job in session.query(Job)} == {"cancelled"}
-
-
-@pytest.mark.parametrize("body", [{}, {"kind": "portrait"}, {"kind": "packing", "region": REGION}])
-def test_an_unknown_kind_is_refused(engineer, ids, body):
-    refused = engineer.post("/analyses", {"recording_id": ids["recording_id"]} | body)
-    assert (refused.status_code, refused.json()["code"]) == (422, "invalid_request")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.annotations.consensus import ConsensusOutcome, Opinion, agree, combine, far_apart_px, geometric_median
+from service.annotations.consensus import ConsensusOutcome, Opinion, agree, far_apart_px, geometric_median
 
 coordinate = st.floats(-0.5, 2000.0).map(lambda value: round(value, 3))
 pixel = st.tuples(coordinate, coordinate)
@@ -20,39 +20,10 @@ def confirmed(u, v):
     return Opinion("confirmed", (u, v))
 
 
-def test_one_mark_is_taken_as_it_is():
-    found = agree([confirmed(10.25, 20.5)])
-    assert (found.outcome, found.pixel, found.spread_px, found.marks) == (
-        ConsensusOutcome.KEPT,
-        (10.25, 20.5),
-        0.0,
-        1,
-    )
-
-
 def test_two_marks_give_their_mean_and_their_spread():
     found = agree([confirmed(10.0, 20.0), confirmed(14.0, 20.0)])
     assert found.pixel == (12.0, 20.0)
     assert found.spread_px == pytest.approx(2.0)
-
-
-def test_three_marks_give_the_median_so_that_one_blunder_hardly_moves_it():
-    found = agree([confirmed(100.0, 100.0), confirmed(101.0, 100.5), confirmed(400.0, 300.0)])
-    assert math.hypot(found.pixel[0] - 100.5, found.pixel[1] - 100.25) < 1.0
-
-
-def test_four_marks_of_a_convex_quadrilateral_meet_where_its_diagonals_cross():
-    u, v = geometric_median([(0.0, 0.0), (4.0, 4.0), (0.0, 4.0), (8.0, -4.0)])
-    assert (u, v) == pytest.approx((2.0, 2.0), abs=1e-9)
-
-
-def test_a_mark_inside_the_triangle_of_the_others_is_the_median():
-    assert geometric_median([(0.0, 0.0), (10.0, 0.0), (0.0, 10.0), (2.0, 3.0)]) == (2.0, 3.0)
-
-
-def test_fermat_point_of_an_equilateral_triangle():
-    corners = [(math.cos(angle), math.sin(angle)) for angle in (0.1, 0.1 + 2 * math.pi / 3, 0.1 + 4 * math.pi / 3)]
-    assert geometric_median(corners) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -98,11 +69,6 @@ def test_two_marks_that_cannot_both_be_right_give_no_mean():
     assert third.pixel == pytest.approx((101.0, 100.0), abs=1.0)
 
 
-def test_no_mark_at_all_is_a_programming_error():
-    with pytest.raises(ValueError, match="no mark"):
-        combine([])
-
-
 @settings(max_examples=300, deadline=None)
 @given(st.lists(pixel, min_size=3, max_size=9))
 def test_the_median_is_an_optimum(points):
@@ -123,15 +89,6 @@ def test_the_order_of_people_changes_no_bit(points, random):
     shuffled = list(points)
     random.shuffle(shuffled)
     assert agree([confirmed(*p) for p in points]) == agree([confirmed(*p) for p in shuffled])
-
-
-@settings(max_examples=200, deadline=None)
-@given(st.lists(pixel, min_size=3, max_size=7), st.integers(-1000, 1000), st.integers(-1000, 1000))
-def test_the_median_moves_with_the_marks(points, du, dv):
-    found = geometric_median(points)
-    moved = geometric_median([(u + du, v + dv) for u, v in points])
-    shifted = [(u + du, v + dv) for u, v in points]
-    assert total(moved, shifted) == pytest.approx(total(found, points), rel=1e-9, abs=1e-9)
 
 
 def test_a_reviewed_answer_counts_but_is_not_independent():

@@ -150,16 +150,6 @@ def test_pairs_say_their_corner_and_those_of_a_sweep_are_a_group(api, seed):
     assert again["id"] == built["id"], "what was marked stays"
 
 
-def test_tips_alone_make_the_pairs_that_they_made_before(api, seed):
-    engineer, ada = api.member(seed.fleet_id, "engineer"), api.member(seed.fleet_id, "annotator")
-    while task := ask(ada, seed):
-        reply(ada, task)
-    built = engineer.post(f"/detections/{seed.detection_id}/correspondence-sets", {"camera": "front"}).json()
-    choose(engineer, seed, ALL)
-    pairs = engineer.get(f"/correspondence-sets/{built['id']}").json()["pairs"]
-    assert all("corner" not in one and "group" not in one for one in pairs)
-
-
 def test_marks_of_corners_outlast_another_detection(api, seed):
     engineer, ada = api.member(seed.fleet_id, "engineer"), api.member(seed.fleet_id, "annotator")
     choose(engineer, seed, ALL)

@@ -125,18 +125,6 @@ def test_no_answer_of_the_service_tells_a_blind_person_anything_of_others(api, f
         assert session.query(Disclosure).filter_by(person_id=blind.person_id).count() == 0
 
 
-def test_reject_undo_and_confirm_learns_nothing(api, fleet, seed, one, two):
-    reply(one, ask(one, seed), mark=SECRET)
-    task = ask(two, seed)
-    rejected = reply(two, task, "rejected", None)
-    undone = take_back(two, task, 1)
-    confirmed = reply(two, task, mark=(5.0, 5.0), version=2)
-    for answer in (rejected, undone, confirmed):
-        assert answer.status_code == 200
-        assert "123.43" not in answer.text
-    assert confirmed.json()["reviewed"] is False
-
-
 def marks(person, seed):
     answer = person.get(f"/detections/{seed.detection_id}/marks?camera=front")
     assert answer.status_code == 200

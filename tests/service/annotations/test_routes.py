@@ -6,7 +6,7 @@ from service.platform.db.annotations import Answer, MarkingTask
 from service.platform.db.clock import now
 from service.platform.db.detections import Detection, VertexFrame
 from service.platform.db.recordings import Recording
-from tests.service.detections.seeding import seed_answer, seed_detection, seed_marking, standing, vertices_of
+from tests.service.detections.seeding import seed_answer, seed_detection, seed_marking, standing
 
 
 def ask(person, seed, skip=None, camera="front", ahead=0):
@@ -25,23 +25,6 @@ def reply(person, task, verdict="confirmed", mark=(10.0, 20.0), version=None, id
 def let_leases_end(api):
     with api.database.writing() as session:
         session.query(MarkingTask).update({"leased_until": now(-1)})
-
-
-def test_a_task_has_all_that_is_needed_to_mark(api, fleet):
-    seed = seed_marking(api.database, fleet)
-    task = ask(api.member(fleet, "annotator"), seed)
-    assert task["vertex"]["id"] == str(seed.vertices[0])
-    assert task["vertex"]["x"] == 5.0
-    assert (task["vertex"]["quality"], task["vertex"]["flags"]) == (None, [])
-    assert task["frame"] == {
-        "index": 0,
-        "stamp_ns": 0,
-        "width": 640,
-        "height": 480,
-        "url": f"/v1/recordings/{seed.recording_id}/cameras/front/frames/0",
-    }
-    assert (task["camera"], task["gap_ns"]) == ("front", 0)
-    assert task["own"] == {"version": 0, "mark": None, "verdict": None}
 
 
 def named(task):
@@ -90,24 +73,6 @@ def test_what_was_taken_back_comes_before_what_is_leased_ahead(api, fleet):
     assert named(ask(one, seed, ahead=2)) == [str(id) for id in seed.vertices[:3]]
 
 
-def test_vertices_come_in_the_order_of_their_rank_and_each_once(api, fleet):
-    seed = seed_marking(api.database, fleet, vertices=4)
-    ann = api.member(fleet, "annotator")
-    given = []
-    while task := ask(ann, seed):
-        given.append(task["vertex"]["id"])
-        assert reply(ann, task).status_code == 200
-    assert given == [str(one) for one in seed.vertices]
-
-
-def test_asking_again_renews_and_gives_the_same_task(api, fleet):
-    seed = seed_marking(api.database, fleet)
-    ann = api.member(fleet, "annotator")
-    first, again = ask(ann, seed), ask(ann, seed)
-    assert first["task_id"] == again["task_id"]
-    assert again["leased_until"] >= first["leased_until"]
-
-
 def test_skipping_moves_on_and_the_skipped_one_comes_last(api, fleet):
     seed = seed_marking(api.database, fleet, vertices=3)
     ann = api.member(fleet, "annotator")
@@ -142,17 +107,6 @@ def test_nobody_gets_what_enough_others_hold_or_have_answered(api, fleet):
     assert ask(three, seed) is None
     let_leases_end(api)
     assert ask(three, seed)["vertex"]["id"] == str(seed.vertices[0])
-
-
-def test_another_detection_run_finds_the_same_vertices_answered(api, fleet):
-    seed = seed_marking(api.database, fleet, vertices=3)
-    ann = api.member(fleet, "annotator")
-    reply(ann, ask(ann, seed))
-    again = seed_detection(api.database, fleet, seed.recording_id, seed.apexes)
-    answer = ann.post(f"/detections/{again}/tasks/next", {"camera": "front"}).json()
-    assert answer["vertex"]["id"] == str(vertices_of(api.database, again)[1])
-    progress = ann.get(f"/detections/{again}/progress?camera=front").json()
-    assert (progress["answered"], progress["mine"], progress["complete"]) == (1, 1, 1)
 
 
 def test_a_lease_counts_in_every_detection_run_of_the_recording(api, fleet):

@@ -1,17 +1,14 @@
 """Many people at once: never more answers to a vertex than wanted, never the same one twice, and quickly."""
 
-import statistics
 import threading
-import time
 from collections import Counter
 
 import pytest
-from sqlalchemy import insert
 
 from service.annotations import task_queries
 from service.annotations.task_actions import next_tasks
 from service.platform.db.annotations import Answer, MarkingTask
-from service.platform.db.clock import now, utc_now
+from service.platform.db.clock import now
 from service.platform.db.detections import Detection, Vertex
 from service.platform.db.people import Person
 from service.platform.db.recordings import CameraFrame, Sensor
@@ -68,43 +65,6 @@ def test_people_at_the_same_moment_never_take_more_than_wanted(database, wanted)
         assert session.query(MarkingTask).count() == len(standing(session, "is_mark")) == 15 * wanted
     assert set(answers.values()) == {wanted}
     assert len(answers) == 15
-
-
-def seed_answers(database, seed, people, count):
-    """Everybody has answered the first vertices."""
-    both = [(person, number) for person in people for number in range(count)]
-    task = {"detection_id": seed.detection_id, "sensor_id": seed.camera_id, "leased_until": utc_now()}
-    with database.writing() as session:
-        session.execute(
-            insert(Answer),
-            [
-                answered(seed.recording_id, person, seed.camera_id, number, "confirmed", (1.0, 1.0))
-                | {"apex_id": seed.apexes[number]}
-                for person, number in both
-            ],
-        )
-        session.execute(
-            insert(MarkingTask),
-            [task | {"person_id": p, "vertex_id": seed.vertices[n], "answered_at": utc_now()} for p, n in both],
-        )
-
-
-def test_handing_out_takes_little_time_near_the_end_of_a_thousand_vertices(database):
-    seed = seed_marking(database, make_fleet(database), vertices=1000, marks_per_vertex=5)
-    *others, last = make_people(database, 6)
-    seed_answers(database, seed, others, 990)
-    taken = []
-    for _ in range(10):
-        began = time.process_time()
-        with database.writing() as session:
-            detection = session.get_one(Detection, seed.detection_id)
-            camera = session.get_one(Sensor, seed.camera_id)
-            (task,) = next_tasks(session, detection, camera, last, LEASE_S)
-            assert task.vertex.id == seed.vertices[990 + len(taken)]
-            session.query(MarkingTask).filter_by(id=task.task_id).update({"leased_until": now(-1)})
-        taken.append(time.process_time() - began)
-    print(f"hand-out {1e3 * statistics.median(taken):.1f} ms")
-    assert statistics.median(taken) < 0.25  # processor time: some ms; seconds where an index is missed
 
 
 def ask(database, seed, person_id):

@@ -5,7 +5,6 @@ from itertools import product
 import numpy as np
 import pytest
 from sqlalchemy import update
-from sqlalchemy.exc import StatementError
 
 from apexcal.geometry.se3 import from_document, to_document
 from service.platform.db.base import new_id
@@ -62,7 +61,7 @@ def seed_results(api, rig, folds=(-1, 0), found=FOUND):
     verdict = checks[0]["verdict"] if checks else "pass"
     with api.database.writing() as session:
         marked = {"u": [10.0, 320.0, 630.0], "v": [20.0, 240.0, 470.0]} | PLACES
-        pairs = session.query(CorrespondenceSet).first() or add(
+        pairs = session.query(CorrespondenceSet).order_by(CorrespondenceSet.id).first() or add(
             session, CorrespondenceSet, rig, count=60, notes=[], pairs=marked
         )
         calibration = add(session, Calibration, rig, summary=summary({"pinhole": found}))
@@ -80,15 +79,6 @@ def seed_results(api, rig, folds=(-1, 0), found=FOUND):
 
 def current_address(rig):
     return f"/vehicles/{rig.vehicle_id}/cameras/front/calibration"
-
-
-def test_a_result_is_the_whole_document_with_its_ids(api, fleet, rig):
-    calibration, (full, _) = seed_results(api, rig)
-    read = api.member(fleet, "viewer").get(f"/results/{full}").json()
-    assert {key: read[key] for key in DOCUMENT} == DOCUMENT | {"checks": read["checks"]}
-    assert (read["id"], read["calibration_id"]) == (str(full), str(calibration))
-    assert (read["camera"], read["fold"], read["seed"], read["vehicle_id"]) == ("front", -1, 5, str(rig.vehicle_id))
-    assert failed(read) == [] and (read["verdict"], read["verdict_alone"]) == ("pass", "pass")
 
 
 @pytest.mark.parametrize(("source", "seen"), [("annotations", False), ("import", True)])
@@ -177,16 +167,6 @@ def test_only_fits_to_all_pairs_are_published(api, fleet, rig):
     assert (refused.status_code, refused.json()["code"]) == (409, "not_publishable")
 
 
-@pytest.mark.parametrize("number", [float("inf"), float("nan")])
-def test_a_number_that_is_not_finite_is_never_stored(api, rig, number):
-    seed_results(api, rig)
-    with (
-        pytest.raises((StatementError, ValueError), match="best_loss of the result is not finite"),
-        api.database.writing() as session,
-    ):
-        session.execute(update(CalibrationRun).values(schedule={"best_loss": number}))
-
-
 @pytest.mark.parametrize(
     ("query", "code"),
     [
@@ -202,8 +182,3 @@ def test_strange_queries_for_slots_are_refused(api, fleet, rig, query, code):
     query = query.replace("RUN", rig.id.hex)
     answer = api.member(fleet, "viewer").get(f"/calibrations/{calibration}/slots?{query}")
     assert (answer.status_code, answer.json()["code"]) == (422, code)
-
-
-def test_a_camera_that_no_text_can_name_is_refused(api, fleet, rig):
-    answer = api.member(fleet, "viewer").get(f"/vehicles/{rig.vehicle_id}/cameras/%00/calibration")
-    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")

@@ -109,11 +109,6 @@ def test_skew_is_zero_unless_anyone_names_it(api, engineer, rig):
     assert skew_of(intrinsics={"front": PLUMB_BOB}) == 0.0
 
 
-def test_a_lens_is_locked_only_where_one_is_stated(engineer, rig):
-    answer = ask(engineer, rig, add_set(engineer, rig), models=["pinhole"], folds=0, intrinsics_as="locked").json()
-    assert answer["code"] == "no_intrinsics_stated" and "--intrinsics" in answer["hint"]
-
-
 P = [450.0, 0.0, 330.0, -54.0, 0.0, 450.0, 250.0, 0.0, 0.0, 0.0, 1.0, 0.0]
 
 

@@ -195,15 +195,6 @@ def test_with_few_marks_there_is_no_page(api, fleet, ida):
     assert (refused.status_code, refused.json()["code"]) == (409, "too_few_marks")
 
 
-@pytest.mark.parametrize(("role", "status"), [("viewer", 403), ("annotator", 200), ("engineer", 200)])
-def test_annotators_and_up_get_pages(api, fleet, role, status):
-    seed = seed_crops(api, fleet, vertices=20)
-    member = api.member(fleet, role)
-    assert ask(member, seed).status_code == status
-    assert member.get(f"/detections/{seed.detection_id}/crops?camera=front").status_code == 200
-    assert ask(api.member(api.fleet(), "admin"), seed).status_code == 404
-
-
 def test_misses_widen_what_is_stated_of_a_confirmed_mark(api):
     deviations = []
     for misses in (0, 1):

@@ -56,10 +56,6 @@ def test_the_last_page_shifts_marks_that_were_confirmed_before_so_that_it_is_the
     assert sum(crop.shifted for crop in page) >= LEAST_SHIFTED
 
 
-def test_with_six_marks_three_are_shifted():
-    assert sum(crop.shifted for crop in draw_page(marks(6), [], Random(3))) == 3
-
-
 @pytest.mark.parametrize(("u", "v"), [(0.0, 0.0), (639.0, 479.0), (0.0, 250.0)])
 def test_a_shifted_mark_stays_where_its_picture_is(u, v):
     for seed in range(50):

@@ -29,11 +29,6 @@ def expanded(folder: Path) -> dict[tuple[str, str], np.ndarray]:
     return joints(document.toxml().encode())
 
 
-def as_stated(edges: dict[tuple[str, str], np.ndarray], to: str, of: str) -> SE3:
-    T = np.linalg.inv(_tree(edges, of, to)) if to != of else np.eye(4)
-    return SE3(to, of, T[:3, :3], T[:3, 3]).inverse()
-
-
 def truck(*, joint: bool = True) -> Calibrated:
     """Two cameras, calibrated to mounts that differ from the kit's files, on joints of the kit's own tree."""
     edges, cameras = expanded(KIT), []
@@ -131,9 +126,3 @@ def test_a_file_that_does_not_fit_is_refused(text, child, what):
     with pytest.raises(Problem) as refused:
         patched(text, child, truck().cameras[0])
     assert (refused.value.status, refused.value.code) == (422, "autoware_not_read") and what in refused.value.detail
-
-
-def test_without_a_joint_in_the_rig_the_hint_says_how_to_state_it():
-    with pytest.raises(Problem) as refused:
-        patched(SAID, "camera0/camera_link", truck(joint=False).cameras[0])
-    assert "--rig-out" in refused.value.hint

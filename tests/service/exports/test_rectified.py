@@ -18,7 +18,6 @@ from tests.service.detections.seeding import seed_rig
 from tests.service.exports.readers import fixed_axes, joints, rigid
 from tests.service.exports.test_routes import URDF
 from tests.support.databases import one_database
-from tests.support.rows import LEVEL
 
 pytestmark = one_database
 R = Rotation.from_rotvec(np.radians([0.7, -0.9, 0.4])).as_matrix()
@@ -157,11 +156,3 @@ def test_a_vehicles_own_urdf_has_the_cameras_own_frame(api, rig, engineer, resul
     asked = {"urdf": named, "joint": "mount", "camera_link": IMAGES}
     edges = joints(engineer.post(f"/results/{result}/urdf", asked).content)
     assert np.abs(edges["velodyne", IMAGES] - np.linalg.inv(T)).max() < 1e-9
-
-
-def test_the_rig_takes_images_when_it_is_made(api, rig, engineer):
-    camera = {"name": "front", "frame": OWN, "image_size": [640, 480], "nominal": LEVEL, "images": RECTIFIED}
-    body = {"name": "second", "lidar": {"frame": "velodyne"}, "cameras": [camera]}
-    made = engineer.post(f"/vehicles/{rig.vehicle_id}/rigs", body)
-    assert made.status_code == 201, made.text
-    assert made.json()["cameras"][0]["images"]["kind"] == "rectified"

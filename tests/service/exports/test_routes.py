@@ -87,11 +87,6 @@ def test_an_unknown_format_and_one_that_cannot_carry_it(api, fleet, rig, result,
     assert refused.headers["content-type"] == "application/problem+json"
 
 
-def test_nothing_published_is_the_same_refusal_in_every_format(api, fleet, rig):
-    refused = api.member(fleet, "viewer").get(current_address(rig), params={"format": "kalibr"})
-    assert (refused.status_code, refused.json()["code"]) == (404, "no_calibration_yet")
-
-
 def test_a_vehicles_own_urdf_comes_back_with_one_joint_changed(fleet, rig, result, viewer):
     asked = {"urdf": URDF, "joint": "mount"}
     for address in (f"{current_address(rig)}/urdf", f"/results/{result}/urdf"):

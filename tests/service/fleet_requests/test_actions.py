@@ -177,13 +177,6 @@ def test_a_dry_run_waits_for_no_writer(api, vans: Vans):
     assert (answer.status_code, answer.json()["matched"]) == (200, 1)
 
 
-def test_a_request_for_nobody_with_pairs_has_ended_when_it_is_made(vans: Vans):
-    vans.add("none", None)
-    asked = vans.ask().json()
-    assert (asked["state"], asked["counts"]["skipped"], asked["progress"]["fraction"]) == ("done", 1, 1.0)
-    assert asked["finished_at"] is not None
-
-
 def test_vehicles_come_in_pages_and_by_state(vans: Vans):
     for name in ("van 10", "Van 2", "van 9"):
         vans.add(name, 40 if name != "van 9" else None)
@@ -199,16 +192,6 @@ def test_vehicles_come_in_pages_and_by_state(vans: Vans):
     assert vans.states(asked, state="skipped") == {"van 9": "skipped"}
     assert vans.states(asked, state="queued") == {"Van 2": "queued", "van 10": "queued"}
     assert vans.engineer.get(path, params={"state": "nonsense"}).status_code == 422
-
-
-def test_a_template_that_no_farm_can_take_is_refused_before_anything_is_made(api, vans: Vans):
-    vans.add("van")
-    huge = {"slots": 1000, "population": 100_000, "generations": 500, "max_iterations": 1000}
-    for dry_run in (True, False):
-        refused = vans.ask(calibration=QUICK | {"schedule": huge}, dry_run=dry_run)
-        assert (refused.status_code, refused.json()["code"]) == (422, "calibration_too_large")
-    with api.database.reading() as session:
-        assert session.scalars(select(FleetRequest.id)).all() == []
 
 
 def test_a_request_that_takes_the_farm_for_days_is_refused(api, vans: Vans, monkeypatch):

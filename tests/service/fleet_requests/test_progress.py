@@ -22,11 +22,10 @@ from service.platform.db.models import (
     Rig,
 )
 from service.platform.jobs.claims import claim, finishing
-from service.platform.jobs.messages import COURIER
 from service.platform.jobs.sweep import sweep
 from service.recordings.actions import delete_recording
 from tests.service.platform.jobs.support import statements
-from tests.support.databases import one_database, wait_until_one_waits
+from tests.support.databases import wait_until_one_waits
 from tests.support.work import lose_every_worker, work
 from workers.tasks.running import run_job
 
@@ -116,18 +115,6 @@ def test_a_cancelled_request_keeps_what_is_done_and_ends_the_rest(api, vans: Van
     assert alone == said, "one vehicle takes as many as three, and as a thousand"
 
 
-@one_database
-def test_a_run_that_ends_its_vehicle_takes_so_many_statements(vans: Vans, context):
-    van = vans.add("van")
-    vans.ask()
-    job_id = job_of(context, van)
-    with statements(context.database) as fitting:
-        run_job(context, job_id)
-    with statements(context.database) as concluding:
-        conclude(context)
-    assert (len(fitting), len(concluding)) == (14, 23), (fitting, concluding)
-
-
 def test_vehicles_that_end_at_the_same_moment_are_each_counted_once(vans: Vans, context):
     made = [vans.add(f"van {n}", 12) for n in range(6)]
     asked = vans.ask().json()
@@ -163,20 +150,6 @@ def test_a_vehicle_whose_recording_is_deleted_waits_for_nothing(vans: Vans, cont
     with context.database.reading() as session:
         row = session.scalars(select(FleetRequestVehicle)).one()
         assert (row.problem["code"], row.calibration_id) == ("recording_deleted", None)
-
-
-def test_another_fleets_request_gets_through_while_many_wait(api, vans: Vans, context):
-    for n in range(8):
-        vans.add(f"van {n}", 12)
-    sent: list[int] = []
-    api.database.couriers[COURIER] = lambda messages: sent.extend(one.job_id for one in messages)
-    vans.ask()
-    window = len(sent)
-    assert window == 2
-    other = Vans(api.member(other_fleet := api.fleet(), "engineer"), other_fleet)
-    van = other.add("theirs", 12)
-    other.ask()
-    assert sent[window:] == [job_of(context, van)]
 
 
 @pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)

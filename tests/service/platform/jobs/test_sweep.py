@@ -11,7 +11,7 @@ from sqlalchemy import delete, select, update
 from sqlalchemy.exc import OperationalError
 
 from service.platform.db.clock import now
-from service.platform.db.models import Blob, Calibration, CalibrationRun, Heartbeat
+from service.platform.db.models import Blob, Calibration, CalibrationRun
 from service.platform.db.session import Database
 from service.platform.jobs import sweep as sweep_module
 from service.platform.jobs.claims import claim
@@ -262,12 +262,3 @@ def test_a_job_whose_parent_is_gone_ends_and_keeps_nobody_waiting(database, stor
     sweep(database, store)
     assert job(database, orphan).state == "cancelled"
     assert postbox.ids == [innocent]
-
-
-def test_the_sweep_notes_its_heartbeat(database, store):
-    sweep(database, store)
-    with database.reading() as session:
-        first = session.get_one(Heartbeat, "sweep").at
-    sweep(database, store)
-    with database.reading() as session:
-        assert session.get_one(Heartbeat, "sweep").at > first
