@@ -49,15 +49,13 @@ def test_a_fleet_is_calibrated_from_the_command_line(fleet: FleetOut, owner: Cli
     assert withheld.exit_code == 4, withheld.stderr
     assert "truck 1: nothing published for front: " in withheld.stdout
     assert "Published for 0 of 1 calibrated cameras." in withheld.stdout
-    quiet = typed(*ask, "--not-since", "2026-01-01T00:00:00Z", "--name", "truck *")
-    assert quiet.exit_code == 0 and "no vehicle is due" in quiet.stdout
     id = str(next(iter(owner.fleet_requests.list(fleet.id))).id)
     done = typed("calibrate-fleet", "--follow", id, "--json", *where)
-    assert done.exit_code == 0, done.stderr
+    assert done.exit_code == 4, done.stderr
     request = json.loads(done.stdout)
     assert (request["state"], request["counts"]["done"], request["counts"]["matched"]) == ("done", 1, 1)
     again = typed("calibrate-fleet", "--retry", request["id"], *where)
-    assert again.exit_code == 0 and "is done: 1 vehicle, 1 done." in again.stdout
+    assert again.exit_code == 4 and "is done: 1 vehicle, 1 done." in again.stdout
     both = typed("calibrate-fleet", "--retry", request["id"], "--cancel", request["id"], *where)
     assert both.exit_code == 2
     for word in ("--follow", "--retry", "--cancel"):
@@ -65,6 +63,8 @@ def test_a_fleet_is_calibrated_from_the_command_line(fleet: FleetOut, owner: Cli
         assert nothing.exit_code == 2 and "'' is no id of a fleet request" in nothing.stderr
     assert next(iter(owner.fleet_requests.list(fleet.id))).id == UUID(request["id"]), "nothing new was asked"
     assert typed(*ask, "--folds", "1", "--dry-run").exit_code == 2
+    quiet = typed(*ask, "--not-since", "2026-01-01T00:00:00Z", "--name", "truck *")
+    assert quiet.exit_code == 0 and "no vehicle is due" in quiet.stdout
 
 
 def test_the_client_asks_follows_and_cancels(fleet: FleetOut, owner: Client):

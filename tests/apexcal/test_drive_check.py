@@ -69,18 +69,19 @@ def lens() -> dict[str, Any]:
 
 
 def test_a_sound_mount_passes_and_a_turned_one_is_stopped_at_its_axis(drive, lens, tmp_path) -> None:
+    """The sound one is another file's."""
     mount = camera(*SIZE).T_camera_lidar
-    code, sound = checked(deployed(drive, tmp_path / "sound", lens, mount))
+    sound_bag = deployed(drive, tmp_path / "sound", lens, mount)
+    turned_bag = deployed(drive, tmp_path / "turned", lens, mount, (0.0, 0.5, 0.0))
+    code, sound = checked(turned_bag, "--tf-from", str(sound_bag))
     (front,) = sound.cameras
     told = {axis.axis: axis.verdict for axis in front.axes}
     # Eight frames need not tell the roll.
     assert (code, front.verdict, told.pop("roll") in ("pass", "not_told")) == (0, "pass", True)
     assert told == {"pitch": "pass", "yaw": "pass"} and front.lanes == "agrees"
-    folder = tmp_path / "sound" / "recording.bag.check"
+    folder = tmp_path / "turned" / "recording.bag.check"
     assert [*map(folder.joinpath, front.pictures)] == sorted(folder.iterdir()) and len(front.pictures) == 3
-    code, turned = checked(
-        deployed(drive, tmp_path / "turned", lens, mount, (0.0, 0.5, 0.0)), "-o", str(tmp_path / "t")
-    )
+    code, turned = checked(turned_bag, "-o", str(tmp_path / "t"))
     (front,) = turned.cameras
     (yaw,) = (axis for axis in front.axes if axis.verdict in ("look", "stop"))
     assert (code, front.verdict, yaw.axis, yaw.verdict) == (4, "stop", "yaw", "stop")
@@ -89,19 +90,12 @@ def test_a_sound_mount_passes_and_a_turned_one_is_stopped_at_its_axis(drive, len
     assert len(front.pictures) == 6 and {path.name for path in (tmp_path / "t").iterdir()} == {*front.pictures}
 
 
-def test_the_mounts_may_come_from_another_file(drive, lens, tmp_path) -> None:
-    mount = camera(*SIZE).T_camera_lidar
-    turned = deployed(drive, tmp_path / "turned", lens, mount, (0.5, 0.0, 0.0))
-    sound = deployed(drive, tmp_path / "sound", lens, mount)
-    assert checked(turned, "--tf-from", str(sound))[0] == 0
+def test_what_the_recording_does_not_state_is_said(drive, lens, tmp_path) -> None:
     urdf = tmp_path / "van.urdf"
     urdf.write_text("<robot")
-    for file, code in ((drive, "no_static_transforms"), (urdf, "urdf_not_read")):
-        refused = run("check", str(turned), "--tf-from", str(file), "--force")
-        assert refused.returncode == 2 and code in refused.stderr
-
-
-def test_what_the_recording_does_not_state_is_said(drive, lens, tmp_path) -> None:
+    for file, problem in ((drive, "no_static_transforms"), (urdf, "urdf_not_read")):
+        refused = run("check", str(drive), "--tf-from", str(file), "-o", str(tmp_path / "bare"))
+        assert refused.returncode == 2 and problem in refused.stderr
     code, bare = checked(drive, "-o", str(tmp_path / "bare"))
     assert (code, bare.cameras[0].verdict) == (1, "not_told") and "mount is not stated" in bare.cameras[0].sentence
     again = run("check", str(drive), "-o", str(Path(__file__).parent))

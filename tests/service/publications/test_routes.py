@@ -136,6 +136,7 @@ def test_the_history_comes_in_pages(api, fleet, rig, reviewer, viewer):
         query = {"limit": 2, "after": page["next"]} if page["next"] else {}
     assert [row["result_id"] for row in found] == [str(one) for one in reversed(results)]
     assert [row["is_current"] for row in found] == [True, *[False] * 4]
+    assert viewer.get(current_address(rig)).json()["result_id"] == str(results[-1])
     for cursor in ("x", str(rig.id)):
         refused = viewer.get(f"/vehicles/{rig.vehicle_id}/cameras/front/publications", params={"after": cursor})
         assert (refused.status_code, refused.json()["code"]) == (422, "invalid_cursor")

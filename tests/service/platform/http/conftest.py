@@ -1,4 +1,4 @@
-"""A server process of its own, whose memory and threads are no test's."""
+"""A server process of its own, whose threads are no test's."""
 
 import sys
 from collections.abc import Iterator
@@ -17,11 +17,6 @@ class ServedProcess(NamedTuple):
 
     url: str
     pid: int
-
-    def peak_mib(self) -> float:
-        """The most memory that it has had (VmHWM of proc(5)), in MiB."""
-        status = Path(f"/proc/{self.pid}/status").read_text()
-        return int(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
 @pytest.fixture
