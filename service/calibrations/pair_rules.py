@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from sqlalchemy import select
+from sqlalchemy.orm import object_session
+
 from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MARK_SIGMA, SIGMAS, states_errors, tells_motion
 from apexcal.documents.rules import WeightRule, Weights
 from service.platform.db.base import Json
 from service.platform.db.calibrations import CorrespondenceSet
+from service.platform.db.detections import Detection
 from service.platform.http.problems import unprocessable
 
 # Mean elevation error of a recording's vertices, the largest that was measured (docs/decisions/0008): of the refined
@@ -15,6 +19,8 @@ _ELEVATION_DEG = {"refined": 0.01, "ring_rules": 0.1}
 # its plane. A tip is worn by anything up to 8 mm: 4.6 mm about none (JCGM 100:2008, 4.3.7). A range is right to 30 mm
 # (data sheet of the VLP-16).
 _BOARD_MM = {"tip_across_mm": 3.5, "tip_up_mm": 5.8, "range_mm": 17.3}
+# An upper corner of level edges is worn along its diagonal, half of the variance along each axis.
+_UPPER_CORNER_MM = {"tip_across_mm": 4.8, "tip_up_mm": 4.8}
 # A habit of aiming anywhere within the pixel that shows the corner, alike likely: half a pixel over the root of three
 # (JCGM 100:2008, 4.3.7).
 _PERSON_PX = 0.289
@@ -59,10 +65,19 @@ def common_errors(pairs: CorrespondenceSet, deviations: Json) -> Json:
     if pairs.source == "annotations":
         refined = all(name in pairs.columns for name in SIGMAS)
         defaults["elevation_deg"] = _ELEVATION_DEG["refined" if refined else "ring_rules"]
-        defaults |= {"person_px": _PERSON_PX, **_BOARD_MM}
+        defaults |= {"person_px": _PERSON_PX, **_BOARD_MM, **(_UPPER_CORNER_MM if _is_upper(pairs) else {})}
         if CLOCK_SIGMA in pairs.columns and "stamp_ns" in pairs.columns:
             defaults["clock_ms"] = pairs.columns[CLOCK_SIGMA][0]
     return {name: value for name, value in (defaults | deviations).items() if value}
+
+
+def _is_upper(pairs: CorrespondenceSet) -> bool:
+    """Whether the pairs are of an upper corner of a board with level edges."""
+    session = object_session(pairs)
+    if session is None or pairs.detection_id is None:
+        return False
+    options = session.scalar(select(Detection.options).where(Detection.id == pairs.detection_id))
+    return bool((options or {}).get("upper_corner"))
 
 
 def _check_motion(pairs: CorrespondenceSet, deviations: Json) -> None:

@@ -98,6 +98,11 @@ def test_pairs_state_the_deviation_of_the_clock_offset_that_they_were_made_with(
         stated = common_errors(session.get_one(CorrespondenceSet, UUID(made["id"])), {})
     board = {"tip_across_mm": 3.5, "tip_up_mm": 5.8, "range_mm": 17.3}
     assert stated == {"elevation_deg": 0.1, "person_px": 0.289, "clock_ms": 1.1, **board}
+    with api.database.writing() as session:
+        session.get_one(Detection, seed.detection_id).options = {"upper_corner": 1}
+    with api.database.reading() as session:
+        upper = common_errors(session.get_one(CorrespondenceSet, UUID(made["id"])), {})
+    assert upper == stated | {"tip_across_mm": 4.8, "tip_up_mm": 4.8}
 
 
 def test_the_machine_counts_as_one_more_person_and_what_it_marked_alone_is_said(api, fleet, engineer):
