@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from apexcal.documents.detectors import Options
 from apexcal.documents.errors import InputError
@@ -25,15 +24,20 @@ from workers.vertices.board.rays import likelihood_ratios
 from workers.vertices.board.run import LEAST_POINTS, is_board, refused, vertex_of
 from workers.vertices.board.size import BEAM_SIGMA_RAD
 from workers.vertices.board.surroundings import no_board
+from workers.vertices.motion import count_steps
 from workers.vertices.range_image import clusters
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import some_grid
-from workers.vertices.still_poses import SAME_POSE
-from workers.vertices.sweep_source import OnSweep, SweepSource
+from workers.vertices.still_poses import STANDS_M
+from workers.vertices.suggested_region import things_of
+from workers.vertices.sweep_source import OnSweep, SweepSource, stamp_of
 from workers.vertices.vertex import Answers, PoseFacts, Rejection, Vertex
 
 Floats = NDArray[np.float64]
-_BESIDE_M: Final = 0.1
+_BESIDE_M: Final = 0.05
+_SPARSE_M: Final = 0.15
+_STRIDES: Final = np.array([1, 1 << 20, 1 << 40])
+_TOUCHING: Final = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)]) @ _STRIDES
 _PIECES: Final = 8
 
 
@@ -58,17 +62,22 @@ def run_ringless(
         )
     clouds = [sweep.xyz[region.mask(sweep.xyz)].astype(np.float64) for sweep in map(source.sweep, range(len(source)))]
     poses = _poses(clouds)
-    together = [np.concatenate([clouds[index] for index in pose]) for pose in poses]
+    together = _moving([np.concatenate([clouds[index] for index in pose]) for pose in poses])
+    if _walked([stamp_of(source, pose.start) for pose in poses], together):
+        raise InputError(
+            "points_without_rings",
+            "The LiDAR has no rings, and the board moves: it is found only where it stands still.",
+            "Hold it still for two seconds in each pose.",
+        )
     up = np.array([options["up_x"], options["up_y"], options["up_z"]])
     model = _model(source, options, up)
     answers: list[Vertex | Rejection] = []
     for number, pose in enumerate(poses):
         answer: list[Vertex | Rejection] = [Rejection("same_pose")] * len(pose)
         middle = pose[len(pose) // 2]
-        others = [cloud for other, cloud in enumerate(together) if other != number]
         if not set(pose).isdisjoint(indices):
-            found = _look(_moving(together[number], others), model, options, middle, source.sweep(middle).stamp_ns)
-            if model.upper_corner and not others and isinstance(found, Vertex):
+            found = _look(together[number], model, options, middle, source.sweep(middle).stamp_ns)
+            if model.upper_corner and len(poses) == 1 and isinstance(found, Vertex):
                 found = Rejection("upright_object", "which no other pose shows to be carried", found.points_used)
             answer = [found] * len(pose) if isinstance(found, Rejection) else answer
             answer[middle - pose.start] = found
@@ -96,32 +105,49 @@ def _model(source: SweepSource, options: Options, up: Floats) -> BoardModel:
 
 
 def _poses(clouds: Sequence[Floats]) -> list[range]:
-    """Return the sweeps in a row that show the same as the first of them."""
+    """Return the sweeps in a row in which nothing of a person's size is new beside those before."""
     poses: list[range] = []
+    cells = np.zeros(0, np.int64)
     for index, cloud in enumerate(clouds):
-        first = clouds[poses[-1].start] if poses else cloud
-        if poses and min(_share(first, cloud), _share(cloud, first)) >= SAME_POSE:
+        if poses and not things_of(cloud[~_beside(cloud, cells, _SPARSE_M)]):
             poses[-1] = range(poses[-1].start, index + 1)
         else:
             poses.append(range(index, index + 1))
+            cells = cells[:0]
+        cells = np.union1d(cells, _cells(cloud, _SPARSE_M))
     return poses
 
 
-def _share(cloud: Floats, other: Floats) -> float:
-    """Share of a cloud's points (N, 3) that have one of the other's beside them."""
-    return float(_beside(cloud, other).mean()) if len(cloud) and len(other) else float(len(cloud) == len(other))
+def _moving(clouds: Sequence[Floats]) -> list[Floats]:
+    """The points (N, 3) of each pose that at most half of the others show, too."""
+    cells = [_cells(cloud, _BESIDE_M) for cloud in clouds]
+    moving: list[Floats] = []
+    for number, cloud in enumerate(clouds):
+        same = [_beside(cloud, other, _BESIDE_M) for k, other in enumerate(cells) if k != number]
+        moving.append(cloud[np.broadcast_to(np.sum(same, axis=0) <= 0.5 * len(same), len(cloud))])
+    return moving
 
 
-def _moving(cloud: Floats, others: Sequence[Floats]) -> Floats:
-    """The points (N, 3) that at most half of the other poses show, too."""
-    same = np.sum([_beside(cloud, other) for other in others if len(other)], axis=0)
-    return cloud[np.broadcast_to(same <= 0.5 * len(others), len(cloud))]
+def _walked(stamps_ns: Sequence[int], moving: Sequence[Floats]) -> bool:
+    """Whether the largest thing that moves goes on from pose to pose as somebody who walks."""
+    things = [(stamp_ns, things_of(cloud)) for stamp_ns, cloud in zip(stamps_ns, moving, strict=True)]
+    places = [(stamp_ns, *of_pose[0].middle.tolist()) for stamp_ns, of_pose in things if of_pose]
+    steps = count_steps(places)
+    return steps.walks > steps.jumps and steps.way_m >= STANDS_M
 
 
-def _beside(cloud: Floats, other: Floats) -> NDArray[np.bool_]:
-    """(N,) whether one of the other's points lies beside each of the cloud's."""
-    distance: Floats = np.asarray(KDTree(other).query(cloud, distance_upper_bound=_BESIDE_M)[0], np.float64)
-    return distance < _BESIDE_M
+def _cells(cloud: Floats, cell_m: float) -> NDArray[np.int64]:
+    """Ascending numbers of the cells that hold or touch one that holds a point (N, 3)."""
+    return np.unique(np.unique(_cell_of(cloud, cell_m))[:, None] + _TOUCHING)
+
+
+def _beside(cloud: Floats, cells: NDArray[np.int64], cell_m: float) -> NDArray[np.bool_]:
+    """Which points (N, 3) lie in some cells."""
+    return np.isin(_cell_of(cloud, cell_m), cells)
+
+
+def _cell_of(cloud: Floats, cell_m: float) -> NDArray[np.int64]:
+    return np.floor(cloud / cell_m).astype(np.int64) @ _STRIDES
 
 
 def _look(xyz: Floats, model: BoardModel, options: Options, index: int, stamp_ns: int) -> Vertex | Rejection:
@@ -129,7 +155,7 @@ def _look(xyz: Floats, model: BoardModel, options: Options, index: int, stamp_ns
         return Rejection("no_points")
     if not all(model.edges):
         return Rejection("size_not_stated")
-    label = clusters(xyz, _BESIDE_M)
+    label = clusters(xyz, 2.0 * _BESIDE_M)
     sizes = np.bincount(label)
     pieces = [xyz[label == piece] for piece in np.argsort(-sizes)[:_PIECES] if sizes[piece] >= LEAST_POINTS]
     fixes = [fix for piece in pieces if (fix := locate(_plane(piece, model), model)) is not None]
@@ -154,7 +180,7 @@ def _plane(xyz: Floats, model: BoardModel) -> Plane:
     azimuth, distance = np.arctan2(y, x), np.hypot(x, y)
     slope = z / distance
     # The points at the middle start the plane, as a segment and its neighbour do on rings.
-    start = int(np.count_nonzero(np.linalg.norm(xyz - xyz[0], axis=1) < _BESIDE_M))
+    start = int(np.count_nonzero(np.linalg.norm(xyz - xyz[0], axis=1) < 2.0 * _BESIDE_M))
     image = azimuth[None], slope[None], distance[None]
     segment, pair = np.array([[0.0, 0.0, start - 1.0]]), np.zeros((1, 2), np.int64)
     prior, sigma = np.array([*model.yaw, *model.tilt]), model.sigma

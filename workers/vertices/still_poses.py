@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 _NOTICED_UP_TO: Final = 64  # sweeps; who walks records more than six seconds
 _FEWEST_OF_A_WALK: Final = 4
-SAME_POSE: Final = 0.9
+_SAME_POSE: Final = 0.9
 _GRID_SWEEPS: Final = 8
 _PAIRS: Final = 4
 _A_SWEEP: Final = 500  # points; clouds with fewer were cut out already and show no surroundings
@@ -33,7 +33,7 @@ _MOST_IMAGES: Final = 12
 _RUNS, _RUN_SWEEPS = 4, 6  # of neighbouring sweeps that tell a walk from poses
 _BODY_M: Final = 0.5
 _FEET_M: Final = 0.3
-_STANDS_M: Final = 0.2  # who stands and holds a board trembles and sways by less
+STANDS_M: Final = 0.2  # who stands and holds a board trembles and sways by less
 _SWAYS: Final = 0.3  # a swaying body shows a tenth of itself at its edges
 
 
@@ -141,7 +141,7 @@ def _noticed(source: SweepSource, background: StaticBackground) -> bool:
         return True
     steps = count_steps(_places(source, background, range(len(source))))
     # Nothing moves in a single pose. Who walks slowly hardly moves from sweep to sweep, but does over the recording.
-    return steps.jumps >= steps.walks and steps.way_m < _STANDS_M
+    return steps.jumps >= steps.walks and steps.way_m < STANDS_M
 
 
 def _walked(source: SweepSource, background: StaticBackground) -> bool:
@@ -150,7 +150,7 @@ def _walked(source: SweepSource, background: StaticBackground) -> bool:
     runs = [range(start, min(start + _RUN_SWEEPS, len(source))) for start in starts]
     steps = [count_steps(_places(source, background, run)) for run in runs]
     walks, jumps = (sum(values) for values in ([step.walks for step in steps], [step.jumps for step in steps]))
-    return walks > jumps and max(step.way_m for step in steps) >= _STANDS_M
+    return walks > jumps and max(step.way_m for step in steps) >= STANDS_M
 
 
 def _places(source: SweepSource, background: StaticBackground, numbers: range) -> list[tuple[int, float, float]]:
@@ -179,7 +179,7 @@ def _same_pose(first: Sweep, other: Sweep, region: Region, background: StaticBac
     both = background.again([first, other])
     for sweep, index in ((first, 1), (other, 0)):
         inside = region.mask(sweep.xyz)
-        if both.same(sweep, inside & ~background.compare(sweep, inside).still, index) < SAME_POSE:
+        if both.same(sweep, inside & ~background.compare(sweep, inside).still, index) < _SAME_POSE:
             return False
     return True
 

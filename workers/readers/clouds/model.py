@@ -25,6 +25,9 @@ RING_FIELDS: Final = ("ring", "channel", "laser_id", "laser_number", "line", "be
 INTENSITY_FIELDS: Final = ("intensity", "i", "reflectivity", "signal")
 SAMPLES: Final = 20
 _DENSE: Final = 30_000
+_NO_RINGS: Final = ("rings_not_separable", "points_without_rings")
+# Stamp, points, ring ids and times.
+_Cloud = tuple[int, NDArray[np.float32], NDArray[np.int64] | None, NDArray[np.generic] | None]
 
 
 def _first(columns: Columns, names: Sequence[str]) -> str | None:
@@ -168,6 +171,16 @@ def _returns(columns: Columns) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     return (xyz, keep) if keep.all() else (xyz[keep], keep)
 
 
+def _learned_rings(
+    fields: CloudFields, clouds: Sequence[_Cloud], expected: int | None, where: str
+) -> RingOrder | ComputedRings:
+    if fields.ring is None or expected == 1:
+        return learn_missing_rings([xyz for _, xyz, _, _ in clouds], where, expected)
+    numbered = [(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None]
+    check_rings(numbered, where)
+    return learn_rings(numbered, where)
+
+
 def learn_clouds(
     samples: Iterable[tuple[int, Columns]], period_ns: int | None, options: ReadOptions, where: str
 ) -> CloudModel:
@@ -184,7 +197,7 @@ def learn_clouds(
             ``rings_too_many``, ``points_without_rings``, ``no_sweeps``.
     """
     fields: CloudFields | None = None
-    clouds: list[tuple[int, NDArray[np.float32], NDArray[np.int64] | None, NDArray[np.generic] | None]] = []
+    clouds: list[_Cloud] = []
     for stamp_ns, columns in samples:
         fields = fields or CloudFields.of(tuple(columns), where)
         fields.check(stamp_ns, columns)
@@ -196,13 +209,13 @@ def learn_clouds(
         clouds.append((stamp_ns, xyz, ids, time))
     if fields is None:
         raise ReadError("no_sweeps", f"{where} holds no sweeps.", "Record again, or choose another topic.")
-    rings: RingOrder | ComputedRings
-    if fields.ring is None or options.rings == 1:
-        rings = learn_missing_rings([xyz for _, xyz, _, _ in clouds], where, options.rings)
-    else:
-        numbered = [(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None]
-        check_rings(numbered, where)
-        rings = learn_rings(numbered, where)
+    try:
+        rings = _learned_rings(fields, clouds, options.rings, where)
+    except ReadError as error:
+        # Boards that stand still are found without rings, too.
+        if options.point_times != "stamp_only" or options.rings is not None or error.code not in _NO_RINGS:
+            raise
+        rings = _learned_rings(fields, clouds, 1, where)
     notes = [f"{where}: {rings.note}"] if rings.note else []
     if fields.intensity is None:
         notes.append(f"{where} has no intensity field; intensities are 0.")

@@ -32,7 +32,7 @@ def check_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]],
         "points_without_rings",
         f"{where} numbers its points, but not by the rings of a spinning LiDAR: neighbours of equal number differ "
         f"by {float(np.median(jumps)):.1f} degrees in elevation.",
-        "A Livox or another solid-state sensor has no rings: record still poses with it, and say so by `--rings 1`.",
+        "A Livox or another solid-state sensor has no rings: record still poses with it, and say so (`--still`).",
     )
 
 

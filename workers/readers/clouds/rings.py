@@ -175,7 +175,7 @@ def learn_missing_rings(
             ``rings_unexpected`` where they fall into more than ``expected``.
     """
     if expected == 1:
-        return ComputedRings(np.zeros(1), 0.0, 1, "it has no rings, as stated: it finds boards that stand still.")
+        return ComputedRings(np.zeros(1), 0.0, 1, "it has no rings: boards are found where they stand still.")
     xyz = np.concatenate([np.zeros((0, 3), np.float32), *clouds])
     xyz = sample(xyz, _MANY)
     focus_m, levels = 0.0, find_levels(elevations(xyz))
@@ -263,5 +263,5 @@ def _not_separable(where: str, count: int, gap_deg: float, spread_deg: float, be
         f"{where} has no ring field, and its rings cannot be told by elevation: {measured}.",
         "Record the driver's full point type (for a Velodyne: PointXYZIR), or clouds in the LiDAR's own frame, "
         "neither moved into the vehicle's frame nor corrected for motion. If the sensor has no rings, record still "
-        "poses and say so by `--rings 1`.",
+        "poses and say so (`--still`).",
     )
