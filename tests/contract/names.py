@@ -49,11 +49,11 @@ SAY_NOTHING = frozenset(
 CEILINGS = {
     "apexcal": 2,
     "service": 0,
-    "service/platform": 10,
+    "service/platform": 6,
     "workers": 0,
     "workers/geometry": 8,
     "workers/judge": 18,
-    "workers/marks": 15,
+    "workers/marks": 12,
     "workers/models": 0,
     "workers/readers": 0,
     "workers/reports": 0,

@@ -76,11 +76,11 @@ def run_ringless(
         answer: list[Vertex | Rejection] = [Rejection("same_pose")] * len(pose)
         middle = pose[len(pose) // 2]
         if not set(pose).isdisjoint(indices):
-            found = _look(together[number], model, options, middle, source.sweep(middle).stamp_ns)
-            if model.upper_corner and len(poses) == 1 and isinstance(found, Vertex):
-                found = Rejection("upright_object", "which no other pose shows to be carried", found.points_used)
-            answer = [found] * len(pose) if isinstance(found, Rejection) else answer
-            answer[middle - pose.start] = found
+            outcome = _look(together[number], model, options, middle, source.sweep(middle).stamp_ns)
+            if model.upper_corner and len(poses) == 1 and isinstance(outcome, Vertex):
+                outcome = Rejection("upright_object", "which no other pose shows to be carried", outcome.points_used)
+            answer = [outcome] * len(pose) if isinstance(outcome, Rejection) else answer
+            answer[middle - pose.start] = outcome
             on_sweep(middle)
         answers += answer
     return Answers(answers[indices.start : indices.stop]), PoseFacts(len(poses), True)
