@@ -30,7 +30,7 @@ from workers.vertices.region import Region
 from workers.vertices.sensor_grid import some_grid
 from workers.vertices.still_poses import STANDS_M
 from workers.vertices.suggested_region import things_of
-from workers.vertices.sweep_source import OnSweep, SweepSource, stamp_of
+from workers.vertices.sweep_source import OnSweep, SweepSource, spread, stamp_of
 from workers.vertices.vertex import Answers, PoseFacts, Rejection, Vertex
 
 Floats = NDArray[np.float64]
@@ -39,11 +39,14 @@ _SPARSE_M: Final = 0.15
 _STRIDES: Final = np.array([1, 1 << 20, 1 << 40])
 _TOUCHING: Final = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)]) @ _STRIDES
 _PIECES: Final = 8
+_SAMPLES: Final = 4  # sweeps
 
 
 def any_rings(source: SweepSource) -> bool:
-    """Whether the sensor has rings; without any, all points are of ring 0."""
-    return not len(source) or bool(source.sweep(0).ring.any())
+    """Whether the sensor has rings; without any, all points are of ring 0. Sweeps without points tell nothing."""
+    rings = (source.sweep(index).ring for index in spread(len(source), _SAMPLES))
+    some = next((ring for ring in rings if len(ring)), np.ones(1))
+    return bool(some.any())
 
 
 def run_ringless(
