@@ -64,11 +64,6 @@ def jobs_of(embedded: Embedded, after: int) -> dict[int, tuple[str, str, str]]:
         database.close()
 
 
-def job_of(event: dict[str, Any]) -> int:
-    (job_id,) = map(int, re.findall(r"\d+", event["args"]))
-    return job_id
-
-
 def test_each_job_of_a_calibration_is_told_by_its_kind(embedded: Embedded, owner: Client, tmp_path: Path) -> None:
     before = max(jobs_of(embedded, 0), default=0)
     rubbish = tmp_path / "rubbish.bag"
@@ -89,16 +84,13 @@ def test_each_job_of_a_calibration_is_told_by_its_kind(embedded: Embedded, owner
 
         wait_until(all_ended, "the end of each job in Celery's events", 60)
 
-    # The service may begin work of its own at any moment: what came after the last look is left out.
-    told = [event for event in events if "args" not in event or job_of(event) in jobs]
-    sent = {event["uuid"]: event for event in told if event["type"] == "task-sent"}
-    received = {event["uuid"]: event for event in told if event["type"] == "task-received"}
-    ends = {event["uuid"]: event for event in told if event["type"] in ("task-succeeded", "task-failed")}
-    ends = {uuid: event for uuid, event in ends.items() if uuid in sent}
+    sent = {event["uuid"]: event for event in events if event["type"] == "task-sent"}
+    received = {event["uuid"]: event for event in events if event["type"] == "task-received"}
+    ends = {event["uuid"]: event for event in events if event["type"] in ("task-succeeded", "task-failed")}
     assert received.keys() == sent.keys() == ends.keys()
     events_of: dict[int, list[str]] = defaultdict(list)
     for uuid, event in received.items():
-        job_id = job_of(event)
+        (job_id,) = map(int, re.findall(r"\d+", event["args"]))
         kind, queue, state = jobs[job_id]
         assert (event["name"], sent[uuid]["name"]) == (f"apexcal.{kind}",) * 2
         assert (sent[uuid]["queue"], sent[uuid]["routing_key"]) == (queue, queue)
