@@ -80,9 +80,12 @@ def test_each_job_of_a_calibration_is_told_by_its_kind(embedded: Embedded, owner
         def all_ended() -> bool:
             jobs.update(jobs_of(embedded, before))
             ends = [event for event in events if event["type"] in ("task-succeeded", "task-failed")]
+            beats = {event["hostname"].partition("@")[0] for event in events if event["type"] == "worker-heartbeat"}
+            if not beats >= {"worker", "worker-ingest"}:
+                return False
             return len(ends) >= len(jobs) and {state for *_, state in jobs.values()} <= {"done", "failed"}
 
-        wait_until(all_ended, "the end of each job in Celery's events", 60)
+        wait_until(all_ended, "the end of each job and the beat of each worker in Celery's events", 60)
 
     sent = {event["uuid"]: event for event in events if event["type"] == "task-sent"}
     received = {event["uuid"]: event for event in events if event["type"] == "task-received"}
@@ -102,5 +105,3 @@ def test_each_job_of_a_calibration_is_told_by_its_kind(embedded: Embedded, owner
         assert ("task-failed" in events_of[job_id]) == (state == "failed"), (kind, state)
     kinds = {kind for kind, *_ in jobs.values()}
     assert kinds >= {"ingest", "solve", "conclude"}
-    workers = {event["hostname"].partition("@")[0] for event in events if event["type"] == "worker-heartbeat"}
-    assert workers >= {"worker", "worker-ingest"}

@@ -35,7 +35,8 @@ def taken(problem, truth, p, step, random):
         lens = dict(zip(INTRINSICS[problem.model], truth[6:].tolist(), strict=True))
         width = problem.image_size[0]
         sigmas = {name: stated_deviation(problem.model, name, value, width) for name, value in lens.items()}
-        free = {problem.names[index] for index in problem.free} & lens.keys()
+        # In the lens's order: that of a set differs from process to process, and with it the draws.
+        free = [name for name in lens if problem.names.index(name) in problem.free]
         priors = {name: (lens[name] + sigmas[name] * random.normal(), sigmas[name]) for name in free}
         return replace(problem, priors=priors, stated_lens={"model": problem.model, **lens}, unstated=frozenset())
     if step.kind == "board":
