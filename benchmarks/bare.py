@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
@@ -10,13 +11,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, select
+# One thread of linear algebra, as in every worker; idle ones would keep spinning.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
-from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result
-from service.platform.db.session import Database
-from workers.solver.schedule import run_schedule
-from workers.tasks.solving import read_run, solved
-from workers.tasks.warming import warm_up
+from sqlalchemy import ColumnElement, select  # noqa: E402
+
+from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result  # noqa: E402
+from service.platform.db.session import Database  # noqa: E402
+from workers.solver.schedule import run_schedule  # noqa: E402
+from workers.tasks.solving import read_run, solved  # noqa: E402
+from workers.tasks.warming import warm_up  # noqa: E402
 
 # What a worker adds to what was found: how long it took, and what it was made of.
 _ADDED = ("finish_seconds", "provenance")
