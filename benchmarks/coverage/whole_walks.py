@@ -53,13 +53,13 @@ def walk_scores(seed: int) -> list[DrawScore | None]:
     sweeps = list(rig.sweeps())
     width_m, height_m = options.board_m()
     size = {"board_width_m": width_m, "board_height_m": height_m}
-    found = detect_range(
+    detections = detect_range(
         Listed(sweeps), Region.from_document(WALKER_REGION), "refined", size, indices=range(len(sweeps))
     )
     scores: list[DrawScore | None] = []
     for errors, clock_ms in WALK_CELLS.values():
         late_ms = float(random.normal(0.0, clock_ms))
-        draw = drawn(_paired(rig, found.vertices, late_ms), errors, random, common_errors={"clock_ms": clock_ms})
+        draw = drawn(_paired(rig, detections.vertices, late_ms), errors, random, common_errors={"clock_ms": clock_ms})
         scores.append(score(draw))
     return scores
 

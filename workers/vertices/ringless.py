@@ -63,7 +63,10 @@ def run_ringless(
             "The LiDAR has no rings: a board is found only where it stands still.",
             "Record still poses, and say so: `--still`.",
         )
-    clouds = [sweep.xyz[region.mask(sweep.xyz)].astype(np.float64) for sweep in map(source.sweep, range(len(source)))]
+    clouds: list[Floats] = []
+    for sweep in map(source.sweep, range(len(source))):
+        clouds.append(sweep.xyz[region.mask(sweep.xyz)].astype(np.float64))
+        on_sweep(indices.start)  # it may end the work
     poses = _poses(clouds)
     together = _moving([np.concatenate([clouds[index] for index in pose]) for pose in poses])
     if _walked([stamp_of(source, pose.start) for pose in poses], together):
