@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from workers.readers.damage import on_error
 from workers.readers.mcap_io.records import CHUNK, HEAD, MESSAGE
-from workers.readers.normalised.cdr import POINT_CLOUD_SCHEMA, PointLayout
+from workers.readers.normalised.cdr import decode_points
 from workers.readers.recording import ReadError, StampConvention, Sweep, TimeSource
+from workers.readers.ros.ros_types import CLOUD
 
 METADATA_NAME: Final = "apexcal"
 # What the file keeps of `LidarFacts`.
@@ -68,8 +69,8 @@ class LidarFile:
         if METADATA_NAME not in metadata:
             raise _broken(self.path, "apexcal's metadata record is missing")
         facts = metadata[METADATA_NAME]
-        if [schema.name for schema in summary.schemas.values()] != [POINT_CLOUD_SCHEMA]:
-            raise _broken(self.path, f"it should hold {POINT_CLOUD_SCHEMA} and nothing else")
+        if [schema.name for schema in summary.schemas.values()] != [CLOUD]:
+            raise _broken(self.path, f"it should hold {CLOUD} and nothing else")
         self.frame_id = facts["frame_id"]
         self.topic = facts["topic"]
         if facts["time_source"] not in get_args(TimeSource):
@@ -96,7 +97,6 @@ class LidarFile:
         self._chunk_of: NDArray[np.int64] = np.concatenate([none, *chunk_of])[order]
         self._open_chunk = (-1, b"")
         self._decompressor = zstandard.ZstdDecompressor()
-        self._layout: PointLayout | None = None
 
     def _message_index(self, chunk: ChunkIndex) -> NDArray[np.int64]:
         """(M, 2) int64: stamp and offset in the uncompressed chunk of each of its messages."""
@@ -126,9 +126,7 @@ class LidarFile:
         start = int(self._places[index])
         (length,) = struct.unpack_from("<Q", chunk, start + 1)
         message = memoryview(chunk)[start + HEAD.size + MESSAGE.size : start + HEAD.size + length]
-        if self._layout is None:
-            self._layout = PointLayout.of(message)
-        return self._layout.decode(message, self.time_source)
+        return decode_points(message, self.time_source)
 
     def nearest(self, stamp_ns: int) -> int:
         """Number of the sweep whose stamp is nearest to a moment, the earlier of two.

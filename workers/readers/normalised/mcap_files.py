@@ -7,26 +7,10 @@ from pathlib import Path
 from typing import Final
 
 from workers.readers.mcap_io.writer import McapWriter
-from workers.readers.normalised.cdr import IMAGE_SCHEMA, POINT_CLOUD_SCHEMA, encode_image, encode_points
+from workers.readers.normalised.cdr import encode_image, encode_points
 from workers.readers.normalised.lidar_file import FACTS, METADATA_NAME
 from workers.readers.recording import Frame, LidarFacts, ReadError, Sweep
-
-_SEPARATOR: Final = "=" * 80 + "\n"
-_HEADER: Final = (
-    _SEPARATOR + "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
-    "" + _SEPARATOR + "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-)
-
-POINT_CLOUD2: Final = (
-    "std_msgs/Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool is_bigendian\n"
-    "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n"
-    + _HEADER
-    + _SEPARATOR
-    + "MSG: sensor_msgs/PointField\nuint8 INT8=1\nuint8 UINT8=2\nuint8 INT16=3\nuint8 UINT16=4\nuint8 INT32=5\n"
-    "uint8 UINT32=6\nuint8 FLOAT32=7\nuint8 FLOAT64=8\nstring name\nuint32 offset\nuint8 datatype\nuint32 count\n"
-)
-
-COMPRESSED_IMAGE: Final = "std_msgs/Header header\nstring format\nuint8[] data\n" + _HEADER
+from workers.readers.ros.ros_types import CLOUD, COMPRESSED, fixed_types
 
 # Of 18,701 points of a VLP-16 (449 kB): level 3 takes 2.0 ms and leaves 63 %, level 1 takes 1.2 ms and leaves 65 %,
 # level -1 takes 0.95 ms and leaves 69 %, and unpacks in half the time of the others (0.24 ms).
@@ -52,12 +36,12 @@ def check_stamp(stamp_ns: int, topic: str) -> None:
 class _SensorFile:
     """A file of one channel of ROS 2 messages."""
 
-    def __init__(self, path: Path, topic: str, frame_id: str, schema: tuple[str, str], compression: str) -> None:
+    def __init__(self, path: Path, topic: str, frame_id: str, kind: str, compression: str) -> None:
         self.path, self.topic, self.frame_id = path, topic, frame_id
         self._file = McapWriter(path, "ros2", compression, _LEVEL)
-        self._channel = self._file.add_channel(
-            topic, self._file.add_schema(schema[0], "ros2msg", schema[1].encode()), "cdr"
-        )
+        definition, _ = fixed_types("cdr").generate_msgdef(kind, ros_version=2)
+        schema = self._file.add_schema(kind, "ros2msg", definition.encode())
+        self._channel = self._file.add_channel(topic, schema, "cdr")
 
     def _finish(self, **facts: object) -> None:
         facts = {"topic": self.topic, "frame_id": self.frame_id, **facts}
@@ -73,7 +57,7 @@ class LidarWriter(_SensorFile):
     """Writes ``lidar.mcap``: ``sensor_msgs/msg/PointCloud2`` in zstd chunks, read by :class:`LidarFile`."""
 
     def __init__(self, path: Path, topic: str, frame_id: str) -> None:
-        super().__init__(path, topic, frame_id, (POINT_CLOUD_SCHEMA, POINT_CLOUD2), "zstd")
+        super().__init__(path, topic, frame_id, CLOUD, "zstd")
 
     def add(self, sweep: Sweep) -> None:
         """Append one sweep; stamps need not ascend.
@@ -83,7 +67,7 @@ class LidarWriter(_SensorFile):
             OverflowError: a point lies more than 2.1 s from its sweep's stamp.
         """
         check_stamp(sweep.stamp_ns, self.topic)
-        self._file.add(self._channel, sweep.stamp_ns, *encode_points(sweep, self.frame_id))
+        self._file.add(self._channel, sweep.stamp_ns, encode_points(sweep, self.frame_id))
 
     def finish(self, facts: LidarFacts) -> None:
         """Write index and facts, and close."""
@@ -96,7 +80,7 @@ class CameraWriter(_SensorFile):
     """
 
     def __init__(self, path: Path, topic: str, frame_id: str) -> None:
-        super().__init__(path, topic, frame_id, (IMAGE_SCHEMA, COMPRESSED_IMAGE), "")
+        super().__init__(path, topic, frame_id, COMPRESSED, "")
         self.lengths = array("q")
 
     def add(self, frame: Frame) -> None:
@@ -112,8 +96,8 @@ class CameraWriter(_SensorFile):
                 f"A frame of {self.topic} takes {len(frame.data)} bytes; {MAX_FRAME_BYTES} are the most.",
                 "Record the camera's frames smaller, or as JPEG.",
             )
-        head = encode_image(frame.stamp_ns, self.frame_id, frame.media_type, len(frame.data))
-        self._file.add(self._channel, frame.stamp_ns, head, frame.data)
+        message = encode_image(frame.stamp_ns, self.frame_id, frame.media_type, frame.data)
+        self._file.add(self._channel, frame.stamp_ns, message)
         self.lengths.append(len(frame.data))
 
     def finish(self) -> array[int]:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
@@ -21,6 +22,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.timestamp_pb2 import Timestamp
+from numpy.typing import NDArray
 
 from workers.readers.normalised.cdr import POINT_DTYPE
 from workers.readers.recording import StaticTransform
@@ -66,7 +68,7 @@ def descriptor_set(kind: Any) -> bytes:
     return files.SerializeToString()
 
 
-def point_cloud(stamp_ns: int, frame_id: str, points: memoryview) -> bytes:
+def point_cloud(stamp_ns: int, frame_id: str, points: NDArray[np.uint8]) -> bytes:
     """Points that are laid out as POINT_DTYPE."""
     pose = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
     return PointCloud(
@@ -75,7 +77,7 @@ def point_cloud(stamp_ns: int, frame_id: str, points: memoryview) -> bytes:
         pose=pose,
         point_stride=POINT_DTYPE.itemsize,
         fields=_COLUMNS,
-        data=bytes(points),
+        data=points.tobytes(),
     ).SerializeToString()
 
 
