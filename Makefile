@@ -16,7 +16,7 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-readers bench-annotators bench-marks bench-neighbours faults faults-hosts check lock clean
+.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-annotators bench-marks bench-neighbours faults faults-hosts check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -63,7 +63,7 @@ bench-coverage: setup  ## whether what a calibration states holds, on data with 
 bench-judge: setup  ## whether what is published by itself is right, and which check finds what; DRAWS=30 for a short form
 	$(BIN)/python -m benchmarks.judge
 
-bench-drives: setup  ## how often a knocked camera is noticed on drives, and a sound one accused; DRIVES=1 FRAMES=6 for a short form
+bench-drives: setup  ## how often a turned camera is noticed on drives, and a sound one accused; DRIVES=1 FRAMES=6 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drives
 
 bench-solver: $(STAMPS)/bench  ## one slot of the genetic algorithm beside the bare evaluation of its individuals, and two peers; ROUNDS=1 for a short form
@@ -87,13 +87,10 @@ bench-retrieval: setup  ## how fast 10,000 vehicles get their calibrations, and 
 bench-startup: setup frontend  ## seconds until the service answers, and what its processes import; ROUNDS=1 for a short form
 	$(BIN)/python -m benchmarks.startup
 
-bench-readers: $(STAMPS)/bench  ## our readers of MCAP, SQLite, protobuf and pcap beside libraries: speed, damaged files, bombs; SECONDS=6 DAMAGED=5 for a short form
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.readers
-
 bench-annotators: setup  ## 1 to 100 people who mark one recording at once, with open pages, on both databases; SHORT=1 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.annotators
 
-bench-marks: setup  ## the machine's marks on rendered scenes drawn wide, on simulated thermal cameras, on scenes without a board and on real recordings, and walks calibrated from them and from people's; SHORT=1 for a short form
+bench-marks: setup  ## the machine's marks on rendered scenes drawn wide, on scenes without a board and on real recordings, and walks calibrated from them and from people's; SHORT=1 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.marks
 
 bench-neighbours: setup  ## how long a quiet fleet waits beside noisy ones, API limited to 1 GiB, both databases; SHORT=1 for a short form

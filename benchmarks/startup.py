@@ -13,12 +13,12 @@ import sys
 import tempfile
 import time
 import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 
+from benchmarks.house import cpu_s
+
 MODULES = ("service.app", "workers.app", "workers.tasks.entry", "workers.sweeper", "apexcal.cli")
-_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 _PATIENCE_S = 600.0  # compiling takes a minute of processor time, on a busy machine many more
 
 Figures = dict[str, float]
@@ -46,32 +46,12 @@ def start(data: Path, kernels: Path) -> Figures:
     try:
         assert process.stdout is not None
         said = process.stdout.readline()
-        answers_s, processor_s = time.monotonic() - began, tree_s(process.pid)
+        answers_s, processor_s = time.monotonic() - began, cpu_s(process.pid)
         _wait_until_warm(json.loads(said)["url"], began + _PATIENCE_S)
         return {"answers_s": answers_s, "processor_s": processor_s, "warm_s": time.monotonic() - began}
     finally:
         process.send_signal(signal.SIGTERM)
         process.wait()
-
-
-def tree_s(root: int) -> float:
-    """Processor seconds so far of a process and of everything that it started."""
-    used: dict[int, tuple[int, int]] = dict(_processes())
-    inside = {root}
-    while grown := {pid for pid, (parent, _) in used.items() if parent in inside} - inside:
-        inside |= grown
-    return sum(used[pid][1] for pid in inside if pid in used) / _TICKS_PER_S
-
-
-def _processes() -> Iterator[tuple[int, tuple[int, int]]]:
-    """Each process's id, its parent's, and its ticks: its own, and those of the children that it waited for."""
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            fields = (folder / "stat").read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        # proc_pid_stat(5): fields 4 (ppid) and 14 to 17 (utime, stime, cutime, cstime); field 3 is the first here.
-        yield int(folder.name), (int(fields[1]), sum(map(int, fields[11:15])))
 
 
 def _wait_until_warm(url: str, deadline: float) -> None:

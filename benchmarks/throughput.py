@@ -29,7 +29,7 @@ import numpy as np
 
 from apexcal.documents.detectors import DETECTORS
 from apexcal.documents.simulation import SimulationOptions
-from benchmarks.readers.packets import packet_rig, write_capture
+from benchmarks.packets import packet_rig, write_capture
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import RecordingManifest

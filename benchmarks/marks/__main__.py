@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from apexcal.documents.corners import CORNERS
-from benchmarks.marks import calibrated, thermal
+from benchmarks.marks import calibrated
 from benchmarks.marks.chance import offers_mount
 from benchmarks.marks.figures import quantiles, share
 from benchmarks.marks.real import tell_real
@@ -60,7 +60,6 @@ def main() -> None:
     print(f"\nprocessor seconds a frame of 1920 pixels' width: {quantiles([one.seconds for one in large])}")
     print(f"scenes without a board: a mount is offered in {share(offered, chance)}")
     print(f"drawn, rendered and marked in {time.monotonic() - start:.0f} s\n")
-    thermal.main()
     calibrated.main()
     print()
     tell_real()

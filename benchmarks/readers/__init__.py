@@ -1,1 +1,0 @@
-"""Our readers of containers beside the libraries that read them too."""
