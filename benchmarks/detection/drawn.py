@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from apexcal.documents.readings import ReadOptions
-from benchmarks.detection.figures import figures, mean_sigma
-from benchmarks.detection.real import DATA
+from benchmarks.detection.figures import figures
 from benchmarks.detection.walks import Found, found, looked_at
 from tests.support.scenes.drawn import draw, draw_street
-from workers.readers.detect import open_recording
-from workers.simulation.scene import WALKER_REGION
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
@@ -22,7 +19,6 @@ from workers.vertices.sweep_source import Listed
 STREET_SWEEPS = 5
 # A short recording gives no upper corner. In this one people walk away, and what stands still is told.
 LEVEL_SWEEPS, LEVEL_PERIOD_S = 24, 0.3
-ROAD = DATA / "road-lane-markers"
 _FEW = 20  # vertices of a walk, below which its bias says nothing
 
 
@@ -31,7 +27,6 @@ class DrawnWalk:
     """One drawn walk, and what was found in it."""
 
     seed: int
-    about: str
     found: Found
 
 
@@ -47,50 +42,21 @@ def run_drawn(asked: tuple[int, float, int]) -> DrawnWalk:
         drawn = replace(drawn, hold=replace(drawn.hold, rolled_deg=45.0 * upper + off))
     walked = looked_at(*drawn.simulated(seconds), seconds)
     size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1], "upper_corner": upper}
-    seen = found("drawn", "refined", walked, Region.from_document(drawn.region()), "refined", size)
-    hold, mount, person = drawn.hold, drawn.mount, drawn.disturbances
-    about = (
-        f"{drawn.sensor.name} {drawn.sensor.rate_hz:g} Hz, {drawn.plan}, board {size['board_width_m']:.2f} x "
-        f"{size['board_height_m']:.2f} m rolled {hold.rolled_deg:+.0f} tilted {hold.tilted_deg:+.0f}, body "
-        f"{hold.body_behind_m:.2f} m, mount {mount.roll_deg:+.0f} {mount.pitch_deg:+.0f}, seam {mount.seam_deg:.0f}, "
-        f"noise {1e3 * drawn.noise_m:.0f} mm, beam {person.beam_mrad:.1f} mrad, second {person.second_person}"
-        + (", head" if person.head_above_m > 0.0 else "")
-    )
-    return DrawnWalk(seed, about, seen)
+    return DrawnWalk(seed, found(walked, Region.from_document(drawn.region()), "refined", size))
 
 
 def drawn_figures(walks: Sequence[DrawnWalk]) -> dict[str, Any]:
-    """All drawn walks together, and each by itself.
-
-    ``worst_bias_deg`` is of azimuth and elevation. ``bias_sigma_deg`` is the standard error of a walk's mean: what is
-    not well above it, the walk is too short to tell.
-    """
-    whole = figures([walk.found for walk in walks])
-    each = [{"seed": walk.seed, "about": walk.about, **_each(walk.found)} for walk in walks]
-    told = [walk["bias_deg"] for walk in each if walk["vertices"] >= _FEW]
-    rejected: dict[str, int] = {}
-    for walk in walks:
-        for reason, count in walk.found.rejected.items():
-            rejected[reason] = rejected.get(reason, 0) + count
-    return whole | {
-        "worst_bias_deg": max(told, default=0.0),
-        "walks_within_0.015_deg": float(np.mean([bias <= 0.015 for bias in told])) if told else 0.0,
-        "rejected": rejected,
+    """All drawn walks together, and each by itself; ``worst_bias_deg`` is of azimuth and elevation."""
+    each = [{"seed": walk.seed, **figures([walk.found])} for walk in walks]
+    biases = [
+        max(abs(walk["bias_deg"]), abs(walk["bias_azimuth_deg"])) for walk in each if walk.get("vertices", 0) >= _FEW
+    ]
+    rejected = sum((Counter(walk.found.rejected) for walk in walks), Counter[str]())
+    return figures([walk.found for walk in walks]) | {
+        "worst_bias_deg": max(biases, default=0.0),
+        "walks_within_0.015_deg": float(np.mean([bias <= 0.015 for bias in biases])) if biases else 0.0,
+        "rejected": dict(rejected),
         "each": each,
-    }
-
-
-def _each(seen: Found) -> dict[str, Any]:
-    own = figures([seen])
-    axis = int(abs(own.get("bias_deg", 0.0)) > abs(own.get("bias_azimuth_deg", 0.0)))
-    return {
-        "vertices": len(seen.vertices),
-        "share": own["accepted_share"],
-        "gross": own.get("gross_share", 0.0),
-        "coverage": own.get("coverage_2sigma", 0.0),
-        "bias_deg": max(abs(own.get("bias_deg", 0.0)), abs(own.get("bias_azimuth_deg", 0.0))),
-        "bias_sigma_deg": mean_sigma(seen.vertices[:, axis]),
-        "rejected": dict(seen.rejected),
     }
 
 
@@ -108,17 +74,3 @@ def run_street(asked: tuple[int, int]) -> int:
     size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1], "upper_corner": upper}
     region = Region.from_document(drawn.region())
     return len(detect_range(Listed(sweeps), region, "refined", size, indices=range(len(sweeps))).vertices)
-
-
-def road_vertices() -> int | None:
-    """How many vertices the recorded road frame gives, which has no board; None where it is absent."""
-    if not ROAD.exists():
-        return None
-    recording = open_recording(ROAD, ReadOptions(point_times="stamp_only"))
-    try:
-        (lidar,) = (sensor for sensor in recording.sensors if sensor.kind == "lidar")
-        source = Listed(list(recording.sweeps(lidar)))
-    finally:
-        recording.close()
-    region = Region.from_document(WALKER_REGION)
-    return len(detect_range(source, region, "refined", {}, indices=range(len(source))).vertices)

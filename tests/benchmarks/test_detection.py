@@ -33,6 +33,6 @@ def test_a_vertex_is_judged_at_the_moment_that_it_states():
     azimuth = np.degrees(np.arctan2(walked.apexes[:, 1], walked.apexes[:, 0]))
     assert np.abs(azimuth - drawn.mount.seam_deg).min() < 2.0
     size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1]}
-    seen = found("drawn", "refined", walked, Region.from_document(drawn.region()), "refined", size)
+    seen = found(walked, Region.from_document(drawn.region()), "refined", size)
     assert len(seen.vertices) >= 6
     assert np.hypot(*seen.vertices[:, :2].T).max() < 0.2

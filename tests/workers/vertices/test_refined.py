@@ -8,17 +8,7 @@ import pytest
 from apexcal.documents.corners import CORNERS
 from apexcal.documents.detectors import DETECTORS, FLAGS
 from apexcal.documents.simulation import Disturbances
-from benchmarks.detection.corners import (
-    DATA,
-    NAME,
-    TOP,
-    as_published,
-    compared,
-    found_in,
-    off_the_image,
-    pairs_of,
-    published,
-)
+from benchmarks.detection.real import DATA, DIAMOND, RECORDINGS, corners_compared, judge, read, run
 from tests.workers.vertices.refined_walks import REGION, SIZE, angles, corners_at, errors, walk, walker
 from tests.workers.vertices.sweeps import EVERYTHING, row, sweep
 from workers.vertices.board.learning import learn
@@ -27,6 +17,7 @@ from workers.vertices.corners import moved
 from workers.vertices.detectors import detect_range
 from workers.vertices.pairing import pair_interpolated
 from workers.vertices.pose_detection import one_of
+from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 from workers.vertices.vertex import Corners
 
@@ -254,14 +245,12 @@ def test_the_mean_of_a_poses_sweeps_has_the_mean_corners(whole):
 
 def test_a_real_board_has_its_corners():
     """20 poses, of which one is published wrongly. The judges' own errors (4 to 10 mm) are not allowed for."""
-    if not (DATA / NAME).exists():
+    if not (DATA / DIAMOND).exists():
         pytest.skip("the real recording is absent: it is looked for in ../shared/data")
-    vertices, poses = found_in(), published()
-    assert len(vertices) == 19
-    for name, rows in compared(vertices, poses).items():
+    poses = RECORDINGS[DIAMOND]
+    size = {"board_width_m": poses.width_m, "board_height_m": poses.height_m}
+    vertices = run(read(DIAMOND), Region.from_document(poses.region), size, judge(DIAMOND)).vertices
+    for name, rows in corners_compared(vertices.values()).items():
         assert len(rows) == 19
         assert np.median(rows[:, 0]) < 0.02, name
         assert np.median(rows[:, 1]) < 3.0, name
-    tips = pairs_of(vertices, poses, (TOP,))
-    found, said = (np.median(off_the_image(one)) for one in (tips, as_published(tips, poses)))
-    assert found < 3.0 < said  # millimetres: the published tips err more than those that they judge

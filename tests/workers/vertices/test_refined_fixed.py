@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.detection.cases import PLAIN_REFINED
 from benchmarks.detection.drawn import run_street
 from benchmarks.detection.walks import simulate
 from tests.support.scenes.drawn import draw_street
@@ -125,7 +124,7 @@ def test_a_board_that_no_more_than_three_rings_meet_is_found():
 
 def test_a_walk_on_two_rings_whose_near_planes_are_half_bodies_shows_its_board():
     """Of 24 near planes 11 are boards; the others go on into the body. Before, no sweep gave a vertex."""
-    walked = simulate(PLAIN_REFINED, 9314, 60.0)
+    walked = simulate(9314, 60.0)
     found = detect_range(Listed(walked.sweeps), REGION, "refined", SIZE, indices=range(150))
     assert len(found.vertices) > 0.6 * np.count_nonzero(walked.rings[:150] >= 2)
 

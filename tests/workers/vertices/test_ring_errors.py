@@ -39,7 +39,7 @@ def test_the_range_errs_as_it_is_stated_where_rings_err():
     drawn = draw(10107)
     assert drawn.flaws.ring_bias_m > 0.01
     walked = looked_at(*drawn.simulated(20.0), 20.0)
-    seen = found("drawn", "refined", walked, Region.from_document(drawn.region()), "refined", _size(drawn))
+    seen = found(walked, Region.from_document(drawn.region()), "refined", _size(drawn))
     assert len(seen.vertices) > 80
     assert np.mean(np.abs(seen.vertices[:, 2] / seen.vertices[:, 5]) < 2.0) > 0.8
 
