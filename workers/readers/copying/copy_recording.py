@@ -13,8 +13,8 @@ from workers.readers.copying.rosbag2_copy import copy_file, copy_folder
 from workers.readers.detect import MCAP, ROSBAG1, SQLITE, read_head
 from workers.readers.output import bytes_written
 from workers.readers.recording import ReadError
+from workers.readers.trees.archives import open_tree
 from workers.readers.trees.folder import look_into
-from workers.readers.trees.open_tree import open_tree
 
 
 def copy_recording(

@@ -14,6 +14,7 @@ from workers.readers.captures.ouster.metadata import METADATA_BYTES, is_ouster_m
 from workers.readers.captures.pcap import PcapRecording
 from workers.readers.detect import HEAD_BYTES, MCAP, SQLITE, TREE, FileFormat, format_of
 from workers.readers.recording import ReadError, Recording
+from workers.readers.trees.archives import open_tree
 from workers.readers.trees.cloud_files import is_cloud_table
 from workers.readers.trees.composite import Composite, TreePart
 from workers.readers.trees.file_series import FileSeries
@@ -27,7 +28,6 @@ from workers.readers.trees.file_times import (
     without_times,
 )
 from workers.readers.trees.file_tree import FileTree, read_file, read_head, refused
-from workers.readers.trees.open_tree import open_tree
 from workers.readers.trees.series import Series, find_series, is_sensor_file, stem_and_number
 
 _BAG_FOLDER: Final = "metadata.yaml"

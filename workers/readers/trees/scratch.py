@@ -5,8 +5,14 @@ from __future__ import annotations
 import bz2
 import gzip
 import lzma
+import shutil
+import struct
+import tarfile
 import tempfile
+import zipfile
 import zlib
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Final, Protocol, cast
 
@@ -15,25 +21,24 @@ import zstandard
 from workers.readers.output import OutputLimitError, create
 from workers.readers.recording import ReadError
 
-MAX_UNPACKED_BYTES: Final = 256 * 1024**3
-# Recordings compress to a third or a tenth. An archive that claims far more, past a harmless size, is made to fill
-# disks. workers.readers.output counts what is written.
-MAX_RATIO: Final = 200
-HARMLESS_BYTES: Final = 256 * 1024**2
 _PIECE: Final = 1024 * 1024
 _WINDOW_BYTES: Final = 128 * 1024**2
 
+_BROKEN: Final = (
+    *(tarfile.TarError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, zstandard.ZstdError, struct.error, EOFError),
+    *(
+        NotImplementedError,
+        OverflowError,
+        RecursionError,
+        ValueError,
+    ),  # RecursionError: tarfile, at extension headers
+)
 _PACKED: Final = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz", b"\x28\xb5\x2f\xfd": "zstd"}
 
 
 def packing_of(head: bytes) -> str | None:
     """``gzip``, ``bzip2``, ``xz`` or ``zstd`` from a file's first bytes, else None."""
     return next((name for magic, name in _PACKED.items() if head.startswith(magic)), None)
-
-
-def expands_too_far(packed: int, unpacked: int) -> bool:
-    """Whether unpacking that many bytes from so few is refused."""
-    return unpacked > MAX_UNPACKED_BYTES or unpacked > max(HARMLESS_BYTES, MAX_RATIO * packed)
 
 
 class Stream(Protocol):
@@ -62,27 +67,23 @@ class Scratch:
             self._folder = tempfile.TemporaryDirectory(prefix="apexcal-unpacked-")
         return Path(self._folder.name)
 
-    def write(self, stream: Stream, relative: str, *, expanding: bool = True) -> Path:
+    def write(self, stream: Stream, relative: str) -> Path:
         """Copy a stream to its end into a file.
 
         Args:
             stream: the unpacked bytes.
             relative: path in the folder, checked by the caller to stay in it.
-            expanding: whether the bytes were compressed, so that their number is no given thing.
 
         Raises:
-            ReadError: ``archive_expands`` where compressed bytes grow past what this recording may write.
+            ReadError: ``archive_expands`` where they grow past what this recording may write.
         """
         path = self.root / relative
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with create(path) as out:
-                while piece := stream.read(_PIECE):
-                    out.write(piece)
+                shutil.copyfileobj(stream, out, _PIECE)
         except OutputLimitError as error:
-            if expanding:
-                raise refused_expanding(self._name) from error
-            raise
+            raise refused_expanding(self._name) from error
         return path
 
     def unpack(self, file: Path, packing: str, relative: str) -> Path:
@@ -91,13 +92,8 @@ class Scratch:
         Raises:
             ReadError: ``archive_expands``, ``recording_truncated`` where the packed data are cut short or damaged.
         """
-        try:
-            with file.open("rb") as packed, _decompressor(packed, packing) as stream:
-                return self.write(stream, relative)
-        except (EOFError, zlib.error, lzma.LZMAError, zstandard.ZstdError, OSError) as error:
-            if isinstance(error, OSError) and error.errno is not None:  # the disk's; bz2 and gzip state none
-                raise
-            raise damaged_archive(self._name, str(error)) from error
+        with unpacking(self._name), file.open("rb") as packed, _decompressor(packed, packing) as stream:
+            return self.write(stream, relative)
 
     def close(self) -> None:
         """Remove the folder."""
@@ -115,6 +111,17 @@ def _decompressor(packed: IO[bytes], packing: str) -> IO[bytes]:
         return cast(IO[bytes], lzma.LZMAFile(packed))
     decompressor = zstandard.ZstdDecompressor(max_window_size=_WINDOW_BYTES)
     return cast(IO[bytes], decompressor.stream_reader(packed, read_across_frames=True))
+
+
+@contextmanager
+def unpacking(name: str) -> Generator[None]:
+    """Turn what libraries raise on damaged archives into ``recording_truncated``."""
+    try:
+        yield
+    except (*_BROKEN, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:  # the disk's; bz2 and gzip state none
+            raise
+        raise damaged_archive(name, str(error) or type(error).__name__) from error
 
 
 def refused_expanding(name: str) -> ReadError:
