@@ -17,7 +17,7 @@ from tests.support.postgres import Postgres
 
 # The fleet's database always, and the embedded one in the long form: tests/apexcal/test_serve.py kills each process
 # of the embedded service.
-@pytest.fixture(scope="module", params=["postgresql", pytest.param("sqlite", marks=pytest.mark.slow)])
+@pytest.fixture(scope="package", params=["postgresql", pytest.param("sqlite", marks=pytest.mark.slow)])
 def farm(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, sqlite_template: Path
 ) -> Iterator[Farm]:

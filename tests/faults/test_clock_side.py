@@ -22,46 +22,33 @@ STALLED_S = 3.0
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> DataFolder:
-    return DataFolder(tmp_path / "data")
-
-
-@pytest.fixture
 def environment(broker: Broker, database: Database) -> dict[str, str]:
     quick = {f"APEXCAL_{name}": value for name, value in QUICK.items()}
     return {**os.environ, **quick, "APEXCAL_STALLED_S": str(STALLED_S), "OPENBLAS_NUM_THREADS": "1"}
 
 
-def test_a_sweeper_that_gets_nowhere_ends_and_says_where_it_was(
-    folder: DataFolder, environment: dict[str, str], database: Database, tmp_path: Path
+def test_a_sweeper_that_gets_on_stays_and_one_that_gets_nowhere_ends_and_says_where_it_was(
+    environment: dict[str, str], database: Database, tmp_path: Path
 ) -> None:
     """Another session holds the row that each sweep writes."""
-    with database.writing() as session:
-        session.merge(Heartbeat(name="sweep", at=now()))
-        session.flush()
-        log = tmp_path / "log"
-        child = start(list(plans.sweeper(folder, environment).command), log, env=environment)
-        try:
-            wait_until(lambda: child.poll() is not None, "its end", 60)
-        finally:
-            stop(child)
-    assert child.returncode == 1
-    assert "Timeout" in log.read_text() and "most recent call first" in log.read_text()
 
-
-def test_who_gets_on_stays(
-    folder: DataFolder, environment: dict[str, str], database: Database, tmp_path: Path
-) -> None:
     def sweeps() -> float:
         with database.reading() as session:
             at = session.scalar(select(Heartbeat.at).where(Heartbeat.name == "sweep"))
         return at.timestamp() if at else 0.0
 
-    child = start(list(plans.sweeper(folder, environment).command), tmp_path / "log", env=environment)
+    log = tmp_path / "log"
+    child = start(list(plans.sweeper(DataFolder(tmp_path / "data"), {}).command), log, env=environment)
     try:
         wait_until(lambda: sweeps() > 0, "the first sweep", 60)
         until = sweeps() + 1.5 * STALLED_S
         wait_until(lambda: sweeps() > until, "sweeps without a pause", 60)
         assert child.poll() is None
+        with database.writing() as session:
+            session.merge(Heartbeat(name="sweep", at=now()))
+            session.flush()
+            wait_until(lambda: child.poll() is not None, "its end", 60)
     finally:
         stop(child)
+    assert child.returncode == 1
+    assert "Timeout" in log.read_text() and "most recent call first" in log.read_text()

@@ -21,7 +21,7 @@ from service.platform.storage.store import MARKER
 from tests.faults.farm import LEASE_S, Farm, seconds_of
 from tests.faults.jobs import REGION, Walk, ask, ask_two_cameras, new_rig
 from tests.faults.results import slot_bests
-from tests.support.processes import stop, wait_until
+from tests.support.processes import wait_until
 from tests.support.proxies import Proxy
 from tests.support.wrong_clocks import why_not
 
@@ -214,27 +214,27 @@ def test_a_clock_that_steps_while_a_worker_dies(farm: Farm, undisturbed, parts: 
 
 
 @pytest.mark.parametrize("farm", ["postgresql"], indirect=True)
-def test_a_worker_that_cannot_reach_the_database_takes_no_messages(farm: Farm, undisturbed, tmp_path: Path):
+def test_a_worker_that_cannot_reach_the_database_takes_no_messages(farm: Farm, undisturbed):
     """Beside a healthy one: it leaves the work to that one, and takes part again when it can."""
     folder = Path(make_url(farm.database_url).query["host"])
     proxy = Proxy(str(folder / ".s.PGSQL.5432"))
     behind = make_url(farm.database_url).set(host="127.0.0.1", port=proxy.port, query={})
-    log = tmp_path / "cut-off.log"
-    cut_off = farm.start_beside("cut-off", log, {"APEXCAL_DATABASE_URL": behind.render_as_string()})
+    farm.start_beside("cut-off", {"APEXCAL_DATABASE_URL": behind.render_as_string()})
+    refusals = lambda: farm.log("cut-off").read_text().count("could not be claimed")  # noqa: E731
     try:
         wait_until(lambda: "cut-off" in _answering(farm), "the second worker", 150)
         proxy.cut()
         wait_until(lambda: "cut-off" not in _answering(farm), "its silence", _RECOVERED_S)
-        tried = log.read_text().count("could not be claimed")
+        tried = refusals()
         for _ in range(2):
             assert_ended_once_with_the_same_bits(farm, ask(farm.client, next(_names)), undisturbed)
         # One question to the broker may have been under way when it found out.
-        assert log.read_text().count("could not be claimed") <= tried + 1
+        assert refusals() <= tried + 1
         proxy.mend()
         farm.stop("worker")
         assert_ended_once_with_the_same_bits(farm, ask(farm.client, next(_names)), undisturbed)
     finally:
-        stop(cut_off)
+        farm.stop("cut-off")
         proxy.close()
         if farm.is_dead("worker"):
             farm.start("worker")
@@ -305,6 +305,6 @@ def _unused_blobs(farm: Farm) -> int:
         rows = set(session.scalars(select(Blob.key).where(Blob.state == "stored")))
         reserved = session.scalar(select(func.count()).where(Blob.state != "stored")) or 0
         assert session.scalar(select(func.count()).select_from(Recording)) is not None
-    blobs = farm.root / "blobs"
+    blobs = farm.folder / "blobs"
     files = {str(path.relative_to(blobs)) for path in blobs.rglob("*") if path.is_file()}
     return reserved + len(files - rows - {MARKER})

@@ -29,15 +29,15 @@ _BUSY_S = 10.0
 _BEAT = "SELECT * FROM heartbeat WHERE name = 'sweep' FOR UPDATE"
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def hosts() -> Iterator[Network]:
     with network() as made:
         yield made
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def server(hosts: Network) -> Iterator[Postgres]:
-    """A database on a host of its own; the test itself reaches it by its socket."""
+    """A database on a host of its own; the tests themselves reach it by its socket."""
     server = Postgres(durable=True, host=hosts.host())
     upgrade(server.create("vanishing"))
     yield server
@@ -65,6 +65,26 @@ class Sweeper(threading.Thread):
         database.close()
 
 
+def test_what_a_host_had_locked_is_free_seconds_after_it_vanished(hosts: Network, server: Postgres):
+    """Within a transaction, with nothing on its way: without probes the server would keep the locks for two hours."""
+    lost = hosts.host()
+    with lost.inside():
+        client = Database(server.remote_url("vanishing"))
+        holder = client.engine.connect()
+    beside = Database(server.url("vanishing"))
+    with beside.writing() as session:
+        session.execute(text("INSERT INTO heartbeat (name, at) VALUES ('sweep', 0)"))
+    holder.execute(text(_BEAT))
+    lost.vanish()
+    began = time.monotonic()
+    with beside.writing() as session:
+        session.execute(text(_BEAT)).one()
+    assert time.monotonic() - began < SILENCE_S + _BUSY_S
+    beside.close()
+    holder.invalidate()
+    client.close()
+
+
 def test_the_sweep_goes_on_when_another_host_has_the_databases_address(
     hosts: Network, server: Postgres, tmp_path: Path
 ):
@@ -85,26 +105,6 @@ def test_the_sweep_goes_on_when_another_host_has_the_databases_address(
     wait_until(lambda: sweeper.done > before, "the next sweep", SILENCE_S + CONNECT_S + _BUSY_S)
     sweeper.enough.set()
     sweeper.join(30)
-
-
-def test_what_a_host_had_locked_is_free_seconds_after_it_vanished(hosts: Network, server: Postgres):
-    """Within a transaction, with nothing on its way: without probes the server would keep the locks for two hours."""
-    lost = hosts.host()
-    with lost.inside():
-        client = Database(server.remote_url("vanishing"))
-        holder = client.engine.connect()
-    beside = Database(server.url("vanishing"))
-    with beside.writing() as session:
-        session.execute(text("INSERT INTO heartbeat (name, at) VALUES ('sweep', 0)"))
-    holder.execute(text(_BEAT))
-    lost.vanish()
-    began = time.monotonic()
-    with beside.writing() as session:
-        session.execute(text(_BEAT)).one()
-    assert time.monotonic() - began < SILENCE_S + _BUSY_S
-    beside.close()
-    holder.invalidate()
-    client.close()
 
 
 def _waiting_for_it(database: Database, sweeper: Sweeper) -> int:

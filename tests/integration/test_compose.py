@@ -1,7 +1,6 @@
 """The whole job through the fleet of docker-compose.yml: its own commands and environment, as plain processes."""
 
 import json
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from datetime import timedelta
@@ -21,13 +20,9 @@ from service.platform.db.session import Database
 from service.platform.settings import Settings
 from service.platform.storage.audit import audit
 from service.platform.storage.store import open_store
-from tests.integration.fleet import Fleet
-from tests.support.postgres import Postgres
+from tests.integration.fleet import APIS, WORKERS, ComposeFleet
 from tests.support.processes import start, stop
-from tests.support.s3 import S3Server
 
-# worker-report differs from its sisters by its queue, which has no work yet.
-RUNNING = ("api", "worker-ingest", "worker-detect", "worker-solve", "worker-report", "sweeper")
 SECONDS = 10
 QUICK = {"slots": 2, "population": 300, "generations": 20, "max_iterations": 3}
 # What a loaded machine may need; an idle one takes a tenth of it.
@@ -48,30 +43,14 @@ def walk(tmp_path: Path) -> Iterator[Callable[[], Path]]:
     stop(child)
 
 
-@pytest.fixture
-def fleet(tmp_path: Path, postgres: Postgres, s3_server: S3Server) -> Iterator[Fleet]:
-    """The fleet, up."""
-    made = Fleet(tmp_path, postgres, s3_server, APEXCAL_DOWNLOADS="presigned")
-    try:
-        made.start_broker()
-        made.run("bucket")
-        made.run("migrations")
-        for name in RUNNING:
-            made.start(name)
-        yield made
-    finally:
-        made.stop()
-
-
 @pytest.mark.timeout(600)
 def test_the_job_goes_through_the_fleet_of_the_compose_file(
-    fleet: Fleet, walk: Callable[[], Path], tmp_path: Path
+    walk: Callable[[], Path], fleet: ComposeFleet, tmp_path: Path
 ) -> None:
-    fleet.run("api", "python", "-m", "service.platform.auth.bootstrap", "--token-file", str(tmp_path / "token"))
-    fleet.wait_until_healthy(RUNNING, PATIENCE_S)
+    fleet.wait_until_healthy((*APIS, *WORKERS, "sweeper"), PATIENCE_S)
     folder = walk()
     bag = folder / "recording.bag"
-    with Client(fleet.url, (tmp_path / "token").read_text().strip()) as owner:
+    with Client(fleet.url, fleet.token) as owner:
         trucks = owner.fleets.create("Trucks")
         vehicle = owner.vehicles.create(trucks.id, "Truck 7")
         rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "front"))
@@ -102,8 +81,6 @@ def test_the_job_goes_through_the_fleet_of_the_compose_file(
         assert found.polished.rms_px < 30
         check_bytes(owner, recording.id, bag, tmp_path)
     check_store(fleet)
-    # uvicorn ends by the signal that it was told to end with, once it has ended everything else.
-    assert fleet.stop() == dict.fromkeys((*RUNNING, "valkey"), 0) | {"api": -signal.SIGTERM}
 
 
 def check_bytes(owner: Client, recording_id: UUID, bag: Path, tmp_path: Path) -> None:
@@ -118,9 +95,9 @@ def check_bytes(owner: Client, recording_id: UUID, bag: Path, tmp_path: Path) ->
     assert (tmp_path / "back.bag").read_bytes() == bag.read_bytes()
 
 
-def check_store(fleet: Fleet) -> None:
+def check_store(fleet: ComposeFleet) -> None:
     """Every row has its object and every object its row; nobody gets at them without the address."""
-    environment = fleet.environment("api")
+    environment = fleet.environment_of("api")
     settings = Settings(**{name.removeprefix("APEXCAL_").lower(): value for name, value in environment.items()})
     database, store = Database(settings.database), open_store(settings)
     try:

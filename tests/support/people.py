@@ -1,6 +1,7 @@
 """People with roles, and clients that act for them."""
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 from uuid import UUID
@@ -12,7 +13,7 @@ with warnings.catch_warnings():
 
 from fastapi import FastAPI
 
-from service.platform.auth.credential_actions import new_secret, secret_hash
+from service.platform.auth.credential_actions import TOKEN_PREFIX, new_secret, secret_hash
 from service.platform.db.base import new_id
 from service.platform.db.fleets import Fleet
 from service.platform.db.people import ApiToken, Membership, Person
@@ -81,15 +82,8 @@ class Api:
 
     def person(self, name: str = "somebody", *, owner: bool = False, **roles: Any) -> Actor:
         """Make a person; ``fleet=<id>, role=<role>`` makes them a member."""
-        secret = new_secret("apx_")
-        with self.database.writing() as session:
-            person = Person(id=new_id(), name=name, is_owner=owner)
-            session.add(person)
-            session.flush()
-            session.add(ApiToken(secret_hash=secret_hash(secret), name="test", person_id=person.id))
-            if roles:
-                session.add(Membership(person_id=person.id, fleet_id=roles["fleet"], role=roles["role"]))
-        return Actor(person.id, secret, self.client)
+        memberships = {roles["fleet"]: roles["role"]} if roles else {}
+        return Actor(*add_person(self.database, name, owner=owner, roles=memberships), self.client)
 
     def owner(self) -> Actor:
         """Make an owner."""
@@ -98,3 +92,16 @@ class Api:
     def member(self, fleet_id: UUID, role: str, name: str | None = None) -> Actor:
         """Make a member of a fleet."""
         return self.person(name or role, fleet=fleet_id, role=role)
+
+
+def add_person(
+    database: Database, name: str, *, owner: bool = False, roles: Mapping[UUID, str] | None = None
+) -> tuple[UUID, str]:
+    """Make a person with a role in each of these fleets. Returns their id and a token."""
+    secret, person = new_secret(TOKEN_PREFIX), Person(id=new_id(), name=name, is_owner=owner)
+    with database.writing() as session:
+        session.add(person)
+        session.flush()
+        session.add(ApiToken(secret_hash=secret_hash(secret), name="test", person_id=person.id))
+        session.add_all(Membership(person_id=person.id, fleet_id=id, role=role) for id, role in (roles or {}).items())
+    return person.id, secret

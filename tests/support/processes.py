@@ -38,7 +38,9 @@ def stop(child: subprocess.Popen[bytes], how: signal.Signals = signal.SIGTERM) -
     stop_all([child], how)
 
 
-def stop_all(children: Iterable[subprocess.Popen[bytes]], how: signal.Signals = signal.SIGTERM) -> None:
+def stop_all(
+    children: Iterable[subprocess.Popen[bytes]], how: signal.Signals = signal.SIGTERM, grace_s: float = 10.0
+) -> None:
     """End children, kindly first; they end side by side."""
     told = list(children)
     for child in told:
@@ -46,7 +48,7 @@ def stop_all(children: Iterable[subprocess.Popen[bytes]], how: signal.Signals = 
             child.send_signal(how)
     for child in told:
         try:
-            child.wait(10)
+            child.wait(grace_s)
         except subprocess.TimeoutExpired:
             child.kill()
             child.wait()
@@ -68,9 +70,9 @@ def is_ready(url: str, patience_s: float = 5.0) -> bool:
         return False
 
 
-def wait_until(true: Callable[[], bool], what: str, seconds: float = 20.0) -> None:
+def wait_until(true: Callable[[], bool], what: str, seconds: float = 20.0, every_s: float = 0.02) -> None:
     """Poll until ``true()``, or fail saying what did not happen."""
     end = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < end, f"{what} did not happen within {seconds} s"
-        time.sleep(0.02)
+        time.sleep(every_s)

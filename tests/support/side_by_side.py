@@ -10,7 +10,7 @@ from xdist.scheduler.loadfile import LoadFileScheduling
 # Starting a service costs more than most of what is asked of it: whoever shares one stays together. Farms mostly wait
 # for processes to start and for leases to end, so they come one after the other, beside tests that compute. Nothing
 # takes longer, so they come first.
-_TOGETHER = (("tests/e2e/",), ("tests/faults/",), ("tests/apexcal/", "tests/operations/", "tests/integration/"))
+_TOGETHER = (("tests/e2e/",), ("tests/faults/",), ("tests/apexcal/", "tests/integration/"))
 
 # `make` has compiled the kernels (tests/support/kernels.py). Long groups come first; short files fill up the end.
 _FIRST = (

@@ -16,9 +16,7 @@ from uuid import UUID
 from sqlalchemy import func, select, text, update
 from sqlalchemy.exc import OperationalError
 
-from service.platform.auth.credential_actions import new_secret, secret_hash
-from service.platform.db.base import new_id
-from service.platform.db.models import ApiToken, Blob, Calibration, Detection, Job, Membership, Person, Recording
+from service.platform.db.models import Blob, Calibration, Detection, Job, Recording
 from service.platform.storage.audit import audit
 from tests.faults.campaign.clients import Annotator, Engineer, GaveUpError
 from tests.faults.campaign.invariants import Findings, check
@@ -29,6 +27,7 @@ from tests.faults.campaign.requests import CALIBRATIONS, Expected, record, senso
 from tests.faults.campaign.schedule import Injector, draw, say
 from tests.faults.results import documents
 from tests.support.networks import Network
+from tests.support.people import add_person
 
 _TICK_S = 0.05
 _CALM_S = 240.0
@@ -151,14 +150,9 @@ class Campaign:
         """People enough for the marks: each has one place in each frame, and some of the places stay empty."""
         made: list[Annotator] = []
         for number in range(max(8, ceil(1.25 * self._size.marks / frames))):
-            secret, person = new_secret("apx_"), Person(id=new_id(), name=f"annotator {number}")
-            with self._plant.database.writing() as session:
-                session.add(person)
-                session.flush()
-                session.add(ApiToken(secret_hash=secret_hash(secret), name="campaign", person_id=person.id))
-                for fleet in engineer.fleets:
-                    session.add(Membership(person_id=person.id, fleet_id=fleet, role="annotator"))
-            made.append(Annotator(person.id, self._plant.url, secret, self._ledger, until))
+            roles = dict.fromkeys(engineer.fleets, "annotator")
+            person, secret = add_person(self._plant.database, f"annotator {number}", roles=roles)
+            made.append(Annotator(person, self._plant.url, secret, self._ledger, until))
         return made
 
     def _storm(self, engineer: Engineer, annotators: list[Annotator], recordings: dict[UUID, int]) -> None:
@@ -275,7 +269,7 @@ class Campaign:
         return rows + len(self._scratch())
 
     def _scratch(self) -> list[str]:
-        folder = self._plant.data / "scratch"
+        folder = self._plant.folder / "scratch"
         return [path.name for path in folder.iterdir()] if folder.is_dir() else []
 
     def _watch_until(self, true: Callable[[], bool], seconds: float) -> bool:

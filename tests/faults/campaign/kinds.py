@@ -122,17 +122,17 @@ def _store_away(plant: Plant, random: Random) -> Struck:
     if plant.s3:
         plant.s3.pause()
         return Struck("S3", plant.s3.resume)
-    blobs = plant.data / "blobs"
+    blobs = plant.folder / "blobs"
     blobs.chmod(0)
     return Struck("blobs", lambda: blobs.chmod(0o700))
 
 
 def _fill_disk(plant: Plant, random: Random) -> Struck:
-    filler = plant.data / "filler"
+    filler = plant.folder / "filler"
     if filler.exists():
         return Struck("")
     descriptor = os.open(filler, os.O_WRONLY | os.O_CREAT)
-    free = shutil.disk_usage(plant.data).free
+    free = shutil.disk_usage(plant.folder).free
     try:
         os.posix_fallocate(descriptor, 0, free)
     except OSError:  # somebody wrote meanwhile; tmpfs gives back what it could not give whole
@@ -144,7 +144,8 @@ def _fill_disk(plant: Plant, random: Random) -> Struck:
 
 
 def _second_sweeper(plant: Plant, random: Random) -> Struck:
-    sweeper = plant.second_sweeper()
+    """Start another one, as happens by mistake."""
+    sweeper = plant.launch("sweeper")
     return Struck("sweeper", lambda: stop(sweeper, signal.SIGKILL))
 
 

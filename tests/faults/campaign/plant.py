@@ -5,22 +5,20 @@ from __future__ import annotations
 import contextlib
 import os
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 
 from apexcal.embedded import plans
-from apexcal.embedded.folder import DataFolder
 from service.platform.db.migrate import upgrade
-from service.platform.db.session import Database
 from service.platform.storage.store import Store
 from tests.faults.farm import QUICK
 from tests.support.broker import Broker
+from tests.support.fleets import Fleet
 from tests.support.networks import Host, Network
 from tests.support.postgres import Postgres
-from tests.support.processes import free_port, is_ready, start, stop, stop_all, wait_until
+from tests.support.processes import is_ready, wait_until
 from tests.support.s3 import S3Server
 from tests.support.wrong_clocks import WrongClock, why_not
 
@@ -39,34 +37,18 @@ _ELSEWHERE = {
     "sweeper": "sweeper",
     "s3": "store",
 }
-_AHEAD = ("worker-b", "sweeper")
 HOSTS = tuple(dict.fromkeys(_ELSEWHERE.values()))
 POOL = 2
+_SETTINGS = {
+    "PART_BYTES": str(1024 * 1024),
+    # So that a store that hangs is noticed within the time that it hangs for.
+    "STORE_TIMEOUT_S": "2",
+    # Strikes are so close together that five hit the same innocent job. The limit has tests of its own.
+    "MAX_LOST_LEASES": "25",
+}
 
 
-class Part:
-    """A process that is kept running."""
-
-    def __init__(
-        self, launch: Callable[[], subprocess.Popen[bytes]], child: subprocess.Popen[bytes] | None = None
-    ) -> None:
-        self._launch = launch
-        self.child = child or launch()
-        self._due: float | None = None
-
-    def watch(self, random: Random) -> None:
-        """Start it again where it is dead and its pause is over."""
-        if self.child.poll() is None:
-            return
-        now = time.monotonic()
-        if self._due is None:
-            self._due = now + random.uniform(*_PAUSE_S)
-        elif now >= self._due:
-            self._due = None
-            self.child = self._launch()
-
-
-class Plant:
+class Plant(Fleet):
     """PostgreSQL, broker, API, two workers of two pool processes and a sweeper on a folder or on S3.
 
     One worker and the sweeper believe that it is five minutes later. Processes die with the thread that started
@@ -86,33 +68,40 @@ class Plant:
             here.enter()
             address = here.address
         self.s3 = S3Server(address, self._host("s3")) if s3 else None
-        self.data = data
-        self.logs = logs
         self._random = random
+        self._due: dict[str, float] = {}
         self.postgres = Postgres(durable=True, host=self._host("postgres"))
-        self.broker = Broker(self._host("broker"))
         url = self.postgres.create("campaign")
         upgrade(url)
-        self.database = Database(url)
-        self.url = f"http://127.0.0.1:{free_port()}"
-        self._folder = DataFolder(data)
-        self._bucket = self.s3.make_bucket() if self.s3 else ""
-        self.environment = self._environment()
-        self.parts: dict[str, Part] = {}
-        self._ahead = None if why_not() else WrongClock(logs, "ahead")
-        if self._ahead:
-            self._ahead.step(CLOCKS_APART_S)
+        broker = Broker(self._host("broker"))
+        super().__init__(data, url, processes=POOL * len(WORKERS), broker=broker, logs=logs, **_SETTINGS, **QUICK)
+        if self.hosts:
+            self.environment["APEXCAL_DATABASE_URL"] = self.postgres.remote_url("campaign")
+            self.environment["APEXCAL_BROKER_URL"] = broker.remote_url
+        if self.s3:
+            self.environment |= self.s3.environment(self.s3.make_bucket())
+        del self.commands["worker"]
+        self.commands |= {name: plans.worker_command(plans.QUEUES, POOL, name) for name in WORKERS}
+        if not why_not():
+            ahead = WrongClock(logs, "ahead")
+            ahead.step(CLOCKS_APART_S)
+            self.own = dict.fromkeys(("worker-b", "sweeper"), ahead.environment)
 
     def begin(self) -> str:
-        """Start every process, wait until it is ready, and return the owner's token."""
-        token = self.logs / "owner.token"
-        bootstrap = [sys.executable, "-m", "service.platform.auth.bootstrap", "--no-link", "--token-file", str(token)]
-        subprocess.run(bootstrap, env=self.environment, check=True)
-        for name, command in self._commands().items():
-            self.parts[name] = Part(self._launcher(name, command))
-        self.parts["broker"] = Part(self.broker.launch, self.broker.child)
-        self.parts["postgres"] = Part(self.postgres.launch, self.postgres.child)
-        return token.read_text().strip()
+        """Start every process, and return an owner's token."""
+        self.start(*self.commands)
+        self.children |= {"broker": self.broker.child, "postgres": self.postgres.child}
+        return self.owner()
+
+    def launch(self, name: str) -> subprocess.Popen[bytes]:
+        """Start a process on its host."""
+        if name == "broker":
+            return self.broker.launch()
+        if name == "postgres":
+            return self.postgres.launch()
+        host = self._host(name)
+        with host.inside() if host else contextlib.nullcontext():
+            return super().launch(name)
 
     def wait_ready(self) -> None:
         """Wait until the service says that it works, and every worker has its pool."""
@@ -124,16 +113,17 @@ class Plant:
         """The store, for looking at it from outside."""
         if self.s3:
             return Store(self.environment["APEXCAL_BLOB_URL"], self.s3.options())
-        return Store((self.data / "blobs").as_uri())
+        return Store((self.folder / "blobs").as_uri())
 
     def watch(self) -> None:
-        """Start again what is dead."""
-        for part in self.parts.values():
-            part.watch(self._random)
-
-    def pid(self, name: str) -> int:
-        """The process id of a part."""
-        return self.parts[name].child.pid
+        """Start again what is dead, a pause after it died."""
+        now = time.monotonic()
+        for name in filter(self.is_dead, self.children):
+            if name not in self._due:
+                self._due[name] = now + self._random.uniform(*_PAUSE_S)
+            elif now >= self._due[name]:
+                del self._due[name]
+                self.start(name)
 
     def pool_of(self, worker: str) -> list[int]:
         """The pool processes of a worker."""
@@ -143,60 +133,18 @@ class Plant:
         """The processes that read an upload at this moment."""
         return [pid for worker in WORKERS for child in self.pool_of(worker) for pid in children(child)]
 
-    def second_sweeper(self) -> subprocess.Popen[bytes]:
-        """Start another sweeper, as happens by mistake."""
-        return self._launcher("second-sweeper", self._commands()["sweeper"])()
-
     def stop_service(self) -> None:
         """Stop what could still write; the database goes on."""
-        stop_all(self.parts.pop(name).child for name in self._commands())
-        stop(self.parts.pop("broker").child)
+        self.stop(*self.commands)
+        self.stop("broker")
+        self.children = {"postgres": self.children["postgres"]}
 
     def close(self) -> None:
-        """Stop everything."""
-        for part in self.parts.values():
-            stop(part.child)
-        self.database.close()
-        self.broker.close()
+        """End everything at once."""
+        super().close()
         self.postgres.close()
         if self.s3:
             self.s3.close()
-
-    def _environment(self) -> dict[str, str]:
-        database, broker = self.postgres.url("campaign"), self.broker.url
-        if self.hosts:
-            database, broker = self.postgres.remote_url("campaign"), self.broker.remote_url
-        chosen = plans.environment(self._folder, public_url=self.url, workers=POOL * len(WORKERS))
-        del chosen["APEXCAL_SUPERVISOR_STATUS"]
-        return {
-            **chosen,
-            "APEXCAL_DATABASE_URL": database,
-            "APEXCAL_BROKER_URL": broker,
-            "APEXCAL_PART_BYTES": str(1024 * 1024),
-            # So that a store that hangs is noticed within the time that it hangs for.
-            "APEXCAL_STORE_TIMEOUT_S": "2",
-            # Strikes are so close together that five hit the same innocent job. The limit has tests of its own.
-            "APEXCAL_MAX_LOST_LEASES": "25",
-            **(self.s3.environment(self._bucket) if self.s3 else {}),
-            **{f"APEXCAL_{name}": value for name, value in QUICK.items()},
-        }
-
-    def _commands(self) -> dict[str, list[str]]:
-        port = int(self.url.rpartition(":")[2])
-        return {
-            "api": list(plans.api(self._folder, self.environment, "127.0.0.1", port).command),
-            **{name: list(plans.worker_command(plans.QUEUES, POOL, name)) for name in WORKERS},
-            "sweeper": list(plans.sweeper(self._folder, self.environment).command),
-        }
-
-    def _launcher(self, name: str, command: list[str]) -> Callable[[], subprocess.Popen[bytes]]:
-        def launch() -> subprocess.Popen[bytes]:
-            part = name.removeprefix("second-")
-            host, clock = self._host(part), self._ahead.environment if self._ahead and part in _AHEAD else {}
-            with host.inside() if host else contextlib.nullcontext():
-                return start(command, self.logs / f"{name}.log", env=self.environment | clock)
-
-        return launch
 
     def _host(self, part: str) -> Host | None:
         return self.hosts.get(_ELSEWHERE.get(part, ""))

@@ -2,29 +2,20 @@
 
 import base64
 import json
-import os
-import shutil
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from subprocess import Popen
-from uuid import UUID
 
 import pytest
 import redis
 from celery import Celery
 from sqlalchemy import select
 
-from apexcal.embedded import plans
-from apexcal.embedded.folder import DataFolder
 from service.platform.db.jobs import Worker
 from service.platform.db.session import Database
 from service.platform.jobs.messages import Message, Sender, task_of
-from service.platform.settings import Settings
-from service.platform.storage.store import open_store
+from tests.faults.farm import Farm
 from tests.service.platform.jobs.support import job, make_fleet, make_jobs
-from tests.support.broker import Broker
-from tests.support.processes import start, stop_all, wait_until
+from tests.support.processes import wait_until
 
 pytestmark = pytest.mark.faults
 
@@ -32,51 +23,20 @@ TASK = task_of("solve")
 ORDERS = (("shutdown", {}), ("pool_shrink", {"n": 1}), ("cancel_consumer", {"queue": "solve"}), ("pool_restart", {}))
 
 
-@dataclass
-class Workers:
-    """A worker of one process and the sweeper, as `apexcal serve` starts them."""
-
-    broker: Broker
-    database: Database
-    fleet_id: UUID
-    environment: dict[str, str]
-    children: list[Popen[bytes]]
-
-    def still_work(self) -> None:
-        """Fails unless both are the processes that they were and a job is still taken."""
-        (made,) = make_jobs(self.database, self.fleet_id, 1)
-        sender = Sender(self.broker.url)
-        sender([Message(made, "solve")])
-        sender.close()
-        wait_until(lambda: job(self.database, made).attempt > 0, "an attempt at a job that was sent afterwards", 30)
-        assert [child.poll() for child in self.children] == [None, None]
-
-
-@pytest.fixture(scope="module")
-def workers(sqlite_template: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workers]:
-    """The same for all tests: what one of them sends changes nothing for the next one either."""
-    root = tmp_path_factory.mktemp("workers")
-    url = f"sqlite:///{shutil.copy(sqlite_template, root / 'apexcal.db')}"
-    broker, database, folder, log = Broker(), Database(url), DataFolder(root / "data"), root / "log"
-    open_store(Settings(data_dir=folder.root)).prepare()
-    environment = {
-        "OPENBLAS_NUM_THREADS": "1",
-        "OMP_NUM_THREADS": "1",
-        **os.environ,
-        "APEXCAL_DATA_DIR": str(folder.root),
-        "APEXCAL_DATABASE_URL": url,
-        "APEXCAL_BROKER_URL": broker.url,
-        "APEXCAL_MIN_FREE_BYTES": "0",
-    }
-    commands = (plans.worker(folder, environment, 1), plans.sweeper(folder, environment))
-    children = [start(list(one.command), log, env=environment) for one in commands]
-    try:
-        wait_until(lambda: is_warm(database), "a warm worker", 120)
-        yield Workers(broker, database, make_fleet(database), environment, children)
-    finally:
-        stop_all(children)
-        database.close()
-        broker.close()
+@pytest.fixture(autouse=True)
+def work_goes_on(farm: Farm) -> Iterator[None]:
+    """Worker and sweeper must be the processes that they were, and take a job that is sent afterwards."""
+    farm.use_worker(2)
+    wait_until(lambda: is_warm(farm.database), "a warm worker", 120)
+    before = farm.pid("worker"), farm.pid("sweeper")
+    yield
+    (made,) = make_jobs(farm.database, make_fleet(farm.database, f"fleet {before} {time.monotonic()}"), 1)
+    sender = Sender(farm.broker.url)
+    sender([Message(made, "solve")])
+    sender.close()
+    wait_until(lambda: job(farm.database, made).state == "failed", "the end of a job of nothing", 30)
+    assert (farm.is_dead("worker"), farm.is_dead("sweeper")) == (False, False)
+    assert (farm.pid("worker"), farm.pid("sweeper")) == before
 
 
 def is_warm(database: Database) -> bool:
@@ -97,8 +57,8 @@ def envelope(body: object, **changed: object) -> dict[str, object]:
     return {"body": text, "headers": headers, "properties": properties, **usual, **changed}
 
 
-def test_orders_and_nonsense_change_nothing(workers: Workers) -> None:
-    with Celery("somebody", broker=workers.broker.url, set_as_current=False) as app:
+def test_orders_and_nonsense_change_nothing(farm: Farm) -> None:
+    with Celery("somebody", broker=farm.broker.url, set_as_current=False) as app:
         for order, arguments in ORDERS:
             app.control.broadcast(order, arguments=arguments)
         for number in (2**70, -1, 0, "x", "1; DROP TABLE job", None, 1.5, [1], {"a": 1}, "\ud800", "\x00", True):
@@ -107,28 +67,25 @@ def test_orders_and_nonsense_change_nothing(workers: Workers) -> None:
         app.send_task("os.system", args=("true",), queue="solve")
         app.send_task("apexcal.kind_of_a_newer_version", args=(1,), queue="solve")
         app.send_task(TASK, args=(1,), queue="solve", serializer="pickle")
-    workers.still_work()
 
 
-def test_orders_are_obeyed_where_the_operator_allows_them(workers: Workers, tmp_path: Path) -> None:
-    environment = workers.environment | {"APEXCAL_CELERY_CONTROL": "true"}
-    command = plans.worker_command("ingest", 1, "obedient")
-    child = start(list(command), tmp_path / "log", env=environment)
+def test_orders_are_obeyed_where_the_operator_allows_them(farm: Farm) -> None:
+    farm.start_beside("obedient", {"APEXCAL_CELERY_CONTROL": "true"}, "ingest")
     try:
-        with Celery("somebody", broker=workers.broker.url, set_as_current=False) as app:
+        with Celery("somebody", broker=farm.broker.url, set_as_current=False) as app:
 
             def answers() -> set[str]:
                 return {name.partition("@")[0] for name in app.control.inspect(timeout=0.5).ping() or {}}
 
             wait_until(lambda: answers() == {"obedient"}, "the answer of the worker that obeys, and of no other", 60)
             app.control.broadcast("shutdown")
-        wait_until(lambda: child.poll() == 0, "its end", 30)
+        wait_until(lambda: farm.is_dead("obedient"), "its end", 30)
     finally:
-        stop_all([child])
-    workers.still_work()
+        codes = farm.stop("obedient")
+    assert codes == {"obedient": 0}
 
 
-def test_messages_that_are_none_change_nothing(workers: Workers) -> None:
+def test_messages_that_are_none_change_nothing(farm: Farm) -> None:
     fitting = envelope([[1], {}, {}])
     broken = [
         *("no json", "", "[]", "{}", "1", "null", '{"a": ', "\x00\xff"),
@@ -143,10 +100,9 @@ def test_messages_that_are_none_change_nothing(workers: Workers) -> None:
         "[" * 100_000,
         json.dumps(envelope([[1], {}, {"callbacks": 7, "chain": "x"}])),
     ]
-    with workers.broker.client() as client:
+    with farm.broker.client() as client:
         push(client, "solve", broken)
         push(client, "sweep", broken)
-    workers.still_work()
 
 
 def push(client: redis.Redis, queue: str, messages: list[str]) -> None:

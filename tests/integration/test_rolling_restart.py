@@ -5,21 +5,20 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
-from uuid import uuid4
 
 import httpx
 import pytest
 from sqlalchemy import func, select
 
-from service.platform.db.migrate import upgrade
-from service.platform.db.models import Job, JobEvent, Vehicle, Worker
+from service.platform.db.models import Job, JobEvent, Vehicle
+from service.platform.db.session import Database
 from tests.contract.test_work import pairs_of_a_pinhole
-from tests.operations.fleet import DRAIN_S, Fleet
-from tests.support.postgres import Postgres
-from tests.support.processes import is_ready, wait_until
+from tests.integration.fleet import APIS, WORKERS, ComposeFleet
+from tests.support.processes import wait_until
 from tests.support.uploads import RIG
 
 pytestmark = [pytest.mark.faults, pytest.mark.timeout(600)]
+DRAIN_S = 2.0
 
 # Slots of some tens of milliseconds, so that a worker is always in the middle of one.
 SCHEDULE = {"population": 400, "generations": 60, "max_iterations": 8, "slots": 4}
@@ -28,19 +27,23 @@ _COMPILING_S = 240
 REQUEST = "rolling-restart-17"
 
 
-@pytest.fixture(scope="module")
-def fleet(postgres: Postgres, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
-    url = postgres.create(f"fleet_{uuid4().hex}")
-    upgrade(url)
-    running = Fleet(tmp_path_factory.mktemp("fleet") / "data", url)
-    yield running
-    running.close()
+@pytest.fixture
+def database(fleet: ComposeFleet) -> Iterator[Database]:
+    opened = Database(fleet.database_url)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def owner(fleet: ComposeFleet) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=f"{fleet.url}/v1", headers=_signed(fleet.token), timeout=30) as client:
+        yield client
 
 
 class Hammer(threading.Thread):
     """A client that keeps its connection, reads and writes a few times a second, and forgives nothing."""
 
-    def __init__(self, fleet: Fleet, fleet_id: str, name: str) -> None:
+    def __init__(self, fleet: ComposeFleet, fleet_id: str, name: str) -> None:
         super().__init__(daemon=True)
         self.made: list[str] = []
         self.asked = 0
@@ -72,7 +75,7 @@ class Hammer(threading.Thread):
 class Follower(threading.Thread):
     """A page that follows the fleet's events, and connects anew whenever its stream ends."""
 
-    def __init__(self, fleet: Fleet, fleet_id: str) -> None:
+    def __init__(self, fleet: ComposeFleet, fleet_id: str) -> None:
         super().__init__(daemon=True)
         self.streams = 0
         self.failures: list[str] = []
@@ -117,47 +120,40 @@ def _calibrate(client: httpx.Client, vehicle: str, pairs: str, request_id: str) 
     return asked.json()["id"]
 
 
-def _replace_api(fleet: Fleet, number: int) -> None:
+def _replace_api(fleet: ComposeFleet, name: str) -> None:
     """It says first that it leaves, answers on for a while, and is back."""
-    name, port = f"api-{number}", fleet.ports[number]
     began = time.monotonic()
-    fleet.ask_to_stop(name)
-    wait_until(lambda: not is_ready(f"http://127.0.0.1:{port}"), "the process's own word that it leaves", DRAIN_S)
-    answer = httpx.get(f"http://127.0.0.1:{port}/readyz")
+    fleet.children[name].terminate()
+    wait_until(lambda: not fleet.is_api_ready(name), "the process's own word that it leaves", DRAIN_S)
+    answer = httpx.get(f"http://127.0.0.1:{fleet.ports[name]}/readyz")
     assert (answer.status_code, answer.json()["status"]) == (503, "draining")
     assert answer.headers["Connection"] == "close"
-    fleet.wait_for_end(name, 60)
+    fleet.children[name].wait(60)
     assert time.monotonic() - began >= DRAIN_S
     fleet.start(name)
-    wait_until(lambda: fleet.is_ready(port), f"the new {name}", 150)
+    wait_until(lambda: fleet.is_api_ready(name), f"the new {name}", 150)
 
 
-def _warm(fleet: Fleet) -> int:
-    with fleet.database.reading() as session:
-        return session.scalar(select(func.count()).select_from(Worker).where(Worker.warm)) or 0
-
-
-def test_all_processes_are_replaced_and_no_request_fails(fleet: Fleet) -> None:
-    with httpx.Client(base_url=f"{fleet.url}/v1", headers=_signed(fleet.token), timeout=30) as client:
-        fleet_id, vehicle, pairs = _prepare(client)
+def test_all_processes_are_replaced_and_no_request_fails(
+    fleet: ComposeFleet, database: Database, owner: httpx.Client
+) -> None:
+    fleet.wait_until_healthy((*APIS, *WORKERS), _COMPILING_S)
+    fleet_id, vehicle, pairs = _prepare(owner)
     hammers = [Hammer(fleet, fleet_id, name) for name in ("a", "b", "c")]
     follower = Follower(fleet, fleet_id)
     for thread in (*hammers, follower):
         thread.start()
-    wait_until(lambda: _warm(fleet) == 2, "the workers' start", _COMPILING_S)
     calibrations: list[str] = []
-    for number in range(2):
-        with httpx.Client(base_url=f"{fleet.url}/v1", headers=_signed(fleet.token), timeout=30) as client:
-            calibrations += [_calibrate(client, vehicle, pairs, f"{REQUEST}-{number}-{one}") for one in range(3)]
-        fleet.ask_to_stop(f"worker-{number}")
-        _replace_api(fleet, number)
-        fleet.wait_for_end(f"worker-{number}", 60)
-        fleet.start(f"worker-{number}")
-    with httpx.Client(base_url=f"{fleet.url}/v1", headers=_signed(fleet.token), timeout=30) as client:
-        for calibration in calibrations:
-            path = f"/calibrations/{calibration}"
-            ended = lambda path=path: client.get(path).json()["state"] == "done"  # noqa: E731
-            wait_until(ended, "the calibrations' end", _COMPILING_S)
+    for name in APIS:
+        calibrations += [_calibrate(owner, vehicle, pairs, f"{REQUEST}-{name}-{number}") for number in range(3)]
+        fleet.children["worker-solve"].terminate()
+        _replace_api(fleet, name)
+        fleet.children["worker-solve"].wait(60)
+        fleet.start("worker-solve")
+    for calibration in calibrations:
+        path = f"/calibrations/{calibration}"
+        ended = lambda path=path: owner.get(path).json()["state"] == "done"  # noqa: E731
+        wait_until(ended, "the calibrations' end", _COMPILING_S, every_s=0.2)
     for thread in (*hammers, follower):
         thread.enough.set()
     for hammer in hammers:
@@ -167,7 +163,7 @@ def test_all_processes_are_replaced_and_no_request_fails(fleet: Fleet) -> None:
     assert follower.failures == []
     assert follower.streams >= 2, "the streams of who left ended, and were followed on elsewhere"
     assert all(hammer.asked > 20 for hammer in hammers)
-    with fleet.database.reading() as session:
+    with database.reading() as session:
         kept = set(session.scalars(select(Vehicle.name)))
         assert {name for hammer in hammers for name in hammer.made} <= kept
         assert session.scalar(select(func.max(Job.lost))) == 0
@@ -175,18 +171,20 @@ def test_all_processes_are_replaced_and_no_request_fails(fleet: Fleet) -> None:
         assert set(session.scalars(select(JobEvent.what))) <= {"done", "given_back"}
 
 
-def test_one_id_leads_from_the_request_to_its_rows_and_its_workers_lines(fleet: Fleet) -> None:
+def test_one_id_leads_from_the_request_to_its_rows_and_its_workers_lines(
+    fleet: ComposeFleet, database: Database
+) -> None:
     """After the restarts above: every line is an object, and one word finds all that a request caused."""
-    wanted = f"{REQUEST}-1-0"
-    api = [line for line in fleet.lines("api") if line.get("request_id") == wanted]
+    request_id = f"{REQUEST}-api-2-0"
+    api = [line for line in fleet.log_lines("api") if line.get("request_id") == request_id]
     assert [(line["method"], line["status"]) for line in api if "status" in line] == [("POST", 202)]
-    with fleet.database.reading() as session:
-        rows = {job.id: job for job in session.scalars(select(Job).where(Job.request_id == wanted))}
+    with database.reading() as session:
+        rows = {job.id: job for job in session.scalars(select(Job).where(Job.request_id == request_id))}
     assert len(rows) > 4, "also the jobs of later iterations, which workers made"
-    worker = [line for line in fleet.lines("worker") if line.get("request_id") == wanted]
+    worker = [line for line in fleet.log_lines("worker") if line.get("request_id") == request_id]
     assert {line["job"] for line in worker} == set(rows)
     assert all({"time", "level", "logger", "message", "kind", "attempt"} <= set(line) for line in worker)
     for kind in ("api", "worker", "sweeper"):
-        fleet.lines(kind)
+        fleet.log_lines(kind)
     everything = "".join(log.read_text() for log in fleet.logs.glob("*.log"))
     assert fleet.token not in everything and "Bearer" not in everything and "?" + "camera=" not in everything
