@@ -169,8 +169,17 @@ class ImageSize(Document):
     count: int
 
 
-class SensorFacts(Document):
-    """How a sensor was read, and what stands out in it."""
+class StampFacts(Document):
+    """What a sensor's stamps tell.
+
+    Attributes:
+        rate_hz: from the median step between stamps; None for fewer than two.
+        gaps: pauses of more than 1.75 steps, the first thousand; ``gap_count`` counts all.
+        missing: messages that these gaps would have held.
+        jumps: steps of the clock: pauses of over an hour, and steps back (negative) of a second or for several
+            messages, in recorded order.
+        backwards, duplicates: messages with an earlier stamp than the one before, and with the same.
+    """
 
     rate_hz: float | None = None
     gaps: list[Gap] = []
@@ -179,6 +188,11 @@ class SensorFacts(Document):
     jumps: list[Gap] = []
     backwards: int = 0
     duplicates: int = 0
+
+
+class SensorFacts(StampFacts):
+    """How a sensor was read, and what stands out in it."""
+
     stamp_convention: StampConvention | None = None
     time_source: str | None = None
     ring_count: int | None = None
@@ -197,12 +211,15 @@ class SensorFacts(Document):
 
 
 class FixedFrame(Document):
-    """``T_parent_child``: the pose of a frame in its parent, as the recording's topic ``origin`` says it."""
+    """``T_parent_child``: the pose of a frame in its parent, as the recording's topic ``origin`` says it.
+
+    Metres; a unit quaternion.
+    """
 
     parent: str
     child: str
-    translation_m: list[float]
-    quaternion_xyzw: list[float]
+    translation_m: Annotated[list[float], Field(min_length=3, max_length=3)]
+    quaternion_xyzw: Annotated[list[float], Field(min_length=4, max_length=4)]
     origin: FrameOrigin = "tf_static"
 
 

@@ -150,7 +150,7 @@ def _normalised(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[
         options=options_of(request),
         on_progress=on_progress,
     )
-    return {"manifest": manifest.to_json()}
+    return {"manifest": manifest.model_dump(mode="json")}
 
 
 def _written(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:

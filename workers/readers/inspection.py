@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -16,14 +15,14 @@ from apexcal.documents.bounds import preset_bounds
 from apexcal.documents.inspections import InspectedSensor, Inspection, RecordingFault
 from apexcal.documents.pairs import REACH_NS
 from apexcal.documents.readings import ReadOptions
-from apexcal.documents.recordings import StatedLens
+from apexcal.documents.recordings import FixedFrame, StatedLens
 from apexcal.documents.rig_proposals import RigAnswers, RigProposal
 from apexcal.geometry.frame_tree import FrameTree, recorded_tree, urdf_tree
 from apexcal.geometry.rig_proposal import RecordedSensor, propose_rig
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
 from workers.readers.normalised.stamps import overlap_warning, report_stamps, shared_time
-from workers.readers.recording import ReadError, Recording, Sensor, StaticTransform
+from workers.readers.recording import ReadError, Recording, Sensor
 
 # Of each sensor, to compare its stamps with the times of recording.
 _SAMPLES: Final = 9
@@ -47,7 +46,7 @@ def inspect_recording(
     options: ReadOptions | None = None,
     answers: RigAnswers | None = None,
     urdf: bytes | None = None,
-    transforms: Sequence[StaticTransform] | None = None,
+    transforms: Sequence[FixedFrame] | None = None,
 ) -> Inspection:
     """Inspect a file or folder. ``lidar``, ``cameras``: their topics, as :func:`choose_sensors` takes them.
 
@@ -85,7 +84,7 @@ def inspect_recording(
     )
 
 
-def static_transforms_of(path: Path) -> Sequence[StaticTransform]:
+def static_transforms_of(path: Path) -> Sequence[FixedFrame]:
     """The fixed transforms of a recording. Raises ReadError ``no_static_transforms`` if there are none."""
     with closing(open_recording(path)) as recording:
         transforms = recording.static_transforms
@@ -98,14 +97,14 @@ def static_transforms_of(path: Path) -> Sequence[StaticTransform]:
 def _proposal(
     recording: Recording,
     chosen: Mapping[str, Sensor],
-    transforms: Sequence[StaticTransform],
+    transforms: Sequence[FixedFrame],
     answers: RigAnswers,
     urdf: bytes | None,
 ) -> RigProposal | None:
     """Propose the rig of these sensors; None without cameras."""
     trees: dict[str, FrameTree] = {} if urdf is None else {"the URDF": urdf_tree(urdf)}
     if transforms:
-        trees["the recording"] = recorded_tree(asdict(each) for each in transforms)
+        trees["the recording"] = recorded_tree(each.model_dump() for each in transforms)
     sensors = [
         RecordedSensor(
             name,
@@ -269,7 +268,7 @@ def _pauses(
 
 
 def _frame_faults(
-    sensors: Sequence[InspectedSensor], transforms: Sequence[StaticTransform], proposal: RigProposal | None
+    sensors: Sequence[InspectedSensor], transforms: Sequence[FixedFrame], proposal: RigProposal | None
 ) -> Iterator[RecordingFault]:
     """Cameras that ``/tf_static`` does not connect with the LiDAR, if it states frames and nothing else does."""
     lidar, *cameras = sensors

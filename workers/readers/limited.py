@@ -108,7 +108,7 @@ def ingest_limited(
             ``ingest_output_limit``, ``ingest_disk_full``, ``ingest_crashed``, ``ingest_killed``.
         ValueError: ``out_dir`` holds something.
     """
-    return RecordingManifest.from_json(_limited([Path(source)], Path(out_dir), request, **terms)["manifest"])
+    return RecordingManifest.model_validate(_limited([Path(source)], Path(out_dir), request, **terms)["manifest"])
 
 
 def write_limited(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from apexcal.documents.readings import FrameOrigin, ImageKind, StampConvention
+from apexcal.documents.readings import ImageKind, StampConvention
+from apexcal.documents.recordings import FixedFrame
 
 TimeSource = Literal["per_point", "derived_from_azimuth", "stamp_only"]
 
@@ -118,20 +118,6 @@ class Sensor:
 
 
 @dataclass(frozen=True, slots=True)
-class StaticTransform:
-    """``T_parent_child``: the pose of a frame in its parent, which never changes. Metres; a unit quaternion.
-
-    ``origin`` names the topic that states it.
-    """
-
-    parent: str
-    child: str
-    translation_m: Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
-    quaternion_xyzw: Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
-    origin: FrameOrigin = "tf_static"
-
-
-@dataclass(frozen=True, slots=True)
 class LidarFacts:
     """What holds for a LiDAR through a whole recording.
 
@@ -166,7 +152,7 @@ class Recording:
     other_topics: Sequence[str] = ()
 
     @property
-    def static_transforms(self) -> Sequence[StaticTransform]:
+    def static_transforms(self) -> Sequence[FixedFrame]:
         """The poses of frames that the recording states to be fixed."""
         return ()
 

@@ -16,9 +16,9 @@ from rosbags.rosbag1 import Writer as Bag1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2
 
-from apexcal.geometry.rotations import quaternion_from_rotation
+from apexcal.documents.copies import PutPose
 from apexcal.geometry.se3 import SE3
-from workers.readers.copying.edits import CameraEdit, PoseEdit
+from workers.readers.copying.edits import CameraEdit
 from workers.readers.copying.messages import Messages
 from workers.readers.recording import Sweep
 from workers.readers.ros.ros_types import INFO, TRANSFORM, fixed_types
@@ -141,8 +141,16 @@ class BagWriter:
 
     def write_tree(self, tree: Sequence[SE3], stamp_ns: int) -> None:
         """One latched message of T_parent_child on ``/tf_static``, as robot_state_publisher sends."""
-        turned = [(pose, quaternion_from_rotation(pose.R)) for pose in tree]
-        poses = [PoseEdit(pose.to_frame, pose.from_frame, tuple(pose.t), tuple(turn), True) for pose, turn in turned]
+        poses = [
+            PutPose(
+                parent=pose.to_frame,
+                child=pose.from_frame,
+                translation_m=pose.t.tolist(),
+                quaternion_xyzw=pose.quaternion_xyzw,
+                is_new=True,
+            )
+            for pose in tree
+        ]
         latched: dict[str, Any] = {"latching": 1} if self._ros1 else {"offered_qos_profiles": [_LATCHED]}
         connection = self._bag.add_connection("/tf_static", TRANSFORM, typestore=self._types, **latched)
         self._bag.write(connection, stamp_ns, self._messages.new_poses(poses, stamp_ns))

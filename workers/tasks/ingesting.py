@@ -19,12 +19,12 @@ from service.platform.jobs.claims import Claim, Lease, require_mine
 from service.platform.storage.blobs import condemn, keep, reserve, sensor_keys
 from service.platform.storage.quota import copied, take
 from workers.readers.limited import ingest_limited
-from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
+from workers.readers.normalised.manifest import SensorManifest, read_table
 from workers.readers.recording import ReadError, legible
 from workers.tasks.context import Context
 from workers.tasks.originals import join_parts, store_files, watching
 
-_OWN_COLUMNS = ("kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames")
+_OWN_COLUMNS = {"kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames"}
 
 
 def ingest(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Recording]:
@@ -130,7 +130,7 @@ def _sensor_row(recording: Recording, sensor: SensorManifest, key: str) -> Senso
         count=sensor.count,
         first_ns=sensor.first_ns,
         last_ns=sensor.last_ns,
-        facts=_legible({name: value for name, value in asdict(sensor).items() if name not in _OWN_COLUMNS}),
+        facts=_legible(sensor.model_dump(mode="json", exclude=_OWN_COLUMNS)),
     )
 
 
@@ -147,10 +147,9 @@ def _legible(value: Any) -> Any:
 
 def _frames(out: Path, sensor: SensorManifest) -> list[Json]:
     """A camera's byte ranges as rows; a LiDAR has none."""
-    table = read_table(out / sensor.frames)
-    if not isinstance(table, FrameTable):
+    if sensor.frames is None:
         return []
-    columns = asdict(table)
+    columns = asdict(read_table(out / sensor.frames))
     return [
         {"index": index, **dict(zip(columns, values, strict=True))}
         for index, values in enumerate(zip(*columns.values(), strict=True))
@@ -163,7 +162,7 @@ def keep_image_kinds(session: Session, rig_id: UUID, sensors: Sequence[SensorMan
     pairs = [(cameras[sensor.name], sensor) for sensor in sensors if sensor.name in cameras]
     for camera, sensor in pairs:
         if camera.images is None and sensor.image_kind is not None:
-            R = (sensor.camera_info or {}).get("R") if sensor.image_kind == "rectified" else None
+            R = sensor.camera_info.R if sensor.camera_info and sensor.image_kind == "rectified" else None
             camera.images = {"kind": sensor.image_kind, "rotation": R and {"matrix": [R[:3], R[3:6], R[6:]]}}
             session.get_one(Rig, rig_id).version += 1
     sentences = (_sentence(camera, sensor) for camera, sensor in pairs)
@@ -171,9 +170,9 @@ def keep_image_kinds(session: Session, rig_id: UUID, sensors: Sequence[SensorMan
 
 
 def _sentence(camera: RigCamera, sensor: SensorManifest) -> str | None:
-    kind, info, topic = sensor.image_kind, sensor.camera_info or {}, sensor.topic
+    kind, info, topic = sensor.image_kind, sensor.camera_info, sensor.topic
     stated = camera.images["kind"] if camera.images else None
-    if stated is None and (info.get("P") or any(info.get("D", ()))):
+    if stated is None and info is not None and (info.P or any(info.D)):
         return (
             f"neither the topic {topic} nor its camera info tells whether images are raw or rectified. They are "
             "taken for raw, with the lens K and D. Say in the rig what they are."

@@ -26,7 +26,7 @@ from apexcal.geometry.se3 import from_document, to_document
 from workers.readers.__main__ import inspected, main, on_progress, options_of
 from workers.readers.images.decoded_frames import decoded_frames
 from workers.readers.normalised.lidar_file import LidarFile
-from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
+from workers.readers.normalised.manifest import SensorManifest, read_table
 from workers.readers.normalised.normalise import normalise
 from workers.readers.recording import ReadError
 from workers.validation.calibration import KnownCalibration
@@ -134,8 +134,8 @@ def _deployed(inspection: Inspection, camera: InspectedSensor, of_rig: Camera) -
 def _checked(
     sensor: SensorManifest, calibration: KnownCalibration, lidar: LidarFile, folder: Path, out: Path
 ) -> CameraCheck:
+    assert sensor.frames is not None  # a camera's
     table = read_table(folder / sensor.frames)
-    assert isinstance(table, FrameTable)
     rows = zip(table.stamp_ns, table.offset, table.length, table.width, table.height, strict=True)
     frames = [(stamp, offset, length) for stamp, offset, length, *size in rows if (*size,) == calibration.image_size]
     if not frames:

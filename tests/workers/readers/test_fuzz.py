@@ -102,7 +102,7 @@ def complaint(result, runner):
 
 def broken_output(last, out):
     """What a manifest says must be there, whole, and usable without another look."""
-    manifest = RecordingManifest.from_json(last["manifest"])
+    manifest = RecordingManifest.model_validate(last["manifest"])
     with LidarFile(out / manifest.sensors[0].file) as lidar:
         if len(lidar) != manifest.sensors[0].count:
             return "the table and the file differ"
@@ -110,7 +110,7 @@ def broken_output(last, out):
             if not np.isfinite(sweep.xyz).all() or (len(sweep.ring) and sweep.ring.max() >= lidar.ring_count):
                 return "points that are none"
     for sensor in manifest.sensors:
-        if not (out / sensor.file).is_file() or not (out / sensor.frames).is_file():
+        if not all((out / name).is_file() for name in (sensor.file, sensor.frames) if name):
             return f"{sensor.file} is missing"
     return None
 

@@ -1,7 +1,5 @@
 """Every real recording there is, through the whole ingestion."""
 
-import json
-
 import numpy as np
 import pytest
 from making_recordings import DATA
@@ -22,7 +20,7 @@ def ingested(path, out, **request):
     if not path.exists():
         pytest.skip(f"real data is not here: ../shared/data/{path.relative_to(DATA)}")
     manifest = ingest_limited(path, out, request)
-    json.dumps(manifest.to_json())
+    manifest.model_dump_json()
     with LidarFile(out / "lidar.mcap") as file:
         return manifest, list(file.sweeps())
 

@@ -81,7 +81,7 @@ def test_the_copy_holds_the_published_calibration(api, engineer, recorded, conte
     # LEVEL: the camera stands 0.2 m before and 0.1 m below the LiDAR, which stands at (1.2, 0, 1.9).
     assert poses["mount"].translation_m == pytest.approx((1.4, 0.0, 1.8))
     assert poses["mount"].quaternion_xyzw == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-12)
-    assert poses["velodyne"].translation_m == LIDAR[2] and poses["camera"].translation_m == OPTICAL[2]
+    assert poses["velodyne"].translation_m == [*LIDAR[2]] and poses["camera"].translation_m == [*OPTICAL[2]]
     assert taken(api, recorded)[0] == taken(api, recorded)[1]
 
 

@@ -19,7 +19,16 @@ ROWS = {"matrix": [R[:3], R[3:6], R[6:]]}
 
 
 def camera(kind, topic="/front/image", *, d=(0.1,), **info):
-    stated = {"D": list(d), "R": None, "P": P} | info if info or d else None
+    whole = {
+        "model": None,
+        "K": P[:3] + P[4:7] + P[8:11],
+        "D": list(d),
+        "R": None,
+        "P": P,
+        "width": 640,
+        "height": 480,
+    }
+    stated = whole | info if info or d else None
     stamps = {"count": 5, "first_ns": 0, "last_ns": 1, "rate_hz": 10.0, "gaps": [], "gap_count": 0}
     names = {"kind": "camera", "name": "front", "topic": topic, "frame_id": "camera", "file": "a", "frames": "b"}
     return SensorManifest(**names, **stamps, camera_info=stated, image_kind=kind)

@@ -8,6 +8,8 @@ from typing import Any, Self
 
 from pydantic import TypeAdapter
 
+from apexcal.documents.copies import PutPose
+
 
 @dataclass(frozen=True, slots=True)
 class CameraEdit:
@@ -38,23 +40,12 @@ class CameraEdit:
 
 
 @dataclass(frozen=True, slots=True)
-class PoseEdit:
-    """``T_parent_child``: metres, and a unit quaternion. ``is_new``: the recording does not state it yet."""
-
-    parent: str
-    child: str
-    translation_m: tuple[float, ...]
-    quaternion_xyzw: tuple[float, ...]
-    is_new: bool
-
-
-@dataclass(frozen=True, slots=True)
 class Edits:
     """All of them. ``lidar_frame`` is that of the points."""
 
     lidar_frame: str
     cameras: Sequence[CameraEdit]
-    poses: Sequence[PoseEdit]
+    poses: Sequence[PutPose]
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Self:

@@ -7,7 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from workers.readers.copying.edits import CameraEdit, PoseEdit
+from apexcal.documents.copies import PutPose
+from workers.readers.copying.edits import CameraEdit
 from workers.readers.ros.camera_info import matrices_of
 from workers.readers.ros.ros_types import INFO, TRANSFORM, fixed_types
 
@@ -48,7 +49,7 @@ class Messages:
         """The frames that a TFMessage places."""
         return [plain(transform.child_frame_id) for transform in self._read(raw, TRANSFORM).transforms]
 
-    def with_poses(self, raw: bytes, poses: Sequence[PoseEdit]) -> tuple[bytes, set[str]]:
+    def with_poses(self, raw: bytes, poses: Sequence[PutPose]) -> tuple[bytes, set[str]]:
         """A TFMessage with these poses where it places their children; and which it does. Others stay as they are."""
         message = self._read(raw, TRANSFORM)
         by_child = {pose.child: pose for pose in poses}
@@ -66,12 +67,12 @@ class Messages:
             placed.append(self._stamped(header, transform.child_frame_id, pose))
         return (self._written(self._make(TRANSFORM, placed), TRANSFORM) if children else raw), children
 
-    def new_poses(self, poses: Sequence[PoseEdit], stamp_ns: int) -> bytes:
+    def new_poses(self, poses: Sequence[PutPose], stamp_ns: int) -> bytes:
         """A TFMessage that places these frames."""
         placed = [self._stamped(self._header(stamp_ns, pose.parent), pose.child, pose) for pose in poses]
         return self._written(self._make(TRANSFORM, placed), TRANSFORM)
 
-    def _stamped(self, header: Any, child: str, pose: PoseEdit) -> Any:
+    def _stamped(self, header: Any, child: str, pose: PutPose) -> Any:
         offset = self._make("geometry_msgs/msg/Vector3", *pose.translation_m)
         turn = self._make("geometry_msgs/msg/Quaternion", *pose.quaternion_xyzw)
         transform = self._make("geometry_msgs/msg/Transform", offset, turn)

@@ -5,25 +5,17 @@ from __future__ import annotations
 from array import array
 from collections import Counter
 from contextlib import closing
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from apexcal.documents.readings import ReadOptions
+from apexcal.documents.recordings import ImageSize
 from workers.readers.camera_guess import Sizes
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
-from workers.readers.normalised.manifest import (
-    FrameSize,
-    FrameTable,
-    RecordingManifest,
-    SensorManifest,
-    StampFacts,
-    SweepTable,
-    write_table,
-)
+from workers.readers.normalised.manifest import FrameTable, RecordingManifest, SensorManifest, write_table
 from workers.readers.normalised.mcap_files import CameraWriter, LidarWriter
 from workers.readers.normalised.stamps import (
     StampReport,
@@ -59,9 +51,8 @@ class _Lidar:
         stamps = _stamps(self.stamps, self.sensor)
         report = report_stamps(stamps, "lidar")
         points = np.array(self.points, np.int64)[report.order]
-        write_table(out_dir / "lidar.sweeps.json", SweepTable(stamps[report.order].tolist(), points.tolist()))
-        manifest = replace(
-            _described("lidar", self.sensor, "lidar.mcap", "lidar.sweeps.json", report),
+        manifest = _described(
+            *("lidar", self.sensor, self.writer.path, report),
             stamp_convention=facts.stamp_convention,
             time_source=facts.time_source,
             ring_count=facts.ring_count,
@@ -106,10 +97,13 @@ class _Camera:
             width=[self.rows[i][1] for i in order],
             height=[self.rows[i][2] for i in order],
         )
-        write_table(out_dir / f"camera-{self.name}.frames.json", table)
-        sizes = [FrameSize(*size, n) for size, n in Counter(row[1:] for row in self.rows).most_common(100)]
-        manifest = replace(
-            _described(self.name, self.sensor, self.writer.path.name, f"camera-{self.name}.frames.json", report),
+        frames = self.writer.path.with_suffix(".frames.json")
+        write_table(frames, table)
+        counts = Counter((width, height) for _, width, height in self.rows).most_common(100)
+        sizes = [ImageSize(width=width, height=height, count=count) for (width, height), count in counts]
+        manifest = _described(
+            *(self.name, self.sensor, self.writer.path, report),
+            frames=frames.name,
             transcoded=bool(self.transcodings),
             width=table.width[0],
             height=table.height[0],
@@ -121,14 +115,13 @@ class _Camera:
         return manifest, [*report.warnings, *_size_warnings(self.name, sizes, self.sensor)]
 
 
-def _described(name: str, sensor: Sensor, file: str, frames: str, report: StampReport) -> SensorManifest:
-    """The part of the manifest that a LiDAR and a camera have in common."""
-    stamps: dict[str, Any] = {fact.name: getattr(report.facts, fact.name) for fact in fields(StampFacts)}
-    of_sensor: dict[str, Any] = {"kind": sensor.kind, "topic": sensor.name, "frame_id": sensor.frame_id}
-    return SensorManifest(**stamps, **of_sensor, name=name, file=file, frames=frames)
+def _described(name: str, sensor: Sensor, file: Path, report: StampReport, **facts: Any) -> SensorManifest:
+    """Return a sensor's manifest with what is told of a LiDAR or of a camera alone."""
+    own = {"kind": sensor.kind, "topic": sensor.name, "frame_id": sensor.frame_id, "name": name, "file": file.name}
+    return SensorManifest.model_validate(dict(report.facts) | own | facts)
 
 
-def _size_warnings(name: str, sizes: list[FrameSize], sensor: Sensor) -> list[str]:
+def _size_warnings(name: str, sizes: list[ImageSize], sensor: Sensor) -> list[str]:
     sentences: list[str] = []
     if len(sizes) > 1:
         listed = ", ".join(f"{size.width} x {size.height}" for size in sizes[:5])
@@ -198,8 +191,7 @@ def _normalise(
     try:
         for name, sensor in chosen.items():
             stem = "lidar" if name == "lidar" else f"camera-{name}"
-            table = "sweeps" if name == "lidar" else "frames"
-            files += [out / f"{stem}.mcap", out / f"{stem}.{table}.json"]
+            files += [out / f"{stem}.mcap", out / f"{stem}.frames.json"]
             sinks[sensor.name] = _Lidar(out, sensor, facts) if name == "lidar" else _Camera(out, name, sensor)
         done = 0
         for sensor, item in recording.messages(list(chosen.values())):
@@ -218,9 +210,14 @@ def _normalise(
     span = (sensors[0].first_ns, sensors[0].last_ns)
     for number, camera in enumerate(sensors[1:], start=1):
         seconds, share = shared_time(span, (camera.first_ns, camera.last_ns))
-        sensors[number] = replace(camera, overlap_s=seconds, overlap_share=share)
+        sensors[number] = camera.model_copy(update={"overlap_s": seconds, "overlap_share": share})
         warnings += overlap_warning(camera.name, span, (camera.first_ns, camera.last_ns))
-    return RecordingManifest(recording.format, sensors, [legible(warning) for warning in warnings], fixed)
+    return RecordingManifest(
+        format=recording.format,
+        sensors=sensors,
+        warnings=[legible(warning) for warning in warnings],
+        static_transforms=list(fixed),
+    )
 
 
 def _total(chosen: dict[str, Sensor]) -> int | None:

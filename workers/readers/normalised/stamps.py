@@ -8,8 +8,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.normalised.manifest import MAX_GAPS_LISTED, StampFacts, StampGap
+from apexcal.documents.recordings import Gap
+from workers.readers.normalised.manifest import SensorStamps
 
+_MAX_GAPS_LISTED: Final = 1000
 _GAP_STEPS: Final = 1.75
 _JUMP_NS: Final = 3_600_000_000_000
 _JUMP_BACK_NS: Final = 1_000_000_000
@@ -21,7 +23,7 @@ class StampReport(NamedTuple):
     """(N,) order that sorts the stamps (stable), what they tell, and sentences for the owner."""
 
     order: NDArray[np.int64]
-    facts: StampFacts
+    facts: SensorStamps
     warnings: Sequence[str]
 
 
@@ -43,7 +45,7 @@ def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
     spare = np.maximum(alike[:-1], alike[1:]) - 1
     absent = np.rint(steps / median) - 1 - spare if median > 0 else np.zeros(len(steps))
     places = np.flatnonzero((steps > _GAP_STEPS * median) & (absent > 0)) if median > 0 else np.zeros(0, np.int64)
-    gaps = [StampGap(int(moments[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
+    gaps = [Gap(after_ns=int(moments[i]), duration_ns=int(steps[i])) for i in places[:_MAX_GAPS_LISTED]]
     usual = places[steps[places] <= _JUMP_NS]
     missing = int(np.sum(absent[usual]))
     jumps = _jumps(stamps_ns)
@@ -58,7 +60,7 @@ def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
             f"after {moments[worst] / 1e9:.3f} s (usual step {median / 1e9:.3f} s); "
             f"about {missing} messages are missing."
         )
-    facts = StampFacts(
+    facts = SensorStamps(
         count=len(ordered),
         first_ns=int(ordered[0]),
         last_ns=int(ordered[-1]),
@@ -73,7 +75,7 @@ def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
     return StampReport(order, facts, warnings)
 
 
-def _jumps(stamps_ns: NDArray[np.int64]) -> list[StampGap]:
+def _jumps(stamps_ns: NDArray[np.int64]) -> list[Gap]:
     """Steps in recorded order that no pause explains: over an hour, or back by a second or for several messages."""
     steps = np.diff(stamps_ns)
     stays = np.zeros(len(steps), np.bool_)
@@ -82,7 +84,7 @@ def _jumps(stamps_ns: NDArray[np.int64]) -> list[StampGap]:
         stays[: len(after)] = np.max(after, axis=1) < stamps_ns[: len(after)]
     back = (steps < -_JUMP_BACK_NS) | ((steps < 0) & stays)
     places = np.flatnonzero((steps > _JUMP_NS) | back)
-    return [StampGap(int(stamps_ns[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
+    return [Gap(after_ns=int(stamps_ns[i]), duration_ns=int(steps[i])) for i in places[:_MAX_GAPS_LISTED]]
 
 
 def _order_warnings(stamps_ns: NDArray[np.int64], back: NDArray[np.int64], duplicates: int, name: str) -> list[str]:
@@ -97,7 +99,7 @@ def _order_warnings(stamps_ns: NDArray[np.int64], back: NDArray[np.int64], dupli
     return sentences
 
 
-def _jump_warning(jump: StampGap, name: str) -> str:
+def _jump_warning(jump: Gap, name: str) -> str:
     seconds = jump.duration_ns / 1e9
     if seconds < 0:
         return (

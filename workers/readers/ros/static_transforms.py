@@ -8,9 +8,10 @@ from typing import Any, Final
 from rosbags.serde import SerdeError
 
 from apexcal.documents.errors import InputError
+from apexcal.documents.recordings import FixedFrame
 from apexcal.geometry.urdf_tree import read_joints
 from workers.readers.damage import damage
-from workers.readers.recording import ReadError, StaticTransform, legible
+from workers.readers.recording import ReadError, legible
 from workers.readers.ros.containers import Container
 from workers.readers.ros.ros_types import TEXT, TRANSFORMS, full_name, message_reader
 from workers.readers.ros.topic_messages import BagTopic
@@ -34,12 +35,12 @@ def is_static_transforms(topic: BagTopic) -> bool:
     )
 
 
-def static_transforms(container: Container, warnings: list[str]) -> list[StaticTransform]:
+def static_transforms(container: Container, warnings: list[str]) -> list[FixedFrame]:
     """Those of all ``tf_static`` topics; of a child that is said again the later one counts, as for tf2.
 
     The fixed joints of a ``robot_description`` place the children that no ``tf_static`` does.
     """
-    by_child: dict[str, StaticTransform] = {}
+    by_child: dict[str, FixedFrame] = {}
     for topic in container.topics:
         if _is_description(topic):
             by_child = {each.child: each for each in _described(container, topic, warnings)} | by_child
@@ -62,7 +63,7 @@ def _is_description(topic: BagTopic) -> bool:
     return is_named and full_name(topic.type) == TEXT and topic.encoding in ("ros1", "cdr")
 
 
-def _described(container: Container, topic: BagTopic, warnings: list[str]) -> list[StaticTransform]:
+def _described(container: Container, topic: BagTopic, warnings: list[str]) -> list[FixedFrame]:
     """The fixed joints of the newest robot description; none where it is no URDF."""
     text = ""
     try:
@@ -75,15 +76,19 @@ def _described(container: Container, topic: BagTopic, warnings: list[str]) -> li
         warnings.append(legible(f"{topic.name} was left out: {getattr(error, 'message', error)}"))
         return []
     return [
-        StaticTransform(
-            pose.to_frame, pose.from_frame, tuple(pose.t.tolist()), tuple(pose.quaternion_xyzw), "robot_description"
+        FixedFrame(
+            parent=pose.to_frame,
+            child=pose.from_frame,
+            translation_m=pose.t.tolist(),
+            quaternion_xyzw=list(pose.quaternion_xyzw),
+            origin="robot_description",
         )
         for pose in poses
         if _frame(pose.to_frame) and _frame(pose.from_frame) and pose.to_frame != pose.from_frame
     ]
 
 
-def _stated(container: Container, topic: BagTopic) -> list[StaticTransform]:
+def _stated(container: Container, topic: BagTopic) -> list[FixedFrame]:
     read = message_reader(topic)
     with damage(topic.name, "a topic of fixed transforms", "Look at who publishes it.", SerdeError):
         messages = (read(raw) for _, raw in container.samples(topic.name, _MESSAGES))
@@ -91,16 +96,17 @@ def _stated(container: Container, topic: BagTopic) -> list[StaticTransform]:
     return [transform for transform in stated if transform]
 
 
-def _transform(stamped: Any) -> StaticTransform | None:
+def _transform(stamped: Any) -> FixedFrame | None:
     """None where it is no transform between two frames that can be named."""
     t, q = stamped.transform.translation, stamped.transform.rotation
     parent, child = (_frame(name) for name in (stamped.header.frame_id, stamped.child_frame_id))
-    offset, turn = (float(t.x), float(t.y), float(t.z)), (float(q.x), float(q.y), float(q.z), float(q.w))
+    offset, turn = [float(t.x), float(t.y), float(t.z)], [float(q.x), float(q.y), float(q.z), float(q.w)]
     length = math.hypot(*turn)
     is_sound = math.isfinite(length) and length > 0.0 and all(abs(value) <= _FARTHEST for value in offset)
     if not parent or not child or parent == child or not is_sound:
         return None
-    return StaticTransform(parent, child, offset, tuple(value / length for value in turn))
+    quaternion_xyzw = [value / length for value in turn]
+    return FixedFrame(parent=parent, child=child, translation_m=offset, quaternion_xyzw=quaternion_xyzw)
 
 
 def _frame(name: object) -> str:

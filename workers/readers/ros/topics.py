@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.readings import ReadOptions
+from apexcal.documents.recordings import FixedFrame
 from workers.readers.captures.packets import SAMPLE_PACKETS, Packet, PacketSource, PacketStream, SweepCutter
 from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
 from workers.readers.clouds.pointcloud2 import cloud_columns
 from workers.readers.damage import on_error
 from workers.readers.images.still_images import image_frame
 from workers.readers.images.transcode import raw_to_png
-from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, StaticTransform, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
 from workers.readers.ros.camera_info import image_kind, info_document, match_infos
 from workers.readers.ros.containers import Container, SplitContainer
 from workers.readers.ros.packet_topics import is_stampless, packet_source, stamped_packets
@@ -104,7 +105,7 @@ class TopicRecording(Recording):
         return [_with_info(s, matched.get(s.name)) if s.kind == "camera" else s for s in sensors], others
 
     @property
-    def static_transforms(self) -> Sequence[StaticTransform]:
+    def static_transforms(self) -> Sequence[FixedFrame]:
         """What its ``/tf_static`` says."""
         return static_transforms(self._container, self._sentences)
 

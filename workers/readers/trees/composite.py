@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, StaticTransform, Sweep
+from apexcal.documents.recordings import FixedFrame
+from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,7 @@ class Composite(Recording):
         self.sensors = sensors
 
     @property
-    def static_transforms(self) -> Sequence[StaticTransform]:
+    def static_transforms(self) -> Sequence[FixedFrame]:
         """Those of all parts; of a frame that is stated again the later one counts."""
         return list(
             {transform.child: transform for part in self._recordings for transform in part.static_transforms}.values()

@@ -24,8 +24,8 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
+from apexcal.documents.recordings import FixedFrame
 from workers.readers.normalised.cdr import POINT_DTYPE
-from workers.readers.recording import StaticTransform
 
 ENCODING: Final = "protobuf"
 KINDS: Final[tuple[Any, ...]] = (PointCloud, CompressedImage, CameraCalibration, FrameTransforms)
@@ -104,7 +104,7 @@ def camera_calibration(stamp_ns: int, frame_id: str, lens: ViewerLens) -> bytes:
     ).SerializeToString()
 
 
-def frame_transforms(stamp_ns: int, poses: Sequence[StaticTransform]) -> bytes:
+def frame_transforms(stamp_ns: int, poses: Sequence[FixedFrame]) -> bytes:
     """Where frames stand in their parents."""
     transforms = [
         FrameTransform(

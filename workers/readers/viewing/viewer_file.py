@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from apexcal.documents.recordings import FixedFrame
 from workers.readers.images.decode import decoded
 from workers.readers.mcap_io.writer import McapWriter
 from workers.readers.normalised.cdr import point_bytes
 from workers.readers.normalised.lidar_file import LidarFile
-from workers.readers.normalised.manifest import FrameTable, read_table
+from workers.readers.normalised.manifest import read_table
 from workers.readers.output import bytes_written
-from workers.readers.recording import StaticTransform
 from workers.readers.viewing.messages import (
     ENCODING,
     KINDS,
@@ -88,7 +88,7 @@ def write_viewer_file(
         ]
         file = McapWriter(out_dir / FILE_NAME, "", "zstd", _LEVEL)
         stack.callback(file.abandon)
-        poses = [StaticTransform(**item) for item in request["poses"]]
+        poses = [FixedFrame(**item) for item in request["poses"]]
         writer = _Writer(file, sweeps, str(request["lidar_frame"]), cameras, poses)
         writer.run(on_share)
         file.add_metadata("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
@@ -102,9 +102,7 @@ class _Camera:
 
     def __init__(self, camera: ViewedCamera, stack: ExitStack) -> None:
         self.of = camera
-        table = read_table(camera.table)
-        assert isinstance(table, FrameTable)
-        self.table = table
+        self.table = read_table(camera.table)
         self._file: BinaryIO = stack.enter_context(camera.file.open("rb"))
         # Fixed-point coordinates of 1/32 px. From other coordinates cv2.remap computes them again for every frame.
         at = np.load(camera.map)
@@ -140,7 +138,7 @@ class _Writer:
         sweeps: LidarFile,
         lidar_frame: str,
         cameras: list[_Camera],
-        poses: list[StaticTransform],
+        poses: list[FixedFrame],
     ) -> None:
         self._file, self._sweeps, self._lidar_frame = file, sweeps, lidar_frame
         self._cameras, self._poses = cameras, poses

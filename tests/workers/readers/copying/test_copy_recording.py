@@ -133,7 +133,7 @@ def test_intrinsics_and_frames_are_put_in_and_all_other_messages_are_the_same(tm
         (camera,) = [sensor for sensor in recording.sensors if sensor.kind == "camera"]
         assert camera.camera_info["K"] == LENS["K"] and camera.camera_info["D"] == LENS["D"]
         assert camera.camera_info["model"] == "kannala_brandt"
-        poses = {(one.parent, one.child): one.translation_m for one in recording.static_transforms}
+        poses = {(one.parent, one.child): tuple(one.translation_m) for one in recording.static_transforms}
     assert poses == {LIDAR[:2]: LIDAR[2], ("base_link", "camera"): tuple(POSE["translation_m"])}
     normalise(file, tmp_path / "again")  # it can be read like any recording
 

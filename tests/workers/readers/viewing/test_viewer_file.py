@@ -197,7 +197,7 @@ def test_our_own_reader_takes_it_for_a_recording(tmp_path):
     manifest = normalise(path, tmp_path / "again", cameras={"front": "/front/raw/image"})
     lidar, camera = manifest.sensors
     assert (lidar.count, camera.count, camera.frame_id) == (3, 2, "camera")
-    assert camera.camera_info["K"][0] == pytest.approx(cameras[0].intrinsics["f_x"], abs=0)
+    assert camera.camera_info.K[0] == pytest.approx(cameras[0].intrinsics["f_x"], abs=0)
 
 
 def peak(tmp_path, sweeps):
