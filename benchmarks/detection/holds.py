@@ -1,8 +1,10 @@
 """`python -m benchmarks.detection.holds`: drawn poses with the board in any hold, and as drawn.
 
-DRAWS (default 6) recordings from SEED on, 16 poses each, the size stated. ``hands``: the board's edges and its roll
-mirrored in every second pose; ``rolled``: by 18 degrees to either side; ``level``: two edges level, and the upper
-left corner is looked for.
+DRAWS (default 6) recordings from SEED on, 16 poses each, the size stated, the body 0.3 m behind the board unless it
+is said. ``mirrored``: the board's edges and its roll mirrored in every second pose; ``rolled``: by 18 degrees to
+either side; ``torso``: the body 5, 10 and 15 cm behind it; ``gripped``: the same, and hands on both lower edges;
+``child``: 1.2 m tall; ``second``: another person beside or behind; ``level``: two edges level, and the upper left
+corner is looked for.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
-HOLDS: Final = ("plain", "hands", "rolled", "leaning", "turned", "level")
+HOLDS: Final = (
+    "plain", "mirrored", "rolled", "leaning", "turned", "torso", "gripped", "child", "second", "level",
+)  # fmt: skip
 _POSES, _POSE_NS = 16, 5_000_000_000
 Row = tuple[int, list[float]]
 
@@ -48,10 +52,12 @@ def run(seed: int, hold: str) -> Row:
 
 
 def _scenes(drawn: DrawnScene, hold: str) -> list[DrawnScene]:
-    """Return the scene, or two that share the poses."""
-    usual = drawn.hold
+    """Return the scenes that share the poses."""
+    usual = replace(drawn.hold, body_behind_m=drawn.hold.torso_m + 0.3)
+    behind = [replace(usual, body_behind_m=usual.torso_m + gap) for gap in (0.05, 0.1, 0.15)]
+    drawn = replace(drawn, hold=usual)
     match hold:
-        case "hands":
+        case "mirrored":
             mirrored = replace(usual, rolled_deg=-usual.rolled_deg)
             return [drawn, replace(drawn, board_m=drawn.board_m[::-1], hold=mirrored)]
         case "rolled":
@@ -62,6 +68,17 @@ def _scenes(drawn: DrawnScene, hold: str) -> list[DrawnScene]:
             holds = [replace(usual, turned_deg=turned) for turned in (60.0, -60.0)]
         case "level":
             holds = [replace(usual, rolled_deg=45.0)]
+        case "torso":
+            holds = [replace(each, hand_m=0.0) for each in behind]
+        case "gripped":
+            holds = [replace(each, hand_m=0.06) for each in behind]
+        case "child":
+            return [replace(drawn, disturbances=drawn.disturbances.model_copy(update={"walker_height_m": 1.2}))]
+        case "second":
+            others = [
+                drawn.disturbances.model_copy(update={"second_person": place}) for place in ("beside", "behind")
+            ]
+            return [replace(drawn, disturbances=other) for other in others]
         case _:
             holds = [usual]
     return [replace(drawn, hold=each) for each in holds]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from workers.vertices.board.estimate import inside_of, locate, weigh
 from workers.vertices.board.holding import learn_roll
-from workers.vertices.board.model import BEAM_M, EDGE_M, BoardModel, Floats, Plane, any_roll
+from workers.vertices.board.model import BEAM_M, EDGE_M, BoardModel, Floats, Plane, Tally, any_roll
 from workers.vertices.board.plane_learning import ENOUGH
 from workers.vertices.board.rays import WRONG
 from workers.vertices.board.size import (
@@ -23,6 +23,7 @@ from workers.vertices.board.size import (
     climb,
     usual_steps,
 )
+from workers.vertices.board.surroundings import likelier_than_upright
 
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _SOME, _STARTS = 10, 2
@@ -38,6 +39,7 @@ _MOST_WRONG = 0.45  # from one half on, a return would speak for the other side 
 
 def learn_board(planes: Sequence[Plane], model: BoardModel, is_growth_open: bool) -> BoardModel:
     """Return the model of a board with these edges: where they answer, which edge is where, and the roll."""
+    with_bodies = [plane for plane in planes if plane.telling][:_SOME]
     planes = no_taller(planes, model.edges)
     if len(planes) < ENOUGH:
         return model
@@ -50,7 +52,7 @@ def learn_board(planes: Sequence[Plane], model: BoardModel, is_growth_open: bool
         if is_growth_open:
             model = _learn_growth(planes, model, step, steps)
         if enough:
-            model = _learn_wrong(solid[:_SOME], _learn_inset(solid[:_SOME], model))
+            model = _learn_wrong(with_bodies, _learn_inset(solid[:_SOME], model))
         # Growth and roll are told by the same edges, so each is learned again with the other.
         model = _learn_roll(planes, model)
     return model
@@ -121,15 +123,16 @@ def _parted(shallow: NDArray[np.bool_], mixed: NDArray[np.bool_]) -> float:
 def _learn_wrong(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """Share of the returns at the edges on their wrong side; a hundred imagined ones at the default count too.
 
-    At the lower edges body and hands answer, so they have a share of their own.
+    At the lower edges body and hands answer, so they have a share of their own, from all that are boards above.
     """
-    fixes = [fix for plane in planes if (fix := locate(plane, model, coarse=True)) is not None and fix.explained]
-    above = _wrong([fix.upper for fix in fixes], model)
-    return replace(model, wrong=above, wrong_below=max(_wrong([fix.lower for fix in fixes], model), above))
+    fixes = [fix for plane in planes if (fix := locate(plane, model, coarse=True)) is not None]
+    boards = [fix for fix in fixes if fix.explained_above and likelier_than_upright(fix, model)]
+    above, below = (_wrong([fix.at_edges[part] for fix in boards], model) for part in (0, 1))
+    return replace(model, wrong=above, wrong_below=max(below, above))
 
 
-def _wrong(counts: Sequence[tuple[int, int]], model: BoardModel) -> float:
-    against, rays = (sum(count[k] for count in counts) for k in (0, 1))
+def _wrong(tallies: Sequence[Tally], model: BoardModel) -> float:
+    against, rays = (sum(tally[k] for tally in tallies) for k in (0, 1))
     default = BoardModel(model.grid).wrong
     return min(max((against + 100.0 * default) / (rays + 100.0), default), _MOST_WRONG)
 

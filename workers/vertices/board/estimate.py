@@ -20,6 +20,7 @@ from workers.vertices.board.model import (
     Floats,
     Plane,
     Sighting,
+    Tally,
     Way,
 )
 from workers.vertices.board.planes import find_stretches, grow_planes, pair_stretches
@@ -185,7 +186,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     else:
         errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
     first = int(np.argmax(weight))
-    against, within, upper, lower = _against(plane, model, weighed.ways[first].edges, corners[first])
+    returns, within, at_edges = _tallies(plane, model, weighed.ways[first].edges, corners[first])
     moving = _moving(plane, model, weighed.ways[first].edges, corners[first]) if model.upper_corner else 1.0
     wrong = np.where(plane.below, model.wrong_below, model.wrong)
     expected = float(np.sum(wrong * np.log(wrong))) + plane.ratio.size * model.lost * math.log(model.lost)
@@ -196,8 +197,8 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     return Fix(
         plane, xyz, errors, math.sqrt(own[0, 0] + own[1, 1]), float(mean[2]),
         math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(weight @ np.array([corner[3] for corner in corners])),
-        against, within, upper, lower, max(float(corner[10]) for corner in corners), expected, weighed.evidence,
-        model.wrong, weighed.told, ways, model.upper_corner, moving,
+        returns, within, at_edges, max(float(corner[10]) for corner in corners), expected, weighed.evidence,
+        (model.wrong, model.wrong_below), weighed.told, ways, model.upper_corner, moving,
     )  # fmt: skip
 
 
@@ -246,34 +247,36 @@ def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
     return (other, first) if swapped else (first, other)
 
 
-def _against(
+def _tallies(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
-) -> tuple[int, float, tuple[int, int], tuple[int, int]]:
-    """`Fix.against`, `Fix.within`, `Fix.upper` and `Fix.lower` of the board in the middle of its posterior."""
+) -> tuple[tuple[Tally, Tally], float, tuple[Tally, Tally]]:
+    """`Fix.returns`, `Fix.within` and `Fix.at_edges` of the board in the middle of its posterior."""
     board = (model.soft, model.slack, *edges, corner)
+    down = edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3])
+    side = corner[2] - (sum(down) if model.upper_corner else min(down))
     on_board = covered(plane.left, plane.up, _grown(plane, model), plane.reach, *board)
     hit, missed = plane.ratio > CONFIDENT, plane.returned & (plane.ratio < 1.0 / CONFIDENT)
     # Near a soft edge either answer is as expected.
-    inside, outside = missed & (on_board > 1.0 - _UNLIKELY), hit & (on_board < _UNLIKELY)
-    down = edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3])
-    side = corner[2] - (sum(down) if model.upper_corner else min(down))
-    contrary = inside | outside
-    upper, lower = (
-        (int(np.count_nonzero(contrary & part)), int(np.count_nonzero(plane.returned & part)))
-        for part in (plane.up > side, plane.up <= side)
-    )
+    contrary = (missed & (on_board > 1.0 - _UNLIKELY)) | (hit & (on_board < _UNLIKELY))
+    at_edges = _tally(plane.up[contrary] - side, plane.up[plane.returned] - side)
     # A wall is met far beside the board too, not only at the ends of its stretches.
     left, up = plane.hits[0], plane.hits[1]
     middle = float(np.median(plane.reach))
     reach = np.full_like(left, middle)
-    beside = covered(left, up, reach * model.growth, reach, *board)
+    beside = covered(left, up, reach * model.growth, reach, *board) < _UNLIKELY
     within = covered(left, up, np.zeros_like(left), reach, *board)
     # Behind a board nothing is seen, also where no ray was chosen.
-    left, up, mixed = plane.misses
+    left, low, mixed = plane.misses
     reach = np.full_like(left, middle)
-    through = covered(left, up, _growth(mixed > 0.0, plane, model) * middle, reach, *board)
-    against = int(np.count_nonzero(beside < _UNLIKELY)) + int(np.count_nonzero(through > 1.0 - _UNLIKELY))
-    return against, float(within.mean()) if within.size else 0.0, upper, lower
+    through = covered(left, low, _growth(mixed > 0.0, plane, model) * middle, reach, *board) > 1.0 - _UNLIKELY
+    returns = _tally(np.concatenate([up[beside], low[through]]) - side, up - side)
+    return returns, float(within.mean()) if within.size else 0.0, at_edges
+
+
+def _tally(against_m: Floats, returns_m: Floats) -> tuple[Tally, Tally]:
+    """Count above and below the side corners; heights from these, metres."""
+    above, all_above = int(np.count_nonzero(against_m > 0.0)), int(np.count_nonzero(returns_m > 0.0))
+    return Tally(above, all_above), Tally(against_m.size - above, returns_m.size - all_above)
 
 
 def _moving(plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats) -> float:

@@ -121,6 +121,12 @@ def any_roll(edges: tuple[float, float], upper_corner: int = 0) -> tuple[float, 
     return 0.0, math.hypot(_ROLL_SIGMA, apart)
 
 
+def _agreement(tally: Tally, wrong: float) -> float:
+    """Log odds that returns of which a share ``wrong`` contradicts boards are a board's, and do not lie by chance."""
+    on_board = tally.returns * math.log((1.0 - wrong) / (1.0 - _BY_CHANCE))
+    return on_board - tally.against * math.log(_BY_CHANCE / wrong)
+
+
 def _within(most: float, mean: float, variance: float) -> float:
     """Probability that a normal variable lies between -most and most."""
     wide = math.sqrt(2.0 * max(variance, 1e-12))
@@ -178,9 +184,9 @@ class Plane:
 
     def believed(self, model: BoardModel) -> Floats:
         """(N,) `ratio`, where some rays look as if they were on an edge's other side."""
-        wrong = np.where(self.below, model.wrong_below, model.wrong)
-        right = 1.0 - wrong
-        believed: Floats = (right * self.ratio + wrong) / (right + wrong * self.ratio)
+        beside = np.where(self.below, model.wrong_below, model.wrong)
+        on_board = (1.0 - model.wrong) * self.ratio + model.wrong
+        believed: Floats = on_board / (1.0 - beside + beside * self.ratio)
         return believed
 
     @property
@@ -210,6 +216,13 @@ class Sighting:
     ends: NDArray[np.int64]
 
 
+class Tally(NamedTuple):
+    """How many returns contradict a board, and how many lie on its plane, or at its edges, in all."""
+
+    against: int
+    returns: int
+
+
 class Way(NamedTuple):
     """A way to hold the board: its share of the posterior, and in it (left, up, fall) of the apex.
 
@@ -233,14 +246,14 @@ class Fix:
             that all sweeps share.
         roll, roll_sigma: radians from `hang`, and its standard deviation.
         fall: radians by which the edge to the lower left falls.
-        against: how many returns contradict the board: in its plane but outside the board, or off its plane inside.
+        returns: above and below the board's side corners, of the returns in its plane. Those outside of the board
+            contradict it, and so do those off its plane inside.
         within: share of the returns in its plane that lie on the board, not beside it where its edges seem to be.
-        upper, lower: above and below the board's side corners, how many of the edges' returns contradict it and how
-            many there are.
+        at_edges: the same of the edges' returns alone.
         best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
         expected: this log likelihood if the board is there and the sensor is as learned.
         evidence: log of the rays' likelihood, averaged over the prior.
-        wrong: share of the returns that contradict this recording's boards.
+        wrong: share of the returns that contradict this recording's boards, above and below their side corners.
         told: (2, G) log likelihood of the rays at each of `ROLLS`, for the first edge to the lower left and for the
             second there; minus infinity far from the likeliest rolls, and in a way to hold the board that was left
             out because the other is so much likelier.
@@ -256,14 +269,13 @@ class Fix:
     roll: float
     roll_sigma: float
     fall: float
-    against: int
+    returns: tuple[Tally, Tally]
     within: float
-    upper: tuple[int, int]
-    lower: tuple[int, int]
+    at_edges: tuple[Tally, Tally]
     best: float
     expected: float
     evidence: float
-    wrong: float
+    wrong: tuple[float, float]
     told: Floats
     ways: tuple[Way, ...]
     upper_corner: int
@@ -283,8 +295,17 @@ class Fix:
         if not self.plane.telling:
             as_learned = self.best >= _LEAST_LIKELY + _TIMES_EXPECTED * self.expected
             return as_learned and self.against < _CONTRADICTED * (self.plane.points + self.against)
-        by_chance = self.against * math.log(_BY_CHANCE / self.wrong)
-        return by_chance < self.plane.points * math.log((1.0 - self.wrong) / (1.0 - _BY_CHANCE))
+        return sum(map(_agreement, self.returns, self.wrong)) > 0.0
+
+    @property
+    def explained_above(self) -> bool:
+        """Whether what lies above the side corners agrees with a board; below them a body may answer in its plane."""
+        return self.held and self.plane.telling and _agreement(self.returns[0], self.wrong[0]) > 0.0
+
+    @property
+    def against(self) -> int:
+        """How many returns contradict the board."""
+        return sum(tally.against for tally in self.returns)
 
     @property
     def held(self) -> bool:
