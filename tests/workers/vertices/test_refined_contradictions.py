@@ -9,7 +9,7 @@ from tests.support.scenes.held_board import BoardHold
 from tests.workers.vertices.refined_walks import REGION, SIZE, walk
 from workers.simulation.walker import TORSO_RADIUS_M
 from workers.vertices.board.estimate import find_boards, find_planes
-from workers.vertices.board.model import BoardModel, Tally
+from workers.vertices.board.model import BoardModel, Contradictions
 from workers.vertices.board.planes import find_stretches
 from workers.vertices.detectors import detect_range
 from workers.vertices.range_image import RangeImage
@@ -38,11 +38,17 @@ def test_more_may_contradict_a_board_where_this_recordings_boards_are_contradict
     """Likelier by chance: k log(0.5 / w) > 100 log(2 (1 - w)), from k = 12.5 at 0.002, from 27.9 at 0.05."""
     fix = near[1]
     assert fix.plane.telling
-    for returns in ((Tally(against, 100), Tally(0, 0)), (Tally(0, 0), Tally(against, 100))):
+    for returns in (
+        (Contradictions(against, 100), Contradictions(0, 0)),
+        (Contradictions(0, 0), Contradictions(against, 100)),
+    ):
         assert replace(fix, wrong=(wrong, wrong), returns=returns).explained is explained
     # Where a body answers below the side corners, as many contradict nothing there, and above them as much as ever.
-    assert replace(fix, wrong=(wrong, 0.4), returns=(Tally(0, 100), Tally(against, 100))).explained
-    assert replace(fix, wrong=(wrong, 0.4), returns=(Tally(against, 100), Tally(0, 0))).explained is explained
+    assert replace(fix, wrong=(wrong, 0.4), returns=(Contradictions(0, 100), Contradictions(against, 100))).explained
+    assert (
+        replace(fix, wrong=(wrong, 0.4), returns=(Contradictions(against, 100), Contradictions(0, 0))).explained
+        is explained
+    )
 
 
 def test_a_torso_close_behind_a_leaning_board_costs_no_board():

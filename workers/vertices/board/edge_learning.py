@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from workers.vertices.board.estimate import inside_of, locate, weigh
 from workers.vertices.board.holding import learn_roll
-from workers.vertices.board.model import BEAM_M, EDGE_M, BoardModel, Floats, Plane, Tally, any_roll
+from workers.vertices.board.model import BEAM_M, EDGE_M, BoardModel, Contradictions, Floats, Plane, any_roll
 from workers.vertices.board.plane_learning import ENOUGH
 from workers.vertices.board.rays import WRONG
 from workers.vertices.board.size import (
@@ -131,8 +131,8 @@ def _learn_wrong(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     return replace(model, wrong=above, wrong_below=max(below, above))
 
 
-def _wrong(tallies: Sequence[Tally], model: BoardModel) -> float:
-    against, rays = (sum(tally[k] for tally in tallies) for k in (0, 1))
+def _wrong(parts: Sequence[Contradictions], model: BoardModel) -> float:
+    against, rays = (sum(part[k] for part in parts) for k in (0, 1))
     default = BoardModel(model.grid).wrong
     return min(max((against + 100.0 * default) / (rays + 100.0), default), _MOST_WRONG)
 

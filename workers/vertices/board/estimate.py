@@ -16,11 +16,11 @@ from workers.vertices.board.model import (
     ROLLS,
     TELLING_RINGS,
     BoardModel,
+    Contradictions,
     Fix,
     Floats,
     Plane,
     Sighting,
-    Tally,
     Way,
 )
 from workers.vertices.board.planes import find_stretches, grow_planes, pair_stretches
@@ -186,7 +186,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     else:
         errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
     first = int(np.argmax(weight))
-    returns, within, at_edges = _tallies(plane, model, weighed.ways[first].edges, corners[first])
+    returns, within, at_edges = _count_contradictions(plane, model, weighed.ways[first].edges, corners[first])
     moving = _moving(plane, model, weighed.ways[first].edges, corners[first]) if model.upper_corner else 1.0
     wrong = np.where(plane.below, model.wrong_below, model.wrong)
     expected = float(np.sum(wrong * np.log(wrong))) + plane.ratio.size * model.lost * math.log(model.lost)
@@ -247,9 +247,9 @@ def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
     return (other, first) if swapped else (first, other)
 
 
-def _tallies(
+def _count_contradictions(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
-) -> tuple[tuple[Tally, Tally], float, tuple[Tally, Tally]]:
+) -> tuple[tuple[Contradictions, Contradictions], float, tuple[Contradictions, Contradictions]]:
     """`Fix.returns`, `Fix.within` and `Fix.at_edges` of the board in the middle of its posterior."""
     board = (model.soft, model.slack, *edges, corner)
     down = edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3])
@@ -258,7 +258,7 @@ def _tallies(
     hit, missed = plane.ratio > CONFIDENT, plane.returned & (plane.ratio < 1.0 / CONFIDENT)
     # Near a soft edge either answer is as expected.
     contrary = (missed & (on_board > 1.0 - _UNLIKELY)) | (hit & (on_board < _UNLIKELY))
-    at_edges = _tally(plane.up[contrary] - side, plane.up[plane.returned] - side)
+    at_edges = _above_and_below(plane.up[contrary] - side, plane.up[plane.returned] - side)
     # A wall is met far beside the board too, not only at the ends of its stretches.
     left, up = plane.hits[0], plane.hits[1]
     middle = float(np.median(plane.reach))
@@ -269,14 +269,14 @@ def _tallies(
     left, low, mixed = plane.misses
     reach = np.full_like(left, middle)
     through = covered(left, low, _growth(mixed > 0.0, plane, model) * middle, reach, *board) > 1.0 - _UNLIKELY
-    returns = _tally(np.concatenate([up[beside], low[through]]) - side, up - side)
+    returns = _above_and_below(np.concatenate([up[beside], low[through]]) - side, up - side)
     return returns, float(within.mean()) if within.size else 0.0, at_edges
 
 
-def _tally(against_m: Floats, returns_m: Floats) -> tuple[Tally, Tally]:
+def _above_and_below(against_m: Floats, returns_m: Floats) -> tuple[Contradictions, Contradictions]:
     """Count above and below the side corners; heights from these, metres."""
     above, all_above = int(np.count_nonzero(against_m > 0.0)), int(np.count_nonzero(returns_m > 0.0))
-    return Tally(above, all_above), Tally(against_m.size - above, returns_m.size - all_above)
+    return Contradictions(above, all_above), Contradictions(against_m.size - above, returns_m.size - all_above)
 
 
 def _moving(plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats) -> float:

@@ -70,7 +70,7 @@ class BoardModel:
         shown: whether the near sweeps show a board, on as many rings as meet it there.
         size: of the board as boards show it; if it replaces the stated one, the edges are these. None: not told.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
-        wrong_below: the same below the board's widest ring, where hands and body answer in the board's plane.
+        wrong_below: share of the returns beside the board, below its widest ring, that lie in its plane: hands, a body.
     """
 
     grid: SensorGrid
@@ -121,10 +121,10 @@ def any_roll(edges: tuple[float, float], upper_corner: int = 0) -> tuple[float, 
     return 0.0, math.hypot(_ROLL_SIGMA, apart)
 
 
-def _agreement(tally: Tally, wrong: float) -> float:
+def _agreement(counts: Contradictions, wrong: float) -> float:
     """Log odds that returns of which a share ``wrong`` contradicts boards are a board's, and do not lie by chance."""
-    on_board = tally.returns * math.log((1.0 - wrong) / (1.0 - _BY_CHANCE))
-    return on_board - tally.against * math.log(_BY_CHANCE / wrong)
+    on_board = counts.returns * math.log((1.0 - wrong) / (1.0 - _BY_CHANCE))
+    return on_board - counts.against * math.log(_BY_CHANCE / wrong)
 
 
 def _within(most: float, mean: float, variance: float) -> float:
@@ -216,7 +216,7 @@ class Sighting:
     ends: NDArray[np.int64]
 
 
-class Tally(NamedTuple):
+class Contradictions(NamedTuple):
     """How many returns contradict a board, and how many lie on its plane, or at its edges, in all."""
 
     against: int
@@ -269,9 +269,9 @@ class Fix:
     roll: float
     roll_sigma: float
     fall: float
-    returns: tuple[Tally, Tally]
+    returns: tuple[Contradictions, Contradictions]
     within: float
-    at_edges: tuple[Tally, Tally]
+    at_edges: tuple[Contradictions, Contradictions]
     best: float
     expected: float
     evidence: float
@@ -305,7 +305,7 @@ class Fix:
     @property
     def against(self) -> int:
         """How many returns contradict the board."""
-        return sum(tally.against for tally in self.returns)
+        return sum(part.against for part in self.returns)
 
     @property
     def held(self) -> bool:
