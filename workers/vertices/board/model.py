@@ -70,7 +70,7 @@ class BoardModel:
         shown: whether the near sweeps show a board, on as many rings as meet it there.
         size: of the board as boards show it; if it replaces the stated one, the edges are these. None: not told.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
-        wrong_below: share of the returns beside the board, below its widest ring, that lie in its plane: hands, a body.
+        wrong_below: share of the returns beside the board, below its widest ring, that lie in its plane: hands, body.
     """
 
     grid: SensorGrid
