@@ -27,7 +27,7 @@ from workers.geometry.projections.single_precision import (
 
 # Exact arithmetic is requested explicitly: numba lets a callee inherit its caller's fast-math flags, so that its bits
 # would depend on which caller was compiled first.
-@njit(nogil=True, error_model="numpy", fastmath=False)
+@njit(nogil=True, error_model="numpy", fastmath=False, cache=True)
 def brown_conrady_fold(k1: float, k2: float, k5: float) -> float:
     """r^2 at which the radial distortion r d(r^2) stops growing, infinity where it never does."""
     # r^2 = x / (1 - x) maps all radii onto (0, 1); times (1 - x)^3 the derivative is this cubic.

@@ -26,7 +26,7 @@ from workers.geometry.projections.single_precision import (
 )
 
 
-@njit(nogil=True, error_model="numpy", fastmath=False)
+@njit(nogil=True, error_model="numpy", fastmath=False, cache=True)
 def kannala_brandt_fold(k1: float, k2: float, k3: float, k4: float) -> float:
     """theta in radians at which theta_d stops growing, pi where it never does."""
     S = np.pi * np.pi

@@ -25,7 +25,7 @@ from workers.geometry.projections.single_precision import (
 )
 
 
-@njit(nogil=True, error_model="numpy", fastmath=False)
+@njit(nogil=True, error_model="numpy", fastmath=False, cache=True)
 def rational_polynomial_fold(k1: float, k2: float, k3: float, k4: float, k5: float, k6: float) -> float:
     """r^2 at which the radial distortion stops growing or its divisor is no longer positive; infinity if never."""
     # With s = r^2, N / M the factor: of r N / M the derivative is (N M + 2 s (N' M - N M')) / M^2. s = x / (1 - x)
