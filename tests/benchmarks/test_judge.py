@@ -1,5 +1,7 @@
 """The bench of the judge goes the product's own path, and its tables say what came of it."""
 
+import pytest
+
 from benchmarks.judge.__main__ import cases_table, checks_table, summary
 from benchmarks.judge.cases import CASES
 from benchmarks.judge.judging import outcome
@@ -19,6 +21,7 @@ def test_a_sound_walk_is_published_and_a_wrong_lens_model_is_not():
     assert "| `lens_model` | 0 | wrong model 1.00 |" in checks_table(cases, by_case)
 
 
+@pytest.mark.slow
 def test_a_board_that_stood_in_two_places_is_judged_though_its_halves_determine_little():
     (two,) = [case for case in CASES if case.name == "two poses"]
     for seed in (59574302, 59574321, 59574346):

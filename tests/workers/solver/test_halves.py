@@ -1,6 +1,7 @@
 """Fits of disjoint halves against the deviations that the full fit states, computed again with NumPy."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from tests.workers.solver.rigs import PLAIN, real_correspondences, real_problem
 from tests.workers.solver.walks import Recomputed, finish, posed, walked
 from workers.solver.blocks import blocks_of
 from workers.solver.estimate import estimate
-from workers.solver.halves import halves_of, too_small
+from workers.solver.halves import _ratios, halves_of, too_small
 from workers.solver.polish import polish
 
 
@@ -49,6 +50,21 @@ def test_halves_of_a_walk_are_those_of_its_stretches():
         assert one["translation_mm"] == pytest.approx(1e3 * np.linalg.norm(fits[0][3:6] - fits[1][3:6]), rel=1e-3)
         assert one["holds"]
     FitResult.model_validate(document)
+
+
+def test_a_variance_that_is_lost_in_rounding_leaves_the_ratios_numbers():
+    """A board that stood in two places: along one direction the computed variance is below zero."""
+    axes = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    covariance = axes @ np.diag([1e4, 1.0, -1e-10]) @ axes.T
+    steps = iter((axes @ [100.0, 1.0, 0.0], np.zeros(3)))
+    errors = SimpleNamespace(
+        step=lambda half: next(steps), difference=lambda *halves: covariance, parts=lambda *halves: [covariance],
+        covariance=lambda *halves: covariance, freedom_of=lambda grows: 10.0,
+    )  # fmt: skip
+    used = np.ones(3, np.bool_)
+    (parameters, marks), stated = _ratios(errors, axes.T, used, used)
+    assert parameters.ratio == pytest.approx(1.0) and parameters.directions == 2.0
+    assert stated[:2] == pytest.approx([1e4, 1.0]) and (stated >= 0.0).all() and np.isfinite(marks).all()
 
 
 def _sentences(problem, truth):

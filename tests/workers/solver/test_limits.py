@@ -56,7 +56,7 @@ CASES = {
 
 @pytest.mark.parametrize(
     ("case", "model"),
-    [*((case, "pinhole") for case in CASES), *((case, model) for case in list(CASES)[2:5] for model in MODELS[1:])],
+    [*((case, "pinhole") for case in CASES), *zip(list(CASES)[2:5], MODELS[1:], strict=True)],
 )
 def test_a_fit_that_can_be_anything_says_so(case, model):
     points, marks, words = CASES[case]
