@@ -13,8 +13,8 @@ from service.admin.__main__ import _made
 from service.admin.context import AdminError
 from service.admin.people_commands import public_url
 from service.platform.settings import Settings
-from tests.apexcal.conftest import Embedded
 from tests.apexcal.test_cli import program
+from tests.support.served import Embedded
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from typer.testing import CliRunner, Result
 from apexcal.cli import app
 from apexcal.client import ApiError, Client
 from apexcal.documents.fleets import FleetOut
-from tests.apexcal.conftest import Embedded
 from tests.faults.jobs import LEVEL_RIG, pairs
+from tests.support.served import Embedded
 
 
 def typed(*words: str) -> Result:

@@ -18,9 +18,9 @@ from apexcal.client import Client
 from apexcal.errors import FailedError
 from service.platform.db.models import Job
 from service.platform.db.session import Database
-from tests.apexcal.conftest import Embedded
 from tests.faults.jobs import ask
 from tests.support.processes import wait_until
+from tests.support.served import Embedded
 
 QUICK = {"slots": 2, "population": 300, "generations": 20, "max_iterations": 3}
 

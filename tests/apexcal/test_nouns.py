@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from apexcal.cli import app
 from apexcal.client import Client
-from tests.apexcal.conftest import Embedded
 from tests.faults.jobs import LEVEL_RIG, pairs
+from tests.support.served import Embedded
 
 
 @pytest.fixture(scope="module")

@@ -29,9 +29,9 @@ from apexcal.documents.copies import CopyView
 from apexcal.json_files import parse_document
 from benchmarks.demo.truth import Truth
 from service.admin.__main__ import app as admin
-from tests.apexcal.conftest import Embedded, start, stop
 from tests.apexcal.test_cli import apexcal
 from tests.faults.jobs import SHORT
+from tests.support.served import Embedded, start, stop
 from workers.simulation.options import parser as simulation_parser
 
 ROOT = Path(__file__).parents[2]

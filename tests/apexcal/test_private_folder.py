@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from apexcal.embedded.folder import DataFolder
-from tests.apexcal.conftest import SERVE, Embedded
 from tests.apexcal.test_cli import program
+from tests.support.served import SERVE, Embedded
 
 
 def open_to_others(path: Path) -> bool:

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from apexcal.cli import app
 from apexcal.client import ApiError, Client
 from apexcal.documents.checks import Check
-from tests.apexcal.conftest import Embedded
 from tests.faults.jobs import LEVEL_RIG, pairs
+from tests.support.served import Embedded
 
 
 @dataclass

@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from apexcal.cli import app
 from apexcal.client import Client
-from tests.apexcal.conftest import Embedded
 from tests.faults.jobs import LEVEL_RIG, SHORT, pairs
 from tests.support.reports import data_of
+from tests.support.served import Embedded
 
 
 def test_a_report_is_written_and_its_pairs_are_left_out(embedded: Embedded, tmp_path):

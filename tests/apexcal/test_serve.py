@@ -23,8 +23,8 @@ from apexcal.documents.served_folder import is_served, read_status
 from apexcal.embedded.folder import DataFolder, FolderInUseError
 from apexcal.rigs import read_rig
 from service.platform.storage.store import MARKER
-from tests.apexcal.conftest import SERVE, start, stop
 from tests.faults.jobs import ask, new_rig
+from tests.support.served import SERVE, start, stop
 
 pytestmark = pytest.mark.faults
 

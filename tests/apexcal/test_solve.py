@@ -16,10 +16,10 @@ import pytest
 
 from apexcal.geometry.frame_tree import urdf_tree
 from benchmarks.demo.truth import Truth
-from tests.apexcal.conftest import Embedded
 from tests.apexcal.test_cli import apexcal
 from tests.apexcal.test_rectified_images import mark
 from tests.support.processes import die_with_parent
+from tests.support.served import Embedded
 
 COMMAND = (sys.executable, "-m", "apexcal.cli", "solve")
 

@@ -1,9 +1,7 @@
 """The real service with a real, small recording in it, and a browser to look at it."""
 
 import json
-import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +15,7 @@ from apexcal.documents.machine_marks import MachineMark, MarksView
 from apexcal.rigs import read_rig
 from tests.e2e.chromium import find_chromium
 from tests.support.processes import start, stop
+from tests.support.served import Embedded, serving
 from workers.simulation.walker import BOARD_EDGES_M
 
 WEB = Path(__file__).parents[2] / "service" / "web" / "index.html"
@@ -61,36 +60,17 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[],
 
 
 @pytest.fixture(scope="package")
-def served(simulated: Callable[[], Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
-    """`apexcal serve` on an empty folder: what it says about itself."""
+def served(simulated: Callable[[], Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Embedded]:
+    """`apexcal serve` on an empty folder."""
     assert WEB.exists(), "the pages are not built: run `make frontend`"
-    folder = tmp_path_factory.mktemp("served")
-    log = folder / "log"
-    data = folder / "data"
-    command = [sys.executable, "-m", "apexcal.cli", "serve", "--data", str(data), "--port", "0", "--workers", "1"]
-    child = start([*command, "--json"], log)
-    try:
-        yield said_by(child, log)
-    finally:
-        stop(child)
-
-
-def said_by(child: subprocess.Popen[bytes], log: Path) -> dict[str, Any]:
-    """The line of JSON with which the service says that it is up."""
-    end = time.monotonic() + 90
-    while child.poll() is None and time.monotonic() < end:
-        for line in log.read_text().splitlines():
-            if line.startswith("{") and "owner_token_file" in line:
-                said: dict[str, Any] = json.loads(line)
-                return said
-        time.sleep(0.1)
-    raise AssertionError(f"the service did not start:\n{log.read_text()}")
+    with serving(tmp_path_factory.mktemp("served") / "data", "--workers", "1") as embedded:
+        yield embedded
 
 
 @pytest.fixture(scope="package")
-def track(served: dict[str, Any], simulated: Callable[[], Path]) -> Iterator[Track]:
+def track(served: Embedded, simulated: Callable[[], Path]) -> Iterator[Track]:
     """The service after an upload, an ingestion and a detection over HTTP."""
-    with Client(served["url"], Path(served["owner_token_file"]).read_text().strip()) as owner:
+    with Client(served.url, served.token) as owner:
         fleet = owner.fleets.create("Test track")
         vehicle = owner.vehicles.create(fleet.id, "Van 7")
         folder = simulated()
@@ -102,7 +82,7 @@ def track(served: dict[str, Any], simulated: Callable[[], Path]) -> Iterator[Tra
         assert detection.counts.paired >= 10, detection.counts
         width, height = rig.cameras[0].image_size
         yield Track(
-            served["url"],
+            served.url,
             owner,
             str(fleet.id),
             str(vehicle.id),

@@ -2,8 +2,6 @@
 
 import re
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 from uuid import UUID
 
 import cv2
@@ -16,6 +14,7 @@ from service.platform.db.session import Database
 from tests.e2e.conftest import Track
 from tests.e2e.looks import assert_verdict_at_once
 from tests.faults.jobs import LEVEL_RIG, SHORT, SLOW, pairs
+from tests.support.served import Embedded
 from tests.support.work import lose_every_worker
 
 NOISE_PX = 0.5
@@ -168,7 +167,7 @@ def ask_for_the_carts(page: Page, models: int, folds: int) -> None:
 
 
 def test_a_fleet_is_asked_for_and_one_vehicle_fails(
-    sign_in: Callable[[str, str], Page], track: Track, served: dict[str, Any]
+    sign_in: Callable[[str, str], Page], track: Track, served: Embedded
 ) -> None:
     first, first_set = add_cart(track, "Cart 1", 40)
     second, _ = add_cart(track, "Cart 2", 40)
@@ -186,7 +185,7 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
     page.goto(f"{track.url}/fleets/{track.fleet_id}")
     page.get_by_role("link", name="Fleet requests").click()
     ask_for_the_carts(page, models=1, folds=0)
-    database = Database(f"sqlite:///{Path(served['owner_token_file']).parent / 'apexcal.db'}")
+    database = Database(f"sqlite:///{served.data / 'apexcal.db'}")
     for job_id in jobs_of(database, second):
         lose_every_worker(database, job_id)
     database.close()

@@ -2,8 +2,6 @@
 
 import re
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 from uuid import UUID
 
 import numpy as np
@@ -20,6 +18,7 @@ from tests.e2e.conftest import Track
 from tests.e2e.dense import write_dense
 from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show
 from tests.faults.jobs import SHORT, pairs
+from tests.support.served import Embedded
 from tests.support.uploads import RIG
 
 SignIn = Callable[[str, str], Page]
@@ -207,7 +206,7 @@ def test_without_webgl_the_page_says_so_and_works(sign_in: SignIn, track: Track,
 
 
 def test_a_recording_of_an_older_version_is_packed_on_demand(
-    sign_in: SignIn, track: Track, served: dict[str, Any], dense: str
+    sign_in: SignIn, track: Track, served: Embedded, dense: str
 ) -> None:
     forget_packing(served, dense)
     page = sign_in("Ola", "engineer")
@@ -218,9 +217,9 @@ def test_a_recording_of_an_older_version_is_packed_on_demand(
     expect(viewer).to_have_attribute("data-points", "100096", timeout=30_000)
 
 
-def forget_packing(served: dict[str, Any], recording_id: str) -> None:
+def forget_packing(served: Embedded, recording_id: str) -> None:
     """Leave the recording as a version without packing read it."""
-    database = Database(f"sqlite:///{Path(served['owner_token_file']).parent / 'apexcal.db'}")
+    database = Database(f"sqlite:///{served.data / 'apexcal.db'}")
     with database.writing() as session:
         lidar = select(Sensor.id).where(Sensor.recording_id == UUID(recording_id), Sensor.kind == "lidar")
         sensor_id = session.scalars(lidar).one()

@@ -2,7 +2,6 @@
 
 import os
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -11,9 +10,9 @@ import pytest
 from playwright.sync_api import Browser, Request, expect
 
 from apexcal.client import Client
-from tests.e2e.conftest import WEB, said_by
-from tests.support.processes import start, stop
+from tests.e2e.conftest import WEB
 from tests.support.s3 import S3Server
+from tests.support.served import serving
 from tests.support.uploads import RIG
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
 
@@ -27,14 +26,11 @@ def on_s3(tmp_path: Path, s3_server: S3Server) -> Iterator[Client]:
     """`apexcal serve` with its blobs on S3; the owner's client."""
     assert WEB.exists(), "the pages are not built: run `make frontend`"
     settings = s3_server.environment(s3_server.make_bucket()) | {"APEXCAL_DOWNLOADS": "presigned"}
-    command = [sys.executable, "-m", "apexcal.cli", "serve", "--data", str(tmp_path / "data"), "--port", "0"]
-    child = start([*command, "--workers", "1", "--json"], tmp_path / "log", env={**os.environ, **settings})
-    try:
-        said = said_by(child, tmp_path / "log")
-        with Client(said["url"], Path(said["owner_token_file"]).read_text().strip()) as owner:
-            yield owner
-    finally:
-        stop(child)
+    with (
+        serving(tmp_path / "data", "--workers", "1", environment={**os.environ, **settings}) as embedded,
+        Client(embedded.url, embedded.token) as owner,
+    ):
+        yield owner
 
 
 def test_a_page_uploads_into_the_store_and_shows_frames_from_it(

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from tests.e2e.conftest import Track
 from tests.e2e.looks import assert_looks
 from tests.e2e.marking import Marker
 from tests.e2e.test_crops import Confirmer
+from tests.support.served import Embedded
 
 MOST_CLICKS = 8
 COUNTING = """addEventListener("click", event => {
@@ -35,21 +35,19 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def owner(served: dict[str, Any]) -> Iterator[Client]:
-    with Client(served["url"], Path(served["owner_token_file"]).read_text().strip()) as client:
+def owner(served: Embedded) -> Iterator[Client]:
+    with Client(served.url, served.token) as client:
         yield client
 
 
 @pytest.fixture
-def page(browser: Browser, served: dict[str, Any], owner: Client) -> Iterator[Page]:
+def page(browser: Browser, served: Embedded, owner: Client) -> Iterator[Page]:
     """Of an engineer of a fleet without vehicles."""
     fleet = owner.fleets.create("First page")
     context = browser.new_context(viewport={"width": 1280, "height": 900})
     context.set_default_timeout(15_000)
     link = owner.fleets.invite(fleet.id, "Runa", "engineer").link
-    assert context.request.post(
-        f"{served['url']}/v1/sign-in", data={"link": link}, headers={"Origin": served["url"]}
-    ).ok
+    assert context.request.post(f"{served.url}/v1/sign-in", data={"link": link}, headers={"Origin": served.url}).ok
     page = context.new_page()
     complaints: list[str] = []
     page.on("pageerror", lambda error: complaints.append(str(error)))
@@ -65,12 +63,12 @@ def clicks(page: Page) -> int:
 @pytest.mark.timeout(500)
 def test_eight_clicks_lead_from_a_bag_to_a_urdf(
     page: Page,
-    served: dict[str, Any],
+    served: Embedded,
     owner: Client,
     walk: Path,
 ) -> None:
     page.context.add_init_script(COUNTING)
-    page.goto(served["url"])
+    page.goto(served.url)
     assert_looks(page)
     # Files are dropped or chosen; then come the clicks.
     page.get_by_label("Recording and URDF").set_input_files([walk / "recording.bag", walk / "vehicle.urdf"])
@@ -96,7 +94,7 @@ def test_eight_clicks_lead_from_a_bag_to_a_urdf(
     # Confirming is not counted. The person's own five marks are wrong; the fit leaves them out.
     size = owner.vehicles.rig(recording.rig_id).cameras[0].image_size
     ids = (str(one) for one in (recording.vehicle_id, recording.id, detection.id, recording.rig_id))
-    track = Track(served["url"], owner, str(recording.fleet_id), *ids, {}, (size[0], size[1]))
+    track = Track(served.url, owner, str(recording.fleet_id), *ids, {}, (size[0], size[1]))
     person, marker = Confirmer(page, track, marks), Marker(page, track)
     person.mark_blind(marker)
     person.confirm_all()
@@ -126,7 +124,7 @@ def test_eight_clicks_lead_from_a_bag_to_a_urdf(
     rig = owner.vehicles.rig(recording.rig_id)
     assert [camera.name for camera in rig.cameras] == ["front"] and rig.cameras[0].joint is not None
     assert owner.vehicles.get(recording.vehicle_id).name == "recording"
-    page.goto(f"{served['url']}/recordings/{recording.id}?step=region")
+    page.goto(f"{served.url}/recordings/{recording.id}?step=region")
     expect(card.get_by_role("button", name="Use this rig")).to_be_visible()
     card.get_by_label("Mount").select_option("looks left")
     with page.expect_response(lambda answer: answer.request.method == "PATCH") as replaced:

@@ -15,6 +15,7 @@ from playwright.sync_api import Page, expect
 
 from tests.e2e.conftest import Track
 from tests.e2e.looks import View, assert_looks, each_view
+from tests.support.served import Embedded
 
 NOTE = "No worker answers: this waits."
 # Nine seconds on an idle machine: workers are silent for 8 s, and a page asks every second.
@@ -22,11 +23,11 @@ SAID_MS = 30_000
 
 
 @contextmanager
-def stopped(served: dict[str, Any]) -> Iterator[None]:
+def stopped(served: Embedded) -> Iterator[None]:
     """A frozen worker, which goes on afterwards. It does not hold the database's lock, which nobody could take."""
     worker = supervised(served)["worker"]
     os.kill(worker, signal.SIGSTOP)
-    while not is_free(Path(served["owner_token_file"]).parent / "apexcal.db"):
+    while not is_free(served.data / "apexcal.db"):
         os.kill(worker, signal.SIGCONT)
         time.sleep(0.1)
         os.kill(worker, signal.SIGSTOP)
@@ -47,7 +48,7 @@ def is_free(database: Path) -> bool:
 
 
 @contextmanager
-def killed(served: dict[str, Any]) -> Iterator[None]:
+def killed(served: Embedded) -> Iterator[None]:
     """A worker that died, which its frozen supervisor starts again afterwards."""
     children = supervised(served)
     os.kill(children["supervisor"], signal.SIGSTOP)
@@ -58,9 +59,9 @@ def killed(served: dict[str, Any]) -> Iterator[None]:
         os.kill(children["supervisor"], signal.SIGCONT)
 
 
-def supervised(served: dict[str, Any]) -> dict[str, int]:
+def supervised(served: Embedded) -> dict[str, int]:
     """Process ids of `apexcal serve` and its children."""
-    status = json.loads((Path(served["owner_token_file"]).parent / "supervisor.json").read_text())
+    status = json.loads((served.data / "supervisor.json").read_text())
     return {"supervisor": status["pid"]} | {child["name"]: child["pid"] for child in status["children"]}
 
 
@@ -69,7 +70,7 @@ def supervised(served: dict[str, Any]) -> dict[str, int]:
 def test_work_says_that_no_worker_answers_until_one_does(
     sign_in: Callable[[str, str], Page],
     track: Track,
-    served: dict[str, Any],
+    served: Embedded,
     away: Callable[[dict[str, Any]], Any],
     views: tuple[View, ...],
 ) -> None:

@@ -1,5 +1,6 @@
 """What waits for a row's lock holds up nobody else: each route is one call of one thread, and readers have theirs."""
 
+import os
 import subprocess
 import time
 from collections import Counter
@@ -20,6 +21,8 @@ from sqlalchemy import select
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 
+from apexcal.embedded import plans
+from apexcal.embedded.folder import DataFolder
 from service.app import ROUTERS
 from service.platform.auth.access import read_access, write_access
 from service.platform.db.fleets import Fleet, Vehicle
@@ -27,9 +30,10 @@ from service.platform.http.router import Route
 from service.platform.http.threads import CONNECTIONS, LOCK_S, WAIT_S
 from tests.service.calibrations.test_results import seed_results
 from tests.service.detections.seeding import seed_rig
-from tests.service.platform.http.conftest import ServedProcess
 from tests.support.databases import one_database
+from tests.support.fleets import Processes
 from tests.support.people import Actor, Api
+from tests.support.processes import free_port, is_ready
 from tests.support.uploads import digest, new_recording
 
 # More than a process has threads and connections for them, whatever for.
@@ -87,11 +91,25 @@ def parts(api: Api, fleet: UUID, writers: Sequence[Actor]) -> tuple[Write, Any]:
     return write, select(Fleet).where(Fleet.id == fleet)
 
 
+@pytest.fixture
+def url(api: Api, tmp_path: Path) -> Iterator[str]:
+    """A server process of its own on the test's database, whose threads are no test's."""
+    port = free_port()
+    server = Processes(tmp_path, os.environ)
+    server.commands["api"] = plans.api(DataFolder(tmp_path), {}, "127.0.0.1", port).command
+    server.start("api")
+    try:
+        server.wait(lambda: is_ready(f"http://127.0.0.1:{port}"), "the server's start")
+        yield f"http://127.0.0.1:{port}"
+    finally:
+        server.close()
+
+
 @pytest.mark.parametrize(
     "kind", [publications, parts, pytest.param(vehicles, marks=pytest.mark.slow)], ids=lambda kind: kind.__name__
 )
 def test_writers_of_a_row_that_is_held_end_together_and_hold_up_nobody(
-    api: Api, process: ServedProcess, kind: Callable[[Api, UUID, Sequence[Actor]], tuple[Write, Any]]
+    api: Api, url: str, kind: Callable[[Api, UUID, Sequence[Actor]], tuple[Write, Any]]
 ) -> None:
     fleet, elsewhere = api.fleet(), api.fleet()
     writers = [api.member(fleet, "admin", f"admin {number}") for number in range(2)]
@@ -101,7 +119,7 @@ def test_writers_of_a_row_that_is_held_end_together_and_hold_up_nobody(
     has_one_writer = api.database.engine.dialect.name == "sqlite"
     with ExitStack() as stack:
         clients = [
-            stack.enter_context(httpx.Client(base_url=process.url, headers=one.headers, timeout=60, limits=limits))
+            stack.enter_context(httpx.Client(base_url=url, headers=one.headers, timeout=60, limits=limits))
             for one in (*writers, bystander)
         ]
         pool = stack.enter_context(ThreadPoolExecutor(AT_ONCE + 1))
