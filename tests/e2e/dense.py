@@ -30,11 +30,7 @@ def room(columns: int, noise: NDArray[np.float64]) -> dict[str, NDArray[np.float
     floor = np.where(elevation < 0, 1.8 / np.maximum(np.sin(-elevation), 1e-6), 80)
     distance = np.minimum(walls / np.cos(elevation), floor) + noise
     level = distance * np.cos(elevation)
-    return points | {
-        "x": level * np.cos(azimuth),
-        "y": level * np.sin(azimuth),
-        "z": distance * np.sin(elevation),
-    }
+    return points | {"x": level * np.cos(azimuth), "y": level * np.sin(azimuth), "z": distance * np.sin(elevation)}
 
 
 def write_dense(path: Path, width: int, height: int) -> Path:

@@ -43,8 +43,7 @@ def click_corner(marker: Marker, aside_px: float = 0) -> tuple[float, float]:
 
 
 def test_a_frame_opens_about_the_corner_and_a_far_mark_is_asked_about(
-    sign_in: SignIn,
-    marked: tuple[Track, dict[str, MachineMark]],
+    sign_in: SignIn, marked: tuple[Track, dict[str, MachineMark]]
 ) -> None:
     track, marks = marked
     ask_marks(track, 50)
@@ -100,10 +99,7 @@ def test_a_frame_opens_about_the_corner_and_a_far_mark_is_asked_about(
     assert (mark["u"], mark["v"]) == pytest.approx(good, abs=0.51)
 
 
-def test_six_keys_of_a_keypad_mark_a_corner(
-    sign_in: SignIn,
-    marked: tuple[Track, dict[str, MachineMark]],
-) -> None:
+def test_six_keys_of_a_keypad_mark_a_corner(sign_in: SignIn, marked: tuple[Track, dict[str, MachineMark]]) -> None:
     track, marks = marked
     nora = Marker(sign_in("Nora", "annotator"), track)
     nora.open()
@@ -122,10 +118,7 @@ def test_six_keys_of_a_keypad_mark_a_corner(
     assert max(keys) <= 6 and sorted(off)[len(off) // 2] < 1.5
 
 
-def test_two_taps_mark_a_corner_on_a_phone(
-    sign_in: SignIn,
-    marked: tuple[Track, dict[str, MachineMark]],
-) -> None:
+def test_two_taps_mark_a_corner_on_a_phone(sign_in: SignIn, marked: tuple[Track, dict[str, MachineMark]]) -> None:
     track, marks = marked
     page = sign_in("Paul", "annotator")
     page.set_viewport_size({"width": 390, "height": 844})

@@ -95,10 +95,7 @@ def place_of(image: Locator, pixel: list[float]) -> tuple[float, float]:
     box = image.bounding_box()
     width, height = image.evaluate("image => [image.naturalWidth, image.naturalHeight]")
     assert box
-    return (
-        box["x"] + (pixel[0] + 0.5) * box["width"] / width,
-        box["y"] + (pixel[1] + 0.5) * box["height"] / height,
-    )
+    return (box["x"] + (pixel[0] + 0.5) * box["width"] / width, box["y"] + (pixel[1] + 0.5) * box["height"] / height)
 
 
 def calibrate(page: Page) -> None:

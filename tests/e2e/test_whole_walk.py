@@ -61,12 +61,7 @@ def clicks(page: Page) -> int:
 
 
 @pytest.mark.timeout(500)
-def test_eight_clicks_lead_from_a_bag_to_a_urdf(
-    page: Page,
-    served: Embedded,
-    owner: Client,
-    walk: Path,
-) -> None:
+def test_eight_clicks_lead_from_a_bag_to_a_urdf(page: Page, served: Embedded, owner: Client, walk: Path) -> None:
     page.context.add_init_script(COUNTING)
     page.goto(served.url)
     assert_looks(page)

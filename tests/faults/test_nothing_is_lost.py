@@ -65,10 +65,11 @@ def test_a_worker_process_killed_within_a_slot_and_the_sweeper_before_it(farm: F
 
 
 def test_the_whole_worker_killed(farm: Farm, undisturbed):
+    """The next one has one process, as the test after this wants it."""
     calibration = ask(farm.client, next(_names))
     wait_until(lambda: _running(farm) != [], "work", 120)
     farm.kill("worker")
-    farm.start("worker")
+    farm.use_worker(1)
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
 
 

@@ -66,13 +66,7 @@ def test_the_job_goes_through_the_fleet_of_the_compose_file(
         assert marked.complete == detection.counts.paired >= pairs.count >= 10
         calibration = owner.wait(
             owner.calibrations.create(
-                vehicle.id,
-                [pairs.id],
-                ["pinhole"],
-                folds=0,
-                farm="slots",
-                schedule=QUICK,
-                publish="recommended",
+                vehicle.id, [pairs.id], ["pinhole"], folds=0, farm="slots", schedule=QUICK, publish="recommended"
             ),
             timeout_s=PATIENCE_S,
         )

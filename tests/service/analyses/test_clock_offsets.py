@@ -74,8 +74,7 @@ def test_a_clock_offset_of_too_many_marks_is_refused(api, fleet, engineer, monke
     monkeypatch.setenv("APEXCAL_TASK_LIMIT_S", "1")
     get_settings.cache_clear()
     refused = engineer.post(
-        "/analyses",
-        {"kind": "clock_offset", "detection_id": str(seed.detection_id), "camera": "front"},
+        "/analyses", {"kind": "clock_offset", "detection_id": str(seed.detection_id), "camera": "front"}
     )
     assert (refused.status_code, refused.json()["code"]) == (422, "work_too_long")
     assert "20 marks" in refused.json()["detail"]

@@ -352,11 +352,7 @@ def test_the_paper_preset_means_its_own_form_and_bounds(api, engineer, rig):
         ({"locked": {"alpha": 0}}, "unknown_parameter", "rotation_x"),
         ({"locked": {"rotation_x": 0, "rotation_x_deg": 0}}, "unknown_parameter", "twice"),
         ({"priors": {"k1": {"mean": 0, "sigma": 0}}}, "invalid_request", "priors.k1.sigma"),
-        (
-            {"priors": {"f_x": {"mean": 1e308, "sigma": 1}}},
-            "invalid_request",
-            "priors.f_x.mean: Input",
-        ),
+        ({"priors": {"f_x": {"mean": 1e308, "sigma": 1}}}, "invalid_request", "priors.f_x.mean: Input"),
         ({"priors": {"f_x": {"mean": 400, "sigma": 1e-320}}}, "invalid_request", "priors.f_x.sigma"),
         ({"priors": {"f_x": {"mean": 400, "sigma": 1e7}}}, "invalid_request", "priors.f_x.sigma"),
         ({"locked": {"f_x": 1e308}}, "invalid_request", "locked.f_x: Input should be less than or equal to 1000000"),

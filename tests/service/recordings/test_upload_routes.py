@@ -44,8 +44,7 @@ def test_completing_again_gives_the_same_answer_and_one_job(api: Api, engineer, 
     with api.database.reading() as session:
         assert len(session.scalars(select(Job)).all()) == 1
     other = engineer.post(
-        f"/recordings/{recording['id']}/complete",
-        {"parts": 3, "size": sum(map(len, PARTS)), "sha256": "0" * 64},
+        f"/recordings/{recording['id']}/complete", {"parts": 3, "size": sum(map(len, PARTS)), "sha256": "0" * 64}
     )
     assert (other.status_code, other.json()["code"]) == (409, "upload_closed")
 
