@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from apexcal.embedded import plans
 from service.platform.db.models import Job
 from tests.faults.results import Documents, documents
 from tests.support.fleets import Fleet
-from tests.support.processes import wait_until
+from tests.support.processes import children, send, wait_until
 from tests.support.wrong_clocks import WrongClock, why_not
 
 LEASE_S = 2.0
@@ -50,16 +51,23 @@ class Farm(Fleet):
         self.commands[name], self.own[name] = plans.worker_command(queues, 2, name), environment
         self.start(name)
 
-    def use_worker(self, processes: int, queues: str = plans.QUEUES) -> None:
-        """Another number of pool processes, or other queues; a worker that is up with these stays."""
-        command = list(self.commands["worker"])
-        places = command.index("--concurrency") + 1, command.index("-Q") + 1
-        for place, word in zip(places, (str(processes), queues), strict=True):
-            command[place] = word
-        if command != list(self.commands["worker"]) or self.is_dead("worker"):
+    def use_worker(self, processes: int) -> None:
+        """Another number of pool processes; a worker that is up with these stays."""
+        command = plans.worker_command(plans.QUEUES, processes)
+        if command != self.commands["worker"] or self.is_dead("worker"):
             self.stop("worker")
             self.commands["worker"] = command
             self.start("worker")
+
+    @contextmanager
+    def frozen(self, name: str) -> Iterator[None]:
+        """Stop a process and its children for a block; what they hold meanwhile, others must take."""
+        pids = [self.pid(name), *children(self.pid(name))]
+        send(pids, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            send(pids, signal.SIGCONT)
 
     def kill_who_works_on(self, kind: str, part: str | None = None) -> int:
         """Wait until a pool process works on a job of this kind, kill it, and return the job's id.

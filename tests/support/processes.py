@@ -2,12 +2,13 @@
 
 import contextlib
 import ctypes
+import os
 import signal
 import socket
 import subprocess
 import time
 import urllib.request
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,22 @@ def stop_all(
         except subprocess.TimeoutExpired:
             child.kill()
             child.wait()
+
+
+def children(pid: int) -> list[int]:
+    """The children of a process."""
+    found: list[int] = []
+    for listed in Path("/proc").glob(f"{pid}/task/*/children"):
+        with contextlib.suppress(OSError):
+            found += [int(word) for word in listed.read_text().split()]
+    return found
+
+
+def send(pids: Sequence[int], signal_number: int) -> None:
+    """Send a signal to processes, some of which may be gone."""
+    for pid in pids:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal_number)
 
 
 def free_port() -> int:

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import psycopg
 
-from tests.faults.campaign.plant import HOSTS, WORKERS, Plant, children, send
-from tests.support.processes import stop
+from tests.faults.campaign.plant import HOSTS, WORKERS, Plant
+from tests.support.processes import children, send, stop
 
 Undo = Callable[[], None]
 

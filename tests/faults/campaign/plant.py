@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import subprocess
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 
@@ -18,7 +16,7 @@ from tests.support.broker import Broker
 from tests.support.fleets import Fleet
 from tests.support.networks import Host, Network
 from tests.support.postgres import Postgres
-from tests.support.processes import is_ready, wait_until
+from tests.support.processes import children, is_ready, wait_until
 from tests.support.s3 import S3Server
 from tests.support.wrong_clocks import WrongClock, why_not
 
@@ -152,19 +150,3 @@ class Plant(Fleet):
     def _ready(self) -> bool:
         self.watch()
         return is_ready(self.url, 2)
-
-
-def children(pid: int) -> list[int]:
-    """The children of a process."""
-    found: list[int] = []
-    for listed in Path("/proc").glob(f"{pid}/task/*/children"):
-        with contextlib.suppress(OSError):
-            found += [int(word) for word in listed.read_text().split()]
-    return found
-
-
-def send(pids: Sequence[int], signal_number: int) -> None:
-    """Send a signal to processes, some of which may be gone."""
-    for pid in pids:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, signal_number)

@@ -265,10 +265,9 @@ def test_what_was_to_go_goes_by_itself(api: Api, engineer, recording) -> None:
 
 
 def test_what_stays_does_not_keep_the_rest(api: Api, monkeypatch) -> None:
-    rig = seed_rig(api.database, api.fleet())
-    ids = [seed_recording(api.database, rig, 1)[0] for _ in range(101)]
+    rig, late = seed_rig(api.database, api.fleet()), utc_now() - timedelta(seconds=1)
     with api.database.writing() as session:
-        session.execute(update(Recording).values(retain_until=utc_now() - timedelta(seconds=1)))
+        ids = [add(session, Recording, rig, state="ready", retain_until=late).id for _ in range(101)]
 
     def delete_only_the_last(session, recording_id, *, with_published):
         if recording_id == ids[0]:
