@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import csv
 import io
-import struct
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 from typing import Any, Final
@@ -101,42 +99,21 @@ def _read_npy(data: bytes, path: str) -> Arrays:
         "x, y, z, intensity, ring, time in this order."
     )
     try:
-        shape, fortran, dtype, offset = _npy_header(data)
-    except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError, struct.error) as error:
+        array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(data), max_header_size=_MAX_HEADER)
+    except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError, EOFError) as error:
+        if "array data" in str(error):
+            raise truncated_cloud(path, str(error).splitlines()[0].rstrip(".")) from error
         raise _malformed(path, "its .npy header cannot be read", hint) from error
-    if dtype.hasobject or dtype.itemsize == 0:
-        raise _malformed(path, f"its type is {dtype}", hint)
-    count = int(np.prod(np.array(shape, object))) if shape else 1
-    if not shape or min(shape) < 0 or shape[0] > MAX_POINTS:
-        raise _malformed(path, f"its shape is {shape}", hint)
-    if len(data) - offset < count * dtype.itemsize:
-        whole = count * dtype.itemsize
-        raise truncated_cloud(path, f"{len(data) - offset} of {whole} bytes of points are there")
-    array: NDArray[np.generic] = np.frombuffer(data, dtype, count, offset)
-    if dtype.names:
-        flat: Any = array.reshape(shape, order="F" if fortran else "C").reshape(-1)
-        columns: Arrays = {name: flat[name] for name in dtype.names}
-        return {name: values for name, values in columns.items() if values.ndim == 1 and values.dtype.kind in "iufb"}
-    if len(shape) != 2 or not 3 <= shape[1] <= len(_PLAIN) or dtype.kind not in "iuf":
-        raise _malformed(path, f"its shape is {shape} of {dtype}", hint)
-    table = array.reshape(shape, order="F" if fortran else "C")
-    if shape[1] > 4:
-        _check_whole(table[:, 4], path, hint)
-    return {name: table[:, i] for i, name in enumerate(_PLAIN[: shape[1]])}
-
-
-def _npy_header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Shape, whether columns come first, type, and where the values begin."""
-    if data[:6] != b"\x93NUMPY" or data[6] not in (1, 2, 3):
-        raise ValueError
-    (length,) = struct.unpack_from("<H" if data[6] == 1 else "<I", data, 8)
-    start = 10 if data[6] == 1 else 12
-    if length > _MAX_HEADER:
-        raise ValueError
-    header = ast.literal_eval(data[start : start + length].decode("utf-8" if data[6] == 3 else "latin1"))
-    shape = tuple(int(size) for size in header["shape"])
-    dtype: np.dtype[Any] = np.lib.format.descr_to_dtype(header["descr"])
-    return shape, bool(header["fortran_order"]), dtype, start + length
+    if array.dtype.names:
+        columns: Arrays = {
+            name: array[name].reshape(-1) for name in array.dtype.names if array[name].ndim == array.ndim
+        }
+        return {name: values for name, values in columns.items() if values.dtype.kind in "iufb"}
+    if array.ndim != 2 or not 3 <= array.shape[1] <= len(_PLAIN) or array.dtype.kind not in "iuf":
+        raise _malformed(path, f"its shape is {array.shape} of {array.dtype}", hint)
+    if array.shape[1] > 4:
+        _check_whole(array[:, 4], path, hint)
+    return {name: array[:, i] for i, name in enumerate(_PLAIN[: array.shape[1]])}
 
 
 def _check_whole(ring: NDArray[np.generic], path: str, hint: str) -> None:
