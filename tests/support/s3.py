@@ -85,6 +85,6 @@ class S3Server:
     def _answers(self) -> bool:
         assert self.child.poll() is None, (self.folder / "log").read_text()
         try:
-            return httpx.get(f"{self.endpoint}/moto-api/", timeout=2).status_code == 200
+            return httpx.get(f"{self.endpoint}/moto-api/", timeout=60).status_code == 200
         except httpx.TransportError:
             return False
