@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from workers.readers.recording import ReadError
 from workers.readers.trees.file_times import read_table, whole_ns
+
+if TYPE_CHECKING:
+    from av.video.stream import VideoStream
 
 # Not 0, which ROS reads as "no stamp".
 _MADE_UP_START_NS: Final = 1_000_000_000
@@ -70,19 +73,6 @@ class FrameTimes:
             )
 
 
-class _Stream(Protocol):
-    """What is asked of a video stream."""
-
-    @property
-    def time_base(self) -> Fraction | None: ...
-
-    @property
-    def start_time(self) -> int | None: ...
-
-    @property
-    def average_rate(self) -> Fraction | None: ...
-
-
 @dataclass(slots=True)
 class VideoClock:
     """How a frame's moment is found.
@@ -104,7 +94,7 @@ class VideoClock:
 
     @classmethod
     def of(
-        cls, stream: _Stream, table: FrameTimes | None, given_ns: int | None, created_ns: int | None, name: str
+        cls, stream: VideoStream, table: FrameTimes | None, given_ns: int | None, created_ns: int | None, name: str
     ) -> VideoClock:
         """The best that there is: a table, a given start, stamps since 1970, the creation time, or none of them.
 
