@@ -14,7 +14,7 @@ from workers.vertices.sensor_grid import learn_grid
 def thinned(seen, kept, further=1.0):
     """The returns of these indices, farther by a factor."""
     columns = {name: getattr(seen, name)[kept] for name in ("intensity", "ring", "offset_ns")}
-    return replace(seen, xyz=further * seen.xyz[kept], **columns)
+    return replace(seen, xyz=(further * seen.xyz[kept]).astype(np.float32), **columns)
 
 
 @pytest.mark.parametrize("sensor", ["vlp16", "vlp32c", "os1-64"])

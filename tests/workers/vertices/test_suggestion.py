@@ -6,8 +6,8 @@ import pytest
 from apexcal.documents.analyses import SuggestionFacts
 from apexcal.documents.errors import InputError
 from apexcal.documents.simulation import Disturbances
-from tests.support.scenes.drawn import draw_street
 from tests.support.scenes.flawed_lidar import FlawedLidar, Mount
+from tests.support.scenes.still import drive
 from workers.simulation.beams import BOARD, PERSON
 from workers.simulation.scene import scene_with
 from workers.simulation.sensors import SENSORS
@@ -89,7 +89,7 @@ def test_nothing_moves():
 
 def test_too_few_sweeps_and_a_lidar_that_moves_are_told():
     random = np.random.default_rng(0)
-    seen = [sweep for sweep, _ in recorded(1, 20)]
+    seen = [sweep for sweep, _ in recorded(1, 10)]
     moved = [replace(sweep, xyz=(sweep.xyz + random.uniform(-3, 3, 3)).astype(np.float32)) for sweep in seen]
     for sweeps, code in ((moved, "everything_moves"), (seen[:7], "too_few_sweeps")):
         with pytest.raises(InputError) as caught:
@@ -131,10 +131,9 @@ def test_the_suggestion_of_a_tilted_sensor_is_level(mount):
 
 
 def test_a_drive_with_a_tilted_sensor_is_refused():
-    """Sweeps from many places of a street: what stands upright is elsewhere in each."""
     turn = Mount(roll_deg=15.0).rotation().astype(np.float32)
-    drawn = [draw_street(seed).simulated(1.0)[1].sweep(0, 0.0, START_NS + seed * 100_000_000) for seed in range(10)]
-    moving = [replace(one, xyz=one.xyz @ turn) for one in drawn]
+    driven = drive(0, 12)
+    moving = [replace(one, xyz=one.xyz @ turn) for one in map(driven.sweep, range(len(driven)))]
     with pytest.raises(InputError) as refused:
         suggest(Listed(moving))
     assert refused.value.code == "everything_moves"
