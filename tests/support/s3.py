@@ -32,7 +32,7 @@ class S3Server:
         command = [sys.executable, "-m", "moto.server", "-H", address, "-p", str(self.port)]
         with host.inside() if host else nullcontext():
             self.child = start(command, self.folder / "log")
-        wait_until(self._answers, "the start of the S3 server", 150)
+        wait_until(self._answers, "the start of the S3 server", 60)
 
     @property
     def endpoint(self) -> str:
@@ -85,6 +85,6 @@ class S3Server:
     def _answers(self) -> bool:
         assert self.child.poll() is None, (self.folder / "log").read_text()
         try:
-            return httpx.get(f"{self.endpoint}/moto-api/", timeout=60).status_code == 200
+            return httpx.get(f"{self.endpoint}/moto-api/", timeout=2).status_code == 200
         except httpx.TransportError:
             return False
