@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from multiprocessing import get_context
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple
 from uuid import UUID
@@ -23,6 +22,7 @@ from workers.solver.schedule import run_schedule  # noqa: E402
 from workers.tasks.solving import read_run, solved  # noqa: E402
 from workers.tasks.warming import warm_up  # noqa: E402
 
+_PROCESSES = 2
 # What a worker adds to what was found: how long it took, and what it was made of.
 _ADDED = ("finish_seconds", "provenance")
 
@@ -60,66 +60,57 @@ def assert_same_bits(database: Database, bare: Mapping[str, dict[str, Any]]) -> 
 
 
 class Bare:
-    """Two processes, or as many as asked for, that take one run after the other. They compile before they begin."""
+    """Two processes that take one run after the other. They compile before they begin."""
 
-    def __init__(self, runs: Sequence[Run], folder: Path, processes: int = 2) -> None:
+    def __init__(self, runs: Sequence[Run], folder: Path) -> None:
         context = get_context("spawn")
         self._count = len(runs)
         self._next, self._ended = context.Value("i", 0), context.Value("i", 0)
-        self._begin, self._write, self._written = (context.Barrier(processes + 1) for _ in range(3))
-        self._outputs = [folder / f"bare-{number}.jsonl" for number in range(processes)]
+        self._begin, self._write = (context.Barrier(_PROCESSES + 1) for _ in range(2))
+        self._outputs = [folder / f"bare-{number}.jsonl" for number in range(_PROCESSES)]
         source = folder / "runs.json"
         source.write_text(json.dumps(runs))
-        shared = (self._next, self._ended, self._begin, self._write, self._written)
-        self.children: list[BaseProcess] = [
+        shared = (self._next, self._ended, self._begin, self._write)
+        self._children = [
             context.Process(target=_work, args=(source, output, *shared), daemon=True) for output in self._outputs
         ]
-        for child in self.children:
+        for child in self._children:
             child.start()
 
     def begin(self) -> None:
-        """Wait until every process has loaded the runs and compiled; then they begin, again after each round."""
-        self._next.value = self._ended.value = 0
+        """Wait until every process has loaded the runs and compiled; then they begin."""
         self._begin.wait()
 
     @property
     def pids(self) -> list[int]:
         """The processes' ids."""
-        return [child.pid or 0 for child in self.children]
+        return [child.pid or 0 for child in self._children]
 
     @property
     def is_done(self) -> bool:
-        """Whether every run has ended."""
+        """Whether every run has ended. The processes live on until their results are read."""
         return self._ended.value >= self._count
 
     def results(self) -> dict[str, dict[str, Any]]:
-        """Each run's document of this round, by its id."""
+        """Each run's document, by its id; the processes end."""
         self._write.wait()
-        self._written.wait()
-        lines = (line for output in self._outputs for line in output.read_text().splitlines())
-        return dict(json.loads(line) for line in lines)
-
-    def close(self) -> None:
-        """End the processes."""
-        for child in self.children:
-            child.terminate()
+        for child in self._children:
             child.join()
+        return dict(json.loads(line) for output in self._outputs for line in output.read_text().splitlines())
 
 
-def _work(source: Path, output: Path, following: Any, ended: Any, begin: Any, write: Any, written: Any) -> None:
+def _work(source: Path, output: Path, following: Any, ended: Any, begin: Any, write: Any) -> None:
     runs = [Run(*one) for one in json.loads(source.read_text())]
     warm_up()
-    while True:
-        found: list[tuple[str, dict[str, Any]]] = []
-        begin.wait()
-        while (number := _take(following)) < len(runs):
-            found.append((runs[number].id, _solve(runs[number])))
-            with ended.get_lock():
-                ended.value += 1
-        # Alive until then, so that the time that it took can be read.
-        write.wait()
-        output.write_text("".join(json.dumps(one) + "\n" for one in found))
-        written.wait()
+    documents: list[tuple[str, dict[str, Any]]] = []
+    begin.wait()
+    while (number := _take(following)) < len(runs):
+        documents.append((runs[number].id, _solve(runs[number])))
+        with ended.get_lock():
+            ended.value += 1
+    # Alive until then, so that the time that it took can be read.
+    write.wait()
+    output.write_text("".join(json.dumps(one) + "\n" for one in documents))
 
 
 def _take(following: Any) -> int:

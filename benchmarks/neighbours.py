@@ -29,13 +29,11 @@ from urllib.parse import urlsplit
 from uuid import UUID
 
 import httpx
-from sqlalchemy import select
 
-from benchmarks.fleet.vehicles import bring, draw
-from benchmarks.house import House, resident_mib
-from service.platform.auth.credential_actions import TOKEN_PREFIX, new_secret, secret_hash
+from benchmarks.house import House, percentile
+from benchmarks.vehicles import draw, one_vehicle
+from service.platform.auth.credential_actions import TOKEN_PREFIX, new_secret
 from service.platform.db.fleets import Rig
-from service.platform.db.people import ApiToken, Membership, Person
 from service.platform.db.recordings import Blob, CameraFrame, Recording, Sensor
 from service.platform.storage.store import Store
 from tests.support.rows import add
@@ -49,26 +47,10 @@ _QUIET_PAUSE_S = 0.05
 _PART_BYTES = 64 << 20
 
 
-def _person(house: House, fleet_id: str, role: str) -> str:
-    """The token of a new person of a fleet."""
-    secret = new_secret(TOKEN_PREFIX)
-    with house.database.writing() as session:
-        person = Person(name=f"{role} of {fleet_id}")
-        session.add(person)
-        session.flush()
-        session.add(Membership(person_id=person.id, fleet_id=UUID(fleet_id), role=role))
-        session.add(ApiToken(person_id=person.id, name="bench", secret_hash=secret_hash(secret)))
-    return secret
-
-
 def _fleet(house: House, name: str, seed: int) -> dict[str, str]:
     """A fleet with one vehicle, its rig and a small set of pairs: ids as texts."""
-    fleet = house.client.fleets.create(name)
-    (vehicle,) = bring(house.client, fleet.id, draw(1, seed))
-    with house.database.reading() as session:
-        rig_id = session.scalars(select(Rig.id).where(Rig.fleet_id == fleet.id)).one()
-    (pairs,) = house.client.correspondence_sets.list(rig_id)
-    return {"fleet": str(fleet.id), "vehicle": str(vehicle), "rig": str(rig_id), "set": str(pairs.id)}
+    one = one_vehicle(house.client, name, draw(1, seed)[0])
+    return {"fleet": str(one.fleet), "vehicle": str(one.vehicle), "rig": str(one.rig), "set": str(one.pairs)}
 
 
 def _large_frame(house: House, fleet: dict[str, str]) -> str:
@@ -139,10 +121,9 @@ def _csv(count: int) -> bytes:
     return "\n".join(["x,y,z,u,v,group", *rows, ""]).encode()
 
 
-def _import(url: str, token: str, rig: str, content: bytes) -> httpx.Response:
-    headers = {"Authorization": f"Bearer {token}", "Content-Type": "text/csv"}
-    address = f"{url}/v1/rigs/{rig}/correspondence-sets?camera=camera"
-    return httpx.post(address, content=content, headers=headers, timeout=120)
+def _import(client: httpx.Client, rig: str, content: bytes) -> httpx.Response:
+    path = f"/rigs/{rig}/correspondence-sets?camera=camera"
+    return client.post(path, content=content, headers={"Content-Type": "text/csv"})
 
 
 def _engineer(load: _Load, token: str, fleet: dict[str, str]) -> None:
@@ -153,7 +134,7 @@ def _engineer(load: _Load, token: str, fleet: dict[str, str]) -> None:
     def import_pairs() -> None:
         # Another content each time.
         content = b"%b\n5.%06d,1,1,2,3,1\n%b" % (head, random.randrange(10**6), rest)
-        answer = load.ask("import", lambda: _import(load.url, token, fleet["rig"], content))
+        answer = load.ask("import", lambda: _import(client, fleet["rig"], content))
         if answer is not None and answer.status_code == 201:
             sets.append(answer.json()["id"])
 
@@ -271,9 +252,10 @@ def measure(database: Literal["postgresql", "sqlite"], seconds: float) -> dict[s
         try:
             noisy, quiet = _fleet(house, "noisy", 1), _fleet(house, "quiet", 2)
             frame = _large_frame(house, noisy)
-            tokens = [_person(house, noisy["fleet"], role) for role in ("engineer", "engineer", "viewer")]
-            noisy["large"] = _import(house.address, tokens[0], noisy["rig"], _csv(_PAIRS)).json()["id"]
-            engineer = _person(house, quiet["fleet"], "engineer")
+            tokens = [house.person(UUID(noisy["fleet"]), role) for role in ("engineer", "engineer", "viewer")]
+            with _Load(house.address, 0.0).client(tokens[0]) as client:
+                noisy["large"] = _import(client, noisy["rig"], _csv(_PAIRS)).json()["id"]
+            engineer = house.person(UUID(quiet["fleet"]), "engineer")
             alone = _live_quietly(_Load(house.address, seconds / 4), engineer, quiet)
             noise = subprocess.Popen(
                 [sys.executable, "-m", "benchmarks.neighbours", "noise"],
@@ -292,21 +274,15 @@ def measure(database: Literal["postgresql", "sqlite"], seconds: float) -> dict[s
                 "database": database,
                 "seconds": seconds,
                 "requests": len(beside),
-                "alone_p99_s": round(_percentile(alone, 0.99), 3),
-                "p50_s": round(_percentile(beside, 0.5), 3),
-                "p99_s": round(_percentile(beside, 0.99), 3),
-                "longest_s": round(max(beside), 3),
+                "alone_p99_s": round(percentile(alone, 0.99), 3),
+                "p99_s": round(percentile(beside, 0.99), 3),
                 "quiet": dict(sorted(load.statuses.items())),
                 "noisy": statuses,
-                "api_peak_mib": round(resident_mib(house.pids()["api"], "VmHWM")) if house.lives("api") else None,
+                "api_peak_mib": house.api_peak_mib(),
                 "machine_load": os.getloadavg()[0],
             }
         finally:
             house.close()
-
-
-def _percentile(values: list[float], share: float) -> float:
-    return sorted(values)[min(int(share * len(values)), len(values) - 1)]
 
 
 def broken(figures: dict[str, Any]) -> list[str]:

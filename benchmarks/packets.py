@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -44,8 +43,6 @@ class Vlp16Packets:
     """
 
     def __init__(self, lidar: SimulatedLidar) -> None:
-        if len(lidar.firing) != _LASERS:
-            raise ValueError(f"a VLP-16 has {_LASERS} lasers, not {len(lidar.firing)}")
         self._lidar = lidar
         self._turn_s = 1.0 / lidar.sensor.rate_hz
         self._column_s = lidar.sensor.step_deg / 360.0 * self._turn_s
@@ -99,8 +96,7 @@ def packet_rig(options: SimulationOptions) -> SimulatedRig:
     return SimulatedRig(options, replace(SENSORS["vlp16"], lens_m=_LENS_M))
 
 
-def write_capture(rig: SimulatedRig, path: Path, count: int | None = None) -> None:
-    """Write the packets of the first ``count`` sweeps of a :func:`packet_rig`, or of all."""
+def write_capture(rig: SimulatedRig, path: Path) -> None:
+    """Write the packets of a :func:`packet_rig`."""
     packets = Vlp16Packets(rig.lidar)
-    sweeps = islice(rig.sweeps(), count)
-    write_pcap(path, ((at_ns, datagram(payload)) for sweep in sweeps for at_ns, payload in packets.of(sweep)))
+    write_pcap(path, ((at_ns, datagram(payload)) for sweep in rig.sweeps() for at_ns, payload in packets.of(sweep)))

@@ -63,12 +63,6 @@ def _wait_until_warm(url: str, deadline: float) -> None:
     raise TimeoutError(f"no warm worker within {_PATIENCE_S:.0f} s")
 
 
-def _starts() -> dict[str, Figures]:
-    with tempfile.TemporaryDirectory() as folder:
-        data, kernels = Path(folder) / "data", Path(folder) / "kernels"
-        return {which: start(data, kernels) for which in ("first_start", "second_start")}
-
-
 def _medians(rounds: list[Figures]) -> Figures:
     return {name: round(median(one[name] for one in rounds), 2) for name in rounds[0]}
 
@@ -78,9 +72,13 @@ def main() -> None:
     rounds = int(os.environ.get("ROUNDS", "3"))
     # One round more: the first reads the files from the disk.
     imports = [{module: import_s(module) for module in MODULES} for _ in range(rounds + 1)][1:]
-    starts = [_starts() for _ in range(rounds)]
-    figures = {which: _medians([one[which] for one in starts]) for which in starts[0]}
-    print(json.dumps({"rounds": rounds, "import_processor_s": _medians(imports), **figures}))
+    starts: dict[str, list[Figures]] = {"first_start": [], "second_start": []}
+    for _ in range(rounds):
+        with tempfile.TemporaryDirectory() as folder:
+            for figures in starts.values():
+                figures.append(start(Path(folder) / "data", Path(folder) / "kernels"))
+    medians = {which: _medians(figures) for which, figures in starts.items()}
+    print(json.dumps({"rounds": rounds, "import_processor_s": _medians(imports), **medians}))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Errors over Cramer-Rao sigmas, and whether the reported intervals hold them: weighed equally and by covariances."""
+"""Errors over Cramer-Rao sigmas, and whether the reported intervals hold them."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,13 +8,10 @@ from numpy.typing import NDArray
 
 from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
 from benchmarks.accuracy.rigs import Rig
-from workers.geometry.spherical import axes
-from workers.solver.covariances import SIGMAS, covariances_of
 from workers.solver.estimate import Estimate, estimate
 from workers.solver.polish import Fit, weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict
-from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
 DRAWS = 8
@@ -36,38 +33,12 @@ def error_bars(rig: Rig, problem: FitProblem, found: Estimate, rng: np.random.Ge
         "inside": _inside(problem, rig.truth, sigma),
         "squared_scores": scores,
         "held": held,
-        "turn_crb_deg": float(np.degrees(np.linalg.norm(sigma[:3]))),
-    }
-
-
-def weighted_error_bars(rig: Rig, rng: np.random.Generator) -> dict[str, Any]:
-    """The same with vertices of unequal sigma (0.02 to 0.2 degrees, 5 to 20 mm), weighed by them and equally.
-
-    Both in sigmas of the weighted Cramer-Rao bound. Empty lists where its ellipsoid leaves the bounds.
-    """
-    n = len(rig.points)
-    angle = np.radians(np.exp(rng.uniform(np.log(0.02), np.log(0.2), (n, 2))))
-    sigmas = np.column_stack([angle, rng.uniform(0.005, 0.02, n)])
-    columns = dict(zip(SIGMAS, sigmas.T.tolist(), strict=True))
-    seen = rig.points + np.einsum("nij,nj->ni", axes(rig.points), sigmas * rng.normal(size=(n, 3)))
-    equal = replace(rig.problem(), points=seen)
-    weighted = replace(equal, covariances=covariances_of(columns, seen, 1.0))
-    known = replace(weighted, points=rig.points, covariances=covariances_of(columns, rig.points, 1.0))
-    sigma = crb_sigma(known, rig.truth)
-    if not _inside(equal, rig.truth, sigma):
-        return {"weighted_scores": [], "weighted_held": [], "equal_scores": []}
-    found = estimate(weighted, rig.truth)
-    return {
-        "weighted_scores": [_squares(rig, found.fit, sigma)],
-        "weighted_held": [_held(rig, found)],
-        "equal_scores": [_squares(rig, estimate(equal, rig.truth).fit, sigma)],
     }
 
 
 def crb_sigma(problem: FitProblem, truth: Floats) -> Floats:
-    """Cramer-Rao sigmas (D,) at the truth, of marks of `mark_sigma_px` or of the problem's covariances."""
-    here = whitened(problem, truth)
-    J = weighted_residuals(here, truth, local=False)[1] / here.mark_sigma_px
+    """Cramer-Rao sigmas (D,) at the truth, of marks of `mark_sigma_px`."""
+    J = weighted_residuals(problem, truth, local=False)[1] / problem.mark_sigma_px
     return np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
 
 

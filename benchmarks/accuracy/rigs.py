@@ -49,9 +49,7 @@ class Rig:
         return fit_problem(fit_request(**document), self.points, self.marks if marks is None else marks)
 
 
-def draw_rig(
-    model: ModelName, rng: np.random.Generator, any_mount: bool = False, noise_px: float = 1.0, pairs: int = PAIRS
-) -> Rig:
+def draw_rig(model: ModelName, rng: np.random.Generator, any_mount: bool = False) -> Rig:
     """A rig with its mount within 20 degrees a axis of the nominal one, or turned to anywhere.
 
     The field of 10 x 30 m begins 2 m before the camera and lies where it looks, so that every mount sees it; of the
@@ -63,23 +61,31 @@ def draw_rig(
         near = rotation_from_vector(np.radians(rng.uniform(-20.0, 20.0, 3)))
         turn = _uniform_rotation(rng) if any_mount else near
         R, t = turn @ FORWARD_LIDAR_TO_OPTICAL, rng.uniform(-0.6, 0.6, 3)
-        field = rng.uniform((2.0, -5.0, -1.5), (32.0, 5.0, 1.5), (20 * pairs, 3)) @ FORWARD_LIDAR_TO_OPTICAL.T
+        field = rng.uniform((2.0, -5.0, -1.5), (32.0, 5.0, 1.5), (20 * PAIRS, 3)) @ FORWARD_LIDAR_TO_OPTICAL.T
         points = (field - t) @ R
-        pixels, violation = project(model, lens, points @ R.T + t)
-        edge = np.array(size) - 1.0
-        seen = np.flatnonzero((violation == 0.0) & (pixels >= 0.0).all(axis=1) & (pixels <= edge).all(axis=1))[:pairs]
-        if len(seen) < pairs:
+        pixels, seen = in_image(model, lens, size, points @ R.T + t)
+        seen = seen[:PAIRS]
+        if len(seen) < PAIRS:
             continue
-        marks = pixels[seen] + noise_px * rng.normal(size=(pairs, 2))
+        marks = pixels[seen] + rng.normal(size=(PAIRS, 2))
         return Rig(model, size, points[seen], marks, np.concatenate([vector_from_rotation(turn), t, lens]))
 
 
-def with_outliers(rig: Rig, share: float, rng: np.random.Generator) -> tuple[Floats, NDArray[np.int64]]:
-    """Marks (N, 2) of which a share lies anywhere in the image, and the indices of those."""
+def in_image(
+    model: ModelName, lens: Floats, size: tuple[int, int], optical: Floats
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Pixels (N, 2) of points (N, 3) in the optical frame, and the indices of those that the image shows."""
+    pixels, violation = project(model, lens, optical)
+    inside = (pixels >= 0.0).all(axis=1) & (pixels <= np.array(size) - 1.0).all(axis=1)
+    return pixels, np.flatnonzero((violation == 0.0) & inside)
+
+
+def with_outliers(rig: Rig, share: float, rng: np.random.Generator) -> Floats:
+    """Marks (N, 2) of which a share lies anywhere in the image."""
     bad = rng.choice(len(rig.marks), round(share * len(rig.marks)), replace=False)
     marks = rig.marks.copy()
     marks[bad] = rng.uniform((0.0, 0.0), np.array(rig.image_size) - 1.0, (len(bad), 2))
-    return marks, bad
+    return marks
 
 
 def _draw_lens(model: ModelName, size: tuple[int, int], rng: np.random.Generator) -> Floats:

@@ -14,53 +14,13 @@ import random
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import AsyncIterator
 from typing import Any
 from uuid import UUID
 
+from benchmarks.connection import Connection
+
 _AHEAD = 2
 _PAUSE_S = 0.1
-
-
-class Connection:
-    """One person's connection to the API."""
-
-    def __init__(self, load: Load, token: str) -> None:
-        self._load = load
-        self._token = token
-
-    async def open(self) -> None:
-        """Connect."""
-        self._reader, self._writer = await asyncio.open_connection("127.0.0.1", self._load.plan["port"])
-
-    async def ask(self, name: str, method: str, path: str, body: Any = None) -> tuple[int, Any]:
-        """Status and document of an answer; its milliseconds are noted under ``name``."""
-        began = time.perf_counter()
-        self.send(method, path, body)
-        status, headers = await self._head()
-        text = await self._reader.readexactly(int(headers.get("content-length", "0")))
-        self._load.ms[name].append(1000.0 * (time.perf_counter() - began))
-        self._load.statuses[status] += 1
-        return status, json.loads(text) if text and status < 500 else None
-
-    def send(self, method: str, path: str, body: Any = None) -> None:
-        """Send a request."""
-        content = b"" if body is None else json.dumps(body).encode()
-        head = f"{method} /v1{path} HTTP/1.1\r\nHost: a\r\nAuthorization: Bearer {self._token}\r\n"
-        head += f"Content-Type: application/json\r\nContent-Length: {len(content)}\r\n\r\n"
-        self._writer.write(head.encode() + content)
-
-    async def events(self) -> AsyncIterator[bytes]:
-        """Each line of an answer without end."""
-        await self._head()
-        while line := await self._reader.readline():
-            yield line
-
-    async def _head(self) -> tuple[int, dict[str, str]]:
-        head = (await self._reader.readuntil(b"\r\n\r\n")).decode()
-        first, *lines = head.strip().split("\r\n")
-        headers = {name.lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
-        return int(first[9:12]), headers
 
 
 class Load:
@@ -90,15 +50,23 @@ class Load:
         if broken:
             raise RuntimeError(f"pages or the bystander ended: {broken}")
 
+    async def _ask(self, person: Connection, name: str, method: str, path: str, body: Any = None) -> tuple[int, Any]:
+        """Status and document of an answer; its milliseconds are noted under ``name``."""
+        began = time.perf_counter()
+        status, text = await person.ask(method, path, body)
+        self.ms[name].append(1000.0 * (time.perf_counter() - began))
+        self.statuses[status] += 1
+        return status, json.loads(text) if text and status < 500 else None
+
     async def _annotate(self, token: str) -> None:
-        person, detection = Connection(self, token), f"/detections/{self.plan['detection']}"
+        person, detection = Connection(self.plan["port"], token), f"/detections/{self.plan['detection']}"
         progress = f"{detection}/progress?camera=front"
         await person.open()
-        await person.ask("progress", "GET", progress)
+        await self._ask(person, "progress", "GET", progress)
         await self._think()
         wanted = {"camera": "front", "ahead": _AHEAD}
         while True:
-            status, task = await person.ask("take", "POST", f"{detection}/tasks/next", wanted)
+            status, task = await self._ask(person, "take", "POST", f"{detection}/tasks/next", wanted)
             if status == 204 or time.perf_counter() > self._end:
                 return
             await self._think()
@@ -110,16 +78,17 @@ class Load:
                 "verdict": "confirmed",
                 "mark": {"u": 100.0 * self._draw.random(), "v": 100.0 * self._draw.random()},
             }
-            status, taken = await person.ask("answer", "POST", f"/tasks/{task['task_id']}/answer", answer)
+            status, taken = await self._ask(person, "answer", "POST", f"/tasks/{task['task_id']}/answer", answer)
             self.accepted += status == 200
             if status != 200 or taken["progress"] is None:
-                await person.ask("progress", "GET", progress)
+                await self._ask(person, "progress", "GET", progress)
 
     async def _think(self) -> None:
         await asyncio.sleep(self._draw.uniform(*self.plan["think_s"]))
 
     async def _page(self, token: str) -> None:
-        stream, page, detection = Connection(self, token), Connection(self, token), self.plan["detection"]
+        stream, page = (Connection(self.plan["port"], token) for _ in range(2))
+        detection = self.plan["detection"]
         await asyncio.gather(stream.open(), page.open())
         progress = f"/detections/{detection}/progress?camera=front"
         hinted = asyncio.Event()
@@ -132,7 +101,7 @@ class Load:
                 await asyncio.sleep(max(settle, last + 1.0 - now))
                 hinted.clear()
                 last = time.monotonic()
-                await page.ask("page", "GET", progress)
+                await self._ask(page, "page", "GET", progress)
 
         reading = asyncio.create_task(read())
         try:
@@ -146,10 +115,10 @@ class Load:
             reading.cancel()
 
     async def _bystander(self, token: str) -> None:
-        person = Connection(self, token)
+        person = Connection(self.plan["port"], token)
         await person.open()
         while True:
-            await person.ask("bystander", "GET", "/recordings?limit=10")
+            await self._ask(person, "bystander", "GET", "/recordings?limit=10")
             await asyncio.sleep(_PAUSE_S)
 
 

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import os
 import secrets
-import sys
-from collections import defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,17 +30,37 @@ _CASES: Final = ("open", "right", "5 % wrong", "10 % wrong")
 GROSS_M: Final = 0.1
 _FOUR_RINGS: Final = 4
 Floats = NDArray[np.float64]
-Row = tuple[str, int, int, bool, int, int, int, list[float], float, bool]
 
 
-def run(seed: int, counts: Sequence[int] = _COUNTS, cases: Sequence[str] = _CASES) -> list[Row]:
-    """Rows of case, seed, poses, whether four rings meet eight boards, boards, vertices, gross ones, errors (m),
-    deviations of the size, and whether the stated size is contradicted."""
+class SizeRow(NamedTuple):
+    """What one subset of poses told.
+
+    Attributes:
+        enough: whether four rings meet eight boards.
+        off_m: of each vertex, from the true apex.
+        z: deviations of the size, not a number if none is told.
+    """
+
+    case: str
+    poses: int
+    enough: bool
+    off_m: list[float]
+    z: float
+    contradicted: bool
+
+    @property
+    def gross(self) -> int:
+        """How many vertices are gross."""
+        return sum(metres > GROSS_M for metres in self.off_m)
+
+
+def run(seed: int, counts: Sequence[int] = _COUNTS, cases: Sequence[str] = _CASES) -> list[SizeRow]:
+    """Rows of each count of poses and case."""
     drawn = draw(seed)
     random = np.random.default_rng([seed, 77])
     sweeps, apexes, rings = poses_of(drawn, random)
     region, edges = Region.from_document(drawn.region()), np.array(drawn.board_m)
-    rows: list[Row] = []
+    rows: list[SizeRow] = []
     for count in counts:
         chosen = random.permutation(len(sweeps))[:count]
         poses = Listed([replace(sweeps[k], stamp_ns=_POSE_NS * index) for index, k in enumerate(chosen)])
@@ -50,22 +68,17 @@ def run(seed: int, counts: Sequence[int] = _COUNTS, cases: Sequence[str] = _CASE
         factors = {"open": 0.0, "right": 1.0}
         factors |= {f"{percent} % wrong": 1.0 + 0.01 * percent * random.choice([-1.0, 1.0]) for percent in (5, 10)}
         for case in cases:
-            factor = factors[case]
-            width, height = (factor * edges).tolist()
+            width, height = (factors[case] * edges).tolist()
             stated = {"board_width_m": width, "board_height_m": height}
             answer = detect_range(poses, region, "refined", stated, indices=range(len(chosen)))
             off = [
-                float(np.linalg.norm(np.array(vertex.xyz) - apexes[chosen[vertex.sweep_index]]))
-                for vertex in answer.vertices
+                float(np.linalg.norm(np.array(one.xyz) - apexes[chosen[one.sweep_index]])) for one in answer.vertices
             ]
+            size = answer.size
             z = np.nan
-            if answer.size is not None:
-                z = float(
-                    np.max(np.abs(np.array(answer.size.seen_m) - np.sort(edges)) / np.array(answer.size.sigma_m))
-                )
-            contradicted = answer.size is not None and answer.size.contradicts
-            gross = sum(metres > GROSS_M for metres in off)
-            rows.append((case, seed, count, enough, len(chosen), len(off), gross, off, z, contradicted))
+            if size is not None:
+                z = float(np.max(np.abs(np.array(size.seen_m) - np.sort(edges)) / np.array(size.sigma_m)))
+            rows.append(SizeRow(case, len(chosen), enough, off, z, size is not None and size.contradicts))
     return rows
 
 
@@ -91,27 +104,19 @@ def poses_of(drawn: DrawnScene, random: np.random.Generator) -> tuple[list[Sweep
 
 def main() -> None:
     seed, draws = int(os.environ.get("SEED") or secrets.randbits(30)), int(os.environ.get("DRAWS") or 6)
-    cases: dict[str, list[Row]] = defaultdict(list)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        for rows in pool.map(run, range(seed, seed + draws)):
-            for row in rows:
-                cases[row[0]].append(row)
-                if "-v" in sys.argv:
-                    median = float(np.median(row[7])) if row[7] else np.nan
-                    print(
-                        f"  {row[:7]} median {1e3 * median:.0f} mm, z {row[8]:.1f}, contradicted {row[9]}", flush=True
-                    )
-    for case, rows in cases.items():
-        off = np.concatenate([row[7] for row in rows])
-        z = np.array([row[8] for row in rows])
-        z = z[np.isfinite(z)]
-        enough = [row for row in rows if row[3]]
+        every = [row for rows in pool.map(run, range(seed, seed + draws)) for row in rows]
+    for case in _CASES:
+        rows = [row for row in every if row.case == case]
+        off = np.concatenate([row.off_m for row in rows])
+        z = np.array([row.z for row in rows if np.isfinite(row.z)])
+        enough = [row for row in rows if row.enough]
         print(
-            f"{case}: {len(rows)} subsets, empty {sum(not row[5] for row in rows)}, of them with four rings on eight "
-            f"boards {sum(not row[5] for row in enough)} of {len(enough)}; vertices {off.size} of "
-            f"{sum(row[4] for row in rows)}, gross {sum(row[6] for row in rows)}, median "
-            f"{1e3 * float(np.median(off)):.0f} mm; contradicted {sum(row[9] for row in rows)}; size reported "
-            f"{z.size}, within 2.5 deviations {np.count_nonzero(z < 2.5)}"
+            f"{case}: {len(rows)} subsets, {len(enough)} with four rings on eight boards, of these empty "
+            f"{sum(not row.off_m for row in enough)}; vertices {off.size} of {sum(row.poses for row in rows)}, gross "
+            f"{sum(row.gross for row in rows)}, median {1e3 * float(np.median(off)):.0f} mm; contradicted "
+            f"{sum(row.contradicted for row in rows)}; "
+            f"size within 2.5 deviations {np.count_nonzero(z < 2.5)} of {z.size}"
         )
     print(f"seed {seed}")
 

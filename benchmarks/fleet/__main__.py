@@ -24,11 +24,11 @@ from uuid import UUID
 
 from sqlalchemy import ColumnElement, func, select
 
+from benchmarks.asker import Asker
 from benchmarks.bare import Bare, assert_same_bits, runs_of
-from benchmarks.fleet.bystander import Bystander
 from benchmarks.fleet.turns import Contender
-from benchmarks.fleet.vehicles import bring, draw
-from benchmarks.house import House, cpu_s, resident_mib
+from benchmarks.house import House, cpu_s
+from benchmarks.vehicles import bring, draw
 from service.platform.db.calibrations import CalibrationRun
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.session import Database
@@ -36,8 +36,6 @@ from service.platform.db.session import Database
 _CALIBRATION: dict[str, Any] = {"models": ["pinhole"], "folds": 0, "farm": "auto"}
 _IDLE_ROUNDS = 5
 _LOOK_S = 0.01
-# A process is flat that grows by less than this share, or this much, from a quarter of the vehicles to the last.
-_FLAT_SHARE, _FLAT_MIB = 0.05, 8.0
 
 
 def measure(vehicles: int, seed: int) -> dict[str, Any]:
@@ -54,19 +52,17 @@ def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, 
     rigs = draw(vehicles + 1, seed)
     fleet = house.client.fleets.create("fleet")
     bring(house.client, fleet.id, rigs[:-1])
-    bystander = Bystander(house, rigs[-1], _CALIBRATION)
-    idle = [bystander.ask() for _ in range(_IDLE_ROUNDS)]
-    memory = {"start": _memory(house)}
+    bystander = Asker(house, rigs[-1], _CALIBRATION)
+    idle = [bystander.ask()[0] for _ in range(_IDLE_ROUNDS)]
     cpu = house.cpu_s()
 
-    service = Contender(house.worker_pids, lambda: ended.is_all)
+    service = Contender(house.worker_pids, lambda: not _left(house.database, request.id))
     # Before anything is claimed: no lease ends while the bare processes get ready.
     service.go()
     service.halt()
     began = time.perf_counter()
     request = house.client.fleet_requests.create(fleet.id, **_CALIBRATION)
-    service.seconds = request_s = time.perf_counter() - began
-    ended = _Ended(house.database, request.id)
+    service.seconds = time.perf_counter() - began
     # The service makes the calibrations in parts, and works meanwhile; the bare processes get all of its runs.
     service.go()
     while _count(house.database, request.id) < vehicles:
@@ -78,36 +74,25 @@ def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, 
     contender.go()
     contender.halt()
     bare_cpu = sum(map(cpu_s, bare.pids))
-    disturbed = _take_turns(house, request.id, vehicles, service, contender, bystander, memory)
-    memory["end"] = _memory(house)
+    disturbed = _take_turns(house, request.id, vehicles, service, contender, bystander)
     bare_cpu = sum(map(cpu_s, bare.pids)) - bare_cpu
     cpu = {name: after - cpu[name] for name, after in house.cpu_s().items()}
     contender.go()
-    _assert_done(house.database, request.id, vehicles)
+    assert house.client.fleet_requests.get(request.id).state == "done"
     assert_same_bits(house.database, bare.results())
-    bare.close()
     service.go()
-    idle += [bystander.ask() for _ in range(_IDLE_ROUNDS)]
-    for name, seconds in cpu.items():
-        print(f"{name:10} {seconds:7.1f} s of a processor", file=sys.stderr)
-    print(f"{'bare':10} {bare_cpu:7.1f} s of a processor", file=sys.stderr)
+    idle += [bystander.ask()[0] for _ in range(_IDLE_ROUNDS)]
+    print({name: round(seconds, 1) for name, seconds in (cpu | {"bare": bare_cpu}).items()}, file=sys.stderr)
     done = vehicles + disturbed
-    return {
-        "vehicles": vehicles,
-        "request_s": request_s,
+    figures = {
         "vehicles_per_s": done / service.seconds,
         "bare_vehicles_per_s": vehicles / contender.seconds,
-        "ratio_to_bare": (vehicles / contender.seconds) / (done / service.seconds),
         "ratio_to_bare_by_cpu": (sum(cpu.values()) / done) / (bare_cpu / vehicles),
         "bystander_idle_s": statistics.median(idle),
         "bystander_s": statistics.median(bystander.seconds),
-        "bystander_worst_s": max(bystander.seconds),
-        "bystander_ratio": statistics.median(bystander.seconds) / statistics.median(idle),
-        "memory_mib": {when: {name: round(mib, 1) for name, mib in memory[when].items()} for when in memory},
-        "memory_flat": _is_flat(memory),
-        "same_bits": True,
-        "seed": seed,
     }
+    rounded = {name: round(value, 4) for name, value in figures.items()}
+    return {"vehicles": vehicles, **rounded, "same_bits": True, "seed": seed}
 
 
 def _take_turns(
@@ -116,16 +101,13 @@ def _take_turns(
     vehicles: int,
     service: Contender,
     bare: Contender,
-    bystander: Bystander,
-    memory: dict[str, dict[str, float]],
+    bystander: Asker,
 ) -> int:
     """Until both have done everything; how many bystanders' vehicles the service did besides."""
     every = max(1, vehicles // 10)
     asked = 0
     while not (service.is_done() and bare.is_done()):
         left = _left(house.database, request_id)
-        if "quarter" not in memory and left <= 0.75 * vehicles:
-            memory["quarter"] = _memory(house)
         # Not at the very end, where nobody is in the way any more.
         if vehicles - left >= every * (asked + 1) and left > every:
             asked += 1
@@ -134,23 +116,7 @@ def _take_turns(
             service.turn(stay=lambda: bystander.is_waiting)
         if not bare.is_done():
             bare.turn()
-    memory.setdefault("quarter", _memory(house))
     return asked
-
-
-class _Ended:
-    """Whether all vehicles have; the database is asked no more often than a few of the others can have ended."""
-
-    def __init__(self, database: Database, request_id: UUID) -> None:
-        self._database, self._request_id = database, request_id
-        self._left, self._again = 1, 0.0
-
-    @property
-    def is_all(self) -> bool:
-        if self._left and time.perf_counter() >= self._again:
-            self._left = _left(self._database, self._request_id)
-            self._again = time.perf_counter() + min(_LOOK_S * self._left, 1.0)
-        return self._left == 0
 
 
 def _left(database: Database, request_id: UUID) -> int:
@@ -168,34 +134,9 @@ def _count(database: Database, request_id: UUID) -> int:
         return session.scalars(select(func.count()).where(_asked_for(request_id))).one()
 
 
-def _assert_done(database: Database, request_id: UUID, vehicles: int) -> None:
-    with database.reading() as session:
-        states = session.execute(
-            select(FleetRequestVehicle.state, func.count())
-            .where(FleetRequestVehicle.fleet_request_id == request_id)
-            .group_by(FleetRequestVehicle.state)
-        ).all()
-    assert [tuple(row) for row in states] == [("done", vehicles)], states
-
-
-def _memory(house: House) -> dict[str, float]:
-    return {name: resident_mib(pid) for name, pid in house.pids().items()}
-
-
-def _is_flat(memory: dict[str, dict[str, float]]) -> bool:
-    """Whether no process grew between a quarter of the vehicles and the last."""
-    return all(
-        memory["end"][name] - mib <= max(_FLAT_MIB, _FLAT_SHARE * mib) for name, mib in memory["quarter"].items()
-    )
-
-
-def _rounded(value: Any) -> Any:
-    return round(value, 4) if isinstance(value, float) else value
-
-
 def main() -> None:
     figures = measure(int(os.environ.get("VEHICLES", "1000")), int(os.environ.get("SEED") or secrets.randbits(31)))
-    print(json.dumps({name: _rounded(value) for name, value in figures.items()}))
+    print(json.dumps(figures))
 
 
 if __name__ == "__main__":

@@ -15,12 +15,15 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
+from uuid import UUID
 
 import numpy as np
 from sqlalchemy import func, select
@@ -29,18 +32,16 @@ from apexcal.regions import read_region
 from apexcal.rigs import read_rig
 from benchmarks.demo.annotators import mark_everything
 from benchmarks.demo.truth import Truth
-from benchmarks.fleet.vehicles import bring, draw
-from benchmarks.growth.fleet_request import measure as ask_fleet
 from benchmarks.growth.vehicles import bring_many
-from benchmarks.house import House, resident_mib
-from service.platform.db.base import Base
+from benchmarks.house import House
+from benchmarks.vehicles import draw, one_vehicle
 from service.platform.db.clock import utc_now
-from service.platform.db.fleets import Rig
+from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.recordings import Recording
 from service.recordings.retention import delete_overdue
 
 _PATIENCE_S = 600
-_MANY = 50
+_PAUSE_S = 0.02
 Figures = dict[str, dict[int, float]]
 
 
@@ -69,7 +70,7 @@ def _timed(action: Callable[[], Any]) -> tuple[float, Any]:
     return time.perf_counter() - began, answer
 
 
-def _walks(house: House, folder: Path, sizes: tuple[int, ...], figures: Figures, extra: dict[str, Any]) -> None:
+def _walks(house: House, folder: Path, sizes: tuple[int, ...], figures: Figures) -> None:
     """Ingest, detect and mark simulated walks."""
     fleet = house.client.fleets.create("walks")
     for seconds in sizes:
@@ -87,33 +88,16 @@ def _walks(house: House, folder: Path, sizes: tuple[int, ...], figures: Figures,
             lambda row=asked: house.client.wait(row, timeout_s=_PATIENCE_S)
         )
         truth = Truth(walk / "truth.json")
-        took_s, (marked, _) = _timed(
+        figures["marking"][seconds], _ = _timed(
             lambda row=detection, truth=truth: mark_everything(
                 house.client, fleet.id, row, "front", truth, lambda share, message: None
             )
         )
-        figures["marking"][seconds] = took_s
-        extra[f"vertices of {seconds} s"] = marked.complete
-        extra[f"rows so far, with a walk of {seconds} s"] = _rows(house)
-    extra["largest pool process, MiB"] = round(max(resident_mib(pid) for pid in house.worker_pids[1:]))
-
-
-def _rows(house: House) -> dict[str, int]:
-    """Rows of the tables that have many."""
-    with house.database.reading() as session:
-        counts = {
-            name: session.scalar(select(func.count()).select_from(table)) or 0
-            for name, table in Base.metadata.tables.items()
-        }
-    return {name: count for name, count in counts.items() if count > _MANY}
 
 
 def _pairs(house: House, sizes: tuple[int, ...], figures: Figures) -> None:
     """Import sets of pairs, and read them back."""
-    fleet = house.client.fleets.create("pairs")
-    bring(house.client, fleet.id, draw(1, 1))
-    with house.database.reading() as session:
-        rig_id = session.scalars(select(Rig.id).where(Rig.fleet_id == fleet.id)).one()
+    rig_id = one_vehicle(house.client, "pairs", draw(1, 1)[0]).rig
     random = np.random.default_rng(1)
     for count in sizes:
         rows = np.column_stack([random.uniform(2, 9, (count, 3)), random.uniform(0, 600, (count, 2))]).tolist()
@@ -128,25 +112,55 @@ def _pairs(house: House, sizes: tuple[int, ...], figures: Figures) -> None:
 
 def _fleets(house: House, sizes: tuple[int, ...], figures: Figures, extra: dict[str, Any]) -> None:
     """Ask for calibrations of whole fleets beside another writer, and read a page of vehicles."""
+    house.restart_worker(0)
     for count in sizes:
-        measured = ask_fleet(house, count)
-        figures["fleet request"][count] = measured["seconds"]
-        extra[f"longest write beside {count} vehicles, s"] = round(measured["longest_write_s"], 2)
-        fleet = house.client.fleets.create(f"listed {count}")
+        fleet = house.client.fleets.create(f"fleet of {count}")
         bring_many(house, fleet.id, count, count)
         page = f"/fleets/{fleet.id}/vehicles?limit=100"
         figures["list"][count] = min(
             _timed(lambda page=page: house.client._http.send("GET", page).content)[0] for _ in range(5)
         )
+        with _writing(house, fleet.id) as writes_s:
+            began = time.perf_counter()
+            request = house.client.fleet_requests.create(fleet.id, {"name": "vehicle *"}, models=["pinhole"], folds=0)
+            while _due(house, request.id):
+                time.sleep(0.2)
+            figures["fleet request"][count] = time.perf_counter() - began
+        extra[f"longest write beside {count} vehicles, s"] = round(max(writes_s), 2)
+        house.client.fleet_requests.cancel(request.id)
+
+
+def _due(house: House, request_id: UUID) -> int:
+    """Vehicles of a request whose calibration is not made."""
+    vehicle = FleetRequestVehicle
+    due = select(func.count()).where(vehicle.fleet_request_id == request_id, vehicle.calibration_id.is_(None))
+    with house.database.reading() as session:
+        return session.scalar(due) or 0
+
+
+@contextmanager
+def _writing(house: House, fleet_id: UUID) -> Iterator[list[float]]:
+    """Make vehicles of the same fleet again and again meanwhile; how long each took."""
+    seconds: list[float] = []
+    enough = threading.Event()
+
+    def write() -> None:
+        while not enough.wait(_PAUSE_S):
+            seconds.append(_timed(lambda: house.client.vehicles.create(fleet_id, f"other {len(seconds)}"))[0])
+
+    thread = threading.Thread(target=write, daemon=True)
+    thread.start()
+    try:
+        yield seconds
+    finally:
+        enough.set()
+        thread.join(60)
 
 
 def _retention(house: House, sizes: tuple[int, ...], figures: Figures) -> None:
     """Delete recordings at the end of their retention."""
-    fleet = house.client.fleets.create("ended")
-    bring(house.client, fleet.id, draw(1, 2))
-    with house.database.reading() as session:
-        rig = session.scalars(select(Rig).where(Rig.fleet_id == fleet.id)).one()
-    of_rig = {"fleet_id": rig.fleet_id, "vehicle_id": rig.vehicle_id, "rig_id": rig.id, "file_name": "f"}
+    one = one_vehicle(house.client, "ended", draw(1, 2)[0])
+    of_rig = {"fleet_id": one.fleet, "vehicle_id": one.vehicle, "rig_id": one.rig, "file_name": "f"}
     for count in sizes:
         with house.database.writing() as session:
             ended = utc_now() - timedelta(days=1)
@@ -167,7 +181,7 @@ def main() -> None:
         database: Any = os.environ.get("DATABASE", "postgresql")
         house = House(Path(folder) / "data", processes=1, database=database)
         parts: dict[str, Callable[[], None]] = {
-            "walks": lambda: _walks(house, Path(folder), sizes.seconds, figures, extra),
+            "walks": lambda: _walks(house, Path(folder), sizes.seconds, figures),
             "pairs": lambda: _pairs(house, sizes.pairs, figures),
             "retention": lambda: _retention(house, sizes.recordings, figures),
             "fleets": lambda: _fleets(house, sizes.vehicles, figures, extra),

@@ -8,8 +8,8 @@ from uuid import UUID
 from sqlalchemy import insert, select
 from sqlalchemy.orm import Session
 
-from benchmarks.fleet.vehicles import bring, draw
 from benchmarks.house import House
+from benchmarks.vehicles import bring, draw
 from service.platform.db.base import Base, new_id
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.fleets import Rig, RigCamera, Vehicle, natural_order

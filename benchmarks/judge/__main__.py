@@ -26,10 +26,10 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import numpy as np  # noqa: E402
-from scipy import special  # noqa: E402
 
 from benchmarks.judge.cases import CASES, Case  # noqa: E402
 from benchmarks.judge.judging import BROKEN, Outcome, numbered  # noqa: E402
+from benchmarks.shares import interval, share  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
 IN_TABLE: Final = 60
@@ -52,12 +52,6 @@ def main() -> None:
     said = {"bench": "judge", "seed": seed, "draws": draws, **summary(cases, by_case)}
     print(json.dumps(said | {"seconds": round(time.perf_counter() - began, 1)}))
     sys.exit(any(one.verdict == BROKEN for one in outcomes))
-
-
-def interval(count: int, of: int) -> tuple[float, float]:
-    """The 95 % interval of a share, `count` of `of` draws (Clopper and Pearson 1934)."""
-    low = float(special.betaincinv(count, of - count + 1, 0.025)) if count else 0.0
-    return low, float(special.betaincinv(count + 1, of - count, 0.975)) if count < of else 1.0
 
 
 def summary(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> dict[str, Any]:
@@ -96,7 +90,7 @@ def cases_table(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> str
         found = by_case[case.name]
         counts = [sum(one.verdict == verdict for one in found) for verdict in ("pass", "look", "stop", "refused")]
         counts.insert(1, _wrong(found))
-        shares = " | ".join(_share(count, len(found)) for count in counts)
+        shares = " | ".join(share(count, len(found)) for count in counts)
         name = case.name if case.has_trace else f"({case.name})"
         rows.append(f"| {name} | {len(found)} | {shares} | {_median_px(found) or float('nan'):.2f} |")
     return "\n".join(rows)
@@ -114,11 +108,6 @@ def checks_table(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> st
         rest = "; ".join(f"{case} {shares[case]:.2f}" for case in named)
         rows.append(f"| `{name}` | {sum(name in one.failed for one in sound)} | {rest} |")
     return "\n".join(rows)
-
-
-def _share(count: int, of: int) -> str:
-    low, high = interval(count, of)
-    return f"{count / of:.3f} ({low:.3f}-{high:.3f})"
 
 
 if __name__ == "__main__":

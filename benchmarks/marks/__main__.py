@@ -17,27 +17,21 @@ import numpy as np
 from apexcal.documents.corners import CORNERS
 from benchmarks.marks import calibrated
 from benchmarks.marks.chance import offers_mount
-from benchmarks.marks.figures import quantiles, share
 from benchmarks.marks.real import tell_real
-from benchmarks.marks.rendered import CornerCounts, SceneOutcome, run_scene
+from benchmarks.marks.rendered import CornerCounts, SceneOutcome, quantiles, run_scene
 from benchmarks.marks.scenes import Draw
+from benchmarks.shares import share
 
 SCENES: Final = 100
 _CHANCE: Final = 300
 _KINDS: Final[dict[str, Callable[[Draw], bool]]] = {
-    "walks": lambda drawn: not drawn.still,
     "still poses": lambda drawn: drawn.still,
-    "plain boards": lambda drawn: drawn.pattern == "plain",
     "patterned boards": lambda drawn: drawn.pattern != "plain",
-    "contrast below 40": lambda drawn: drawn.contrast < 40.0,
     "blur above 1.5 px": lambda drawn: drawn.blur_px > 1.5,
     "head above the tip": lambda drawn: drawn.head_above_m > 0.0,
     "second walker": lambda drawn: drawn.second != "none",
-    "exposure steps": lambda drawn: drawn.gain_step > 1.0,
     "fisheye": lambda drawn: drawn.model == "kannala_brandt",
-    "no lens": lambda drawn: not drawn.lens_stated,
     "no size": lambda drawn: not drawn.size_stated,
-    "tip outside": lambda drawn: drawn.tip_outside,
     "thermal": lambda drawn: drawn.thermal,
 }
 

@@ -72,3 +72,8 @@ def run_scene(seed: int) -> SceneOutcome | None:
             count.errors_px.append(float(np.hypot(*off)))
             count.scores += (np.abs(off) / np.sqrt(np.diag(answer.covariance))).tolist()
     return SceneOutcome(drawn, len(frames), found.failure.reason if found.failure else None, seconds, counts)
+
+
+def quantiles(values: list[float]) -> str:
+    """Median and ninth decile."""
+    return "median {:.2f}, 90 % {:.2f}".format(*np.quantile(values, [0.5, 0.9])) if values else "none"

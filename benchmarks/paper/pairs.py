@@ -21,13 +21,13 @@ _MAX_GAP_NS: Final = 50_000_000
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """N pairs: points (N, 3) metres, marks (N, 2) px, stamps (N,) of the camera's clock, and where covariances are
-    known the points' (N, 3, 3) over azimuth, elevation and range, else not a number."""
+    """N pairs: points (N, 3) metres, marks (N, 2) px, stamps (N,) of the camera's clock, and where they are stated
+    the points' deviations (N, 3) of azimuth, elevation and range, else not a number."""
 
     points: Floats
     marks: Floats
     stamps_ns: NDArray[np.int64]
-    covariance: Floats
+    sigmas: Floats
 
 
 def make_pairs(
@@ -36,7 +36,6 @@ def make_pairs(
     detector: str,
     offset_ns: int | None,
     repeat: int,
-    click_px: float = CLICK_PX,
 ) -> Pairs:
     """As many pairs as the paper has, spread evenly over what the detector found and the camera saw.
 
@@ -56,8 +55,8 @@ def make_pairs(
     frames = index[chosen]
     marks = camera.project(walked.apex(taken[frames]))
     random = np.random.default_rng([walked.wanted.seed, 22, repeat])
-    marks = marks + random.normal(0.0, click_px, marks.shape)
-    return Pairs(points[chosen], marks, stamps[frames], covariance[chosen])
+    marks = marks + random.normal(0.0, CLICK_PX, marks.shape)
+    return Pairs(points[chosen], marks, stamps[frames], np.sqrt(np.diagonal(covariance[chosen], axis1=1, axis2=2)))
 
 
 def _chosen(
@@ -71,11 +70,3 @@ def _chosen(
     if len(usable) <= walked.wanted.pairs:
         return usable
     return usable[np.round(np.linspace(0, len(usable) - 1, walked.wanted.pairs)).astype(np.int64)]
-
-
-def weights_of(pairs: Pairs, focal_px: float) -> Floats:
-    """(N,) how much each pair counts beside one whose vertex is exact: its directions' variance, seen from nearby."""
-    elevation = np.arctan2(pairs.points[:, 2], np.hypot(pairs.points[:, 0], pairs.points[:, 1]))
-    spread = 0.5 * (pairs.covariance[:, 0, 0] * np.cos(elevation) ** 2 + pairs.covariance[:, 1, 1])
-    variance = focal_px**2 * spread
-    return np.where(np.isfinite(variance), CLICK_PX**2 / (CLICK_PX**2 + variance), 1.0)

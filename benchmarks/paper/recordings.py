@@ -1,27 +1,21 @@
-"""A simulated walk as each detector sees it, and a camera that films it by a clock of its own."""
+"""A simulated walk as two detectors see it, and a camera that films it by a clock of its own."""
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.simulation import SimulationOptions
-from apexcal.geometry.se3 import to_document
-from workers.geometry.models import ModelName
-from workers.readers.recording import Sweep
-from workers.simulation.camera import IMAGE_SIZE, SimulatedCamera, make_camera, nominal_mount
 from workers.simulation.rig import START_NS, SimulatedRig
 from workers.simulation.scene import WALKER_REGION
 from workers.simulation.walker import BOARD_EDGES_M
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
-from workers.vertices.tracks import Track
 from workers.vertices.vertex import Vertex
 
 Floats = NDArray[np.float64]
@@ -41,10 +35,9 @@ class Wanted:
     Attributes:
         pairs: as many as the paper has of it.
         sweeps: as many as the paper has; refined vertices are looked for in these alone.
-        most_sweeps: the rules of the highest ring may look on until they have their pairs, to the end of the walk.
+        most_sweeps: `strict` may look on until it has its pairs, to the end of the walk.
     """
 
-    name: str
     seed: int
     pairs: int
     sweeps: int
@@ -57,16 +50,10 @@ class Walked:
 
     wanted: Wanted
     vertices: dict[str, list[Vertex]]
-    sweeps: dict[str, int] = field(default_factory=dict[str, int])
 
     @cached_property
     def rig(self) -> SimulatedRig:
         return SimulatedRig(_settings(self.wanted))
-
-    @cached_property
-    def tracks(self) -> dict[str, Track]:
-        """The track through each detector's vertices."""
-        return {name: Track.of(vertices) for name, vertices in self.vertices.items()}
 
     def apex(self, times_ns: NDArray[np.int64]) -> Floats:
         """(M, 3) where the apex truly was at moments of the LiDAR's clock."""
@@ -80,59 +67,33 @@ class Walked:
 
 
 def walk_and_detect(wanted: Wanted) -> Walked:
-    """Simulate the walk sweep by sweep and run all detectors over it."""
+    """Simulate the walk sweep by sweep and run both detectors over it."""
     lazy = _Lazy(wanted)
     region = Region.from_document(WALKER_REGION)
-    found: dict[str, list[Vertex]] = {"strict": [], "tolerant": []}
-    seen = dict.fromkeys(found, 0)
+    strict: list[Vertex] = []
     for first in range(0, wanted.most_sweeps, _CHUNK):
-        open_ = [name for name in found if len(found[name]) < _AHEAD * wanted.pairs]
-        if not open_:
+        if len(strict) >= _AHEAD * wanted.pairs:
             break
         chunk = [lazy.sweep(index) for index in range(first, min(first + _CHUNK, wanted.most_sweeps))]
-        for name in open_:
-            part = detect_range(Listed(chunk), region, name, indices=range(len(chunk))).vertices
-            found[name] += [replace(vertex, sweep_index=vertex.sweep_index + first) for vertex in part]
-            seen[name] += len(chunk)
-    found["refined"] = detect_range(lazy, region, "refined", _REFINED, indices=range(len(lazy))).vertices
-    return Walked(wanted, found, {**seen, "refined": len(lazy)})
+        part = detect_range(Listed(chunk), region, "strict", indices=range(len(chunk))).vertices
+        strict += [replace(vertex, sweep_index=vertex.sweep_index + first) for vertex in part]
+    refined = detect_range(lazy, region, "refined", _REFINED, indices=range(len(lazy))).vertices
+    return Walked(wanted, {"strict": strict, "refined": refined})
 
 
 class _Lazy:
     """The paper's sweeps, simulated when they are asked for; the latest are kept."""
 
     def __init__(self, wanted: Wanted) -> None:
-        self._rig = SimulatedRig(_settings(wanted))
         self._count = wanted.sweeps
-        self._kept: OrderedDict[int, Sweep] = OrderedDict()
+        self.sweep = lru_cache(_KEPT_SWEEPS)(SimulatedRig(_settings(wanted)).sweep)
 
     def __len__(self) -> int:
         return self._count
 
-    def sweep(self, index: int) -> Sweep:
-        if index not in self._kept:
-            self._kept[index] = self._rig.sweep(index)
-            if len(self._kept) > _KEPT_SWEEPS:
-                self._kept.popitem(last=False)
-        return self._kept[index]
-
 
 def _settings(wanted: Wanted) -> SimulationOptions:
     return SimulationOptions(seconds=wanted.most_sweeps / SWEEP_HZ, seed=wanted.seed, walk="cover")
-
-
-def camera_of(model: ModelName, seed: int) -> SimulatedCamera:
-    """The rig's camera: 15 degrees down, off its nominal mount by a degree and centimetres.
-
-    Its lens is the simulator's, about 100 degrees wide; the paper does not state its own.
-    """
-    return make_camera(model, seed)
-
-
-def request_of(model: ModelName) -> dict[str, Any]:
-    """What the rig's owner asks the solver for: the paper's loss over all pairs."""
-    request = {"model": model, "image_size": list(IMAGE_SIZE), "nominal": to_document(nominal_mount())}
-    return {**request, "loss": "mean", "outliers": "keep"}
 
 
 def field_points(ground_z: float) -> Floats:

@@ -11,12 +11,9 @@ from __future__ import annotations
 import json
 import os
 import random
-import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from uuid import UUID
@@ -24,103 +21,54 @@ from uuid import UUID
 import httpx
 from sqlalchemy import text
 
-from apexcal.embedded import plans
-from apexcal.embedded.children import ChildPlan
-from apexcal.embedded.folder import DataFolder
+from benchmarks.house import House, percentile
+from benchmarks.retrieval.load import WARM_S
 from benchmarks.retrieval.served import EMPTY
-from benchmarks.retrieval.vehicles import CAMERAS, Fleet, make
-from service.platform.db.migrate import upgrade
-from service.platform.db.session import Database
-from tests.support.postgres import Postgres
-from tests.support.processes import free_port, start, stop_all, wait_until
+from benchmarks.retrieval.vehicles import CAMERAS, make
 
 _VERSIONS = 10
-_TICKS = os.sysconf("SC_CLK_TCK")
+Asks = list[tuple[str, str]]
 
 
-class Api:
-    """An API process on a port."""
+class Load:
+    """A process that asks at a rate."""
 
-    def __init__(self, folder: DataFolder, environment: dict[str, str]) -> None:
-        self.port = free_port()
-        plan: ChildPlan = plans.api(folder, environment, "127.0.0.1", self.port)
-        command = ["benchmarks.retrieval.served:create_app" if "create_app" in one else one for one in plan.command]
-        self.child = start(command, folder.logs / f"api-{self.port}.log", env=environment)
-        self.url = f"http://127.0.0.1:{self.port}/v1"
-        wait_until(self._answers, "the start of the API", 60)
+    def __init__(self, house: House, token: str, asks: Asks, rate: float, seconds: float) -> None:
+        self._house, self._cpu_s = house, house.cpu_s()["api"]
+        self._count = rate * (seconds + WARM_S)
+        plan = {"port": house.port, "token": token, "rate": rate, "seconds": seconds, "asks": asks}
+        command = [sys.executable, "-m", "benchmarks.retrieval.load"]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self._process.stdin
+        self._process.stdin.write(json.dumps(plan).encode())
+        self._process.stdin.close()
 
-    def _answers(self) -> bool:
-        try:
-            return httpx.get(f"http://127.0.0.1:{self.port}/healthz").status_code == 200
-        except httpx.TransportError:
-            return False
-
-    @property
-    def cpu_s(self) -> float:
-        """Processor seconds so far."""
-        fields = Path(f"/proc/{self.child.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / _TICKS
-
-
-@contextmanager
-def _house(vehicles: int) -> Iterator[tuple[list[Api], Database, Fleet]]:
-    postgres = Postgres(synced=True)
-    with tempfile.TemporaryDirectory(prefix="apexcal-retrieval-") as root:
-        folder = DataFolder(Path(root) / "data")
-        folder.logs.mkdir(parents=True)
-        url = postgres.create("apexcal")
-        upgrade(url)
-        database = Database(url)
-        fleet = make(database, vehicles, _VERSIONS)
-        environment = {**os.environ, "APEXCAL_DATABASE_URL": url, "APEXCAL_DATA_DIR": str(folder.root)}
-        environment |= {"APEXCAL_MIN_FREE_BYTES": "0", "APEXCAL_BROKER_URL": f"redis+socket://{folder.socket}"}
-        apis: list[Api] = []
-        try:
-            apis += [Api(folder, environment) for _ in range(2)]
-            yield apis, database, fleet
-        finally:
-            stop_all([one.child for one in apis])
-            database.close()
-            postgres.close()
+    def figures(self) -> dict[str, float]:
+        """Milliseconds, and the API's processor microseconds for each request. Raises where one failed."""
+        assert self._process.stdout
+        answer = json.loads(self._process.stdout.read())
+        self._process.wait(60)
+        if len(answer["statuses"]) != 1 or not {"200", "204", "304"} & {*answer["statuses"]}:
+            raise RuntimeError(f"{answer['statuses']}")
+        spent = (self._house.cpu_s()["api"] - self._cpu_s) / self._count
+        return {f"p{n}_ms": percentile(answer["ms"], n / 100) for n in (50, 99)} | {"cpu_us": 1e6 * spent}
 
 
-def _load(api: Api, lines: list[str], rate: float, seconds: float) -> dict[str, float]:
-    """Milliseconds at a rate, and the API's processor microseconds for each request. Raises where one failed."""
-    before = api.cpu_s
-    ran = subprocess.run(
-        [sys.executable, "-m", "benchmarks.retrieval.load", str(api.port), str(rate), str(seconds)],
-        input="\n".join(lines), capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    found = json.loads(ran.stdout)
-    wrong = {status for status in found["statuses"] if status not in ("200", "204", "304")}
-    if found["failures"] or wrong or len(found["statuses"]) != 1:
-        raise RuntimeError(f"{found['statuses']}, {found['failures']} connections failed")
-    spent = (api.cpu_s - before) / (rate * (seconds + 2.0))
-    cuts = statistics.quantiles(found["ms"], n=100)
-    return {"p50_ms": cuts[49], "p99_ms": cuts[98], "cpu_us": 1e6 * spent}
+def _asks(vehicles: list[UUID], draw: random.Random, count: int, etags: dict[UUID, str] | None = None) -> Asks:
+    chosen = draw.choices(list(etags or vehicles), k=count)
+    return [(f"/vehicles/{one}/calibration", etags[one] if etags else "") for one in chosen]
 
 
-def _asks(fleet: Fleet, draw: random.Random, count: int, etags: dict[UUID, str] | None = None) -> list[str]:
-    chosen = [draw.choice(list(etags or fleet.vehicles)) for _ in range(count)]
-    return [f"/v1/vehicles/{one}/calibration {fleet.token} {etags[one] if etags else '-'}" for one in chosen]
-
-
-def _etags(api: Api, fleet: Fleet, vehicles: list[UUID]) -> dict[UUID, str]:
-    headers = {"Authorization": f"Bearer {fleet.token}"}
-    with httpx.Client(base_url=api.url, headers=headers) as client:
-        return {one: client.get(f"/vehicles/{one}/calibration").headers["ETag"] for one in vehicles}
-
-
-def _stale(apis: list[Api], database: Database, fleet: Fleet, draw: random.Random, publications: int) -> int:
+def _stale(
+    house: House, clients: list[httpx.Client], vehicles: list[UUID], draw: random.Random, publications: int
+) -> int:
     """Answers after a publication's 201 that are older than it, of both processes, with and without an ETag."""
-    headers = {"Authorization": f"Bearer {fleet.token}"}
-    clients = [httpx.Client(base_url=one.url, headers=headers) for one in apis]
     stale = 0
     for number in range(publications):
-        vehicle, camera = draw.choice(fleet.vehicles[:50]), draw.choice(CAMERAS)
+        vehicle, camera = draw.choice(vehicles[:50]), draw.choice(CAMERAS)
         before = clients[number % 2].get(f"/vehicles/{vehicle}/calibration")
         now = before.json()["cameras"][camera]["result_id"]
-        with database.reading() as session:
+        with house.database.reading() as session:
             others = session.scalars(
                 text("SELECT DISTINCT result_id FROM publication WHERE vehicle_id = :v AND camera = :c"),
                 {"v": vehicle, "c": camera},
@@ -140,32 +88,33 @@ def _stale(apis: list[Api], database: Database, fleet: Fleet, draw: random.Rando
 def measure(*, vehicles: int, seconds: float, publications: int, seed: int) -> dict[str, Any]:
     """All figures; see the module."""
     draw = random.Random(seed)
-    with _house(vehicles) as (apis, database, fleet):
-        api = apis[0]
-        empty = [f"{EMPTY} {fleet.token} -"]
-        some = draw.sample(fleet.vehicles, min(500, vehicles))
-        etags = _etags(api, fleet, some)
-        figures = {"empty": _load(api, empty, 1000, seconds)}
-        figures["not_modified"] = _load(api, _asks(fleet, draw, 20_000, etags), 1000, seconds)
-        figures["whole"] = _load(api, _asks(fleet, draw, 20_000), 50, seconds)
-        beside = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.retrieval.load", str(api.port), "50", str(seconds)],
-            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
-        )  # fmt: skip
-        assert beside.stdin is not None
-        beside.stdin.write("\n".join(_asks(fleet, draw, 5_000)))
-        beside.stdin.close()
-        stale = _stale(apis, database, fleet, draw, publications)
-        beside.wait()
-    for name, found in figures.items():
-        print(f"{name:>14}: " + ", ".join(f"{key} {value:.2f}" for key, value in found.items()))
+    with tempfile.TemporaryDirectory(prefix="apexcal-retrieval-") as folder:
+        house = House(Path(folder) / "data", 0, app="benchmarks.retrieval.served:create_app")
+        try:
+            fleet = house.client.fleets.create("vehicles").id
+            ids, token = make(house.database, fleet, vehicles, _VERSIONS), house.person(fleet, "admin")
+            headers = {"Authorization": f"Bearer {token}"}
+            clients = [
+                httpx.Client(base_url=f"{address}/v1", headers=headers)
+                for address in (house.address, house.another_api())
+            ]
+            some = draw.sample(ids, min(500, vehicles))
+            etags = {one: clients[0].get(f"/vehicles/{one}/calibration").headers["ETag"] for one in some}
+            empty = Load(house, token, [(EMPTY.removeprefix("/v1"), "")], 1000, seconds).figures()
+            unchanged = Load(house, token, _asks(ids, draw, 20_000, etags), 1000, seconds).figures()
+            whole = Load(house, token, _asks(ids, draw, 20_000), 50, seconds).figures()
+            beside = Load(house, token, _asks(ids, draw, 5_000), 50, seconds)
+            stale = _stale(house, clients, ids, draw, publications)
+            beside.figures()
+        finally:
+            house.close()
     return {
-        "not_modified_p99_ms": round(figures["not_modified"]["p99_ms"], 2),
-        "not_modified_over_empty_route": round(figures["not_modified"]["p50_ms"] / figures["empty"]["p50_ms"], 2),
-        "whole_vehicle_p99_ms_at_50": round(figures["whole"]["p99_ms"], 2),
+        "empty_cpu_us": round(empty["cpu_us"]),
+        "not_modified_cpu_us": round(unchanged["cpu_us"]),
+        "not_modified_cpu_over_empty_route": round(unchanged["cpu_us"] / empty["cpu_us"], 2),
+        "not_modified_p99_ms": round(unchanged["p99_ms"], 2),
+        "whole_vehicle_p99_ms_at_50": round(whole["p99_ms"], 2),
         "stale_answers": stale,
-        "not_modified_p50_ms": round(figures["not_modified"]["p50_ms"], 2),
-        "not_modified_cpu_over_empty_route": round(figures["not_modified"]["cpu_us"] / figures["empty"]["cpu_us"], 2),
         "publications": publications,
         "vehicles": vehicles,
         "machine_load": round(os.getloadavg()[0], 1),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, NamedTuple
+from typing import Any
 from uuid import UUID
 
 import numpy as np
@@ -11,12 +11,9 @@ from sqlalchemy import TextClause, insert, select, text
 
 from apexcal.geometry.rotations import rotation_from_euler
 from apexcal.geometry.se3 import SE3, to_document
-from service.platform.auth.credential_actions import new_secret, secret_hash
 from service.platform.db.base import Base
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
-from service.platform.db.fleets import Fleet as FleetRow
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
-from service.platform.db.people import ApiToken, Membership, Person
 from service.platform.db.session import Database
 from tests.support.results import fit_result, model_summary, summary
 
@@ -95,34 +92,17 @@ _ROWS: tuple[tuple[type[Base], str, dict[str, str]], ...] = (
 )  # fmt: skip
 
 
-class Fleet(NamedTuple):
-    """The ids of the vehicles, in their order, and a token that may publish for them."""
-
-    vehicles: list[UUID]
-    token: str
-
-
-def make(database: Database, vehicles: int, versions: int) -> Fleet:
-    """A fleet of so many vehicles, each camera of which was given so many results one after the other."""
-    token = new_secret("apx_")
+def make(database: Database, fleet_id: UUID, vehicles: int, versions: int) -> list[UUID]:
+    """Ids of so many vehicles, each camera of which was given so many results one after the other."""
+    documents = {"mount": _MOUNT, "vehicle_lidar": _VEHICLE_LIDAR, "summary": _SUMMARY, "result": _RESULT}
+    values: dict[str, Any] = {"vehicles": vehicles, "versions": versions, "fleet": fleet_id}
+    values |= {name: json.dumps(document) for name, document in documents.items()}
     with database.writing() as session:
-        fleet, person = FleetRow(name="F"), Person(name="P")
-        session.add_all([fleet, person])
-        session.flush()
-        session.add_all([
-            Membership(person_id=person.id, fleet_id=fleet.id, role="admin"),
-            ApiToken(person_id=person.id, name="bench", secret_hash=secret_hash(token)),
-        ])  # fmt: skip
-        session.flush()
-        documents = {"mount": _MOUNT, "vehicle_lidar": _VEHICLE_LIDAR, "summary": _SUMMARY, "result": _RESULT}
-        values = {"vehicles": vehicles, "versions": versions, "fleet": fleet.id}
-        values |= {name: json.dumps(document) for name, document in documents.items()}
         for model, source, columns in _ROWS:
             rows = select(*(_sql(column, values) for column in columns.values())).select_from(_sql(source, values))
             session.execute(insert(model.__table__).from_select(list(columns), rows))
         session.execute(text("ANALYZE"))
-        ids = session.scalars(text(f"SELECT {_V} FROM {_VEHICLES} ORDER BY v"), values).all()
-    return Fleet(list(ids), token)
+        return list(session.scalars(text(f"SELECT {_V} FROM {_VEHICLES} ORDER BY v"), values).all())
 
 
 def _sql(sql: str, values: dict[str, Any]) -> TextClause:

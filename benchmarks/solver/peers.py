@@ -10,7 +10,7 @@ import numpy as np
 import pygad
 from cmaes import CMA
 
-from benchmarks.solver.contest import EVALUATIONS, GENERATIONS, POPULATION, Contest, Floats, Peer
+from benchmarks.solver.contest import EVALUATIONS, GENERATIONS, POPULATION, Contest, Floats
 
 _CHILDREN: Final = 40
 
@@ -46,7 +46,4 @@ def _cmaes(contest: Contest) -> Floats:
     return best
 
 
-PEERS: Final = {
-    "pygad": Peer("PyGAD", "150 parents, uniform crossover, 10 % of genes moved by up to 0.1, 8 elites", _pygad),
-    "cmaes": Peer("cmaes CMA-ES", f"{_CHILDREN} children, sigma 0.3, inside the bounds", _cmaes),
-}
+PEERS: Final = {"PyGAD": _pygad, "cmaes CMA-ES": _cmaes}

@@ -3,14 +3,25 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
 from benchmarks.accuracy.rigs import Rig
-from benchmarks.worth.walks import camera_points
 from workers.geometry.projection import project
 from workers.simulation.walker import BOARD_EDGES_M
 
 Floats = NDArray[np.float64]
 _UP = np.array([0.0, -1.0, 0.0])  # of the optical frame
 _LANE_M = 1.5
+
+
+def mount_of(truth: Floats) -> tuple[Floats, Floats]:
+    """R (3, 3) and t (3,) of T_camera_lidar."""
+    return rotation_from_vector(truth[:3]) @ FORWARD_LIDAR_TO_OPTICAL, truth[3:6]
+
+
+def camera_points(rig: Rig) -> Floats:
+    """The rig's vertices (N, 3) in the camera's optical frame, metres."""
+    R, t = mount_of(rig.truth)
+    return rig.points @ R.T + t
 
 
 def in_walking_order(rig: Rig) -> NDArray[np.int64]:

@@ -75,7 +75,7 @@ ALL = ("open", "right", "5 % wrong", "10 % wrong")
 )
 def test_drawn_poses_tell_the_size(seed, poses, cases):
     """Poses of a drawn sensor, board and person, with the size open, right and wrong."""
-    for case, _, count, enough, _, vertices, gross, _, deviations, contradicts in run(seed, (poses,), cases):
-        assert enough and vertices >= 0.8 * count and gross == 0
-        assert deviations < 4.0
-        assert contradicts == ("10 %" in case) or case == "5 % wrong"
+    for row in run(seed, (poses,), cases):
+        assert row.enough and len(row.off_m) >= 0.8 * row.poses and row.gross == 0
+        assert row.z < 4.0
+        assert row.contradicted == ("10 %" in row.case) or row.case == "5 % wrong"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 from uuid import UUID
 
 import numpy as np
@@ -32,6 +32,24 @@ def bring(client: Client, fleet_id: UUID, rigs: list[Rig]) -> list[UUID]:
 
     with ThreadPoolExecutor(_THREADS) as pool:
         return list(pool.map(make, enumerate(rigs)))
+
+
+class OneVehicle(NamedTuple):
+    """Ids of a fleet of one vehicle, of its rig, and of the rig's set of pairs."""
+
+    fleet: UUID
+    vehicle: UUID
+    rig: UUID
+    pairs: UUID
+
+
+def one_vehicle(client: Client, fleet_name: str, rig: Rig) -> OneVehicle:
+    """Make a fleet with the vehicle of this rig."""
+    fleet = client.fleets.create(fleet_name)
+    (vehicle,) = bring(client, fleet.id, [rig])
+    (described,) = client.vehicles.rigs(vehicle)
+    (pairs,) = client.correspondence_sets.list(described.id)
+    return OneVehicle(fleet.id, vehicle, described.id, pairs.id)
 
 
 def _description(rig: Rig) -> dict[str, Any]:
