@@ -24,12 +24,8 @@ def test_what_is_said_reaches_the_recording(tmp_path):
     assert list(truth["cameras"]) == ["front", "left"]
 
 
-def test_refusals_name_the_value_and_no_program_behind_the_command(tmp_path):
+def test_a_refusal_names_the_value_and_no_program_behind_the_command(tmp_path):
     (tmp_path / "file").touch()
-    for words, sentence in (
-        (["--cameras", "rear", "--out", tmp_path / "a"], "rear:DEGREES"),
-        (["--out", tmp_path / "file" / "below"], "not a directory"),
-    ):
-        refused = program("simulate", *words)
-        assert refused.returncode == 2 and sentence in refused.stderr
-        assert not any(word in refused.stderr for word in ("Traceback", "python -m", "Errno"))
+    refused = program("simulate", "--out", tmp_path / "file" / "below")
+    assert refused.returncode == 2 and "not a directory" in refused.stderr
+    assert not any(word in refused.stderr for word in ("Traceback", "python -m", "Errno"))

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.annotators.__main__ import measure
 
 
-@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+@pytest.mark.parametrize("kind", ["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)])
 def test_few_annotators_leave_each_vertex_with_exactly_as_many_answers_as_wanted(kind):
     found = measure(kind, 4, 2, vertices=6, think_s=(0.0, 0.0))
     assert found["wrong"] == []

@@ -18,6 +18,7 @@ from service.platform.settings import Settings
 from service.recordings.actions import delete_recording
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.platform.jobs.support import make_fleet
+from tests.support.databases import one_database
 from tests.support.leases import let_lease_expire
 from tests.support.rows import add
 from tests.support.work import work
@@ -98,6 +99,7 @@ def test_names_from_a_file_are_stored_legibly(context, database, tmp_path):
         assert problem["code"] == "ambiguous_lidar" and r"/oth\x00er" in problem["detail"], problem
 
 
+@one_database
 def test_a_rig_without_cameras_is_described_by_the_recording(context, database, tmp_path):
     rig = seed_rig(database, make_fleet(database))
     with database.writing() as session:
