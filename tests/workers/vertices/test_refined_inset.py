@@ -21,7 +21,7 @@ def drawn():
 
 @pytest.fixture(scope="module")
 def learned(drawn):
-    source = Listed(looked_at(*drawn.simulated(5.0), 5.0).sweeps)
+    source = Listed(looked_at(*drawn.simulated(2.5), 2.5).sweeps)
     options = resolve_options("refined", {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1]})
     return learn(source, without_fixed(source, Region.from_document(drawn.region())), options, lambda: None)
 

@@ -63,7 +63,7 @@ def off_m(walked, vertices):
     ("seed", "plan", "share"), [pytest.param(27, "field", 0.6, marks=pytest.mark.slow), (1, "yard", 0.75)]
 )
 def test_a_board_that_is_lowered_most_of_the_time_is_found_where_it_is_raised(seed, plan, share):
-    walked, raised = simulated(seed, 24.0, share=share, plan=plan)
+    walked, raised = simulated(seed, 12.0, share=share, plan=plan)
     size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
     found = detect_range(Listed(walked.sweeps), REGION, "refined", size, indices=range(len(walked.sweeps)))
     of_raised = [vertex for vertex in found.vertices if raised[vertex.sweep_index]]
@@ -75,7 +75,7 @@ def test_a_board_that_is_lowered_most_of_the_time_is_found_where_it_is_raised(se
 # Before, 3 and 4 of these sweeps gave a vertex.
 @pytest.mark.parametrize("seed", [12, pytest.param(27, marks=pytest.mark.slow)])
 def test_a_board_that_nobody_raises_gives_no_vertex(seed):
-    walked, _ = simulated(seed, 24.0, share=1.0)
+    walked, _ = simulated(seed, 12.0, share=1.0)
     size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
     found = detect_range(Listed(walked.sweeps), REGION, "refined", size, indices=range(len(walked.sweeps)))
     assert not found.vertices
