@@ -35,10 +35,9 @@ def run(seed: int, hold: str) -> Row:
     drawn = draw(seed)
     random = np.random.default_rng([seed, 78])
     scenes = _scenes(drawn, hold)
-    parts = [poses_of(scene, random) for scene in scenes]
-    share = _POSES // len(scenes)
-    sweeps = [sweep for part in parts for sweep in part[0][:share]]
-    apexes = np.concatenate([part[1][:share] for part in parts])
+    parts = [poses_of(scene, random, _POSES // len(scenes)) for scene in scenes]
+    sweeps = [sweep for part in parts for sweep in part[0]]
+    apexes = np.concatenate([part[1] for part in parts])
     order = random.permutation(len(sweeps))
     source = Listed([replace(sweeps[k], stamp_ns=_POSE_NS * index) for index, k in enumerate(order)])
     width, height = drawn.board_m

@@ -82,8 +82,13 @@ def run(seed: int, counts: Sequence[int] = _COUNTS, cases: Sequence[str] = _CASE
     return rows
 
 
-def poses_of(drawn: DrawnScene, random: np.random.Generator) -> tuple[list[Sweep], Floats, NDArray[np.int64]]:
-    """Sweeps at random moments of a walk in which two rings or more meet the board, their apexes and their rings."""
+def poses_of(
+    drawn: DrawnScene, random: np.random.Generator, most: int = _POSES
+) -> tuple[list[Sweep], Floats, NDArray[np.int64]]:
+    """Sweeps at random moments of a walk in which two rings or more meet the board, their apexes and their rings.
+
+    ``most``: as many of them are simulated, whatever is drawn.
+    """
     walk, lidar = drawn.simulated(_WALK_S)
     sweeps: list[Sweep] = []
     apexes: list[Floats] = []
@@ -99,6 +104,8 @@ def poses_of(drawn: DrawnScene, random: np.random.Generator) -> tuple[list[Sweep
             sweeps.append(sweep)
             apexes.append(apex)
             rings.append(count)
+        if len(sweeps) == most:
+            break
     return sweeps, np.array(apexes), np.array(rings)
 
 
