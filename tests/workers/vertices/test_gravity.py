@@ -59,7 +59,7 @@ def test_the_ground_corrects_what_is_stated_but_not_by_more_than_a_mount_leans()
 @pytest.mark.parametrize("mount", [Mount(roll_deg=180.0), Mount(roll_deg=20.0)], ids=["upside down", "rolled"])
 def test_boards_before_a_sensor_that_does_not_stand_upright(mount):
     """Before, the lowest corner was taken for the apex where the sensor hangs upside down."""
-    recorded = walk(25, 7.0, mount=mount)
+    recorded = walk(25, 6.5, mount=mount)
     region = Region.from_document(region_before(mount, -1.85, 32.0))
     found = detect_range(recorded.source, region, "refined", SIZE, indices=recorded.all)
     visible = np.count_nonzero(recorded.rings >= 2)
