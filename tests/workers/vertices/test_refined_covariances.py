@@ -22,10 +22,10 @@ from workers.vertices.sweep_source import Listed
 @pytest.fixture(scope="module")
 def boards():
     """The model that a walk teaches, and the likeliest board of some of its sweeps."""
-    recorded = walk(27, 20.0)
+    recorded = walk(27, 8.0)
     area = without_fixed(recorded.source, REGION)
     model = learn(recorded.source, area, resolve_options("refined", SIZE), lambda: None)
-    sweeps = [recorded.source.sweep(index) for index in range(20, 200, 30)]
+    sweeps = [recorded.source.sweep(index) for index in range(5, 80, 12)]
     found = [find_boards(sweep, area.inside(sweep), model) for sweep in sweeps]
     return model, [boards[0][1] for boards in found if boards]
 
@@ -109,12 +109,12 @@ def _root(xyz, unit):
 def test_a_second_board_is_flagged_in_the_sweep_that_shows_it():
     """In one sweep the board's sector is shown a second time, turned about the sensor onto free ground."""
     recorded = walk(27, 20.0)
-    plain = detect_range(recorded.source, REGION, "refined", SIZE, indices=range(60, 90)).vertices
+    plain = detect_range(recorded.source, REGION, "refined", SIZE, indices=range(60, 76)).vertices
     assert not any("second_board" in vertex.flags for vertex in plain)
     index = next(one.sweep_index for one in plain if np.linalg.norm(one.xyz) < 9.0 and not one.flags)
     sweeps = list(recorded.sweeps)
     sweeps[index] = _shown_twice(sweeps[index], recorded.apex[index])
-    found = detect_range(Listed(sweeps), REGION, "refined", SIZE, indices=range(60, 90)).vertices
+    found = detect_range(Listed(sweeps), REGION, "refined", SIZE, indices=range(60, 76)).vertices
     assert [one.sweep_index for one in found if "second_board" in one.flags] == [index]
 
 
