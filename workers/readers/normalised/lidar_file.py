@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, Final, Self, cast, get_args
 
 import numpy as np
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
-from mcap.records import Chunk, ChunkIndex, Message, MessageIndex
-from mcap.stream_reader import breakup_chunk
+from mcap.records import ChunkIndex
 from numpy.typing import NDArray
 
 from workers.readers.damage import on_error
-from workers.readers.mcap_io.records import HEAD
+from workers.readers.mcap_io.records import CHUNK, HEAD, MESSAGE
 from workers.readers.normalised.cdr import decode_points
 from workers.readers.recording import ReadError, StampConvention, Sweep, TimeSource
 from workers.readers.ros.ros_types import CLOUD
@@ -83,19 +80,31 @@ class LidarFile:
         self.ring_count = int(facts["ring_count"])
         self.sweep_ns = int(facts["sweep_ns"])
         self._chunks: list[ChunkIndex] = sorted(summary.chunk_indexes, key=lambda c: c.chunk_start_offset)
-        # One channel per file, so one index of messages stands right behind its chunk. Of each message, in the order
-        # of their stamps: (stamp, number of its chunk, number in it).
-        messages: list[tuple[int, int, int]] = []
+        stamps: list[NDArray[np.int64]] = []
+        places: list[NDArray[np.int64]] = []
+        chunk_of: list[NDArray[np.int64]] = []
         for number, chunk in enumerate(self._chunks):
-            self._file.seek(chunk.chunk_start_offset + chunk.chunk_length + HEAD.size)
-            index = MessageIndex.read(ReadDataStream(self._file))
-            messages += ((stamp_ns, number, place) for place, (stamp_ns, _) in enumerate(index.records))
-        messages.sort(key=itemgetter(0))
-        table = np.array(messages, np.int64).reshape(-1, 3)
-        table.flags.writeable = False
-        self._stamps, self._places = table[:, 0], table[:, 1:]
-        self._open_chunk = -1
-        self._messages: list[bytes] = []  # of the open chunk
+            entries = self._message_index(chunk)
+            stamps.append(entries[:, 0])
+            places.append(entries[:, 1])
+            chunk_of.append(np.full(len(entries), number, np.int64))
+        none = np.zeros(0, np.int64)
+        unordered = np.concatenate([none, *stamps])
+        order = np.argsort(unordered, kind="stable")
+        self._stamps: NDArray[np.int64] = unordered[order]
+        self._stamps.flags.writeable = False
+        self._places: NDArray[np.int64] = np.concatenate([none, *places])[order]
+        self._chunk_of: NDArray[np.int64] = np.concatenate([none, *chunk_of])[order]
+        self._open_chunk = (-1, b"")
+        self._decompressor = zstandard.ZstdDecompressor()
+
+    def _message_index(self, chunk: ChunkIndex) -> NDArray[np.int64]:
+        """(M, 2) int64: stamp and offset in the uncompressed chunk of each of its messages."""
+        # One channel per file, so one MessageIndex record stands right behind its chunk.
+        self._file.seek(chunk.chunk_start_offset + chunk.chunk_length)
+        record = self._file.read(chunk.message_index_length)
+        (length,) = struct.unpack_from("<I", record, 1 + 8 + 2)
+        return np.frombuffer(record, "<i8", length // 8, 1 + 8 + 2 + 4).reshape(-1, 2)
 
     def __len__(self) -> int:
         return len(self._stamps)
@@ -113,16 +122,11 @@ class LidarFile:
         """
         if not 0 <= index < len(self):
             raise IndexError(f"sweep {index} of {len(self)}")
-        number, place = map(int, self._places[index])
-        if self._open_chunk != number:
-            chunk = self._chunks[number]
-            self._file.seek(chunk.chunk_start_offset + HEAD.size)
-            try:
-                records = breakup_chunk(Chunk.read(ReadDataStream(self._file)))
-            except (McapError, zstandard.ZstdError) as error:
-                raise _broken(self.path, f"it ends inside the chunk at byte {chunk.chunk_start_offset}") from error
-            self._open_chunk, self._messages = number, [each.data for each in records if isinstance(each, Message)]
-        return decode_points(self._messages[place], self.time_source)
+        chunk = self._chunk(int(self._chunk_of[index]))
+        start = int(self._places[index])
+        (length,) = struct.unpack_from("<Q", chunk, start + 1)
+        message = memoryview(chunk)[start + HEAD.size + MESSAGE.size : start + HEAD.size + length]
+        return decode_points(message, self.time_source)
 
     def nearest(self, stamp_ns: int) -> int:
         """Number of the sweep whose stamp is nearest to a moment, the earlier of two.
@@ -141,6 +145,18 @@ class LidarFile:
         """Sweeps ``first`` up to, not including, ``last`` (None: to the end)."""
         for index in range(first, len(self) if last is None else last):
             yield self.sweep(index)
+
+    def _chunk(self, number: int) -> bytes:
+        if self._open_chunk[0] != number:
+            chunk = self._chunks[number]
+            self._file.seek(chunk.chunk_start_offset + HEAD.size + CHUNK.size + len(chunk.compression) + 8)
+            data = self._file.read(chunk.compressed_size)
+            if len(data) != chunk.compressed_size:
+                raise _broken(self.path, f"it ends inside the chunk at byte {chunk.chunk_start_offset}")
+            if chunk.compression == "zstd":
+                data = self._decompressor.decompress(data, max_output_size=chunk.uncompressed_size)
+            self._open_chunk = (number, data)
+        return self._open_chunk[1]
 
     def close(self) -> None:
         """Close the file; afterwards only the index can still be read."""
