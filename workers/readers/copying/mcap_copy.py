@@ -1,4 +1,8 @@
-"""An MCAP file, message by message into a new one of the same profile and compression."""
+"""An MCAP file, record by record into a new one.
+
+Chunks without a message that is replaced are copied as they are. Of others only the messages that are replaced
+change; chunks keep their compression. Messages that are added stand in chunks of their own, near their time.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +10,19 @@ from collections.abc import Callable
 from contextlib import closing
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Header, Metadata
-from mcap.writer import CompressionType, Writer
+from mcap.records import AttachmentIndex, MetadataIndex
 
 from workers.readers.copying.editor import Added, Editor
 from workers.readers.copying.edits import Edits
-from workers.readers.mcap_io.records import MESSAGE, chunk_head
-from workers.readers.output import create
+from workers.readers.mcap_io.records import HEAD, MESSAGE, chunk_head, records, unpacked_chunk
+from workers.readers.mcap_io.writer import McapWriter
 from workers.readers.ros.mcap_bag import McapBag
 
-_COMPRESSIONS: Final = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4}
+_PIECE: Final = 1 << 20
 
 
 def copy_mcap(path: Path, out: Path, edits: Edits, is_first: bool, on_done: Callable[[float], None]) -> Editor:
@@ -28,79 +31,116 @@ def copy_mcap(path: Path, out: Path, edits: Edits, is_first: bool, on_done: Call
     Raises:
         ReadError: as :class:`McapBag` and :class:`Editor` do.
     """
-    with closing(McapBag(path)) as bag, create(out) as file:
+    with closing(McapBag(path)) as bag:
         editor = Editor(bag, edits)
-        with bag.damage():
-            _Copy(bag, file, editor, is_first).run(on_done)
+        writer = McapWriter(out, None, "zstd")
+        try:
+            with bag.damage():
+                _Copy(bag, writer, editor, is_first).run(on_done)
+        finally:
+            writer.abandon()
     return editor
 
 
 class _Copy:
-    def __init__(self, bag: McapBag, file: BinaryIO, editor: Editor, is_first: bool) -> None:
-        self._bag, self._editor = bag, editor
+    def __init__(self, bag: McapBag, writer: McapWriter, editor: Editor, is_first: bool) -> None:
+        self._bag, self._writer, self._editor = bag, writer, editor
         self._says_first = is_first
-        header, chunk = _first(bag, Opcode.HEADER), _first(bag, Opcode.CHUNK)
-        compression = _COMPRESSIONS.get(chunk_head(chunk)[1], CompressionType.NONE) if chunk else CompressionType.NONE
-        self._writer = Writer(file, compression=compression)
-        self._writer.start(Header.read(ReadDataStream(BytesIO(header))).profile if header else "", "apexcal")
-        schemas = {0: 0}
-        for number, schema in bag.contents.schemas.items():
-            schemas[number] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
-        # By the number in the bag: topic, and number in the copy.
-        self._channels = {
-            number: (
-                each.topic,
-                self._writer.register_channel(
-                    each.topic, each.message_encoding, schemas[each.schema_id], each.metadata
-                ),
-            )
-            for number, each in bag.contents.channels.items()
-        }
-        self._numbers = dict(reversed(self._channels.values()))
-        for topic in editor.new_topics:
-            is_ros1 = topic.encoding == "ros1"
-            name, form = (topic.type.replace("/msg/", "/"), "ros1msg") if is_ros1 else (topic.type, "ros2msg")
-            schema = self._writer.register_schema(name, form, topic.definition.encode())
-            facts = {} if is_ros1 else {"offered_qos_profiles": topic.qos}
-            self._numbers[topic.name] = self._writer.register_channel(topic.name, topic.encoding, schema, facts)
+        self._topics = {number: channel.topic for number, channel in bag.contents.channels.items()}
+        self._numbers = {topic: number for number, topic in reversed(self._topics.items())}
+        writer.summary.schemas |= bag.contents.schemas
+        writer.summary.channels |= bag.contents.channels
+        self._pending: list[Added] = []
 
     def run(self, on_done: Callable[[float], None]) -> None:
         """Walk over the file, then write the new summary."""
         for _, kind, size in self._bag.walk():
-            if kind in (Opcode.CHUNK, Opcode.MESSAGE):
-                for inner, part in self._bag.records(kind, size):
-                    if inner == Opcode.MESSAGE:
-                        self._take(part)
-            elif kind == Opcode.ATTACHMENT:
-                extra = Attachment.read(ReadDataStream(BytesIO(self._bag.file.read(size))))
-                self._writer.add_attachment(
-                    extra.create_time, extra.log_time, extra.name, extra.media_type, extra.data
-                )
-            elif kind == Opcode.METADATA:
-                facts = Metadata.read(ReadDataStream(BytesIO(self._bag.body(size))))
-                self._writer.add_metadata(facts.name, facts.metadata)
+            if kind == Opcode.CHUNK:
+                self._take_chunk(self._bag.body(size))
+            elif kind == Opcode.MESSAGE:
+                self._flush()
+                head, data, _ = self._message(self._bag.body(size))
+                channel, _, log_ns, _ = MESSAGE.unpack(head)
+                self._writer.summary.count(channel, log_ns)
+                self._writer.write(HEAD.pack(kind, len(head) + len(data)), head, data)
+            elif kind in (Opcode.ATTACHMENT, Opcode.METADATA):
+                self._take_extra(kind, size)
+            elif kind != Opcode.MESSAGE_INDEX:  # written anew behind its chunk
+                self._writer.write(HEAD.pack(kind, size), self._bag.body(size))
+                if kind == Opcode.HEADER:
+                    self._add_channels()
             on_done(self._bag.share_read)
+        self._flush()
         self._writer.finish()
 
-    def _take(self, body: memoryview) -> None:
-        """Copy or replace a message, and write what follows it."""
-        channel, sequence, log_ns, publish_ns = MESSAGE.unpack_from(body)
-        topic, number = self._channels[channel]
-        message = bytes(body[MESSAGE.size :])
-        added: list[Added] = []
+    def _take_extra(self, kind: int, size: int) -> None:
+        """Attachments may be larger than memory."""
+        start, left = self._writer.tell(), size
+        self._writer.write(HEAD.pack(kind, size))
+        while left and (piece := self._bag.file.read(min(left, _PIECE))):
+            if left == size:
+                self._index_extra(kind, piece, start, size + HEAD.size)
+            self._writer.write(piece)
+            left -= len(piece)
+
+    def _index_extra(self, kind: int, piece: bytes, start: int, length: int) -> None:
+        stream, summary = ReadDataStream(BytesIO(piece)), self._writer.summary
+        if kind == Opcode.METADATA:
+            summary.metadata.append(MetadataIndex(start, length, stream.read_prefixed_string()))
+            return
+        index = AttachmentIndex(
+            offset=start,
+            length=length,
+            log_time=stream.read8(),
+            create_time=stream.read8(),
+            name=stream.read_prefixed_string(),
+            media_type=stream.read_prefixed_string(),
+            data_size=stream.read8(),
+        )
+        summary.attachments.append(index)
+
+    def _take_chunk(self, body: memoryview) -> None:
+        """A chunk as it is, or with messages replaced; and its message indexes."""
+        self._flush()
+        has_changed = False
+        for kind, part in records(unpacked_chunk(body)):
+            if kind != Opcode.MESSAGE:
+                self._writer.put(kind, part)
+                continue
+            head, data, is_changed = self._message(part)
+            has_changed = has_changed or is_changed
+            channel, _, log_ns, _ = MESSAGE.unpack(head)
+            self._writer.put_message(channel, log_ns, head, data)
+        self._writer.end_chunk(chunk_head(body)[1], None if has_changed else body)
+
+    def _message(self, part: memoryview) -> tuple[memoryview, bytes | memoryview, bool]:
+        """A message's numbers and its content as it is to be written, and whether that has changed."""
+        channel, _, log_ns, _ = MESSAGE.unpack_from(part)
+        topic = self._topics.get(channel, "")
         if self._says_first:
             self._says_first = False
-            added += self._editor.begin(log_ns)
-        if topic in self._editor.watched:
-            message, beside = self._editor.take(topic, log_ns, message)
-            added += beside
-        else:
+            self._pending += self._editor.begin(log_ns)
+        head, raw = part[: MESSAGE.size], part[MESSAGE.size :]
+        if topic not in self._editor.watched:
             self._editor.counts.copied += 1
-        self._writer.add_message(number, log_ns, message, publish_ns, sequence)
-        for each in added:
-            self._writer.add_message(self._numbers[each.topic], each.log_ns, each.data, each.log_ns)
+            return head, raw, False
+        data = bytes(raw)
+        message, added = self._editor.take(topic, log_ns, data)
+        self._pending += added
+        return head, message, message is not data
 
+    def _flush(self) -> None:
+        """Write what was added since, as a chunk of its own."""
+        for pending in self._pending:
+            self._writer.add(self._numbers[pending.topic], pending.log_ns, pending.data)
+        self._pending = []
+        self._writer.end_chunk()
 
-def _first(bag: McapBag, kind: Opcode) -> memoryview | None:
-    """The body of the first record of a kind."""
-    return next((bag.body(size) for _, each, size in bag.walk() if each == kind), None)
+    def _add_channels(self) -> None:
+        """Schemas and channels of the topics that are added, behind the header."""
+        for topic in self._editor.new_topics:
+            is_ros1 = topic.encoding == "ros1"
+            name, encoding = (topic.type.replace("/msg/", "/"), "ros1msg") if is_ros1 else (topic.type, "ros2msg")
+            schema = self._writer.add_schema(name, encoding, topic.definition.encode())
+            facts = {} if is_ros1 else {"offered_qos_profiles": topic.qos}
+            self._numbers[topic.name] = self._writer.add_channel(topic.name, schema, topic.encoding, facts)

@@ -1,1 +1,1 @@
-"""MCAP files, record by record: what readers and copies share."""
+"""MCAP files, record by record: what readers, copies and writers share."""

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from array import array
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from mcap.writer import CompressionType, Writer
-
-from workers.readers.mcap_io.records import HEAD
+from workers.readers.mcap_io.writer import McapWriter
 from workers.readers.normalised.cdr import encode_image, encode_points
 from workers.readers.normalised.lidar_file import FACTS, METADATA_NAME
-from workers.readers.output import create
 from workers.readers.recording import Frame, LidarFacts, ReadError, Sweep
 from workers.readers.ros.ros_types import CLOUD, COMPRESSED, fixed_types
 
+# Of 18,701 points of a VLP-16 (449 kB): level 3 takes 2.0 ms and leaves 63 %, level 1 takes 1.2 ms and leaves 65 %,
+# level -1 takes 0.95 ms and leaves 69 %, and unpacks in half the time of the others (0.24 ms).
+_LEVEL: Final = -1
 # Pixels of 20 megapixels, 24 bits each, as they are; PNG and JPEG take less. Who looks at a frame is sent it whole.
 MAX_FRAME_BYTES: Final = 64 * 1024**2
-_INDEX_BYTES: Final = HEAD.size + 2 + 4 + 16  # of a chunk of one message: channel, length, time and place
 
 
 def check_stamp(stamp_ns: int, topic: str) -> None:
@@ -37,30 +36,28 @@ def check_stamp(stamp_ns: int, topic: str) -> None:
 class _SensorFile:
     """A file of one channel of ROS 2 messages."""
 
-    def __init__(self, path: Path, topic: str, frame_id: str, kind: str, **how: Any) -> None:
+    def __init__(self, path: Path, topic: str, frame_id: str, kind: str, compression: str) -> None:
         self.path, self.topic, self.frame_id = path, topic, frame_id
-        self.stream = create(path)
-        self._file = Writer(self.stream, **how)
-        self._file.start("ros2", "apexcal")
+        self._file = McapWriter(path, "ros2", compression, _LEVEL)
         definition, _ = fixed_types("cdr").generate_msgdef(kind, ros_version=2)
-        schema = self._file.register_schema(kind, "ros2msg", definition.encode())
-        self._channel = self._file.register_channel(topic, "cdr", schema)
-
-    def _add(self, stamp_ns: int, message: memoryview) -> None:
-        self._file.add_message(self._channel, stamp_ns, bytes(message), stamp_ns)
+        schema = self._file.add_schema(kind, "ros2msg", definition.encode())
+        self._channel = self._file.add_channel(topic, schema, "cdr")
 
     def _finish(self, **facts: object) -> None:
         facts = {"topic": self.topic, "frame_id": self.frame_id, **facts}
         self._file.add_metadata(METADATA_NAME, {name: str(value) for name, value in facts.items()})
         self._file.finish()
-        self.stream.close()
+
+    def abandon(self) -> None:
+        """Close without finishing; what is on disk is of no use."""
+        self._file.abandon()
 
 
 class LidarWriter(_SensorFile):
     """Writes ``lidar.mcap``: ``sensor_msgs/msg/PointCloud2`` in zstd chunks, read by :class:`LidarFile`."""
 
     def __init__(self, path: Path, topic: str, frame_id: str) -> None:
-        super().__init__(path, topic, frame_id, CLOUD)
+        super().__init__(path, topic, frame_id, CLOUD, "zstd")
 
     def add(self, sweep: Sweep) -> None:
         """Append one sweep; stamps need not ascend.
@@ -70,7 +67,7 @@ class LidarWriter(_SensorFile):
             OverflowError: a point lies more than 2.1 s from its sweep's stamp.
         """
         check_stamp(sweep.stamp_ns, self.topic)
-        self._add(sweep.stamp_ns, encode_points(sweep, self.frame_id))
+        self._file.add(self._channel, sweep.stamp_ns, encode_points(sweep, self.frame_id))
 
     def finish(self, facts: LidarFacts) -> None:
         """Write index and facts, and close."""
@@ -80,15 +77,11 @@ class LidarWriter(_SensorFile):
 class CameraWriter(_SensorFile):
     """Writes ``camera-<name>.mcap``: ``sensor_msgs/msg/CompressedImage``, uncompressed, so that each frame is a
     byte range of the file.
-
-    Attributes:
-        offsets, lengths: bytes at which each frame's data begin in the file, and how many they are.
     """
 
     def __init__(self, path: Path, topic: str, frame_id: str) -> None:
-        # Each frame is a chunk of its own, and so ends where the index of its chunk begins.
-        super().__init__(path, topic, frame_id, COMPRESSED, compression=CompressionType.NONE, chunk_size=1)
-        self.offsets, self.lengths = array("q"), array("q")
+        super().__init__(path, topic, frame_id, COMPRESSED, "")
+        self.lengths = array("q")
 
     def add(self, frame: Frame) -> None:
         """Append one frame; stamps need not ascend.
@@ -97,17 +90,17 @@ class CameraWriter(_SensorFile):
             ReadError: ``stamp_out_of_range``, ``image_too_large``.
         """
         check_stamp(frame.stamp_ns, self.topic)
-        size = len(frame.data)
-        if size > MAX_FRAME_BYTES:
+        if len(frame.data) > MAX_FRAME_BYTES:
             raise ReadError(
                 "image_too_large",
-                f"A frame of {self.topic} takes {size} bytes; {MAX_FRAME_BYTES} are the most.",
+                f"A frame of {self.topic} takes {len(frame.data)} bytes; {MAX_FRAME_BYTES} are the most.",
                 "Record the camera's frames smaller, or as JPEG.",
             )
-        self._add(frame.stamp_ns, encode_image(frame.stamp_ns, self.frame_id, frame.media_type, frame.data))
-        self.offsets.append(self.stream.tell() - _INDEX_BYTES - size)
-        self.lengths.append(size)
+        message = encode_image(frame.stamp_ns, self.frame_id, frame.media_type, frame.data)
+        self._file.add(self._channel, frame.stamp_ns, message)
+        self.lengths.append(len(frame.data))
 
-    def finish(self) -> None:
-        """Write the index and close."""
+    def finish(self) -> array[int]:
+        """Write the index and close; the byte offset of every frame's data in the file, in the order added."""
         self._finish()
+        return array("q", (end - length for end, length in zip(self._file.ends, self.lengths, strict=True)))

@@ -85,13 +85,13 @@ class _Camera:
             self.transcodings.append(item.transcoding)
 
     def finish(self, out_dir: Path) -> tuple[SensorManifest, list[str]]:
-        self.writer.finish()
+        offsets = self.writer.finish()
         stamps = _stamps(self.stamps, self.sensor)
         report = report_stamps(stamps, self.name)
         order: list[int] = report.order.tolist()
         table = FrameTable(
             stamp_ns=stamps[report.order].tolist(),
-            offset=[self.writer.offsets[i] for i in order],
+            offset=[offsets[i] for i in order],
             length=[self.writer.lengths[i] for i in order],
             media_type=[self.rows[i][0] for i in order],
             width=[self.rows[i][1] for i in order],
@@ -203,7 +203,7 @@ def _normalise(
         finished = [sink.finish(out) for sink in sinks.values()]
     finally:
         for sink in sinks.values():
-            sink.writer.stream.close()  # if it was not finished, what is on disk is of no use
+            sink.writer.abandon()
     fixed = recording.static_transforms  # which may say something too
     warnings = [*recording.warnings, *(sentence for _, sentences in finished for sentence in sentences)]
     sensors = [manifest for manifest, _ in finished]

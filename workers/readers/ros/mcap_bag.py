@@ -124,7 +124,7 @@ class McapBag(Container):
         contents = McapContents()
         for offset, kind, size in self.walk():
             present: set[int] = set()
-            for inner, part in self.records(kind, size) if kind in _CONTENT else ():
+            for inner, part in self._records(kind, size) if kind in _CONTENT else ():
                 if inner == Opcode.MESSAGE:
                     present.add(contents.count(part))
                 elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -164,7 +164,7 @@ class McapBag(Container):
             raise RecordError(f"a record claims {size} bytes; at most {MAX_CHUNK_BYTES} are read")
         return memoryview(self.file.read(size))
 
-    def records(self, kind: int, size: int) -> Iterable[tuple[int, memoryview]]:
+    def _records(self, kind: int, size: int) -> Iterable[tuple[int, memoryview]]:
         """The records of the chunk at which the file stands, or the one record that is no chunk."""
         body = self.body(size)
         return records(unpacked_chunk(body)) if kind == Opcode.CHUNK else ((kind, body),)
@@ -200,7 +200,7 @@ class McapBag(Container):
             for offset, kind, size in self.walk():
                 if kind not in (Opcode.CHUNK, Opcode.MESSAGE) or offset in skip:
                     continue
-                for inner, part in self.records(kind, size):
+                for inner, part in self._records(kind, size):
                     if inner == Opcode.MESSAGE and struct.unpack_from("<H", part)[0] in numbers:
                         number, log_ns, data = message_of(part)
                         yield numbers[number], log_ns, data
@@ -216,7 +216,7 @@ class McapBag(Container):
                 head = self._record_at(offset)
                 if head is None or head[0] != (Opcode.MESSAGE if loose else Opcode.CHUNK):
                     raise RecordError(f"there is no message at byte {offset} any more")
-                messages = (message_of(part) for kind, part in self.records(*head) if kind == Opcode.MESSAGE)
+                messages = (message_of(part) for kind, part in self._records(*head) if kind == Opcode.MESSAGE)
                 ours = ((log_ns, data) for channel, log_ns, data in messages if channel in numbers)
                 share = (number + 1) * count // len(chosen) - number * count // len(chosen)
                 yield from islice(ours, share)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Collection, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +16,6 @@ from rosbags.serde import SerdeError
 
 from apexcal.documents.readings import ReadOptions
 from workers.readers.damage import damage, on_error
-from workers.readers.detect import ROSBAG1
 from workers.readers.progress import beat
 from workers.readers.recording import ReadError
 from workers.readers.ros.containers import Container, spread
@@ -60,7 +58,6 @@ class Rosbag1Bag(Container):
     format = "rosbag1"
 
     def __init__(self, path: Path) -> None:
-        _check_ends(path)
         self._path = path
         self.warnings = []
         self.size = path.stat().st_size
@@ -97,8 +94,20 @@ class Rosbag1Bag(Container):
                 yield
             except ReaderError as error:
                 why = str(error).rstrip(".")
+                if "not indexed" in why:
+                    raise ReadError(
+                        "recording_not_indexed",
+                        f"{self._path.name} was not closed: its header says that no index was written.",
+                        "Run `rosbag reindex` on it (a file ending in .active is one that was still being recorded), "
+                        "then upload the result.",
+                    ) from error
                 if "requested" in why or "Could not read" in why or "could not be read from file" in why:
-                    raise _truncated(self._path, why) from error
+                    raise ReadError(
+                        "recording_truncated",
+                        f"{self._path.name} is cut short: {why}.",
+                        "Copy or upload the file again and compare its size with the original's. If the original is "
+                        "cut short too, `rosbag reindex` recovers what is there.",
+                    ) from error
                 raise
 
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
@@ -128,44 +137,3 @@ class Rosbag1Bag(Container):
         """Close the bag."""
         if self.reader.bio is not None:
             self.reader.close()
-
-
-def _check_ends(path: Path) -> None:
-    """Look for the bag's index before anything else is read.
-
-    Raises:
-        ReadError: ``recording_truncated``, ``recording_not_indexed``, ``recording_damaged``.
-    """
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(8192)
-    offset = head.find(b"index_pos=", len(ROSBAG1))
-    if offset < 0 or offset + 18 > len(head):
-        if size < 4096 + len(ROSBAG1):
-            raise _truncated(path, f"it ends after {size} bytes, inside its first record")
-        raise _damaged(path, "its first record has no index_pos")
-    (index_at,) = struct.unpack_from("<Q", head, offset + 10)
-    if index_at == 0:
-        raise ReadError(
-            "recording_not_indexed",
-            f"{path.name} was not closed: its header says that no index was written ({size} bytes).",
-            "Run `rosbag reindex` on it (a file ending in .active is one that was still being recorded), "
-            "then upload the result.",
-        )
-    if index_at >= size:
-        raise _truncated(
-            path, f"it ends at byte {size}, but its index should stand at byte {index_at}; what follows is missing"
-        )
-
-
-def _truncated(path: Path, why: str) -> ReadError:
-    return ReadError(
-        "recording_truncated",
-        f"{path.name} is cut short: {why}.",
-        "Copy or upload the file again and compare its size with the original's. "
-        "If the original is cut short too, `rosbag reindex` recovers what is there.",
-    )
-
-
-def _damaged(path: Path, why: str) -> ReadError:
-    return ReadError("recording_damaged", f"{path.name} is {_WHAT} but cannot be read: {why}.", _HINT)

@@ -15,16 +15,16 @@ from typing import Any, BinaryIO, Final, cast
 
 import cv2
 import numpy as np
-from mcap.writer import Writer
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from apexcal.documents.recordings import FixedFrame
 from workers.readers.images.decode import decoded
+from workers.readers.mcap_io.writer import McapWriter
 from workers.readers.normalised.cdr import point_bytes
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import read_table
-from workers.readers.output import bytes_written, create
+from workers.readers.output import bytes_written
 from workers.readers.viewing.messages import (
     ENCODING,
     KINDS,
@@ -65,6 +65,8 @@ class ViewedCamera:
 FILE_NAME: Final = "recording.mcap"
 _LIDAR: Final = -1
 _Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
+# The level of normalised LiDAR files (mcap_files.py): points become a third smaller. Frames are compressed already.
+_LEVEL: Final = -1
 
 
 def write_viewer_file(
@@ -84,19 +86,14 @@ def write_viewer_file(
         cameras = [
             _Camera(camera, stack) for camera in TypeAdapter(list[ViewedCamera]).validate_python(request["cameras"])
         ]
-        file = Writer(stack.enter_context(create(out_dir / FILE_NAME)))
-        file.start(library="apexcal")
+        file = McapWriter(out_dir / FILE_NAME, "", "zstd", _LEVEL)
+        stack.callback(file.abandon)
         poses = [FixedFrame(**item) for item in request["poses"]]
         writer = _Writer(file, sweeps, str(request["lidar_frame"]), cameras, poses)
         writer.run(on_share)
         file.add_metadata("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
         file.finish()
-    counts = {
-        "copied": writer.copied,
-        "replaced": 0,
-        "added": writer.written - writer.copied,
-        "left_out": writer.left_out,
-    }
+    counts = {"copied": writer.copied, "replaced": 0, "added": writer.added, "left_out": writer.left_out}
     return {"file": FILE_NAME, **counts, "written": bytes_written()}
 
 
@@ -137,7 +134,7 @@ class _Camera:
 class _Writer:
     def __init__(
         self,
-        file: Writer,
+        file: McapWriter,
         sweeps: LidarFile,
         lidar_frame: str,
         cameras: list[_Camera],
@@ -145,9 +142,9 @@ class _Writer:
     ) -> None:
         self._file, self._sweeps, self._lidar_frame = file, sweeps, lidar_frame
         self._cameras, self._poses = cameras, poses
-        self.written = self.copied = self.left_out = 0
+        self.copied = self.added = self.left_out = 0
         self._schemas = {
-            kind.DESCRIPTOR.name: file.register_schema(kind.DESCRIPTOR.full_name, ENCODING, descriptor_set(kind))
+            kind.DESCRIPTOR.name: file.add_schema(kind.DESCRIPTOR.full_name, ENCODING, descriptor_set(kind))
             for kind in KINDS
         }
         self._channels: dict[str, int] = {}
@@ -160,7 +157,7 @@ class _Writer:
         self._add_channel("/tf", "FrameTransforms")
 
     def _add_channel(self, topic: str, schema: str) -> None:
-        self._channels[topic] = self._file.register_channel(topic, ENCODING, self._schemas[schema])
+        self._channels[topic] = self._file.add_channel(topic, self._schemas[schema], ENCODING)
 
     def run(self, on_share: Callable[[float], None]) -> None:
         """Write all messages in the order of their times."""
@@ -184,14 +181,14 @@ class _Writer:
 
     def _write_sweep(self, stamp_ns: int, index: int) -> None:
         points = point_bytes(self._sweeps.sweep(index))
-        self._add("/lidar", stamp_ns, point_cloud(stamp_ns, self._lidar_frame, points))
+        self._file.add(self._channels["/lidar"], stamp_ns, point_cloud(stamp_ns, self._lidar_frame, points))
         self.copied += 1
 
     def _write_frame(self, camera: _Camera, stamp_ns: int, index: int) -> None:
         of = camera.of
         data = camera.encoded(index)
         image = compressed_image(stamp_ns, of.frame_id, camera.table.media_type[index], data)
-        self._add(f"/{of.name}/raw/image", stamp_ns, image)
+        self._file.add(self._channels[f"/{of.name}/raw/image"], stamp_ns, image)
         self.copied += 1
         if of.raw is not None:
             self._add(f"/{of.name}/raw/calibration", stamp_ns, camera_calibration(stamp_ns, of.frame_id, of.raw))
@@ -205,8 +202,8 @@ class _Writer:
         self._add(f"/{of.name}/undistorted/calibration", stamp_ns, calibration)
 
     def _add(self, topic: str, stamp_ns: int, message: bytes) -> None:
-        self._file.add_message(self._channels[topic], stamp_ns, message, stamp_ns)
-        self.written += 1
+        self._file.add(self._channels[topic], stamp_ns, message)
+        self.added += 1
 
 
 def _moments(stamps_ns: Iterable[int], source: int) -> Iterator[tuple[int, int, int]]:

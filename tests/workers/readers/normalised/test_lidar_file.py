@@ -79,4 +79,4 @@ def test_stamps_that_no_message_can_hold(tmp_path, stamp):
     with pytest.raises(ReadError) as caught:
         writer.add(sweep(0, stamp))
     assert caught.value.code == "stamp_out_of_range"
-    writer.stream.close()
+    writer.abandon()
