@@ -18,8 +18,6 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-OK, FAILED, USAGE, UNREACHABLE, WITHHELD = 0, 1, 2, 3, 4
-
 
 class Command(NamedTuple):
     """The module below :mod:`apexcal.commands` that holds it, and what `apexcal --help` says of it.

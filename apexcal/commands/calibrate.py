@@ -7,14 +7,13 @@ from uuid import UUID
 
 import typer
 
-from apexcal.cli import WITHHELD
 from apexcal.client import ApiError, Client
 from apexcal.commands.calibrated import tables, why_unpublished
 from apexcal.commands.camera_files import camera_and_file, lenses, pairs_of_files, pairs_of_marks, saying_what_stays
 from apexcal.commands.named import assignments
 from apexcal.commands.options import FoldsOption, ModelsOption, PresetOption, PublishOption
 from apexcal.commands.session import Reply, Session
-from apexcal.commands.terminal import usage
+from apexcal.commands.terminal import WITHHELD, usage
 from apexcal.documents.bounds import SKEW_BOUNDS, BoundsPreset
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.camera_models import SearchForm

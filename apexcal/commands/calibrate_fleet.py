@@ -10,13 +10,12 @@ from typing import Annotated, Any
 
 import typer
 
-from apexcal.cli import FAILED, WITHHELD
 from apexcal.client import Client
 from apexcal.commands.calibrated import line_of
 from apexcal.commands.named import check_id, find_fleet
 from apexcal.commands.options import FleetOption, FoldsOption, ModelsOption, PresetOption, PublishOption
 from apexcal.commands.session import Reply, Session
-from apexcal.commands.terminal import usage
+from apexcal.commands.terminal import FAILED, WITHHELD, usage
 from apexcal.documents.fleet_requests import CameraOutcome, Counts, DryRunView, FleetRequestView, RequestVehicleView
 
 _SHOWN = 20

@@ -7,12 +7,11 @@ from typing import Annotated
 
 import typer
 
-from apexcal.cli import FAILED, WITHHELD
 from apexcal.commands.options import ForceOption
 from apexcal.commands.proposing import read_file, refuse
 from apexcal.commands.recordings import LidarModelOption, RingsOption, TopicOption, reading_of
 from apexcal.commands.session import Reply
-from apexcal.commands.terminal import usage
+from apexcal.commands.terminal import FAILED, WITHHELD, usage
 from apexcal.documents.validations import AxisCheck, CameraCheck, DriveCheck
 
 

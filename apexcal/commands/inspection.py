@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from apexcal.cli import FAILED, USAGE
 from apexcal.commands.options import ForceOption
 from apexcal.commands.proposing import (
     FrameOption,
@@ -21,7 +20,7 @@ from apexcal.commands.proposing import (
 )
 from apexcal.commands.recordings import LidarModelOption, RingsOption, StillOption, TopicOption, reading_of
 from apexcal.commands.session import Reply
-from apexcal.commands.terminal import check_target, note, write_content
+from apexcal.commands.terminal import FAILED, USAGE, check_target, note, write_content
 from apexcal.documents.inspections import InspectedSensor, Inspection
 from apexcal.documents.rig_proposals import RigProposal
 

@@ -13,10 +13,9 @@ from typing import Annotated, Any, NoReturn
 import typer
 from pydantic import ValidationError
 
-from apexcal.cli import USAGE
 from apexcal.commands.named import assignments
 from apexcal.commands.recordings import candidates_of
-from apexcal.commands.terminal import complain, note, usage
+from apexcal.commands.terminal import USAGE, complain, note, usage
 from apexcal.documents.inspections import Inspection
 from apexcal.documents.rig_proposals import RigAnswers, RigProposal, RigQuestion
 from apexcal.transport import Document

@@ -19,9 +19,8 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from apexcal.cli import FAILED, UNREACHABLE, USAGE
 from apexcal.client import ApiError, Client, ClientError, InputError, TokenError, UnreachableError, Work
-from apexcal.commands.terminal import complain, console, note, usage
+from apexcal.commands.terminal import FAILED, UNREACHABLE, USAGE, complain, console, note, usage
 from apexcal.documents.base import visible
 from apexcal.documents.served_folder import is_served, read_status
 from apexcal.embedded.folder import DEFAULT

@@ -11,7 +11,6 @@ from urllib.parse import quote
 
 import typer
 
-from apexcal.cli import WITHHELD
 from apexcal.commands import calibrate, detect, recordings
 from apexcal.commands.calibrated import line_of, verdict_line
 from apexcal.commands.export import FormatOption, export
@@ -31,7 +30,7 @@ from apexcal.commands.recordings import LidarModelOption, RingsOption, StillOpti
 from apexcal.commands.rig import add_rig
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.stated_files import read_text
-from apexcal.commands.terminal import check_target, complain, note, usage
+from apexcal.commands.terminal import WITHHELD, check_target, complain, note, usage
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.crops import LEAST_MARKS
 from apexcal.documents.fleets import RigOut

@@ -11,10 +11,11 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.segment import Segment
 
-from apexcal.cli import FAILED, USAGE
 from apexcal.documents.base import visible
 from apexcal.errors import as_sentence
 from apexcal.kept_file import replace_whole
+
+FAILED, USAGE, UNREACHABLE, WITHHELD = 1, 2, 3, 4  # exit codes, as `apexcal.cli` says
 
 
 class _Terminal(Console):

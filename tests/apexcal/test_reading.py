@@ -3,12 +3,13 @@
 import pytest
 from typer.testing import CliRunner
 
-from apexcal.cli import USAGE, app
+from apexcal.cli import app
 from apexcal.client import time_left
 from apexcal.commands.clock_offset import _outcome
 from apexcal.commands.detect import _outcome as _detected
 from apexcal.commands.detect import board_options
 from apexcal.commands.recordings import candidates_of, merged_reading, reading_of
+from apexcal.commands.terminal import USAGE
 from apexcal.documents.analyses import ClockOffset
 from apexcal.documents.detections import DetectionCounts, DetectionView, Pairing, SizeSeen
 from apexcal.documents.detectors import sentences_of
