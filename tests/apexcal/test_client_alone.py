@@ -14,7 +14,8 @@ import pytest
 from packaging.requirements import Requirement
 
 import apexcal
-from apexcal.cli import COMMANDS, UNREACHABLE
+from apexcal.cli import COMMANDS
+from apexcal.commands.terminal import UNREACHABLE
 
 MOST_BYTES: Final = 30_000_000
 PROGRAMS: Final = {name: command.extra for name, command in COMMANDS.items() if command.extra}
