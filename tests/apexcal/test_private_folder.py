@@ -42,7 +42,8 @@ def test_a_backup_is_its_owners_alone(embedded: Embedded, tmp_path: Path) -> Non
     done = program("admin", "backup", target, "--data", embedded.data)
     assert done.returncode == 0, done.stderr
     made = [target, *target.rglob("*")]
-    assert len(made) > 10 and not [path for path in made if open_to_others(path)]
+    assert {"rows.sqlite", "blobs"} <= {path.name for path in made}
+    assert not [path for path in made if open_to_others(path)]
 
 
 def refusal(data: Path, **options: object) -> str:
