@@ -22,12 +22,8 @@ _HEADS: Final = {
     **dict.fromkeys((b"P5", b"P6"), "PPM"),
     **dict.fromkeys((b"II*\0", b"MM\0*"), "TIFF"),
 }
-_EXPANSION: Final = {
-    "PPM": 1,
-    "PNG": 1032,
-    "TIFF": 1032,
-    "BMP": 1032,
-}  # deflate cannot pack more than 1032 bytes into one
+# Pixels that a byte can hold: deflate packs at most 1032 bytes into one.
+_EXPANSION: Final = {"PPM": 1, "PNG": 1032, "TIFF": 1032, "BMP": 1032}
 _ORIENTATION: Final = 0x112
 _BROKEN: Final = (OSError, ValueError, SyntaxError, TypeError, LookupError, OverflowError, EOFError, struct.error)
 Image.MAX_IMAGE_PIXELS = None  # `check_size` has the limit

@@ -249,7 +249,7 @@ class Fix:
         returns: above and below the board's side corners, of the returns in its plane. Those outside of the board
             contradict it, and so do those off its plane inside.
         within: share of the returns in its plane that lie on the board, not beside it where its edges seem to be.
-        at_edges: the same of the edges' returns alone.
+        at_edges: as `returns`, of the edges' returns alone.
         best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
         expected: this log likelihood if the board is there and the sensor is as learned.
         evidence: log of the rays' likelihood, averaged over the prior.
