@@ -20,14 +20,15 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import NamedTuple
 
-from sqlalchemy import select
+from sqlalchemy import case, or_, select
 
+from apexcal.documents.states import RecordingState
 from service.admin.context import AdminError
 from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, ROWS, BlobFile, Damaged, Manifest, digest, write_rows
 from service.admin.objects import holding, retried
 from service.platform.db.clock import now, utc_now
 from service.platform.db.jobs import Heartbeat
-from service.platform.db.recordings import Blob
+from service.platform.db.recordings import Blob, Recording, UploadPart
 from service.platform.db.revisions import newest
 from service.platform.db.session import Database, put
 from service.platform.storage.errors import MissingBlobError, StoreUnavailableError
@@ -102,8 +103,16 @@ def _write(database: Database, store: Store, target: Path, staged: Path, report:
 def _rows(database: Database, file: Path) -> tuple[dict[str, int], list[_Named]]:
     with database.snapshot() as session:
         connection = session.connection()
+        # The checksum of a part that went straight to the store is what its sender says, until its recording was read.
+        is_checked = or_(UploadPart.number.is_(None), Recording.state == RecordingState.READY)
+        statement = (
+            select(Blob.key, Blob.size, case((is_checked, Blob.sha256)))
+            .outerjoin(UploadPart, UploadPart.blob_key == Blob.key)
+            .outerjoin(Recording, Recording.id == UploadPart.recording_id)
+            .where(Blob.state == "stored")
+            .order_by(Blob.key)
+        )
         # The first statement fixes the moment.
-        statement = select(Blob.key, Blob.size, Blob.sha256).where(Blob.state == "stored").order_by(Blob.key)
         named = [_Named(key, size, sha256) for key, size, sha256 in connection.execute(statement)]
         return write_rows(connection, file), named
 

@@ -9,8 +9,9 @@ import httpx
 import pytest
 from sqlalchemy import select, update
 
+from service.admin.backup import back_up
 from service.platform.db.clock import utc_now
-from service.platform.db.recordings import Blob, UploadPart
+from service.platform.db.recordings import Blob, Recording, UploadPart
 from service.platform.jobs.sweep import sweep
 from service.platform.storage.audit import audit
 from service.platform.storage.store import Store
@@ -117,6 +118,19 @@ def test_a_reservation_that_ends_while_its_bytes_arrive_is_not_kept(
     monkeypatch.undo()
     assert put_part(engineer, recording["id"], 1, PARTS[0]).status_code == 200
     assert blobs(api) == {"condemned": 1, "stored": 1}
+
+
+def test_other_bytes_than_announced_are_no_damage_of_the_store(api: Api, engineer, recording, tmp_path) -> None:
+    """An upload that is wrong is its sender's; a recording that was read once had the right bytes."""
+    address = announce(engineer, recording, 1, b"12345").json()
+    httpx.put(address["url"], content=b"54321").raise_for_status()
+    assert arrive(engineer, recording, 1, address["reservation"]).status_code == 200
+    for state in ("uploading", "queued", "ingesting", "failed", "ready"):
+        with api.database.writing() as session:
+            session.execute(update(Recording).values(state=state))
+        made = back_up(api.database, api.app.state.store, tmp_path / state)
+        assert made.blobs == 1, "it is backed up as it is"
+        assert [one.what[:9] for one in made.damaged] == (["not the b"] if state == "ready" else []), state
 
 
 def test_an_acknowledged_part_needs_no_address(engineer, recording) -> None:
