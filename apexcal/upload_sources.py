@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tarfile
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -29,6 +30,9 @@ def open_source(path: Path) -> Source:
     """The source for a file or folder. Raises :class:`InputError` where there is nothing to upload."""
     if path.is_dir():
         return FolderSource(path)
+    log = path.with_name(f"{path.name}-wal")
+    if path.suffix == ".db3" and path.is_file() and log.is_file():  # messages that are nowhere else
+        return FolderSource(path, [(file.name, file) for file in (path, log)])
     if path.is_file():
         return FileSource(path)
     raise InputError(f"there is no file or folder {path}", "Give the path of a recording, or of a folder of one.")
@@ -64,14 +68,14 @@ class FolderSource:
 
     Files are sorted by name, owners and times are left out, so the same folder uploads as the same parts and an
     interrupted upload goes on where it stopped. Names that begin with a dot are left out; links are followed for
-    files, not for folders.
+    files, not for folders. ``chosen``: names and paths of the files, instead of all that the folder holds.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, chosen: Sequence[tuple[str, Path]] | None = None) -> None:
         self.name = folder.resolve().name + ".tar"
         self._pieces: list[_Piece] = []
         self.size = 0
-        files = sorted(_files(folder))
+        files = sorted(_files(folder) if chosen is None else chosen)
         if not files:
             raise InputError(f"{folder} holds no files", "Give the folder that holds the clouds and the images.")
         for name, path in files:

@@ -35,6 +35,7 @@ class CaptureFile:
         position: bytes read so far.
         cut_short: a sentence where the file ends inside a packet, else empty.
         untimed: packets without a stamp, or one beyond 2106, which were left out.
+        snapped, snap_bytes: packets of which only a part was captured, and the longest of these parts.
     """
 
     def __init__(self, path: Path) -> None:
@@ -43,6 +44,7 @@ class CaptureFile:
         self.position = 0
         self.cut_short = ""
         self.untimed = 0
+        self.snapped = self.snap_bytes = 0
 
     def frames(self) -> Iterator[CapturedFrame]:
         """Every frame in recorded order, from the beginning.
@@ -51,6 +53,7 @@ class CaptureFile:
             ReadError: ``capture_damaged``.
         """
         self.position, self.cut_short, self.untimed = 0, "", 0
+        self.snapped = self.snap_bytes = 0
         with self.path.open("rb") as file:
             head = file.read(4)
             file.seek(0)
@@ -71,7 +74,7 @@ class CaptureFile:
                 if len(buffer) < 16:
                     self._note_rest(len(buffer))
                     return
-            sec, fraction, length, _ = record.unpack_from(buffer, offset)
+            sec, fraction, length, whole = record.unpack_from(buffer, offset)
             if length > _LARGEST or fraction * unit_ns >= 2_000_000_000:
                 raise self._damaged(f"the packet at byte {self.position} claims {length} bytes")
             end = offset + 16 + length
@@ -82,6 +85,8 @@ class CaptureFile:
                     self._note_rest(len(buffer))
                     return
             self.position += 16 + length
+            if length < whole:
+                self._note_snapped(length)
             yield sec * 1_000_000_000 + fraction * unit_ns, link, buffer[offset + 16 : end]
             offset = end
 
@@ -96,7 +101,7 @@ class CaptureFile:
                     interfaces.append(_Interface.read(body, order))
                 elif kind in (6, 2):  # enhanced packet, and the older form with a count of drops
                     index, high, low, length = struct.unpack_from(order + ("IIII" if kind == 6 else "H2xIII"), body)
-                    frame = self._timed(interfaces[int(index)], high << 32 | low, body, length)
+                    frame = self._timed(interfaces[int(index)], high << 32 | low, body, length, order)
                     if 0 <= frame[0] < _LAST_NS:
                         yield frame
                     else:
@@ -106,9 +111,11 @@ class CaptureFile:
             except (struct.error, IndexError) as error:
                 raise self._damaged(f"the block before byte {self.position} contradicts itself") from error
 
-    def _timed(self, interface: _Interface, ticks: int, body: bytes, length: int) -> CapturedFrame:
+    def _timed(self, interface: _Interface, ticks: int, body: bytes, length: int, order: str) -> CapturedFrame:
         if length > len(body) - 20:
             raise self._damaged(f"the packet before byte {self.position} claims {length} bytes")
+        if length < struct.unpack_from(order + "I", body, 16)[0]:
+            self._note_snapped(length)
         return interface.to_ns(ticks), interface.link, body[20 : 20 + length]
 
     def _blocks(self, file: BinaryIO) -> Iterator[tuple[int, bytes, str]]:
@@ -134,6 +141,20 @@ class CaptureFile:
                 raise self._damaged(f"the block at byte {self.position} does not end as it began")
             self.position += length
             yield kind, body[:-4], order
+
+    def _note_snapped(self, length: int) -> None:
+        self.snapped += 1
+        self.snap_bytes = max(self.snap_bytes, length)
+
+    @property
+    def snap_sentence(self) -> str:
+        """What the capture's snap length cut off; empty where packets are whole."""
+        if not self.snapped:
+            return ""
+        return (
+            f"{self.snapped} packets were captured in part only, at most {self.snap_bytes} bytes of each: the "
+            "capture's snap length cut them off. Capture again with `tcpdump -s 0`."
+        )
 
     def _note_rest(self, rest: int) -> None:
         if rest:

@@ -118,14 +118,20 @@ class PcapRecording(Recording):
             return ReadError(
                 "recording_empty",
                 f"{self._path.name} is a capture without packets.",
-                "CaptureFile again, or look at it.",
+                "Capture again, or look at it.",
+            )
+        if self._capture.snapped:
+            return ReadError(
+                "capture_cut",
+                f"{self._path.name} holds no whole packet of a LiDAR. {self._capture.snap_sentence}",
+                "A LiDAR's packets have 1248 bytes and more, with their headers.",
             )
         unknown = sorted(overview.links - KNOWN_LINKS)
         if unknown:
             return ReadError(
                 "capture_link_unsupported",
                 f"{self._path.name} was captured on a link of type {unknown[0]}, which is not read.",
-                "CaptureFile on the Ethernet interface to which the sensor is connected.",
+                "Capture on the Ethernet interface to which the sensor is connected.",
             )
         listed = ", ".join(
             f"{count} of {size} bytes from {endpoint(sender, port)}"
@@ -159,6 +165,8 @@ class PcapRecording(Recording):
         sentences = [sentence for cutter in self._cutters.values() for sentence in cutter.warnings()]
         if self._capture.cut_short:
             sentences.append(self._capture.cut_short)
+        if self._capture.snapped:
+            sentences.append(self._capture.snap_sentence)
         if self._capture.untimed:
             sentences.append(f"{self._capture.untimed} packets have no usable time stamp and were left out.")
         if self._fragments:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path, PurePath
@@ -13,6 +14,7 @@ from workers.readers.recording import ReadError
 from workers.readers.ros.containers import Container, SplitContainer
 from workers.readers.ros.topics import TopicRecording
 from workers.readers.trees.scratch import Scratch, packing_of
+from workers.readers.trees.split_files import split_name
 
 METADATA: Final = "metadata.yaml"
 _METADATA_BYTES: Final = 2_000_000
@@ -29,7 +31,7 @@ class Rosbag2Recording(TopicRecording):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        super().__init__(_open_folder(path) if path.is_dir() else _open_file(path, Scratch(path.name)), options)
+        super().__init__(_open_files(path, [path]) if path.is_file() else _open_folder(path), options)
 
 
 def unpacked_file(path: Path, scratch: Scratch) -> Path:
@@ -55,13 +57,17 @@ def _open_file(path: Path, scratch: Scratch) -> Container:
 
 
 def _open_folder(path: Path) -> Container:
-    """Open the files of a bag, one after the other."""
     warnings: list[str] = []
+    return _open_files(path, bag_files(path, warnings), warnings)
+
+
+def _open_files(path: Path, parts: Sequence[Path], warnings: Sequence[str] = ()) -> Container:
+    """Open the files of a bag, one after the other."""
     files: list[Container] = []
     with ExitStack() as stack:
         scratch = Scratch(path.name)
         stack.callback(scratch.close)
-        for file in bag_files(path, warnings):
+        for file in parts:
             files.append(_open_file(file, scratch))
             stack.callback(files[-1].close)
         return SplitContainer(files, warnings, stack.pop_all())
@@ -89,6 +95,12 @@ def bag_files(path: Path, warnings: list[str]) -> list[Path]:
     if missing and files:
         warnings.append(f"{len(missing)} of the bag's {len(names)} files are missing: {missing[0]}.")
     files = files or storage_files
+    # A recorder that was interrupted wrote its metadata before its last files.
+    stems = {split_name(file.name)[0] for file in files}
+    more = [file for file in storage_files if split_name(file.name)[0] in stems and not _has_part(files, file)]
+    if more:
+        warnings.append(f"{len(more)} of the bag's files are not in {METADATA} and were read: {more[0].name}.")
+        files = sorted([*files, *more], key=lambda file: split_name(file.name)[1:])
     if not files:
         named = ", ".join(missing[:3]) or ".db3 or .mcap"
         raise ReadError(
@@ -97,6 +109,11 @@ def bag_files(path: Path, warnings: list[str]) -> list[Path]:
             "Upload the whole folder of the bag.",
         )
     return files
+
+
+def _has_part(files: Sequence[Path], part: Path) -> bool:
+    """Whether a file is among others, packed or unpacked."""
+    return any(part.name.removesuffix(".zstd") == file.name.removesuffix(".zstd") for file in files)
 
 
 def read_metadata(metadata: Path) -> dict[str, Any]:

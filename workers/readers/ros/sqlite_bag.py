@@ -42,6 +42,8 @@ class SqliteBag(Container):
         self.size = path.stat().st_size
         with self.damage():
             self.file = SqliteFile(path)
+        if self.file.log:
+            self.warnings.append(f"{self.file.log} was read with {path.name}: recording was interrupted.")
         with on_error(self.file.close), self.damage():
             self.ids, self.topics = self._read_topics()
 

@@ -3,6 +3,9 @@
 What a schema says is run by whoever reads: a view, a generated column or a virtual table is a program of the file's
 owner. Pages may name each other in a circle, and rows may share their pages. So the schema is looked at before any
 table is, queries end by a deadline, and no more is taken out of a file than it has bytes.
+
+A recorder that was interrupted leaves messages in a write-ahead log beside the file. SQLite reads both from copies in
+a scratch folder, because it writes an index of the log beside them.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from typing import Any, Final
 from workers.readers.damage import on_error
 from workers.readers.progress import beat
 from workers.readers.recording import ReadError
+from workers.readers.trees.scratch import Scratch
 
 MAX_VALUE_BYTES: Final = 256 * 1024**2
 # Processor time from one row to the next: counting two million messages took 0.39 s, and nothing else takes longer.
@@ -51,6 +55,7 @@ class SqliteFile:
         most_rows: more than this the file has no room for.
         page_bytes: size of a page.
         is_cut: whether the file ends before its last page does. SQLite reads zeros for what is missing of a page.
+        log: name of the write-ahead log that is read with the file, empty where there is none.
 
     Raises:
         ReadError: ``sqlite_not_plain``, the file holds views, triggers or virtual tables.
@@ -59,16 +64,22 @@ class SqliteFile:
 
     def __init__(self, path: Path) -> None:
         self._name = path.name
-        self._size = path.stat().st_size
+        self._scratch = Scratch(path.name)
+        log = log_of(path)
+        self.log = log.name if log else ""
+        self._size = path.stat().st_size + (log.stat().st_size if log else 0)
         self.most_rows = self._size // _ROW_BYTES + 1
         self._since = time.process_time()
         self._late = False
         self.page_bytes, pages = _pages(path)
-        self.is_cut = self._size < pages * self.page_bytes or self._size % self.page_bytes != 0
-        # A bag is uploaded alone: a journal beside it would be another file's.
-        uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
-        self._db = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
-        with on_error(self._db.close):
+        # With a log the number of pages in the file's head may be an older one.
+        self.is_cut = not log and (self._size < pages * self.page_bytes or self._size % self.page_bytes != 0)
+        with on_error(self._scratch.close):
+            if log:
+                path, log = self._copied(path), self._copied(log)
+            uri = f"{path.absolute().as_uri()}?mode=ro{'' if log else '&immutable=1'}"
+            self._db = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
+        with on_error(self.close):
             for limit, value in _LIMITS.items():
                 self._db.setlimit(limit, value)
             self._db.set_progress_handler(self._overdue, _STEPS)
@@ -80,6 +91,10 @@ class SqliteFile:
                 self._db.execute(f"PRAGMA {pragma}")
             self.columns = self._ordinary_tables()
         self._db.set_authorizer(_permitted)
+
+    def _copied(self, file: Path) -> Path:
+        with file.open("rb") as stream:
+            return self._scratch.write(stream, file.name)
 
     def _overdue(self) -> bool:
         beat()
@@ -132,8 +147,15 @@ class SqliteFile:
             raise
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, and remove its copy."""
         self._db.close()
+        self._scratch.close()
+
+
+def log_of(path: Path) -> Path | None:
+    """The write-ahead log beside an SQLite file, if it holds anything."""
+    log = path.with_name(f"{path.name}-wal")
+    return log if log.is_file() and not log.is_symlink() and log.stat().st_size else None
 
 
 def _pages(path: Path) -> tuple[int, int]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import posixpath
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -28,10 +27,14 @@ from workers.readers.trees.file_times import (
     without_times,
 )
 from workers.readers.trees.file_tree import FileTree, read_file, read_head, refused
-from workers.readers.trees.series import Series, find_series, is_sensor_file, stem_and_number
+from workers.readers.trees.scratch import packing_of
+from workers.readers.trees.series import Series, find_series, is_sensor_file
+from workers.readers.trees.split_files import join_split
 
 _BAG_FOLDER: Final = "metadata.yaml"
 _BAG_FILES: Final = {".db3": SQLITE, ".mcap": MCAP}
+# A write-ahead log beside an SQLite file, and its index.
+_LOGS: Final = (".db3-wal", ".db3-shm")
 _VIDEO: Final = "workers.readers.images.video"
 _CAPTURE: Final = "workers.readers.captures.pcap"
 # Of KITTI's raw layout: `_KITTI_STARTS` is there where stamps are the moments at which the LiDAR looks ahead.
@@ -105,6 +108,7 @@ def look_into(tree: FileTree) -> TreeContents:
     """What a tree holds, by the files' names and first bytes."""
     contents = TreeContents()
     paths = tree.paths
+    every = frozenset(paths)
     bags = _bag_folders(paths)
     sensor_files: list[str] = []
     for path in paths:
@@ -117,7 +121,7 @@ def look_into(tree: FileTree) -> TreeContents:
         elif is_sensor_file(path):
             sensor_files.append(path)
         elif name not in _TIMES:
-            _look_inside(tree, path, contents, sensor_files)
+            _look_inside(tree, path, contents, sensor_files, every)
     contents.series = find_series(sensor_files)
     beside = {_table_beside(path) for path, format_ in contents.sources.items() if format_.module == _VIDEO}
     contents.others = [path for path in contents.others if path not in beside]
@@ -151,11 +155,19 @@ def _bag_format(tree: FileTree, file: str) -> FileFormat:
     return format_
 
 
-def _look_inside(tree: FileTree, path: str, contents: TreeContents, sensor_files: list[str]) -> None:
+def _look_inside(
+    tree: FileTree, path: str, contents: TreeContents, sensor_files: list[str], every: Collection[str]
+) -> None:
     head = read_head(tree, path, HEAD_BYTES)
     format_ = format_of(head)
+    plain = path.removesuffix(".zstd")
+    if plain != path and PurePosixPath(plain).suffix in _BAG_FILES and packing_of(head) == "zstd":
+        # `ros2 bag play` leaves the unpacked file beside the packed one.
+        format_ = None if plain in every else format_of(_BAG_FILES[PurePosixPath(plain).suffix])
     if format_ is not None:
         contents.sources[path] = format_
+    elif path.endswith(_LOGS) and path.rpartition("-")[0] in every:
+        pass
     elif path.lower().endswith(".csv") and is_times_table(head):
         contents.tables.append(path)
     elif path.lower().endswith(".csv") and is_cloud_table(head):
@@ -172,6 +184,7 @@ def _open_parts(
     tree: FileTree, contents: TreeContents, options: ReadOptions, parts: list[TreePart], warnings: list[str]
 ) -> None:
     """Open all sources; ``parts`` holds what is open although one of them cannot be read."""
+    every = frozenset(tree.paths)
     tables = {path: read_file(tree, path) for path in contents.tables}
     if beside := strays(contents.series, listed_times(tables)):
         contents.others += beside
@@ -188,12 +201,14 @@ def _open_parts(
             metadata = {name: read_file(tree, name) for name in contents.metadata}
             recording = PcapRecording(tree.on_disk(path), options, metadata)
         else:
+            if f"{path}-wal" in every:
+                tree.on_disk(f"{path}-wal")
             recording = format_.open(tree.on_disk(path), options)
         parts.append(TreePart(recording, _below(path, top)))
     for series in contents.series:
         series.name = _series_name(series, top)
     parts += _open_series(tree, contents.series, tables, options, parts, warnings)
-    parts[:] = _join_split(parts, options)
+    parts[:] = join_split(parts, options)
 
 
 def _open_series(
@@ -240,26 +255,6 @@ def _kitti_table(series: Series, every_path: Collection[str]) -> str | None:
     folder = PurePosixPath(series.folder)
     parents = (folder, folder.parent) if folder.name == "data" else (folder,)
     return next((path for parent in parents if (path := (parent / KITTI_NAME).as_posix()) in every_path), None)
-
-
-def _join_split(parts: Sequence[TreePart], options: ReadOptions) -> list[TreePart]:
-    """Bags that were split while they were recorded (``walk_0.bag``, ``walk_1.bag``) as one."""
-    series: dict[object, list[TreePart]] = {}
-    for part in parts:
-        sensors = part.recording.sensors
-        stem, number = stem_and_number(part.label)
-        topics = frozenset((sensor.kind, sensor.name) for sensor in sensors)
-        split = number and topics and all(sensor.name.startswith("/") for sensor in sensors)
-        key = (posixpath.dirname(part.label), stem, part.recording.format, topics) if split else part
-        series.setdefault(key, []).append(part)
-    joined: list[TreePart] = []
-    for group in series.values():
-        group.sort(key=lambda part: (len(part.label), part.label))
-        if len(group) > 1:
-            split = import_module("workers.readers.ros.topics").SplitBag([part.recording for part in group], options)
-            group[0] = TreePart(split, group[0].label)
-        joined.append(group[0])
-    return joined
 
 
 def _open_video(tree: FileTree, path: str, options: ReadOptions, tables: Mapping[str, bytes]) -> Recording:
