@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from uuid import UUID
 
-from sqlalchemy import Select, exists, func, or_, select
+from sqlalchemy import Row, Select, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.calibrations import CalibrationTemplate
@@ -27,6 +28,7 @@ from service.platform.db.detections import Detection
 from service.platform.db.fleets import Rig
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import Recording, Sensor
+from service.platform.db.rounds import one_by_one
 from service.platform.db.session import Database
 from service.platform.http.problems import Problem
 from service.recordings.queries import find_camera
@@ -55,17 +57,21 @@ def queue_due_fits(database: Database) -> None:
     with database.reading() as session:
         is_busy = select(exists().where(Job.queue == "solve", Job.state.in_(UNENDED)))
         due = [] if session.scalar(is_busy) else session.execute(_due()).all()
-    for detection_id, camera, answered in due:
-        with database.reading() as session:
-            detection = session.get(Detection, detection_id)
-            if detection is None:
-                continue
-            try:
-                row = _question(session, detection, camera, answered)
-            except (Problem, DocumentError) as error:
-                row = _refusal(session, detection, camera, answered, error)
-        with database.writing() as session:
-            _keep(session, row)
+    one_by_one("the fit of", due, partial(_queue_fit, database))
+
+
+def _queue_fit(database: Database, due: Row[UUID, str, int]) -> None:
+    detection_id, camera, answered = due
+    with database.reading() as session:
+        detection = session.get(Detection, detection_id)
+        if detection is None:
+            return
+        try:
+            row = _question(session, detection, camera, answered)
+        except (Problem, DocumentError) as error:
+            row = _refusal(session, detection, camera, answered, error)
+    with database.writing() as session:
+        _keep(session, row)
 
 
 def _due() -> Select[UUID, str, int]:

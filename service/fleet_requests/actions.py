@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from math import ceil
 from uuid import UUID
 
@@ -21,6 +22,7 @@ from service.platform.db.base import new_id, state_literal
 from service.platform.db.clock import now, utc_now
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Fleet, Vehicle
+from service.platform.db.rounds import one_by_one
 from service.platform.db.session import Database
 from service.platform.observability import request_ids
 
@@ -75,22 +77,29 @@ def ask(session: Session, fleet: Fleet, body: FleetRequestBody, person_id: UUID)
 
 
 def make_parts(database: Database) -> None:
-    """Make the calibrations that fleet requests still lack: a part of each request at a time."""
+    """Make the calibrations that fleet requests still lack: a part of each request at a time.
+
+    A request that fails waits for the next round.
+    """
     due = select(FleetRequestVehicle.id).where(_IS_DUE, FleetRequestVehicle.fleet_request_id == FleetRequest.id)
     waits = select(FleetRequest.id).where(FleetRequest.state == state_literal(RequestState.RUNNING), due.exists())
+    failed: set[UUID] = set()
     while True:
         with database.reading() as session:
-            requests = session.scalars(waits.order_by(FleetRequest.id)).all()
+            requests = session.scalars(waits.where(FleetRequest.id.not_in(failed)).order_by(FleetRequest.id)).all()
         if not requests:
             return
-        for request_id in requests:
-            with database.reading() as session:
-                planned = _plan_part(session, session.get_one(FleetRequest, request_id))
-            # Planning takes most of the time, and nobody waits for it: SQLite has one writer.
-            with database.writing() as session:
-                row = session.get_one(FleetRequest, request_id)
-                with request_ids.working_for(row.request_id):
-                    _insert_part(session, row, planned)
+        one_by_one("fleet request", requests, partial(_make_part, database), failed)
+
+
+def _make_part(database: Database, request_id: UUID) -> None:
+    with database.reading() as session:
+        planned = _plan_part(session, session.get_one(FleetRequest, request_id))
+    # Planning takes most of the time, and nobody waits for it: SQLite has one writer.
+    with database.writing() as session:
+        row = session.get_one(FleetRequest, request_id)
+        with request_ids.working_for(row.request_id):
+            _insert_part(session, row, planned)
 
 
 def preview(session: Session, fleet: Fleet, body: FleetRequestBody) -> DryRunView:

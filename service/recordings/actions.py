@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, delete, false, or_, select, update
+from sqlalchemy import ColumnElement, delete, false, or_, select, true, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
@@ -22,7 +22,7 @@ from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.fleets import Rig, Vehicle
 from service.platform.db.recordings import LAYERS, Blob, PackedSweeps, Recording, Sensor, UploadPart
 from service.platform.db.session import put
-from service.platform.http.problems import Problem, conflict
+from service.platform.http.problems import Problem, conflict, not_found
 from service.platform.jobs.queue import abandon
 from service.platform.storage.blobs import condemn, sensor_keys
 from service.platform.storage.errors import EXPIRED
@@ -47,11 +47,13 @@ class _Origin:
     calibrations: ColumnElement[bool]
 
 
-def delete_recording(session: Session, recording_id: UUID, *, with_published: bool) -> None:
+def delete_recording(
+    session: Session, recording_id: UUID, *, with_published: bool, which: ColumnElement[bool] | None = None
+) -> None:
     """Delete a recording, its marks, detections, correspondence sets and every calibration that used them.
 
     Raises :class:`Problem` 409 ``calibration_in_use`` where one of these calibrations is a vehicle's current one
-    or an alias leads to it, unless ``with_published``.
+    or an alias leads to it, unless ``with_published``; 404 where it is none of ``which`` once it is locked.
     """
 
     def subjects(session: Session) -> Sequence[UUID]:
@@ -68,7 +70,9 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     )
     # Jobs first, as workers lock them before the rows that they work for; then again, for one made meanwhile.
     abandon(session, _subjects(session, origin))
-    session.execute(select(Recording.id).where(Recording.id == recording_id).with_for_update())
+    own = select(Recording.id).where(Recording.id == recording_id, true() if which is None else which)
+    if session.scalar(own.with_for_update()) is None and which is not None:
+        raise not_found()
     _delete_descent(session, origin, with_published=with_published)
     parts = session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id))
     condemn(session, [*parts, *sensor_keys(session, recording_id)])

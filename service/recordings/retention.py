@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from functools import partial
 from uuid import UUID
 
-from sqlalchemy import Select, delete, exists, func, or_, select
-from sqlalchemy.exc import OperationalError
+from sqlalchemy import ColumnElement, Select, delete, exists, func, literal, or_, select
 from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.states import UNENDED, RecordingState
@@ -19,6 +20,7 @@ from service.platform.db.detections import Detection
 from service.platform.db.fleets import Fleet
 from service.platform.db.jobs import Job
 from service.platform.db.recordings import LAYERS, Recording, UploadPart
+from service.platform.db.rounds import one_by_one
 from service.platform.db.session import Database
 from service.platform.http.problems import Problem
 from service.platform.storage.blobs import condemn
@@ -27,6 +29,7 @@ from service.recordings.upload_actions import EXPIRED
 
 log = logging.getLogger(__name__)
 
+_OVERDUE = (Recording.retain_until < now()) & or_(Recording.kept_until.is_(None), Recording.kept_until < now())
 _LATE = (Recording.state == RecordingState.UPLOADING) & (Recording.expires_at < now())
 _DAY_S = 86400.0
 _TOLD_S = 7 * _DAY_S
@@ -42,19 +45,8 @@ def delete_overdue(database: Database) -> int:
     """
     # All of them: of a part, those that stay would be looked at again and again, and the others never.
     with database.reading() as session:
-        is_due = or_(Recording.kept_until.is_(None), Recording.kept_until < now())
-        ended = select(Recording.id).where(Recording.retain_until < now(), is_due).order_by(Recording.retain_until)
-        overdue = session.scalars(ended).all()
-    deleted = 0
-    for recording_id in overdue:
-        try:
-            deleted += _delete(database, recording_id)
-        except OperationalError as error:
-            # A deadlock, or a database that is busy: the others need not wait for the next round too.
-            log.warning(
-                "recording %s, whose retention has ended, is left for the next time: %s", recording_id, error.orig
-            )
-    return deleted
+        overdue = session.scalars(select(Recording.id).where(_OVERDUE).order_by(Recording.retain_until)).all()
+    return sum(one_by_one("recording", overdue, partial(_delete, database)))
 
 
 def remove_old_layers(database: Database) -> int:
@@ -63,28 +55,40 @@ def remove_old_layers(database: Database) -> int:
     What is being read, packed, detected or copied at the moment waits for the next round.
     """
     with database.reading() as session:
-        overdue = [
-            (id, count)
-            for fleet_id, days in _fleets(session)
-            for count, layer in reversed(list(enumerate(LAYERS, 1)))
-            if layer in days
-            for id in session.scalars(_with_layer(fleet_id, count, days[layer])).all()
-        ]
-    removed = 0
-    for recording_id, count in overdue:
-        with database.writing() as session:
-            row = session.get(Recording, recording_id, with_for_update=True)
-            if row is not None and row.layers_gone < count:
-                remove_layers(session, row, count)
-                hint(session, row.fleet_id, "recording", row.id)
-                removed += 1
-    return removed
+        overdue = [id for fleet_id in _fleets(session) for id in dict(_old_layers(session, fleet_id))]
+    return sum(one_by_one("recording", overdue, partial(_remove_layers, database)))
 
 
-def _fleets(session: Session) -> list[tuple[UUID, Json]]:
-    """Fleets whose recordings have layers that go, each with its days."""
-    rows = session.execute(select(Fleet.id, Fleet.retention).where(Fleet.retention.is_not(None)))
-    return [(id, days or {}) for id, days in rows]
+def _remove_layers(database: Database, recording_id: UUID) -> bool:
+    with database.writing() as session:
+        row = session.get(Recording, recording_id, with_for_update=True)
+        counts = row and _old_layers(session, row.fleet_id, Recording.id == recording_id)
+        if not row or not counts:
+            return False
+        remove_layers(session, row, max(counts)[1])
+        hint(session, row.fleet_id, "recording", row.id)
+    return True
+
+
+def _fleets(session: Session) -> Sequence[UUID]:
+    """Fleets of which something goes."""
+    return session.scalars(select(Fleet.id).where(Fleet.retention.is_not(None))).all()
+
+
+def _days(session: Session, fleet_id: UUID) -> Json:
+    """After how many days what goes."""
+    return session.scalar(select(Fleet.retention).where(Fleet.id == fleet_id)) or {}
+
+
+def _old_layers(session: Session, fleet_id: UUID, *which: ColumnElement[bool]) -> list[tuple[UUID, int]]:
+    """Recordings, each with the number of a layer whose time has ended."""
+    days = _days(session, fleet_id)
+    layers = [(count, days[layer]) for count, layer in enumerate(LAYERS, 1) if layer in days]
+    return [
+        (id, count)
+        for count, age in layers
+        for id in session.scalars(_with_layer(fleet_id, count, age).where(*which)).all()
+    ]
 
 
 def _with_layer(fleet_id: UUID, count: int, days: float) -> Select[UUID]:
@@ -107,40 +111,44 @@ def _with_layer(fleet_id: UUID, count: int, days: float) -> Select[UUID]:
 def delete_old_imports(database: Database) -> int:
     """Delete imported pairs whose time has ended in their fleet, with their calibrations; how many.
 
-    Those of which anything was ever published stay, and those that were brought or calibrated again since.
+    Those of whose calibrations anything was ever published stay, and those that were brought or calibrated again
+    since.
     """
     with database.reading() as session:
-        old = [
-            set_id
-            for fleet_id, days in _fleets(session)
-            if "pairs" in days
-            for set_id in session.scalars(_old_imports(fleet_id, days["pairs"])).all()
-        ]
-    for set_id in old:
-        with database.writing() as session:
-            row = session.get(CorrespondenceSet, set_id)
-            if row is not None:
-                delete_set(session, row)
-    return len(old)
+        old = [id for fleet_id in _fleets(session) for id in session.scalars(_old_imports(session, fleet_id)).all()]
+    return sum(one_by_one("set of pairs", old, partial(_delete_import, database)))
 
 
-def _old_imports(fleet_id: UUID, days: float) -> Select[UUID]:
-    before = now(-_DAY_S * days)
+def _delete_import(database: Database, set_id: UUID) -> bool:
+    with database.writing() as session:
+        row = session.get(CorrespondenceSet, set_id, with_for_update=True)
+        own = CorrespondenceSet.id == set_id
+        if row is None or session.scalar(_old_imports(session, row.fleet_id).where(own)) is None:
+            return False
+        delete_set(session, row)
+    return True
+
+
+def _old_imports(session: Session, fleet_id: UUID) -> Select[UUID]:
+    days = _days(session, fleet_id).get("pairs")
+    before = now(-_DAY_S * (days or 0.0))
     used = aliased(CorrespondenceSet)
     # A selection goes with the set that it is of.
     runs = (
-        select(CalibrationRun.id)
+        select(CalibrationRun.calibration_id)
         .join(used, used.id == CalibrationRun.set_id)
         .where(or_(used.id == CorrespondenceSet.id, used.whole_id == CorrespondenceSet.id))
         .correlate(CorrespondenceSet)
     )
     published = select(Publication.id).join(Result, Publication.result_id == Result.id)
     return select(CorrespondenceSet.id).where(
+        literal(days is not None),
         CorrespondenceSet.fleet_id == fleet_id,
         CorrespondenceSet.source == "import",
         func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at) < before,
         ~runs.where(CalibrationRun.created_at > before).exists(),
-        ~published.where(Result.run_id.in_(runs)).exists(),
+        # They go with the set: also what one published for a camera that has other pairs.
+        ~published.where(Result.calibration_id.in_(runs)).exists(),
     )
 
 
@@ -151,7 +159,7 @@ def expire_uploads(database: Database) -> int:
     """
     with database.reading() as session:
         late = session.scalars(select(Recording.id).where(_LATE).order_by(Recording.expires_at)).all()
-    return sum(_expire(database, recording_id) for recording_id in late)
+    return sum(one_by_one("upload", late, partial(_expire, database)))
 
 
 def _expire(database: Database, recording_id: UUID) -> bool:
@@ -179,15 +187,15 @@ def _expire(database: Database, recording_id: UUID) -> bool:
 def _delete(database: Database, recording_id: UUID) -> bool:
     try:
         with database.writing() as session:
-            row = session.get(Recording, recording_id)
-            if row is None:
+            fleet_id = session.scalar(select(Recording.fleet_id).where(Recording.id == recording_id))
+            if fleet_id is None:
                 return False
-            hint(session, row.fleet_id, "recording", recording_id)
-            session.expunge(row)
-            delete_recording(session, recording_id, with_published=False)
+            hint(session, fleet_id, "recording", recording_id)
+            delete_recording(session, recording_id, with_published=False, which=_OVERDUE)
     except Problem:
         with database.writing() as session:
-            row = session.get(Recording, recording_id, with_for_update=True)
+            mine = select(Recording).where(Recording.id == recording_id, _OVERDUE)
+            row = session.scalars(mine.with_for_update()).first()
             if row is not None:
                 row.kept_until = session.scalars(select(now(_DAY_S))).one()
             if row is not None and _WAITS not in row.warnings:

@@ -13,7 +13,13 @@ from apexcal.documents.people import ChangedMember, Invitation, Member, NewInvit
 from apexcal.documents.roles import rank
 from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.auth.credential_actions import end_credentials
-from service.platform.auth.member_rules import check_may_give, check_may_sign_in_as, find_member, hold_to_give
+from service.platform.auth.member_rules import (
+    check_leaves_an_admin,
+    check_may_give,
+    check_may_sign_in_as,
+    find_member,
+    hold_to_give,
+)
 from service.platform.auth.session_actions import make_link
 from service.platform.broker.hints import hint
 from service.platform.db.base import new_id
@@ -42,8 +48,10 @@ def patch_member(id: UUID, person_id: UUID, body: NewRole, access: WriteAccess) 
     """Give a member another role. A higher one ends their sessions, links and tokens; an admin makes a new link."""
     access.find(Fleet, id, "admin")
     hold_to_give(access, person_id)
-    access.need(id, "admin")
+    access.find(Fleet, id, "admin", lock=True)
     membership, person = find_member(access, id, person_id)
+    if body.role != "admin":
+        check_leaves_an_admin(access, membership, person)
     # An owner has every right in every fleet already, whatever their role.
     is_raised = rank(body.role) > rank(membership.role) and not person.is_owner
     membership.role = body.role
@@ -57,8 +65,9 @@ def patch_member(id: UUID, person_id: UUID, body: NewRole, access: WriteAccess) 
 @router.delete("/fleets/{id}/members/{person_id}", status_code=204)
 def delete_member(id: UUID, person_id: UUID, access: WriteAccess) -> None:
     """Take a person out of a fleet. What they marked stays."""
-    access.find(Fleet, id, "admin")
-    membership, _ = find_member(access, id, person_id)
+    access.find(Fleet, id, "admin", lock=True)
+    membership, person = find_member(access, id, person_id)
+    check_leaves_an_admin(access, membership, person)
     access.session.delete(membership)
     hint(access.session, id, "member", person_id)
 

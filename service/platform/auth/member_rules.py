@@ -13,7 +13,7 @@ from apexcal.documents.roles import Role, rank
 from service.platform.auth.access import Access
 from service.platform.auth.credential_actions import hold
 from service.platform.db.people import Membership, Person
-from service.platform.http.problems import forbidden, not_found
+from service.platform.http.problems import conflict, forbidden, not_found
 
 # Engineers may invite people who mark and review; higher roles take an admin.
 _ENGINEER_INVITES: Role = "reviewer"
@@ -42,6 +42,23 @@ def find_member(access: Access, fleet_id: UUID, person_id: UUID) -> tuple[Member
     if row is None:
         raise not_found()
     return row[0], row[1]
+
+
+def check_leaves_an_admin(access: Access, membership: Membership, person: Person) -> None:
+    """Raises :class:`Problem` 409 ``last_admin`` where the fleet, whose row is locked, has no other admin.
+
+    An owner, who makes fleets without members and may appoint an admin at any time, may take the last one away.
+    """
+    others = select(Membership.person_id).where(
+        Membership.fleet_id == membership.fleet_id, Membership.role == "admin", Membership.person_id != person.id
+    )
+    is_last = membership.role == "admin" and access.session.scalar(others.limit(1)) is None
+    if is_last and not access.identity.sees_all:
+        raise conflict(
+            "last_admin",
+            f"{person.name} is the only admin of this fleet: nobody in it could change roles any more.",
+            "Make another member admin first.",
+        )
 
 
 def hold_to_give(access: Access, *others: UUID) -> None:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from functools import partial
 
 from sqlalchemy import ColumnElement, exists, or_, select, tuple_, update
-from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
@@ -19,6 +18,7 @@ from service.platform.db.base import Json, state_literal
 from service.platform.db.clock import now
 from service.platform.db.fleets import Fleet
 from service.platform.db.jobs import Heartbeat, Job
+from service.platform.db.rounds import is_away
 from service.platform.db.session import Database, post, put
 from service.platform.jobs.history import tally
 from service.platform.jobs.kinds import kinds
@@ -63,8 +63,7 @@ def sweep(database: Database, store: Store, gets_on: Callable[[], None] = lambda
         try:
             step()
         except Exception as error:
-            # Without a statement: no connection could be opened.
-            if isinstance(error, DBAPIError) and (error.connection_invalidated or error.statement is None):
+            if is_away(error):
                 raise
             log.exception("a step of the sweep failed")
             failures.append(error)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, NamedTuple
 from uuid import UUID
 
@@ -21,6 +22,7 @@ from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.fleets import Fleet, Rig, RigCamera
 from service.platform.db.people import IdempotencyKey
 from service.platform.db.recordings import Blob, PackedSweeps, Recording, Sensor, UploadPart
+from service.platform.db.rounds import one_by_one
 from service.platform.db.session import Database
 
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
@@ -84,10 +86,14 @@ def count_rows(database: Database) -> None:
     """Count what each fleet's rows take, each fleet in its own transaction."""
     with database.reading() as session:
         fleets = session.scalars(select(Fleet.id).order_by(Fleet.id)).all()
-        counted = {id: _row_bytes(session, id) for id in fleets}
-    for id, size in counted.items():
-        with database.writing() as session:
-            session.execute(update(Fleet).where(Fleet.id == id, Fleet.row_bytes != size).values(row_bytes=size))
+    one_by_one("fleet", fleets, partial(_count_rows, database))
+
+
+def _count_rows(database: Database, fleet_id: UUID) -> None:
+    with database.reading() as session:
+        size = _row_bytes(session, fleet_id)
+    with database.writing() as session:
+        session.execute(update(Fleet).where(Fleet.id == fleet_id, Fleet.row_bytes != size).values(row_bytes=size))
 
 
 def take_rows(session: Session, fleet_id: UUID, size: int, default: int) -> None:

@@ -7,7 +7,8 @@ from uuid import UUID, uuid4
 import pytest
 from sqlalchemy import select, update
 
-from service.platform.db.models import Calibration, CalibrationRun, Fleet, FleetRequest, Job
+from service.fleet_requests.actions import make_parts
+from service.platform.db.models import Calibration, CalibrationRun, Fleet, FleetRequest, FleetRequestVehicle, Job
 from service.platform.db.session import Database
 from service.platform.settings import get_settings
 from tests.support.work import work
@@ -210,3 +211,16 @@ def test_a_request_that_takes_the_farm_for_days_is_refused(api, vans: Vans, monk
     assert vans.ask({"name": "van 1"}, **body).status_code == 202
     with api.database.reading() as session:
         assert len(session.scalars(select(FleetRequest.id)).all()) == 1
+
+
+def test_a_request_that_cannot_go_on_keeps_no_other_from_it(api, vans: Vans):
+    vans.add("a"), vans.add("b")
+    broken, whole = (vans.ask({"name": name}).json() for name in ("a", "b"))
+    with api.database.writing() as session:
+        session.execute(update(FleetRequestVehicle).values(calibration_id=None))
+        session.get_one(FleetRequest, UUID(broken["id"])).asked = {}
+    make_parts(api.database)
+    with api.database.reading() as session:
+        columns = (FleetRequestVehicle.fleet_request_id, FleetRequestVehicle.calibration_id)
+        begun = dict(iter(session.execute(select(*columns))))
+    assert begun[UUID(whole["id"])] is not None and begun[UUID(broken["id"])] is None

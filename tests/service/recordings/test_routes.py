@@ -269,12 +269,12 @@ def test_what_stays_does_not_keep_the_rest(api: Api, monkeypatch) -> None:
     with api.database.writing() as session:
         ids = [add(session, Recording, rig, state="ready", retain_until=late).id for _ in range(101)]
 
-    def delete_only_the_last(session, recording_id, *, with_published):
+    def delete_only_the_last(session, recording_id, **terms):
         if recording_id == ids[0]:
             raise OperationalError("DELETE", {}, Exception("deadlock detected"))
         if recording_id != ids[-1]:
             raise Problem(409, "calibration_in_use", "It is in use.")
-        delete_recording(session, recording_id, with_published=with_published)
+        delete_recording(session, recording_id, **terms)
 
     monkeypatch.setattr(retention, "delete_recording", delete_only_the_last)
     assert delete_overdue(api.database) == 1

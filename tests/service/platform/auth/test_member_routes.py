@@ -1,13 +1,17 @@
 """Invitations, members and tokens: nobody hands out more than they have."""
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from typing import Any
 
 import pytest
 from sqlalchemy import select, update
 
 from service.platform.db.clock import utc_now
 from service.platform.db.people import ApiToken, IdempotencyKey, Membership
-from tests.support.people import Api
+from tests.support.databases import wait_until_one_waits
+from tests.support.people import Actor, Api
 
 
 @pytest.mark.parametrize(
@@ -71,6 +75,31 @@ def test_members_are_listed_changed_and_removed(api: Api) -> None:
     assert (lowered["role"], lowered["ended"]) == ("annotator", None)
     assert admin.delete(path).status_code == 204
     assert admin.delete(path).status_code == 404
+
+
+def test_a_fleet_keeps_an_admin(api: Api) -> None:
+    fleet = api.fleet()
+    admin, other, owner = api.member(fleet, "admin", "Ada"), api.member(fleet, "engineer"), api.owner()
+    mine, theirs = (f"/fleets/{fleet}/members/{who.person_id}" for who in (admin, other))
+    for answer in (admin.delete(mine), admin.patch(mine, {"role": "engineer"})):
+        assert (answer.status_code, answer.json()["code"]) == (409, "last_admin") and "Ada" in answer.text
+    assert admin.patch(mine, {"role": "admin"}).status_code == 200
+    assert admin.patch(theirs, {"role": "admin"}).status_code == 200
+    assert admin.patch(mine, {"role": "engineer"}).status_code == 200, "there is another"
+    assert owner.delete(theirs).status_code == 204, "who may appoint an admin again"
+
+
+@pytest.mark.parametrize("step_down", [Actor.delete, lambda who, path: who.patch(path, {"role": "viewer"})])
+def test_of_two_admins_who_leave_at_once_one_stays(api: Api, step_down: Callable[[Actor, str], Any]) -> None:
+    fleet = api.fleet()
+    admins = [api.member(fleet, "admin") for _ in range(2)]
+    with ThreadPoolExecutor(2) as pool:
+        with api.database.writing() as session:
+            session.execute(select(Membership.role).where(Membership.fleet_id == fleet).with_for_update()).all()
+            left = [pool.submit(step_down, who, f"/fleets/{fleet}/members/{who.person_id}") for who in admins]
+            wait_until_one_waits(api.database)
+        statuses = sorted(answer.result().status_code for answer in left)
+    assert statuses in ([200, 409], [204, 409])
 
 
 def test_a_token_is_bound_to_its_fleet_and_role(api: Api) -> None:
