@@ -6,12 +6,12 @@ import inspect
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeVar, cast, get_type_hints
 
 import typer
 from pydantic import BaseModel
@@ -199,6 +199,8 @@ def locate(url: str, token: str, data: Path) -> tuple[str, str, str]:
 
 def as_document(outcome: Any) -> Any:
     """Answers of the service as they came, members that this version does not know included."""
-    if isinstance(outcome, list):
-        return [as_document(each) for each in outcome]
-    return outcome.model_dump(mode="json", exclude_unset=True) if isinstance(outcome, BaseModel) else outcome
+    if isinstance(outcome, BaseModel):
+        return outcome.model_dump(mode="json", exclude_unset=True)
+    if isinstance(outcome, Mapping):
+        return {name: as_document(each) for name, each in cast(Mapping[str, Any], outcome).items()}
+    return [as_document(each) for each in cast(list[Any], outcome)] if isinstance(outcome, list) else outcome
