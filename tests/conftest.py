@@ -31,6 +31,8 @@ from tests.support.side_by_side import pytest_collection_modifyitems, pytest_xdi
 from tests.support.statements import compile_once
 from workers.tasks.context import Context
 
+pytest_plugins = ["tests.support.draws"]
+
 _DATABASE = "apexcal"
 
 _MEMORY, _ROOM_BYTES = Path("/dev/shm"), 4 * 2**30
@@ -102,7 +104,7 @@ def s3_server() -> Iterator[S3Server]:
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
-def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+def database_url(request: pytest.FixtureRequest, tmp_path: Path, numbered_ids: None) -> Iterator[str]:
     """An empty, migrated database; every test that uses it runs on both kinds."""
     if request.param == "sqlite":
         path = tmp_path / "apexcal.db"

@@ -73,9 +73,9 @@ def calibrated(api, fleet, seed):
         f"/detections/{seed.detection_id}/correspondence-sets", {"camera": "front"}
     )
     assert built.status_code == 201, built.text
-    outlier = {"index": 0, "residual_px": 41.6875, "score": 9.0, "reason": "41.6875 px right.", "excluded": False}
-    document = fit_result(outliers=[outlier], residuals_px=[41.6875], heldout=of_block([41.6875], [0]))
-    apart = {"indices": [0, 0], "stamp_ns": 0, "distance_px": 41.6875, "sigmas": 9.0}
+    outlier = {"index": 0, "residual_px": 941.6875, "score": 9.0, "reason": "941.6875 px right.", "excluded": False}
+    document = fit_result(outliers=[outlier], residuals_px=[941.6875], heldout=of_block([941.6875], [0]))
+    apart = {"indices": [0, 0], "stamp_ns": 0, "distance_px": 941.6875, "sigmas": 9.0}
     own = {"fleet_id": fleet, "vehicle_id": seed.vehicle_id, "rig_id": seed.rig_id}
     with api.database.writing() as session:
         pairs = session.query(CorrespondenceSet).one()
@@ -112,7 +112,8 @@ def test_no_answer_of_the_service_tells_a_blind_person_anything_of_others(api, f
             assert reply(blind, task, "unsure", None, 0).status_code == 409
         assert take_back(blind, task, 2).status_code == 200
         everything_readable(blind, seed, **ids)
-    secrets = ("123.43", "77.81", "Mallory", str(one.person_id), one.person_id.hex, "41.68")
+    # Numbers that no time of day has.
+    secrets = ("123.43", "77.81", "Mallory", str(one.person_id), one.person_id.hex, "941.68")
     assert [(where, secret) for where, text in heard for secret in secrets if secret in text] == []
     assert [(where, text) for where, text in heard if '"confirmed"' in text or "judged by anybody" in text] == []
     refused = {address for address, answer in told.items() if answer.status_code == 403}

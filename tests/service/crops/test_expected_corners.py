@@ -6,10 +6,19 @@ from itertools import pairwise
 from tests.service.crops.marking import SIGMA_PX, seed_blind, seed_marks, true_pixel
 from tests.service.detections.seeding import seed_marking
 
+# Massart's bound (1990) of Kolmogorov's distance D of n draws: P(D > c / sqrt(n)) < 2 exp(-2 c^2).
+ONCE_IN_TEN_MILLION = math.sqrt(math.log(2e7) / 2.0)
+
+
+def off_uniform(draws):
+    """Kolmogorov's distance of draws from those that are alike likely anywhere between 0 and 1."""
+    ranked, n = sorted(draws), len(draws)
+    return max(max((rank + 1) / n - draw, draw - rank / n) for rank, draw in enumerate(ranked))
+
 
 def test_they_lie_about_the_machines_marks_always_alike_and_tell_nothing_of_people(api, fleet):
     ida = api.member(fleet, "annotator", "Ida")
-    seed = seed_marking(api.database, fleet, vertices=60)
+    seed = seed_marking(api.database, fleet, vertices=304)
     address = f"/detections/{seed.detection_id}/expected-corners?camera=front"
     assert ida.get(address).json() == []
     seed_marks(api.database, seed, refused=4)
@@ -18,7 +27,7 @@ def test_they_lie_about_the_machines_marks_always_alike_and_tell_nothing_of_peop
     assert ida.get(address).json() == expected
 
     ranks = {str(vertex): rank for rank, vertex in enumerate(seed.vertices)}
-    assert [ranks[one["vertex_id"]] for one in expected] == list(range(56))
+    assert [ranks[one["vertex_id"]] for one in expected] == list(range(300))
     offsets = []
     for one in expected:
         u, v = true_pixel(ranks[one["vertex_id"]])
@@ -26,7 +35,10 @@ def test_they_lie_about_the_machines_marks_always_alike_and_tell_nothing_of_peop
         # A good mark with a deviation of a pixel lies outside once in a thousand.
         beside = 3.717 * math.hypot(1.0, SIGMA_PX)
         assert math.hypot(*offsets[-1]) + beside <= one["within_px"] + 1e-3
-    lengths = sorted(math.hypot(*one) for one in offsets)
-    # Alike likely in a disc of a quarter of the crop's side, 15 px: half of them beyond 0.7 of it.
-    assert lengths[-1] <= 15.0 and 8.0 < lengths[len(lengths) // 2] < 13.0 and lengths[0] > 0.1
+    # Everywhere alike likely in a disc of a quarter of the crop's side, 15 px: so are areas and directions.
+    assert all(math.hypot(*one) <= 15.0 for one in offsets)
+    areas, turns = [(math.hypot(*one) / 15.0) ** 2 for one in offsets], [math.atan2(*one) for one in offsets]
+    assert off_uniform(areas) < ONCE_IN_TEN_MILLION / math.sqrt(300), "the machine's mark is told or all too far"
+    assert off_uniform([turn / math.tau + 0.5 for turn in turns]) < ONCE_IN_TEN_MILLION / math.sqrt(300)
+    # Within a millionth of a pixel of one another by chance: once in 10^11 runs.
     assert all(math.dist(a, b) > 1e-6 for a, b in pairwise(offsets))

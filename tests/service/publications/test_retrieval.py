@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
 from hashlib import sha256
 from uuid import UUID
 
@@ -96,7 +97,7 @@ def stranger_fleet(session):
 
 
 def _later():
-    return utc_now().replace(year=utc_now().year + 1)
+    return utc_now() + timedelta(days=365)
 
 
 def test_many_at_once_get_each_their_own(api, fleet, reviewer, viewer):

@@ -5,6 +5,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from datetime import timedelta
 from urllib.parse import urlsplit
 from uuid import UUID
 
@@ -76,9 +77,8 @@ def has_ended(stream: socket.socket) -> bool:
 def session_of(api: Api, actor: Actor) -> str:
     secret = new_secret()
     with api.database.writing() as session:
-        row = BrowserSession(secret_hash=secret_hash(secret), person_id=actor.person_id, expires_at=utc_now())
-        row.expires_at = row.expires_at.replace(year=row.expires_at.year + 1)
-        session.add(row)
+        later = utc_now() + timedelta(days=365)
+        session.add(BrowserSession(secret_hash=secret_hash(secret), person_id=actor.person_id, expires_at=later))
     return secret
 
 
