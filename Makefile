@@ -97,7 +97,8 @@ bench-annotators: setup  ## 1 to 100 people who mark one recording at once, with
 bench-marks: setup  ## the machine's marks on rendered scenes drawn wide, on scenes without a board and on real recordings, and walks calibrated from them and from people's; SHORT=1 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.marks
 
-bench-neighbours: setup  ## how long a quiet fleet waits beside noisy ones, API limited to 1 GiB, both databases; SHORT=1 for a short form
+bench-neighbours: setup  ## how long a quiet fleet waits beside noisy ones, API limited to 1 GiB, and beside a flood, both databases; SHORT=1 for a short form
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.flood
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.neighbours
 
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3

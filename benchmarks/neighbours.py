@@ -47,7 +47,7 @@ _QUIET_PAUSE_S = 0.05
 _PART_BYTES = 64 << 20
 
 
-def _fleet(house: House, name: str, seed: int) -> dict[str, str]:
+def small_fleet(house: House, name: str, seed: int) -> dict[str, str]:
     """A fleet with one vehicle, its rig and a small set of pairs: ids as texts."""
     one = one_vehicle(house.client, name, draw(1, seed)[0])
     return {"fleet": str(one.fleet), "vehicle": str(one.vehicle), "rig": str(one.rig), "set": str(one.pairs)}
@@ -250,7 +250,7 @@ def measure(database: Literal["postgresql", "sqlite"], seconds: float) -> dict[s
     with tempfile.TemporaryDirectory(prefix="apexcal-neighbours-") as folder:
         house = House(Path(folder) / "data", processes=1, database=database, api_bytes=_API_BYTES)
         try:
-            noisy, quiet = _fleet(house, "noisy", 1), _fleet(house, "quiet", 2)
+            noisy, quiet = small_fleet(house, "noisy", 1), small_fleet(house, "quiet", 2)
             frame = _large_frame(house, noisy)
             tokens = [house.person(UUID(noisy["fleet"]), role) for role in ("engineer", "engineer", "viewer")]
             with _Load(house.address, 0.0).client(tokens[0]) as client:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import sys
 import time
 from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import asynccontextmanager
@@ -193,6 +194,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         upkeep_database.couriers = app.state.database.couriers
         fanout = app.state.fanout = Fanout(settings.events, app.state.database, drain)
         current_default_thread_limiter().total_tokens = threads.OTHERS
+        sys.setswitchinterval(threads.SWITCH_S)
         tasks = (
             keep_adopting(upkeep_database, store),
             _keep_house(upkeep_database, _housework(store, settings), _UPKEEP_S),

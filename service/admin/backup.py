@@ -103,7 +103,7 @@ def _write(database: Database, store: Store, target: Path, staged: Path, report:
 def _rows(database: Database, file: Path) -> tuple[dict[str, int], list[_Named]]:
     with database.snapshot() as session:
         connection = session.connection()
-        # The checksum of a part that went straight to the store is what its sender says, until its recording was read.
+        # The checksum of a part that went straight to the store is its sender's word until its recording was read.
         is_checked = or_(UploadPart.number.is_(None), Recording.state == RecordingState.READY)
         statement = (
             select(Blob.key, Blob.size, case((is_checked, Blob.sha256)))

@@ -6,7 +6,7 @@ from uuid import UUID
 
 from apexcal.documents.imports import CalibrationFiles, ComparisonRequest, ReadFiles, StatedComparison
 from apexcal.documents.rig_proposals import ProposalRequest, RigProposal
-from service.platform.auth.access import CurrentIdentity, ReadAccess
+from service.platform.auth.access import ReadAccess
 from service.platform.db.calibrations import Result
 from service.platform.db.recordings import Recording
 from service.platform.http.router import DOCUMENT, Router
@@ -15,7 +15,7 @@ router = Router(tags=["imports"])
 
 
 @router.post("/calibration-files/reading")
-def read_calibration_files(body: CalibrationFiles, identity: CurrentIdentity) -> ReadFiles:
+def read_calibration_files(body: CalibrationFiles, access: ReadAccess) -> ReadFiles:
     """Lenses and mounts in files of ROS, OpenCV, Kalibr or KITTI, with what is implausible of them."""
     # Imported here, as below: it needs NumPy and YAML, which take a twentieth of the start.
     from service.imports.formats import files_view

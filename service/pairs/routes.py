@@ -112,10 +112,14 @@ class _Imported(NamedTuple):
     notes: list[str]
 
 
-def _importing(rig_id: UUID, request: Request, identity: CurrentIdentity) -> None:
+async def _importing(rig_id: UUID, request: Request, identity: CurrentIdentity) -> None:
     """Refuse who may not import to this rig, before the body is read."""
-    with brief_access(request, identity) as access:
-        access.find(Rig, rig_id, "engineer")
+
+    def check() -> None:
+        with brief_access(request, identity) as access:
+            access.find(Rig, rig_id, "engineer")
+
+    await request.app.state.threads.reading.run(check, caller=identity.person.id)
 
 
 async def _imported(
@@ -136,7 +140,7 @@ async def _imported(
     async with arriving.take(identity.person.id, count=(MAX_BYTES if length is None else length) // MIB + 1):
         body = await _whole_body(request)
         async with threads.memory.take(identity.person.id, _READ_TIMES * len(body)):
-            yield await run_in_threadpool(_READERS[media_type], body)
+            yield await threads.parse(_READERS[media_type], body, caller=identity.person.id)
 
 
 async def _whole_body(request: Request) -> bytes:

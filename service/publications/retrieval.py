@@ -75,8 +75,9 @@ class Retrieval:
         kind, _, token = request.headers.get("authorization", "").partition(" ")
         if kind.lower() != "bearer" or not token.startswith(TOKEN_PREFIX):
             return None
-        bindings = {"secret": secret_hash(token), "vehicle": vehicle_id, "alias": alias}
-        return digest_of(row[0] for row in await self._lookups.rows(self._for_token, bindings))
+        hashed = secret_hash(token)
+        bindings = {"secret": hashed, "vehicle": vehicle_id, "alias": alias}
+        return digest_of(row[0] for row in await self._lookups.rows(self._for_token, bindings, hashed))
 
     def _read(
         self,

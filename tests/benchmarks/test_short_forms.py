@@ -104,3 +104,9 @@ def test_a_quiet_fleet_beside_noisy_ones():
     """The machine may be five times slower. Besides, nobody gets a 5xx but 503, and the API lives."""
     for figures in _lines("neighbours", SHORT="1", LIMIT_S="5"):
         assert figures["requests"] > 50 and figures["noisy"]["calibrate 202"] > 0, figures
+
+
+def test_a_quiet_fleet_beside_a_flood():
+    """The machine may be ten times slower. Besides, the flood gets no 5xx but 503."""
+    for figures in _lines("flood", SHORT="1", LIMIT_S="3"):
+        assert figures["flood"].get("reading 422", 0) > 0, figures

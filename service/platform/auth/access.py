@@ -228,7 +228,7 @@ async def identified(request: Request) -> Identity:
     if not is_token:
         check_origin(request, request.app.state.settings.public_url)
     lookups: Lookups = request.app.state.lookups
-    rows = await lookups.rows(_valid(is_token=is_token), _named(secret))
+    rows = await lookups.rows(_valid(is_token=is_token), _named(secret), secret_hash(secret))
     identity = request.scope[_SCOPE] = _identity_of(rows, secret, is_token=is_token)
     token = {"token": str(identity.token.id)} if identity.token else {}
     say_who(person=str(identity.person.id), **token)
@@ -310,7 +310,7 @@ def brief_access(request: Request, identity: Identity) -> AbstractContextManager
 async def read_access(request: Request) -> Transaction:
     """What opens an :class:`Access` that only reads."""
     identity, database = await identified(request), request.app.state.database
-    return Transaction(partial(_accessing, database.reading, identity), writes=False, caller=identity.person.id)
+    return Transaction(partial(_accessing, database.reading, identity), writes=False)
 
 
 async def write_access(request: Request) -> Transaction:
@@ -318,7 +318,7 @@ async def write_access(request: Request) -> Transaction:
     identity, database, key = await identified(request), request.app.state.database, await request_key(request)
     if key:
         key = of_caller(key, secret_hash(identity.credential), identity.only_fleet, identity.only_role)
-    return Transaction(partial(_accessing, database.writing, identity, key), writes=True, caller=identity.person.id)
+    return Transaction(partial(_accessing, database.writing, identity, key), writes=True)
 
 
 ReadAccess = Annotated[Access, Depends(read_access)]

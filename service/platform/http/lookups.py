@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from typing import Any
+from uuid import UUID
 
 from psycopg import Error as PostgresError
 from sqlalchemy import Select
@@ -37,8 +38,13 @@ class Lookups:
         if self._loop is not None:
             await self._loop.close()
 
-    async def rows(self, statement: Select[Any], values: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
-        """Return the rows of a statement, a transaction of its own. Columns: text, numbers, truth values and ids."""
+    async def rows(
+        self, statement: Select[Any], values: Mapping[str, Any], secret_hash: str
+    ) -> Sequence[Sequence[Any]]:
+        """Return the rows of a statement, a transaction of its own. Columns: text, numbers, truth values and ids.
+
+        A credential, of which there is the hash, has all threads but one.
+        """
         if self._loop is not None:
             if statement not in self._compiled:
                 compiled = statement.compile(dialect=self._dialect)
@@ -49,7 +55,7 @@ class Lookups:
             except (PostgresError, TimeoutError):
                 # A connection may have ended. The thread's way has a new one, or says what is wrong.
                 log.info("a look at the database is repeated in a thread", exc_info=True)
-        return await self._threads.identity.run(self._look, statement, values)
+        return await self._threads.identity.run(self._look, statement, values, caller=UUID(hex=secret_hash[:32]))
 
     def _look(self, statement: Select[Any], values: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
         with self._database.alone() as connection:

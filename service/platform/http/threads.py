@@ -30,23 +30,28 @@ _MARKING = 3
 _IDENTITY = 3
 # Those that got a lock too late once: rows that somebody holds for long have no more threads than these.
 _LOCKED = 2
+# So many readers parse what came with a request, such as a file of 60 kB, for up to 0.4 s each.
+_PARSERS = 2
 # Those with more than 8 MiB in hand. Three sets of 100,000 pairs at once, of three people; four calls at most.
 _HEAVY = 4
 _HEAVY_MIB = 216
 # Those with less: most wait for who sends or takes bytes, such as 4 MiB of a frame.
 _LIGHT = 64
-# All else, such as imported pairs and upkeep. It is anyio's own limit, 40 by default.
+# All else, such as upkeep. It is anyio's own limit, 40 by default.
 OTHERS = 6
 # A connection for each thread: nobody waits for one.
 CONNECTIONS = _READERS + _WRITERS + _MARKING + _IDENTITY + _LOCKED + _HEAVY + OTHERS
 # So long does a request wait for threads and locks together. Rows are locked for milliseconds. Sixty who wait for one
 # row ask within a second and hear within half a second, so that the last has its answer well before 6 s.
 WAIT_S = 4.0
-# So long for memory. Clients and proxies wait longer for an answer.
+# So long for memory and for parsers. Clients and proxies wait longer for an answer.
 MEMORY_WAIT_S = 30.0
 # So long does one try wait for one lock. PostgreSQL may let a statement wait twice for a row: behind others who wait,
 # then for its holder.
 LOCK_S = 0.1
+# So long does a thread that computes keep the interpreter from others. A request comes back to it some 25 times: with
+# Python's own 5 ms it took 0.13 s beside one that parses.
+SWITCH_S = 0.0005
 # Between two tries, in case the database refuses a lock at once.
 _PAUSE_S = 0.02
 
@@ -127,7 +132,17 @@ class Threads:
     def __init__(self) -> None:
         self.memory = memory = Memory()
         locked = Lane(_LOCKED, 1)
-        self.reading = Lane(_READERS, None, locked, memory)
+        self.reading = Lane(_READERS, _READERS // 2, locked, memory)
         self.writing = Lane(_WRITERS, _WRITERS // 2, locked, memory)
         self.marking = Lane(_MARKING, 1, locked, memory)
-        self.identity = Lane(_IDENTITY)
+        self.identity = Lane(_IDENTITY, _IDENTITY - 1)
+        # Who is refused comes again: 64 at once, every 4 s, kept the event loop from others for half a second.
+        self._parsers = ConcurrencyLimiter(_PARSERS, 1, MEMORY_WAIT_S)
+
+    async def parse(self, call: Callable[..., ValueT], *args: Any, caller: UUID) -> ValueT:
+        """Return what ``call`` returns, which reads bytes that came with a request. One of a person is read at once.
+
+        Raises as :meth:`Lane.run`.
+        """
+        async with self._parsers.take(caller):
+            return await self.reading.run(call, *args, caller=caller)
