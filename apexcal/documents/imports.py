@@ -19,6 +19,8 @@ ImportFormat = Literal[
     "euroc",
     "kitti",
     "fast_livo2",
+    "camodocal",
+    "orb_slam",
     "direct_visual",
     "sensors_calibration",
 ]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from service.imports.contents import Contents, FileCamera, FileLens, image_size, numbers, refused
+from service.imports.members import without_distortion
 
 
 def is_camera_info(document: Mapping[str, Any]) -> bool:
@@ -19,7 +20,10 @@ def read_camera_info(name: str, document: Mapping[str, Any]) -> Contents:
     if width is None or height is None:
         raise refused(f"{name} says no image size.", "It has image_width and image_height, or width and height.")
     K = numbers(f"K of {name}", _first(document, "camera_matrix", "K", "k"), 9)
-    D = numbers(f"D of {name}", _first(document, "distortion_coefficients", "D", "d") or [])
+    stated = _first(document, "distortion_coefficients", "D", "d")
+    if stated is None and document["distortion_model"] not in ("none", ""):
+        raise without_distortion(name, document)
+    D = numbers(f"D of {name}", stated or [])
     lens = FileLens(str(document["distortion_model"])[:64], K, D, image_size(f"The images of {name}", width, height))
     notes: list[str] = []
     R = _first(document, "rectification_matrix", "R", "r")

@@ -6,6 +6,8 @@ What files hold is shown as answers have it, with doubts about each lens and mou
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import PurePath
 from typing import Any, Final, NamedTuple
 
 from apexcal.documents.imports import CalibrationFiles, ImportFormat, ReadCamera, ReadFiles, ReadLens
@@ -14,24 +16,21 @@ from apexcal.geometry.se3 import SE3, to_document
 from service.imports.camera_info import is_camera_info, read_camera_info
 from service.imports.contents import Contents, FileCamera, refused
 from service.imports.kalibr import is_euroc, is_kalibr, read_euroc, read_kalibr
-from service.imports.kitti import is_kitti, read_kitti
+from service.imports.kitti import bare_matrix, is_kitti, read_kitti
 from service.imports.lidar_tools import (
     is_direct_visual,
-    is_fast_livo2,
     is_sensors_calibration,
     read_direct_visual,
-    read_fast_livo2,
     read_sensors_calibration,
 )
-from service.imports.opencv import is_opencv, is_opencv_stereo, read_opencv, read_opencv_stereo
+from service.imports.members import AS_CAMERA_INFO, blocks, listed
+from service.imports.mounts import AS_MOUNT, with_mounts
+from service.imports.named_lens import named_cameras
+from service.imports.opencv import is_opencv_stereo, read_opencv_stereo
+from service.imports.ost import is_ost, read_ost
 from service.imports.plausibility import known_lens, lens_doubts, mount_doubts
 from service.imports.yaml_text import read_yaml
 
-_KNOWN = (
-    "Known are ROS camera_info (YAML), OpenCV's FileStorage (YAML or JSON; also stereo_calib's two files), Kalibr's "
-    "camchain, EuRoC's sensor.yaml, KITTI's calib_cam_to_cam.txt, calib_velo_to_cam.txt and calib.txt, FAST-LIVO2's "
-    "configuration with its camera file, direct_visual_lidar_calibration's calib.json, and SensorsCalibration's JSON."
-)
 _Member = Mapping[str, Any]
 
 
@@ -43,16 +42,42 @@ class _Kind(NamedTuple):
     files: int = 1
 
 
+def _read_camera_info(name: str, document: _Member) -> Contents:
+    return with_mounts(read_camera_info(name, document), document)
+
+
+def _read_named(name: str, document: _Member) -> Contents:
+    if any({"sensor_token", "camera_intrinsic"} <= set(block) for _, block in blocks(document)):
+        raise refused(
+            f"{name} is nuScenes' calibrated_sensor.json: poses of sensors on the vehicle, for every log.",
+            "A record's rotation (w x y z) and translation map the sensor's points into the vehicle's frame, so "
+            "T_camera_lidar is the camera's inverse times the LiDAR's, both of one log. Its images are undistorted. "
+            + AS_CAMERA_INFO,
+        )
+    cameras, notes = named_cameras(name, document)
+    contents = with_mounts(Contents(cameras, notes=notes), document)
+    if contents.cameras:
+        return contents
+    what = " ".join([f"{name} has no camera matrix and no mount under a name that is read.", *contents.notes])
+    raise refused(f"{what} {listed(document)}", f"{AS_MOUNT} {AS_CAMERA_INFO}" if contents.notes else AS_CAMERA_INFO)
+
+
+def _has(*names: str) -> Callable[[_Member], bool]:
+    return lambda document: any(not set(names).isdisjoint(block) for _, block in blocks(document))
+
+
 # The first that fits.
 _KINDS: Final[Mapping[ImportFormat, _Kind]] = {
     "direct_visual": _Kind(is_direct_visual, read_direct_visual),
-    "fast_livo2": _Kind(is_fast_livo2, read_fast_livo2, files=2),
     "sensors_calibration": _Kind(is_sensors_calibration, read_sensors_calibration, files=4),
     "euroc": _Kind(is_euroc, read_euroc),
     "kalibr": _Kind(is_kalibr, read_kalibr),
     "opencv_stereo": _Kind(is_opencv_stereo, read_opencv_stereo, files=2),
-    "camera_info": _Kind(is_camera_info, read_camera_info),
-    "opencv": _Kind(is_opencv, read_opencv),
+    "camera_info": _Kind(is_camera_info, _read_camera_info),
+    "fast_livo2": _Kind(_has("cam_model", "Rcl"), _read_named),
+    "camodocal": _Kind(_has("model_type"), _read_named),
+    "orb_slam": _Kind(_has("Camera", "Camera1"), _read_named),
+    "opencv": _Kind(lambda document: True, _read_named),
 }
 
 
@@ -65,38 +90,57 @@ class Read(NamedTuple):
 
 def read_files(sent: CalibrationFiles) -> Read:
     """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
-    if sent.format == "kitti" or (sent.format is None and any(map(is_kitti, sent.files.values()))):
-        return Read("kitti", read_kitti(sent.files))
+    of_kitti = {name: text for name, text in sent.files.items() if sent.format == "kitti" or is_kitti(text)}
+    if of_kitti:
+        of_kitti |= {name: text for name, text in sent.files.items() if bare_matrix(text)}
+    reads = {" and ".join(of_kitti): Read("kitti", read_kitti(of_kitti))} if of_kitti else {}
+    documents: dict[str, _Member] = {}
     for name, text in sent.files.items():
-        if text.lstrip().startswith("<"):
-            raise refused(f"{name} is XML.", f"Save it as YAML. {_KNOWN}")
-    document: dict[str, Any] = {}
-    for name, text in sent.files.items():
-        members = read_yaml(name, text)
-        if twice := sorted(set(members) & set(document)):
-            raise refused(f"Two files have {twice[0]}.", "Send the files of one calibration.")
-        document |= members
-    storage = any(text.startswith("%YAML:") for text in sent.files.values())
-    return _read(" and ".join(sent.files), document, len(sent.files), sent.format, storage=storage)
+        if name in of_kitti:
+            continue
+        if is_ost(text):
+            reads[name] = Read("camera_info", read_ost(name, text))
+        elif numbers := bare_matrix(text):
+            documents[name] = {PurePath(name).stem: numbers}
+        else:
+            documents[name] = read_yaml(name, text)
+    together: dict[str, Any] = {}
+    for document in documents.values():
+        together |= document
+    if len(documents) > 1 and any(kind.files > 1 and kind.fits(together) for kind in _KINDS.values()):
+        documents = {" and ".join(documents): together}
+    reads |= {name: _read(name, document, sent.format) for name, document in documents.items()}
+    return _joined(reads)
 
 
-def _read(name: str, document: _Member, files: int, stated: ImportFormat | None, *, storage: bool) -> Read:
-    """``storage``: whether a file begins as OpenCV's FileStorage does; then it is no other program's."""
-    fitting: list[ImportFormat] = [
-        format
-        for format, kind in _KINDS.items()
-        if kind.fits(document) and (not storage or format in ("opencv", "opencv_stereo"))
-    ]
-    if storage:
-        fitting.append("opencv")
-    format = stated or next(iter(fitting), None)
-    if format is None or format == "kitti":
-        raise refused(f"{name} is not a known calibration file.", _KNOWN)
-    if files > _KINDS[format].files:
-        raise refused(f"There are {files} files.", f"Of {format} {_KINDS[format].files} belong together.")
-    if stated not in (None, "opencv", *fitting):
-        raise refused(f"{name} does not look like {stated}.", _KNOWN)
+def _read(name: str, document: _Member, stated: ImportFormat | None) -> Read:
+    fitting: list[ImportFormat] = [format for format, kind in _KINDS.items() if kind.fits(document)]
+    if stated is not None and stated not in fitting:
+        raise refused(f"{name} does not look like {stated}.", f"Leave the format out. {listed(document)}")
+    format = stated or fitting[0]
     return Read(format, _KINDS[format].read(name, document))
+
+
+def _joined(reads: Mapping[str, Read]) -> Read:
+    """What several files hold together: one has the lens, and the other the mount."""
+    lenses = [name for name, read in reads.items() if any(camera.lens for camera in read.contents.cameras)]
+    name = lenses[0] if lenses else next(iter(reads))
+    format, contents = reads[name]
+    notes = [note for read in reads.values() for note in read.contents.notes]
+    if len(reads) == 1:
+        if not lenses:
+            notes.append(f"{name} holds a mount and no lens: send the file with the camera's lens together with it.")
+        return Read(format, replace(contents, notes=notes))
+    mounts = [camera for other, read in reads.items() if other != name for camera in read.contents.cameras]
+    cameras = contents.cameras
+    if len(lenses) != 1 or not len(cameras) == len(mounts) == 1 or cameras[0].T_camera_lidar is not None:
+        raise refused(
+            f"{' and '.join(reads)} are not one camera's lens and its mount.",
+            "Send the files of one calibration: one with the lens of one camera, and one with its mount.",
+        )
+    return Read(
+        format, replace(contents, cameras=[replace(cameras[0], T_camera_lidar=mounts[0].T_camera_lidar)], notes=notes)
+    )
 
 
 def files_view(sent: CalibrationFiles) -> ReadFiles:

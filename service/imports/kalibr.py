@@ -20,6 +20,7 @@ from service.imports.contents import (
     refused,
     transform,
 )
+from service.imports.members import without_distortion
 
 _HINT = "Calibrate as pinhole-radtan or pinhole-equi."
 
@@ -47,8 +48,8 @@ def read_kalibr(name: str, document: Mapping[str, Any]) -> Contents:
         if "T_cn_cnm1" in member and before is not None:
             T = matrix(f"T_cn_cnm1 of {key}", member["T_cn_cnm1"], 4, 4)
             chained.append(transform(key[:200], before, T[:3, :3], T[:3, 3]))
-        if "T_cam_imu" in member:
-            notes.append(f"T_cam_imu of {key} is left out: it leads to the IMU, not to a LiDAR.")
+        of_imu = [each for each in ("T_cam_imu", "T_imu_cam") if each in member]
+        notes += [f"{each} of {key} is left out: it leads to or from the IMU, not to a LiDAR." for each in of_imu]
         before = key[:200]
     if not cameras:
         raise refused(f"{name} holds no camera with a supported model. {' '.join(notes)}", _HINT)
@@ -57,7 +58,7 @@ def read_kalibr(name: str, document: Mapping[str, Any]) -> Contents:
 
 def is_euroc(document: Mapping[str, Any]) -> bool:
     """Whether it is the file of a camera of EuRoC's format."""
-    return document.get("sensor_type") == "camera" and "intrinsics" in document
+    return document.get("sensor_type") == "camera" and document.get("camera_model") == "pinhole"
 
 
 def read_euroc(name: str, document: Mapping[str, Any]) -> Contents:
@@ -71,6 +72,8 @@ def read_euroc(name: str, document: Mapping[str, Any]) -> Contents:
 
 def _lens(where: str, camera: Mapping[str, Any]) -> FileLens:
     missing = [field for field in ("intrinsics", "distortion_model", "resolution") if field not in camera]
+    if not missing and camera["distortion_model"] != "none" and not camera.get("distortion_coeffs"):
+        raise without_distortion(where, camera)
     if missing:
         raise refused(f"{where} has no {' and no '.join(missing)}.", "Send the camchain as Kalibr wrote it.")
     f_u, f_v, p_u, p_v = numbers(f"intrinsics of {where}", camera["intrinsics"], 4)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import PurePath
 
 import numpy as np
 
@@ -19,10 +21,13 @@ from service.imports.contents import (
     FileLens,
     camera_matrix,
     image_size,
+    matrix,
     numbers,
     refused,
     transform,
 )
+from service.imports.members import scalar
+from service.imports.mounts import is_of_vehicle, sends_into_camera
 
 Members = Mapping[str, list[float]]
 _LINE = re.compile(r"([A-Za-z0-9_]+):?[ \t]+([-+0-9.eE][-+0-9.eE \t]*)")
@@ -33,35 +38,74 @@ _FIRST = "00"
 def is_kitti(text: str) -> bool:
     """Whether a line holds a matrix as KITTI writes it: a name, then its numbers with blanks between."""
     return any(
-        match and match[1].partition("_")[0] in ("R", "P", "P0", "K", "Tr") and len(match[2].split()) in (9, 12)
+        match
+        and match[1].partition("_")[0] in ("R", "P", "P0", "K", "Tr", "image")
+        and len(match[2].split()) in (9, 12)
         for match in map(_LINE.fullmatch, map(str.strip, text.splitlines()))
     )
 
 
+def bare_matrix(text: str) -> list[float] | None:
+    """The 12 or 16 numbers of a text that has nothing else, between blanks or commas; None for any other text."""
+    parts = text.replace(",", " ").split()
+    if len(parts) not in (12, 16):
+        return None
+    values = [scalar(part) for part in parts]
+    return None if None in values else [value for value in values if value is not None]
+
+
 def read_kitti(files: Mapping[str, str]) -> Contents:
-    """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
+    """Files of KITTI, also of KITTI-360 (``perspective.txt``, and the bare ``calib_cam_to_velo.txt``).
+
+    Raises:
+        Problem: 422 ``calibration_file_not_read``.
+    """
     members: dict[str, list[float]] = {}
+    notes: list[str] = []
     for name, text in files.items():
-        for line in text.splitlines():
-            match = _LINE.fullmatch(line.strip())
-            if match:
-                members[match[1]] = numbers(f"{match[1]} of {name}", match[2].split())
+        own = {
+            match[1]: numbers(f"{match[1]} of {name}", match[2].split())
+            for match in map(_LINE.fullmatch, map(str.strip, text.splitlines()))
+            if match
+        }
+        values, into_camera = bare_matrix(text), sends_into_camera(PurePath(name).stem)
+        if values is not None and into_camera is not None:
+            T = matrix(name, values[:12], 3, 4)
+            T_camera_lidar = transform(_FIRST, LIDAR, T[:, :3], T[:, 3])
+            if not into_camera:
+                T_camera_lidar = transform(LIDAR, _FIRST, T[:, :3], T[:, 3]).inverse()
+            own = {"R": T_camera_lidar.R.ravel().tolist(), "T": T_camera_lidar.t.tolist()}
+        elif values is not None or is_of_vehicle(PurePath(name).stem):
+            notes.append(f"{name} is left out: by its name it is not between the LiDAR and a camera.")
+            continue
+        members |= own
+    contents = _contents(files, members)
+    return replace(contents, notes=[*notes, *contents.notes])
+
+
+def _contents(files: Mapping[str, str], members: Members) -> Contents:
     raw = [match[1] for match in map(_RAW.fullmatch, members) if match]
     plain = [match[1] for match in map(_PLAIN.fullmatch, members) if match]
     if raw:
         return _raw(members, raw)
     if plain:
         return _plain(members, plain)
+    if {"R", "T"} <= set(members):
+        return Contents([FileCamera(_FIRST, T_camera_lidar=_mount(members, _FIRST))])
     raise refused(
-        f"{' and '.join(files)} holds no camera: there is neither K_00 nor P0.",
-        "Send calib_cam_to_cam.txt together with calib_velo_to_cam.txt, or calib.txt.",
+        f"{' and '.join(files)} holds no camera: neither K_00 nor P0, but {', '.join(members) or 'nothing'}.",
+        "Send calib_cam_to_cam.txt together with calib_velo_to_cam.txt, or calib.txt; of KITTI-360 perspective.txt "
+        "together with calib_cam_to_velo.txt.",
     )
 
 
 def _raw(members: Members, places: list[str]) -> Contents:
     notes: list[str] = []
     if not {"R", "T"} <= set(members):
-        notes.append("calib_velo_to_cam.txt is not among the files: no mount on the LiDAR is known.")
+        notes.append(
+            "Neither calib_velo_to_cam.txt nor KITTI-360's calib_cam_to_velo.txt is among the files: no mount on the "
+            "LiDAR is known."
+        )
     cameras: list[FileCamera] = []
     for camera in places:
         lens = FileLens(

@@ -1,7 +1,6 @@
 """Files of other tools for LiDAR and camera: each states the mount's direction by its name.
 
-direct_visual_lidar_calibration's ``calib.json``, FAST-LIVO2's ``extrin_calib`` with vikit's camera file, and
-SensorsCalibration's (OpenCalib) JSON files.
+direct_visual_lidar_calibration's ``calib.json``, and SensorsCalibration's (OpenCalib) JSON files.
 """
 
 from __future__ import annotations
@@ -28,11 +27,6 @@ from service.imports.contents import (
 )
 
 _AS_WRITTEN = "Send the file as the other program wrote it."
-# Of camera_loader.h: the terms that each camera model takes.
-_VIKIT = {
-    "Pinhole": ("plumb_bob", ("cam_d0", "cam_d1", "cam_d2", "cam_d3")),
-    "EquidistantCamera": ("equidistant", ("k1", "k2", "k3", "k4")),
-}
 
 
 def is_direct_visual(document: Mapping[str, Any]) -> bool:
@@ -62,51 +56,6 @@ def read_direct_visual(name: str, document: Mapping[str, Any]) -> Contents:
         raise refused(f"T_lidar_camera of {name} is no pose. {error.message}", _AS_WRITTEN) from None
     pose = transform(LIDAR, "camera", R, np.array(t))
     return Contents([FileCamera("camera", lens=lens, T_camera_lidar=pose.inverse())])
-
-
-def is_fast_livo2(document: Mapping[str, Any]) -> bool:
-    """Whether it has vikit's name of a camera model, or a mount as FAST-LIVO2 names it."""
-    mount = document.get("extrin_calib")
-    return "cam_model" in document or (isinstance(mount, dict) and "Rcl" in mount)
-
-
-def read_fast_livo2(name: str, document: Mapping[str, Any]) -> Contents:
-    """Rcl, Pcl map LiDAR points into the camera.
-
-    Raises:
-        Problem: 422 ``calibration_file_not_read``.
-    """
-    lens = T_camera_lidar = None
-    notes: list[str] = []
-    if "cam_model" in document:
-        lens = _vikit_lens(name, document)
-    else:
-        notes.append(f"{name} has no cam_model: send vikit's camera file with it for the lens.")
-    mount = document.get("extrin_calib")
-    if isinstance(mount, dict) and {"Rcl", "Pcl"} <= set(mount):
-        R = matrix(f"Rcl of {name}", mount["Rcl"], 3, 3)
-        T_camera_lidar = transform("camera", LIDAR, R, matrix(f"Pcl of {name}", mount["Pcl"], 3))
-    else:
-        notes.append(f"{name} has no Rcl and Pcl: no mount on the LiDAR is known.")
-    return Contents([FileCamera("camera", lens=lens, T_camera_lidar=T_camera_lidar)], notes=notes)
-
-
-def _vikit_lens(name: str, document: Mapping[str, Any]) -> FileLens:
-    model = str(document["cam_model"])[:40]
-    if model not in _VIKIT:
-        raise refused(f"{name} has the camera model {model}.", f"Known are {' and '.join(_VIKIT)}.")
-    distortion_model, terms = _VIKIT[model]
-    missing = [term for term in ("cam_fx", "cam_fy", "cam_cx", "cam_cy") if term not in document]
-    if missing:
-        raise refused(f"{name} has no {' and no '.join(missing)}.", _AS_WRITTEN)
-    K = camera_matrix(*(_value(name, document, term) for term in ("cam_fx", "cam_fy", "cam_cx", "cam_cy")))
-    D = [_value(name, document, term) for term in terms]
-    size = image_size(f"The images of {name}", document.get("cam_width"), document.get("cam_height"))
-    return FileLens(distortion_model, K, D, size)
-
-
-def _value(name: str, document: Mapping[str, Any], term: str) -> float:
-    return numbers(f"{term} of {name}", document.get(term, 0.0), 1)[0]
 
 
 def is_sensors_calibration(document: Mapping[str, Any]) -> bool:

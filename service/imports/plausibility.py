@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import pi
+from math import acos, cos, degrees, pi
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,6 +17,8 @@ from service.imports.contents import FileLens, refused
 _FOCAL_SHARES: Final = (0.2, 3.0)
 # The longest vehicle with a trailer on European roads, metres (Directive 96/53/EC).
 _LONGEST_VEHICLE_M: Final = 18.75
+# Half way between upright and lying.
+_UPRIGHT_FROM: Final = cos(pi / 4.0)
 _STEPS: Final = 2000
 
 
@@ -41,7 +43,10 @@ def known_lens(camera: str, lens: FileLens, size: tuple[int, int] | None) -> Kno
     except DocumentError as error:
         raise refused(error.message, error.hint) from None
     if lens.size is None and size is None:
-        raise refused(f"The file says no image size of {camera}.", "Give image_size (width, height).")
+        raise refused(
+            f"The file says no image size of {camera}.",
+            "Give image_size (width, height), or write image_width and image_height into the file.",
+        )
     if lens.size is not None and size is not None and lens.size != size:
         (width, height), (own_width, own_height) = size, lens.size
         raise refused(
@@ -104,10 +109,18 @@ def _growing(radius: Floats) -> float:
 
 def mount_doubts(T: SE3) -> list[str]:
     """What is unlikely of a mount, in sentences."""
+    doubts: list[str] = []
     distance = float(np.linalg.norm(T.t))
-    if distance <= _LONGEST_VEHICLE_M:
-        return []
-    return [
-        f"Camera and LiDAR are {distance:.0f} m apart, farther than the longest road vehicle: is the translation in "
-        "metres?"
-    ]
+    if distance > _LONGEST_VEHICLE_M:
+        doubts.append(
+            f"Camera and LiDAR are {distance:.0f} m apart, farther than the longest road vehicle: is the translation "
+            "in metres?"
+        )
+    # Upright or upside down, an image's vertical is near the LiDAR's. Read the wrong way, it is near the horizon.
+    if abs(float(T.R[1, 2])) < _UPRIGHT_FROM:
+        off = degrees(acos(abs(float(T.R[1, 2]))))
+        doubts.append(
+            f"The image's vertical is {off:.0f} degrees from the LiDAR's: does the transform lead the other way, or "
+            "is its camera frame the body's (x forward, z up) and not the optical one?"
+        )
+    return doubts

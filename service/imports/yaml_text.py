@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
 import yaml
 
 from service.imports.contents import refused
+from service.imports.members import AS_CAMERA_INFO, nested
 
 _MATRIX = "tag:yaml.org,2002:opencv-matrix"
 # Libyaml's composer calls itself for each level without a limit: some ten thousand end the process. No format that is
@@ -29,6 +31,22 @@ def _matrix(loader: Any, node: Any) -> Any:
 
 
 _Loader.add_constructor(_MATRIX, _matrix)
+# As scripts write them that dump Python's own values.
+_Loader.add_constructor(
+    "tag:yaml.org,2002:python/tuple", lambda loader, node: loader.construct_sequence(node, deep=True)
+)
+
+# OpenCV takes ``data:[1, 2]``, YAML only ``data: [1, 2]``.
+_CLOSE = re.compile(r"^([ \t]*[A-Za-z_][\w.]*):(?=[^\s:/])", re.MULTILINE)
+
+
+def plain_text(text: str) -> str:
+    """A text without byte order mark, directives (``%YAML:1.0``) and tabs, which other programs write."""
+    lines = text.removeprefix("\ufeff").expandtabs(4).splitlines()
+    begun = next((at for at, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in "%#"), len(lines))
+    directed = any(line.startswith("%") for line in lines[:begun])
+    rest = "\n".join(line for at, line in enumerate(lines) if at >= begun or not line.startswith("%"))
+    return _CLOSE.sub(r"\1: ", rest) if directed else rest
 
 
 def read_yaml(name: str, text: str) -> Mapping[str, Any]:
@@ -37,20 +55,27 @@ def read_yaml(name: str, text: str) -> Mapping[str, Any]:
     Raises:
         Problem: 422 ``calibration_file_not_read``.
     """
-    # OpenCV writes a directive that YAML does not know.
-    head, _, rest = text.partition("\n")
-    if head.startswith("%YAML:"):
-        text = rest
+    text = plain_text(text)
+    if text.lstrip().startswith("<"):
+        raise refused(f"{name} is XML.", f"Save it as YAML. {AS_CAMERA_INFO}")
     try:
         _check_bounded(name, text)
         document = next(iter(yaml.load_all(text, Loader=_Loader)), None)
     # Reading a value that its tag does not fit (`!!bool x`) raises what its way leads to.
     except _RAISED as error:
         reason = str(getattr(error, "problem", None) or type(error).__name__)[:100]
-        raise refused(f"{name} is no YAML: {reason}.", "Send the file as the other program wrote it.") from None
-    if not isinstance(document, dict) or not all(isinstance(key, str) for key in document):
-        raise refused(f"{name} holds no named values.", "Send the file as the other program wrote it.")
-    return document
+        what = f"{name} is no YAML: {reason}.{_first_line(text)}"
+        raise refused(what, f"Send the file as the other program wrote it. {AS_CAMERA_INFO}") from None
+    if isinstance(document, list) and all(isinstance(each, dict) for each in document):
+        document = {str(index): each for index, each in enumerate(document)}
+    if not isinstance(document, dict) or not document or not all(isinstance(key, str) for key in document):
+        raise refused(f"{name} holds no named values.{_first_line(text)}", AS_CAMERA_INFO)
+    return nested(document)
+
+
+def _first_line(text: str) -> str:
+    line = next((line.strip() for line in text.splitlines() if line.strip()), "")
+    return f" It begins with {line[:60]!r}." if line else ""
 
 
 def _check_bounded(name: str, text: str) -> None:

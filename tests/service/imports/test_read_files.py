@@ -258,6 +258,7 @@ def test_opencv_in_json_and_without_a_size():
     text = json.dumps(
         {
             "camera_matrix": {"type_id": "opencv-matrix", "rows": 3, "cols": 3, "dt": "d", "data": K},
+            "distortion_coefficients": [0.1, 0.02, 0.0, 0.0],
             "fisheye_model": 1,
         }
     )
@@ -303,7 +304,7 @@ def test_a_mount_in_millimetres_is_doubted_and_one_that_mirrors_refused():
         (CAMERA_CALIBRATION.replace("image_width: 640", "image_width: .inf"), "holds inf"),
         (CAMERA_CALIBRATION.replace("0.002, 0]", "0.002, 0, 0.3]"), "the further ones are not zero"),
         (CAMERA_CALIBRATION.replace("500.0", "0.0"), "no camera matrix"),
-        ("image_width: 640", "not a known calibration file"),
+        ("image_width: 640", "has no camera matrix and no mount under a name that is read. It holds image_width."),
         ("[1, 2]", "holds no named values"),
         ("", "holds no named values"),
         ("a: [", "is no YAML"),
@@ -319,8 +320,8 @@ def test_a_mount_in_millimetres_is_doubted_and_one_that_mirrors_refused():
         ("camera: {camera_model: plumb_bob, distortion_coeffs: [0, 0, 0, 0, 0]}", "has 0 numbers, not 4"),
         (DIRECT.format([0.0] * 7), "is no pose"),
         (DIRECT.format([0.0] * 6), "has 6 numbers, not 7"),
-        ("cam_model: Ocam", "camera model Ocam"),
-        ("cam_model: Pinhole", "has no cam_fx and no cam_fy"),
+        ("cam_model: Ocam", "It holds cam_model (Ocam)"),
+        ("cam_model: Pinhole", "It holds cam_model (Pinhole)"),
         ("x: {param_type: extrinsic, param: {}}", "neither a cam_K nor a sensor_calib"),
         ("extrin_calib: {Rcl: [1, 0, 0, 0, 2, 0, 0, 0, 1], Pcl: [0, 0, 0]}", "cannot be used"),
         (f"P0:{' 0' * 12}\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n", "no focal length"),
@@ -348,5 +349,7 @@ def test_a_line_of_blanks_takes_no_time():
 
 
 def test_several_files_are_one_calibration_only_where_they_belong_together():
-    assert "Two files have camera_matrix" in refusal({"a.yaml": CAMERA_CALIBRATION, "b.yaml": CAMERA_CALIBRATION})
-    assert "Of camera_info 1 belong together" in refusal({"a.yaml": CAMERA_CALIBRATION, "b.yaml": "other: 1"})
+    assert "are not one camera's lens and its mount" in refusal(
+        {"a.yaml": CAMERA_CALIBRATION, "b.yaml": CAMERA_CALIBRATION}
+    )
+    assert "It holds other" in refusal({"a.yaml": CAMERA_CALIBRATION, "b.yaml": "other: 1"})
