@@ -210,6 +210,7 @@ def _when_read(session: Session, recording: RecordingSummary) -> Reply:
 
 
 def _summary(recording: RecordingSummary) -> str:
-    """A recording's state in a sentence, and its warnings."""
-    warnings = "".join(f"\nNote: {warning}" for warning in recording.warnings)
-    return f"The recording {recording.name!r} is {recording.id}, {recording.state}.{warnings}"
+    """A recording's state in a sentence, what was left out of it, and its warnings."""
+    omissions = [f"{each.sentence} {each.example}" for each in recording.facts.omissions] if recording.facts else []
+    notes = "".join(f"\nNote: {note}" for note in [*omissions, *recording.warnings])
+    return f"The recording {recording.name!r} is {recording.id}, {recording.state}.{notes}"

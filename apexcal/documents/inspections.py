@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from apexcal.documents.base import Document
+from apexcal.documents.omissions import Omission
 from apexcal.documents.readings import ImageKind
 from apexcal.documents.recordings import StatedLens
 from apexcal.documents.rig_proposals import RigProposal
@@ -49,7 +50,8 @@ class Inspection(Document):
     """A recording's format, length, sensors (the LiDAR first) and faults, and the cameras that it can calibrate.
 
     ``is_connected``: whether its ``/tf_static`` leads from the LiDAR to every camera; null if it states no frames.
-    ``proposal``: a rig for it; null without cameras.
+    ``omissions``: messages that ingestion leaves out, of those that were looked at. ``proposal``: a rig for it; null
+    without cameras.
     """
 
     format: str
@@ -58,5 +60,6 @@ class Inspection(Document):
     other_topics: list[str]
     is_connected: bool | None
     faults: list[RecordingFault]
+    omissions: list[Omission] = []
     calibratable: list[str]
     proposal: RigProposal | None = None

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from apexcal.documents.base import Document, Name, Received, Sent, Stored
 from apexcal.documents.jobs import JobView, ProblemView
+from apexcal.documents.omissions import Omission
 from apexcal.documents.readings import FrameOrigin, ImageKind, Reading, StampConvention
 from apexcal.documents.states import RecordingState
 
@@ -191,7 +192,10 @@ class StampFacts(Document):
 
 
 class SensorFacts(StampFacts):
-    """How a sensor was read, and what stands out in it."""
+    """How a sensor was read, and what stands out in it.
+
+    ``empty`` counts sweeps without a point, which were left out.
+    """
 
     stamp_convention: StampConvention | None = None
     time_source: str | None = None
@@ -224,7 +228,10 @@ class FixedFrame(Document):
 
 
 class RecordingFacts(Document):
-    """What is true of a recording as a whole; ``together_s`` is how long all its sensors ran."""
+    """What is true of a recording as a whole.
+
+    ``together_s`` is how long all its sensors ran, ``omissions`` what was left out, because it cannot be used.
+    """
 
     format: str
     first_ns: int
@@ -232,6 +239,7 @@ class RecordingFacts(Document):
     seconds: float
     together_s: float
     static_transforms: list[FixedFrame] = []
+    omissions: list[Omission] = []
 
 
 class SensorView(Sent):

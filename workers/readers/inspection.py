@@ -21,11 +21,10 @@ from apexcal.geometry.frame_tree import FrameTree, recorded_tree, urdf_tree
 from apexcal.geometry.rig_proposal import RecordedSensor, propose_rig
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
+from workers.readers.first_look import look_at
 from workers.readers.normalised.stamps import overlap_warning, report_stamps, shared_time
-from workers.readers.recording import ReadError, Recording, Sensor
+from workers.readers.recording import ReadError, Sensor
 
-# Of each sensor, to compare its stamps with the times of recording.
-_SAMPLES: Final = 9
 # Half a turn of the slowest LiDAR that is read (0.5 Hz). Drivers hand on a sweep after its turn, and a camera's queue
 # holds a few frames: such delays are no other clock.
 _CLOCKS_APART_S: Final = 1.0
@@ -59,10 +58,12 @@ def inspect_recording(
     """
     with closing(open_recording(path, options)) as recording:
         chosen = choose_sensors(recording, lidar, cameras)
-        times, delays = _times(recording, chosen)
-        sensors = [_inspected(name, sensor, times[name], delays.get(name)) for name, sensor in chosen.items()]
+        look = look_at(recording, chosen)
+        chosen = look.sensors
+        times = look.times
+        sensors = [_inspected(name, sensor, times[name], look.delays.get(name)) for name, sensor in chosen.items()]
         transforms = recording.static_transforms if transforms is None else transforms
-        proposal = _proposal(recording, chosen, transforms, answers or RigAnswers.model_validate({}), urdf)
+        proposal = _proposal(chosen, transforms, answers or RigAnswers.model_validate({}), urdf)
         faults = [
             *(fault for name, sensor in chosen.items() if sensor.kind == "camera" for fault in _lens(name, sensor)),
             *_time_faults(sensors, times),
@@ -79,6 +80,7 @@ def inspect_recording(
         other_topics=list(recording.other_topics),
         is_connected=not any(fault.code == "frames_not_connected" for fault in faults) if transforms else None,
         faults=faults,
+        omissions=look.omissions,
         calibratable=[] if lidar_stops else [name for name in names if name not in stopped],
         proposal=proposal,
     )
@@ -95,7 +97,6 @@ def static_transforms_of(path: Path) -> Sequence[FixedFrame]:
 
 
 def _proposal(
-    recording: Recording,
     chosen: Mapping[str, Sensor],
     transforms: Sequence[FixedFrame],
     answers: RigAnswers,
@@ -110,7 +111,7 @@ def _proposal(
             name,
             sensor.name,
             sensor.frame_id,
-            sensor.image_size or _first_size(recording, sensor) if sensor.kind == "camera" else None,
+            sensor.image_size,
             sensor.image_kind,
             (sensor.camera_info or {}).get("R"),
         )
@@ -119,40 +120,12 @@ def _proposal(
     return propose_rig(sensors, trees, answers) if len(sensors) > 1 else None
 
 
-def _first_size(recording: Recording, sensor: Sensor) -> tuple[int, int] | None:
-    """Decode a camera's first frame for its size: video says it nowhere else."""
-    frame = next(recording.frames(sensor), None)
-    return frame and (frame.width, frame.height)
-
-
 def _look(code: str, sensor: str, sentence: str, remedy: str) -> RecordingFault:
     return RecordingFault(code=code, sensor=sensor, verdict="look", sentence=sentence, remedy=remedy)
 
 
 def _stop(code: str, sensor: str, sentence: str, remedy: str) -> RecordingFault:
     return RecordingFault(code=code, sensor=sensor, verdict="stop", sentence=sentence, remedy=remedy)
-
-
-def _times(
-    recording: Recording, chosen: Mapping[str, Sensor]
-) -> tuple[dict[str, NDArray[np.int64]], dict[str, float]]:
-    """Ascending times of recording of each sensor, ns, and how long its messages were underway, seconds.
-
-    A file without an index is read through; its stamps are its only times.
-    """
-    times = {name: recording.log_times(sensor) for name, sensor in chosen.items()}
-    if any(each is None for each in times.values()):
-        stamps: dict[str, list[int]] = {name: [] for name in chosen}
-        names = {sensor.name: name for name, sensor in chosen.items()}
-        for sensor, item in recording.messages(list(chosen.values())):
-            stamps[names[sensor.name]].append(item.stamp_ns)
-        return {name: np.sort(np.array(each, np.int64)) for name, each in stamps.items()}, {}
-    delays: dict[str, float] = {}
-    for name, sensor in chosen.items():
-        pairs = np.array(list(recording.log_and_stamp(sensor, _SAMPLES)), np.int64).reshape(-1, 2)
-        if len(pairs):
-            delays[name] = float(np.median(pairs[:, 0] - pairs[:, 1])) / 1e9
-    return {name: np.sort(each) for name, each in times.items() if each is not None}, delays
 
 
 def _inspected(name: str, sensor: Sensor, times: NDArray[np.int64], delay_s: float | None) -> InspectedSensor:

@@ -5,13 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.readings import ImageKind, StampConvention
 from apexcal.documents.recordings import FixedFrame
+
+if TYPE_CHECKING:
+    from workers.readers.omissions import Omissions
 
 TimeSource = Literal["per_point", "derived_from_azimuth", "stamp_only"]
 
@@ -42,6 +46,10 @@ class ReadError(Exception):
         self.code = code
         self.hint = hint
         self.fields = dict(fields or {})
+
+
+class MessageError(ReadError):
+    """One message that cannot be used. It is left out; the others may serve."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +176,11 @@ class Recording:
         """
         return None
 
+    @property
+    def omissions(self) -> Omissions:
+        """What ``messages`` left out since it began, because it cannot be used."""
+        raise NotImplementedError
+
     def log_times(self, sensor: Sensor) -> NDArray[np.int64] | None:
         """(N,) times of recording of all messages, ns, from the file's index; None where the file has none."""
         return None
@@ -179,6 +192,13 @@ class Recording:
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """All sensors in one pass over the file, in the order in which they were recorded."""
         raise NotImplementedError
+
+    def samples(self, sensor: Sensor, count: int) -> Iterator[Sweep | Frame]:
+        """Some sweeps or frames of a sensor, as ``messages`` gives them: the first ones where no others can be read.
+
+        What it leaves out is added to ``omissions``.
+        """
+        return (item for _, item in islice(self.messages([sensor]), count))
 
     def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:
         """The sweeps of one LiDAR."""

@@ -24,14 +24,13 @@ const LABELS: Record<string, string> = {
   ring_count: "rings",
   points: "points of a usual sweep",
   partial: "incomplete sweeps",
-  empty: "sweeps without a point",
   transcoded: "images encoded anew",
   sizes: "size",
   camera_info: "stated intrinsics",
   static_transforms: "fixed frames",
 };
-/** Said by another fact, or a list of single events that the warnings sum up. */
-const UNSAID = new Set(["gaps", "width", "height"]);
+/** Said by another fact, shown by themselves, or a list of single events that the warnings sum up. */
+const UNSAID = new Set(["gaps", "width", "height", "empty", "omissions"]);
 
 // A stamp from before 1980 counts from the start of something else.
 const SINCE_UNIX_NS = 315_532_800e9;

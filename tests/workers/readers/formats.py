@@ -200,11 +200,18 @@ FORMATS = {
 
 
 def read(path, options=None):
-    """The recording, closed; its messages in the order in which they come; and its warnings."""
+    """The recording, closed; its messages in the order in which they come; and its warnings.
+
+    Raises ReadError of a sensor of which nothing can be used.
+    """
     recording = open_recording(path, options)
     try:
-        items = [item for _, item in recording.messages(recording.sensors)]
-        return recording, items, recording.warnings
+        pairs = list(recording.messages(recording.sensors))
+        for sensor in recording.sensors:
+            refusal = recording.omissions.refusal(sensor.name)
+            if refusal and all(other is not sensor for other, _ in pairs):
+                raise refusal
+        return recording, [item for _, item in pairs], recording.warnings
     finally:
         recording.close()
 

@@ -137,7 +137,7 @@ OF_IMAGES = [
     (jpeg_claiming(640, 0), BAD, "cut short"),
     (b"\xff\xd8\xff\xe0\x00\x10" + bytes(60), BAD, "cut short"),
     (b"RIFF\0\0\0\0WEBPVP8X\0\0\0\0", BAD, "cut short"),
-    (b"", "image_unsupported", "nothing"),
+    (b"", "image_empty", "no bytes"),
     (b"GIF89a" + bytes(40), "image_unsupported", "47 49 46"),
     *((exif(6, order), "image_turned", "orientation (6)") for order in "<>"),
 ]

@@ -16,6 +16,7 @@ from workers.readers.captures.ouster.cutter import OusterSource
 from workers.readers.captures.ouster.metadata import read_metadata
 from workers.readers.captures.packets import FIELDS, SAMPLE_PACKETS, Packet, PacketSource, PacketStream, SweepCutter
 from workers.readers.captures.velodyne.cutter import VelodyneSource
+from workers.readers.omissions import Omissions
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
 
 _SAMPLE_BYTES: Final = 24_000_000
@@ -158,6 +159,11 @@ class PcapRecording(Recording):
     def share_read(self) -> float:
         """Share of the file that has been read."""
         return min(1.0, self._capture.position / max(1, self._capture.size))
+
+    @property
+    def omissions(self) -> Omissions:
+        """None: packets are left out one by one, not sweeps."""
+        return Omissions()
 
     @property
     def warnings(self) -> list[str]:

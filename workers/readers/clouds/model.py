@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from apexcal.documents.readings import ReadOptions
 from workers.readers.clouds.point_times import TIME_FIELDS, PointTimes, learn_point_times
+from workers.readers.clouds.pointcloud2 import empty_cloud
 from workers.readers.clouds.ring_spread import check_rings
 from workers.readers.clouds.rings import ComputedRings, RingOrder, learn_missing_rings, learn_rings, ring_ids
-from workers.readers.recording import LidarFacts, ReadError, Sweep
+from workers.readers.recording import LidarFacts, MessageError, ReadError, Sweep
 
 Columns = Mapping[str, NDArray[np.generic]]
 
@@ -48,12 +49,12 @@ class CloudFields:
         """Choose among a file's field names.
 
         Raises:
-            ReadError: ``cloud_without_xyz``.
+            MessageError: ``cloud_without_xyz``.
         """
         listed = ", ".join(names) or "none"
         columns = dict.fromkeys(names, np.zeros(0))
         if any(axis not in columns for axis in "xyz"):
-            raise ReadError(
+            raise MessageError(
                 "cloud_without_xyz",
                 f"{where} has no x, y and z; its fields are: {listed}.",
                 "Record the LiDAR's point cloud topic, or choose it when ingesting.",
@@ -62,18 +63,18 @@ class CloudFields:
         return cls(where, ring, intensity, _first(columns, TIME_FIELDS))
 
     def check(self, stamp_ns: int, columns: Columns) -> None:
-        """Hold a cloud against what the first one had.
+        """Hold a cloud against what most have.
 
         Raises:
-            ReadError: ``cloud_fields_differ``.
+            MessageError: ``cloud_fields_differ``.
         """
         needed = ("x", "y", "z", self.ring, self.intensity, self.time)
         missing = [name for name in needed if name is not None and name not in columns]
         if missing:
             listed = " and no ".join(missing)
-            raise ReadError(
+            raise MessageError(
                 "cloud_fields_differ",
-                f"{self.where}: the cloud at {stamp_ns / 1e9:.3f} s has no {listed}, which the first one has.",
+                f"{self.where}: the cloud at {stamp_ns / 1e9:.3f} s has no {listed}, which the others have.",
                 "Two sensors may share this topic or folder, or the file is damaged: record them apart, or copy it "
                 "again.",
             )
@@ -100,10 +101,12 @@ class CloudModel:
         """One cloud as a sweep: points without a return dropped, rings by elevation, times from the stamp.
 
         Raises:
-            ReadError: ``cloud_fields_differ``.
+            MessageError: ``cloud_fields_differ``, ``cloud_empty``.
         """
         self.fields.check(stamp_ns, columns)
         xyz, keep = _returns(columns)
+        if not len(xyz):
+            raise empty_cloud(f"{self.fields.where}: the cloud at {stamp_ns / 1e9:.3f} s", len(keep))
         ring = _numbers(self.rings, xyz, None if self.fields.ring is None else columns[self.fields.ring][keep])
         has_ring = ring >= 0
         if not has_ring.all():
@@ -181,6 +184,29 @@ def _learned_rings(
     return learn_rings(numbered, where)
 
 
+def _usual_clouds(samples: Iterable[tuple[int, Columns]], where: str) -> tuple[CloudFields, list[_Cloud]]:
+    """Return the fields that most of the clouds have, and the returns of those clouds that have them."""
+    groups: dict[CloudFields, list[_Cloud]] = {}
+    error: MessageError | None = None
+    for stamp_ns, columns in samples:
+        # Every 7th point of a dense cloud tells as much; 7 divides no sensor's number of rings.
+        step = 1 if len(columns.get("x", ())) <= _DENSE else 7
+        try:
+            fields = CloudFields.of(tuple(columns), where)
+            xyz, keep = _returns({name: values[::step] for name, values in columns.items()})
+            if not len(xyz):
+                raise empty_cloud(f"{where}: the cloud at {stamp_ns / 1e9:.3f} s", len(keep))
+        except MessageError as reason:
+            error = error or reason
+            continue
+        time = None if fields.time is None else columns[fields.time][::step][keep]
+        ids = None if fields.ring is None else ring_ids(columns[fields.ring][::step][keep])
+        groups.setdefault(fields, []).append((stamp_ns, xyz, ids, time))
+    if not groups:
+        raise error or ReadError("no_sweeps", f"{where} holds no sweeps.", "Record again, or choose another topic.")
+    return max(groups.items(), key=lambda group: len(group[1]))
+
+
 def learn_clouds(
     samples: Iterable[tuple[int, Columns]], period_ns: int | None, options: ReadOptions, where: str
 ) -> CloudModel:
@@ -196,19 +222,7 @@ def learn_clouds(
         ReadError: ``cloud_without_xyz``, ``cloud_fields_differ``, ``rings_not_separable``, ``rings_unexpected``,
             ``rings_too_many``, ``points_without_rings``, ``no_sweeps``.
     """
-    fields: CloudFields | None = None
-    clouds: list[_Cloud] = []
-    for stamp_ns, columns in samples:
-        fields = fields or CloudFields.of(tuple(columns), where)
-        fields.check(stamp_ns, columns)
-        # Every 7th point of a dense cloud tells as much; 7 divides no sensor's number of rings.
-        step = 1 if len(columns["x"]) <= _DENSE else 7
-        xyz, keep = _returns({name: values[::step] for name, values in columns.items()})
-        time = None if fields.time is None else columns[fields.time][::step][keep]
-        ids = None if fields.ring is None else ring_ids(columns[fields.ring][::step][keep])
-        clouds.append((stamp_ns, xyz, ids, time))
-    if fields is None:
-        raise ReadError("no_sweeps", f"{where} holds no sweeps.", "Record again, or choose another topic.")
+    fields, clouds = _usual_clouds(samples, where)
     try:
         rings = _learned_rings(fields, clouds, options.rings, where)
     except ReadError as error:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.recording import ReadError
+from workers.readers.recording import MessageError
 
 # sensor_msgs/PointField: INT8 = 1 ... FLOAT64 = 8
 _FORMATS: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -39,11 +39,20 @@ class PointCloud2:
     data: NDArray[np.uint8]
 
 
-def _malformed(where: str, why: str) -> ReadError:
-    return ReadError(
+def _malformed(where: str, why: str) -> MessageError:
+    return MessageError(
         "cloud_malformed",
         f"{where} is no valid point cloud: {why}.",
         "Record it again; look at the driver that publishes this topic.",
+    )
+
+
+def empty_cloud(where: str, count: int = 0) -> MessageError:
+    """The reason to leave out a cloud of ``count`` points without a return."""
+    return MessageError(
+        "cloud_empty",
+        f"{where} holds {f'{count} points, and none is a return' if count else 'no points'}.",
+        "Look at the LiDAR's driver: was the sensor on, and does it send to this machine?",
     )
 
 
@@ -55,9 +64,11 @@ def cloud_columns(cloud: PointCloud2, where: str) -> dict[str, NDArray[np.generi
         where: names the message in errors.
 
     Raises:
-        ReadError: ``cloud_malformed``, sizes that contradict each other.
+        MessageError: ``cloud_empty``; ``cloud_malformed``, sizes that contradict each other.
     """
     step, width, height = cloud.point_step, cloud.width, cloud.height
+    if width * height == 0:
+        raise empty_cloud(where)
     scalars = [f for f in cloud.fields if f.datatype in _FORMATS and f.count == 1]
     formats = [(">" if cloud.is_bigendian else "<") + _FORMATS[f.datatype] for f in scalars]
     for field, form in zip(scalars, formats, strict=True):

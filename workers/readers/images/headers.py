@@ -10,7 +10,7 @@ from typing import Final
 
 from PIL import Image
 
-from workers.readers.recording import ReadError
+from workers.readers.recording import MessageError
 
 MAX_PIXELS: Final = 200_000_000
 # What a file of each format begins with.
@@ -51,12 +51,15 @@ def read_image_header(data: bytes, where: str) -> ImageHeader:
         where: names the image in error messages.
 
     Raises:
-        ReadError: ``image_unsupported`` (another format), ``image_damaged`` (header cut short or contradicting
-            the data), ``image_too_large`` (more than :data:`MAX_PIXELS`), ``image_turned`` (Exif orientation).
+        MessageError: ``image_empty``, ``image_unsupported`` (another format), ``image_damaged`` (header cut short or
+            contradicting the data), ``image_too_large`` (more than :data:`MAX_PIXELS`), ``image_turned`` (Exif
+            orientation).
     """
+    if not data:
+        raise MessageError("image_empty", f"{where} holds no bytes.", "Leave it out, or record it again.")
     form = next((form for head, form in _HEADS.items() if data.startswith(head)), None)
     if form is None:
-        raise ReadError(
+        raise MessageError(
             "image_unsupported",
             f"{where} is not a JPEG, PNG or WebP image (it starts with {data[:8].hex(' ') or 'nothing'}).",
             "Record or convert the camera's frames to JPEG or PNG.",
@@ -71,7 +74,7 @@ def read_image_header(data: bytes, where: str) -> ImageHeader:
     if width * height > _EXPANSION.get(form, MAX_PIXELS) * len(data):
         raise damaged(where, f"{len(data)} bytes cannot hold the {width} x {height} pixels that its header claims")
     if turn in range(2, 9):  # a mark on what a person sees would be another pixel than the camera's
-        raise ReadError(
+        raise MessageError(
             "image_turned",
             f"{where} carries an Exif orientation ({turn}): viewers turn it, calibration would not.",
             "Remove the tag from all frames, for example with `exiftool -Orientation= -r FOLDER`.",
@@ -90,16 +93,16 @@ def check_size(width: int, height: int, where: str) -> None:
     """Refuse an image that claims more pixels than any camera has.
 
     Raises:
-        ReadError: ``image_too_large``.
+        MessageError: ``image_too_large``.
     """
     if width * height > MAX_PIXELS:
-        raise ReadError(
+        raise MessageError(
             "image_too_large",
             f"{where} claims {width} x {height} pixels; at most {MAX_PIXELS // 1_000_000} megapixels are read.",
             "If the camera really is this large, scale its frames down; else the file is damaged.",
         )
 
 
-def damaged(where: str, why: str) -> ReadError:
+def damaged(where: str, why: str) -> MessageError:
     """The refusal of an image."""
-    return ReadError("image_damaged", f"{where} is damaged: {why}.", "Leave this image out, or record it again.")
+    return MessageError("image_damaged", f"{where} is damaged: {why}.", "Leave this image out, or record it again.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from workers.readers.images.completeness import check_complete
 from workers.readers.images.headers import damaged, read_image_header
 from workers.readers.recording import Frame
 
@@ -23,11 +24,13 @@ def image_frame(data: bytes, stamp_ns: int, where: str) -> Frame:
         where: names the image in errors.
 
     Raises:
-        ReadError: ``image_unsupported``, ``image_damaged``, ``image_too_large``, ``image_turned``.
+        MessageError: ``image_empty``, ``image_unsupported``, ``image_damaged``, ``image_too_large``,
+            ``image_turned``.
     """
     header = read_image_header(data, where)
     if header.media_type not in _SHOWN or (header.media_type == "image/png" and data[24] == 16):
         return _decoded(data, stamp_ns, where)
+    check_complete(data, header.media_type, where)
     return Frame(stamp_ns, data, header.media_type, header.width, header.height)
 
 

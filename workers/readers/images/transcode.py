@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from workers.readers.images.deep_images import shown_levels, spanned, with_depth
 from workers.readers.images.headers import check_size
-from workers.readers.recording import Frame, ReadError
+from workers.readers.recording import Frame, MessageError
 from workers.readers.ros.topic_messages import RawImage
 
 LOSSLESS: Final = "Raw frames were encoded as PNG, without loss."
@@ -109,22 +109,25 @@ def raw_to_png(raw: RawImage, stamp_ns: int, where: str) -> Frame:
         where: names the image in error messages.
 
     Raises:
-        ReadError: ``image_encoding_unsupported``, ``image_damaged``, ``image_too_large``.
+        MessageError: ``image_empty``, ``image_encoding_unsupported``, ``image_damaged``, ``image_too_large``.
     """
     pixels, width, height, step, encoding = raw.data, raw.width, raw.height, raw.step, raw.encoding
     how = _ENCODINGS.get(encoding) or _ENCODINGS.get(encoding.lower())
     if how is None:
-        raise ReadError(
+        raise MessageError(
             "image_encoding_unsupported",
             f"{where} has the pixel format {encoding[:40]!r}, which is not read.",
             f"Record compressed images, or convert to one of {', '.join(_ENCODINGS)}.",
         )
     check_size(width, height, where)
+    if width == 0 or height == 0 or len(pixels) == 0:
+        message = f"{where} is empty: {width} x {height} pixels, {len(pixels)} bytes."
+        raise MessageError("image_empty", message, "Look at the camera's driver.")
     rows = height + height // 2 if how.layout == "planes" else height
     row_bytes = width * how.channels * how.depth
     odd = (how.layout != "pixels" and width % 2 == 1) or (how.layout == "planes" and height % 2 == 1)
-    if width == 0 or height == 0 or step < row_bytes or len(pixels) < step * rows or odd:
-        raise ReadError(
+    if step < row_bytes or len(pixels) < step * rows or odd:
+        raise MessageError(
             "image_damaged",
             f"{where} is damaged: {len(pixels)} bytes, {step} per row, are no {width} x {height} {encoding[:40]}.",
             "Record it again; look at the driver that fills in step, width and height.",
@@ -136,7 +139,7 @@ def raw_to_png(raw: RawImage, stamp_ns: int, where: str) -> Frame:
     try:
         return png_frame(_bgr(image, how.conversion), stamp_ns, where, how.sentence)
     except cv2.error as error:
-        raise ReadError(
+        raise MessageError(
             "image_damaged",
             f"{where} cannot be converted from {encoding}: {str(error.err or error).splitlines()[0]}.",
             "Record it again, or as compressed images.",
@@ -155,7 +158,7 @@ def png_frame(image: Pixels, stamp_ns: int, where: str, sentence: str | None = N
         sentence: what was done to it, for the owner; None: what this function does.
 
     Raises:
-        ReadError: ``image_damaged``.
+        MessageError: ``image_damaged``.
     """
     if sentence is None:
         sentence = STRETCHED if image.dtype == np.uint16 else "Frames were encoded anew as PNG, without loss."
@@ -170,7 +173,7 @@ def png_frame(image: Pixels, stamp_ns: int, where: str, sentence: str | None = N
         image = image[..., :3]
     done, encoded = cv2.imencode(".png", np.ascontiguousarray(image), _PNG)
     if not done:
-        raise ReadError("image_damaged", f"{where} could not be encoded as PNG.", "Record it again.")
+        raise MessageError("image_damaged", f"{where} could not be encoded as PNG.", "Record it again.")
     height, width = image.shape[:2]
     data = encoded.tobytes() if deep is None else with_depth(encoded.tobytes(), deep)
     return Frame(stamp_ns, data, "image/png", width, height, sentence)

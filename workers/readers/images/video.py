@@ -19,9 +19,10 @@ from av.video.stream import VideoStream
 from apexcal.documents.readings import ReadOptions
 from workers.readers.images.headers import MAX_PIXELS, check_size
 from workers.readers.images.video_times import FrameTimes, VideoClock
+from workers.readers.omissions import Omissions
 from workers.readers.output import video_is_decoded
 from workers.readers.progress import beat
-from workers.readers.recording import Frame, ReadError, Recording, Sensor, Sweep
+from workers.readers.recording import Frame, MessageError, ReadError, Recording, Sensor, Sweep
 
 # On frames of 1920 x 1208 pixels 8 ms and 0.9 MB, 1.6 grey levels RMS off what the video holds; as PNG they take
 # 75 ms and 4 MB. What the video's own compression cost is not undone by either.
@@ -67,6 +68,7 @@ class VideoRecording(Recording):
         self._path = path
         self._name = name or path.name
         self._warnings: list[str] = []
+        self._omissions = Omissions()
         with self._opened() as container:
             stream = self._stream(container)
             check_size(stream.width, stream.height, self._name)
@@ -112,6 +114,7 @@ class VideoRecording(Recording):
         """The frames in the order in which they are shown."""
         number = -1
         left_out = 0
+        self._omissions.clear()
         with self._opened() as container:
             stream = self._stream(container)
             for number, frame in enumerate(self._decoded(container, stream)):
@@ -119,12 +122,12 @@ class VideoRecording(Recording):
                 if stamp_ns is None:
                     left_out += 1
                     continue
-                yield jpeg_frame(frame, stamp_ns, f"{self._name}, frame {number}")
+                with self._omissions.leaving_out(sensor.name, stamp_ns):
+                    yield jpeg_frame(frame, stamp_ns, f"{self._name}, frame {number}")
         self._close_account(number + 1, left_out)
 
     def _decoded(self, container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
         """Frames up to the end, or up to where the file is damaged."""
-        corrupt = 0
         number = 0
         size = max(1, self._path.stat().st_size)
         try:
@@ -132,15 +135,12 @@ class VideoRecording(Recording):
                 beat()
                 self._share = min(1.0, max(self._share, (packet.pos or 0) / size))
                 for frame in packet.decode():
-                    corrupt += bool(frame.is_corrupt)
                     number += 1
                     yield frame
         except av.error.FFmpegError as error:
             if number == 0:
                 raise self._damaged(f"its first frame cannot be decoded ({_reason(error)})") from error
             self._warn(f"{self._name} is damaged behind frame {number} ({_reason(error)}); what is there was read.")
-        if corrupt:
-            self._warn(f"{self._name}: {corrupt} frames are damaged; look at them before you mark a vertex in one.")
 
     def _close_account(self, count: int, left_out: int) -> None:
         if count == 0:
@@ -155,6 +155,11 @@ class VideoRecording(Recording):
     def _warn(self, sentence: str) -> None:
         if sentence not in self._warnings:
             self._warnings.append(sentence)
+
+    @property
+    def omissions(self) -> Omissions:
+        """Frames that are damaged."""
+        return self._omissions
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """The frames, if the camera was chosen."""
@@ -218,13 +223,15 @@ def jpeg_frame(picture: VideoFrame, stamp_ns: int, where: str) -> Frame:
     """A decoded picture as JPEG.
 
     Raises:
-        ReadError: ``image_too_large``, ``video_damaged``.
+        MessageError: ``image_too_large``, ``video_damaged``.
     """
+    if picture.is_corrupt:
+        raise MessageError("video_damaged", f"{where} is damaged.", "Copy the recording again.")
     check_size(picture.width, picture.height, where)
     pixels: Any = picture.to_ndarray(format="bgr24")
     done, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
     if not done:
-        raise ReadError("video_damaged", f"{where} holds a frame that is no JPEG.", "Record it again.")
+        raise MessageError("video_damaged", f"{where} holds a frame that is no JPEG.", "Record it again.")
     size = (picture.width, picture.height)
     return Frame(stamp_ns, data.tobytes(), "image/jpeg", *size, _TRANSCODED)
 

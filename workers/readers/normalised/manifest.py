@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field
 
 from apexcal.documents.base import Document
+from apexcal.documents.omissions import Omission
 from apexcal.documents.recordings import FixedFrame, RecordingFacts, SensorFacts, StampFacts
 from workers.readers.output import create
 
@@ -50,8 +51,8 @@ class SensorManifest(SensorFacts, SensorStamps):
 class RecordingManifest(Document):
     """A normalised recording: the format it came in, its sensors (the LiDAR first), and warnings for its owner.
 
-    ``static_transforms`` are the poses of frames that it states to be fixed. It may come from a process that read a
-    stranger's file.
+    ``omissions`` are messages that were left out. ``static_transforms`` are the poses of frames that it states to be
+    fixed. It may come from a process that read a stranger's file.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -60,6 +61,7 @@ class RecordingManifest(Document):
     sensors: list[SensorManifest]
     warnings: list[str]
     static_transforms: list[FixedFrame]
+    omissions: list[Omission]
 
     def facts(self) -> dict[str, Any]:
         """What is true of the recording as a whole; ``together_s`` is how long all its sensors ran."""
@@ -73,6 +75,7 @@ class RecordingManifest(Document):
             seconds=(last - first) / 1e9,
             together_s=max(0, together) / 1e9,
             static_transforms=self.static_transforms,
+            omissions=self.omissions,
         )
         return facts.model_dump(mode="json", exclude=None if self.static_transforms else {"static_transforms"})
 

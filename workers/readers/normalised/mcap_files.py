@@ -6,10 +6,11 @@ from array import array
 from pathlib import Path
 from typing import Final
 
+from workers.readers.clouds.pointcloud2 import empty_cloud
 from workers.readers.mcap_io.writer import McapWriter
 from workers.readers.normalised.cdr import encode_image, encode_points
 from workers.readers.normalised.lidar_file import FACTS, METADATA_NAME
-from workers.readers.recording import Frame, LidarFacts, ReadError, Sweep
+from workers.readers.recording import Frame, LidarFacts, MessageError, Sweep
 from workers.readers.ros.ros_types import CLOUD, COMPRESSED, fixed_types
 
 # Of 18,701 points of a VLP-16 (449 kB): level 3 takes 2.0 ms and leaves 63 %, level 1 takes 1.2 ms and leaves 65 %,
@@ -23,13 +24,30 @@ def check_stamp(stamp_ns: int, topic: str) -> None:
     """Refuse a stamp that the messages' time (int32 seconds since 1970) cannot hold.
 
     Raises:
-        ReadError: ``stamp_out_of_range``.
+        MessageError: ``stamp_out_of_range``.
     """
     if not 0 <= stamp_ns < 2**31 * 1_000_000_000:
-        raise ReadError(
+        raise MessageError(
             "stamp_out_of_range",
             f"{topic} has the stamp {stamp_ns} ns, which lies before 1970 or after 2038.",
             "Stamps are nanoseconds since 1970, UTC; look at the recorder's clock or at the unit of the stamps.",
+        )
+
+
+def check_item(item: Sweep | Frame, topic: str) -> None:
+    """Refuse a sweep or a frame that no file holds.
+
+    Raises:
+        MessageError: ``stamp_out_of_range``, ``cloud_empty``, ``image_too_large``.
+    """
+    check_stamp(item.stamp_ns, topic)
+    if isinstance(item, Sweep) and not len(item.xyz):
+        raise empty_cloud(f"{topic}: the sweep at {item.stamp_ns / 1e9:.3f} s")
+    if isinstance(item, Frame) and len(item.data) > MAX_FRAME_BYTES:
+        raise MessageError(
+            "image_too_large",
+            f"A frame of {topic} takes {len(item.data)} bytes; {MAX_FRAME_BYTES} are the most.",
+            "Record the camera's frames smaller, or as JPEG.",
         )
 
 
@@ -60,13 +78,11 @@ class LidarWriter(_SensorFile):
         super().__init__(path, topic, frame_id, CLOUD, "zstd")
 
     def add(self, sweep: Sweep) -> None:
-        """Append one sweep; stamps need not ascend.
+        """Append one sweep that :func:`check_item` passed; stamps need not ascend.
 
         Raises:
-            ReadError: ``stamp_out_of_range``.
             OverflowError: a point lies more than 2.1 s from its sweep's stamp.
         """
-        check_stamp(sweep.stamp_ns, self.topic)
         self._file.add(self._channel, sweep.stamp_ns, encode_points(sweep, self.frame_id))
 
     def finish(self, facts: LidarFacts) -> None:
@@ -84,18 +100,7 @@ class CameraWriter(_SensorFile):
         self.lengths = array("q")
 
     def add(self, frame: Frame) -> None:
-        """Append one frame; stamps need not ascend.
-
-        Raises:
-            ReadError: ``stamp_out_of_range``, ``image_too_large``.
-        """
-        check_stamp(frame.stamp_ns, self.topic)
-        if len(frame.data) > MAX_FRAME_BYTES:
-            raise ReadError(
-                "image_too_large",
-                f"A frame of {self.topic} takes {len(frame.data)} bytes; {MAX_FRAME_BYTES} are the most.",
-                "Record the camera's frames smaller, or as JPEG.",
-            )
+        """Append one frame that :func:`check_item` passed; stamps need not ascend."""
         message = encode_image(frame.stamp_ns, self.frame_id, frame.media_type, frame.data)
         self._file.add(self._channel, frame.stamp_ns, message)
         self.lengths.append(len(frame.data))

@@ -16,7 +16,7 @@ from workers.readers.camera_guess import Sizes
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
 from workers.readers.normalised.manifest import FrameTable, RecordingManifest, SensorManifest, write_table
-from workers.readers.normalised.mcap_files import CameraWriter, LidarWriter
+from workers.readers.normalised.mcap_files import CameraWriter, LidarWriter, check_item
 from workers.readers.normalised.stamps import (
     StampReport,
     overlap_warning,
@@ -25,6 +25,7 @@ from workers.readers.normalised.stamps import (
     shared_time,
     sweep_warnings,
 )
+from workers.readers.omissions import Omissions
 from workers.readers.progress import OnProgress, Pace
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep, legible
 
@@ -45,11 +46,11 @@ class _Lidar:
         self.stamps.append(item.stamp_ns)
         self.points.append(len(item.xyz))
 
-    def finish(self, out_dir: Path) -> tuple[SensorManifest, list[str]]:
+    def finish(self, omissions: Omissions) -> tuple[SensorManifest, list[str]]:
         facts = self.facts
         self.writer.finish(facts)
-        stamps = _stamps(self.stamps, self.sensor)
-        report = report_stamps(stamps, "lidar")
+        stamps = _stamps(self.stamps, self.sensor, omissions)
+        report = report_stamps(stamps, "lidar", omissions.stamps(self.sensor.name))
         points = np.array(self.points, np.int64)[report.order]
         manifest = _described(
             *("lidar", self.sensor, self.writer.path, report),
@@ -58,7 +59,7 @@ class _Lidar:
             ring_count=facts.ring_count,
             points=int(np.median(points)),
             partial=partial_ends(points),
-            empty=int(np.count_nonzero(points == 0)),
+            empty=omissions.count(self.sensor.name, "cloud_empty"),
             notes=list(facts.notes),
         )
         return manifest, [*report.warnings, *sweep_warnings(points, "lidar")]
@@ -84,10 +85,10 @@ class _Camera:
         if item.transcoding and item.transcoding not in self.transcodings:
             self.transcodings.append(item.transcoding)
 
-    def finish(self, out_dir: Path) -> tuple[SensorManifest, list[str]]:
+    def finish(self, omissions: Omissions) -> tuple[SensorManifest, list[str]]:
         offsets = self.writer.finish()
-        stamps = _stamps(self.stamps, self.sensor)
-        report = report_stamps(stamps, self.name)
+        stamps = _stamps(self.stamps, self.sensor, omissions)
+        report = report_stamps(stamps, self.name, omissions.stamps(self.sensor.name))
         order: list[int] = report.order.tolist()
         table = FrameTable(
             stamp_ns=stamps[report.order].tolist(),
@@ -136,9 +137,9 @@ def _size_warnings(name: str, sizes: list[ImageSize], sensor: Sensor) -> list[st
     return sentences
 
 
-def _stamps(stamps: array[int], sensor: Sensor) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def _stamps(stamps: array[int], sensor: Sensor, omissions: Omissions) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     if not stamps:
-        raise ReadError(
+        raise omissions.refusal(sensor.name) or ReadError(
             "no_sweeps" if sensor.kind == "lidar" else "no_frames",
             f"{sensor.name} holds no messages.",
             "Record again, or choose another topic.",
@@ -194,13 +195,18 @@ def _normalise(
             files += [out / f"{stem}.mcap", out / f"{stem}.frames.json"]
             sinks[sensor.name] = _Lidar(out, sensor, facts) if name == "lidar" else _Camera(out, name, sensor)
         done = 0
+        unstorable = Omissions()
         for sensor, item in recording.messages(list(chosen.values())):
-            sinks[sensor.name].add(item)
+            with unstorable.leaving_out(sensor.name):
+                check_item(item, sensor.name)
+                sinks[sensor.name].add(item)
             done += 1
             if pace.due:
                 on_progress(pace.at(done, recording.share_read))
         on_progress(pace.at(done, 1.0))
-        finished = [sink.finish(out) for sink in sinks.values()]
+        omissions = recording.omissions
+        omissions.update(unstorable)
+        finished = [sink.finish(omissions) for sink in sinks.values()]
     finally:
         for sink in sinks.values():
             sink.writer.abandon()
@@ -217,6 +223,7 @@ def _normalise(
         sensors=sensors,
         warnings=[legible(warning) for warning in warnings],
         static_transforms=list(fixed),
+        omissions=omissions.documents({topic: len(sink.stamps) for topic, sink in sinks.items()}),
     )
 
 

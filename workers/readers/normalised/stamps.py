@@ -27,19 +27,23 @@ class StampReport(NamedTuple):
     warnings: Sequence[str]
 
 
-def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
+def report_stamps(
+    stamps_ns: NDArray[np.int64], name: str, omitted_ns: NDArray[np.int64] | None = None
+) -> StampReport:
     """Look at one sensor's stamps.
 
     Args:
         stamps_ns: (N,) int64 as recorded, N at least 1.
         name: names the sensor in warnings.
+        omitted_ns: (M,) int64 stamps of messages that were left out: they are no gap.
     """
     order = np.argsort(stamps_ns, kind="stable")
     ordered = stamps_ns[order]
-    moments, alike = np.unique(ordered, return_counts=True)
+    every = ordered if omitted_ns is None else np.concatenate([ordered, omitted_ns])
+    moments, alike = np.unique(every, return_counts=True)
     steps = np.diff(moments)
     back = np.flatnonzero(np.diff(stamps_ns) < 0)
-    duplicates = len(ordered) - len(moments)
+    duplicates = len(ordered) - len(np.unique(ordered))
     median = float(np.median(steps)) if len(steps) else 0.0
     # A message with another's stamp is there: it fills the gap that its own stamp leaves, before or after the other.
     spare = np.maximum(alike[:-1], alike[1:]) - 1
@@ -125,14 +129,12 @@ def partial_ends(points: NDArray[np.int64]) -> list[str]:
 
 
 def sweep_warnings(points: NDArray[np.int64], name: str) -> list[str]:
-    """Sentences about partial and empty sweeps."""
+    """Sentences about partial sweeps."""
     usual = float(np.median(points))
-    sentences = [
+    return [
         f"{name}: the {end} sweep is partial ({points[0 if end == 'first' else -1]} points of about {usual:.0f})."
         for end in partial_ends(points)
     ]
-    empty = int(np.count_nonzero(points == 0))
-    return [*sentences, f"{name}: {empty} sweeps hold no point."] if empty else sentences
 
 
 def shared_time(lidar: tuple[int, int], camera: tuple[int, int]) -> tuple[float, float]:

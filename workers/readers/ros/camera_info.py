@@ -12,7 +12,7 @@ import numpy as np
 from apexcal.documents.lenses import lens_of_images, model_of_lens
 from apexcal.documents.name_words import words
 from apexcal.documents.readings import ImageKind
-from workers.readers.ros.topic_messages import CameraInfo
+from workers.readers.ros.topic_messages import CameraInfo, CloudMessage, Message, PacketMessage, RawImage
 
 _RECTIFIED: Final = frozenset(("rect", "rectified", "undistorted"))
 # image_proc's names of images that it did not rectify.
@@ -56,6 +56,17 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
         "width": info.width,
         "height": info.height,
     }
+
+
+def is_filled(message: Message) -> bool:
+    """Whether a message tells what its topic holds: points with fields, pixels, packets, a lens."""
+    if isinstance(message, CameraInfo):
+        return info_document(message) is not None
+    if isinstance(message, CloudMessage):
+        return bool(message.cloud.fields) and message.cloud.width * message.cloud.height > 0
+    if isinstance(message, RawImage):
+        return message.width * message.height > 0
+    return bool(message.packets if isinstance(message, PacketMessage) else message.data)
 
 
 def _turn(r: Sequence[float]) -> list[float] | None:

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.readers.recording import MessageError, ReadError
 from workers.readers.ros.ros_types import ros_decoder
 from workers.readers.ros.topic_messages import BagTopic, Decoder, Message
 
@@ -49,8 +50,12 @@ class Container:
             return None
 
         def guarded(raw: bytes) -> Message:
-            with self.damage():
-                return decode(raw)
+            try:
+                with self.damage():
+                    return decode(raw)
+            except ReadError as error:
+                message = f"A message on {topic.name} cannot be decoded. {error.message}"
+                raise MessageError(error.code, message, error.hint, error.fields) from error
 
         return guarded
 

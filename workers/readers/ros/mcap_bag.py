@@ -216,10 +216,11 @@ class McapBag(Container):
                 head = self._record_at(offset)
                 if head is None or head[0] != (Opcode.MESSAGE if loose else Opcode.CHUNK):
                     raise RecordError(f"there is no message at byte {offset} any more")
-                messages = (message_of(part) for kind, part in self._records(*head) if kind == Opcode.MESSAGE)
-                ours = ((log_ns, data) for channel, log_ns, data in messages if channel in numbers)
+                parts = [part for kind, part in self._records(*head) if kind == Opcode.MESSAGE]
+                ours = [part for part in parts if _CHANNEL.unpack_from(part)[0] in numbers]
                 share = (number + 1) * count // len(chosen) - number * count // len(chosen)
-                yield from islice(ours, share)
+                is_end = share == 1 and number == count - 1
+                yield from (message_of(part)[1:] for part in (ours[-1:] if is_end else spread(ours, share)))
 
     def times(self, name: str) -> NDArray[np.int64]:
         """See :class:`Container`."""

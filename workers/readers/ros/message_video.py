@@ -59,11 +59,7 @@ class MessageVideo:
         self._given += len(shown)
         return [jpeg_frame(picture, int(picture.pts), self._where) for picture in shown]
 
-    def warnings(self) -> list[str]:
-        """A sentence where frames are missing."""
-        if self._given == self._taken:
-            return []
-        return [
-            f"{self._where}: {self._taken - self._given} of {self._taken} frames of video could not be decoded; "
-            "frames before the first key frame never can."
-        ]
+    @property
+    def missing(self) -> int:
+        """How many frames could not be decoded so far."""
+        return self._taken - self._given

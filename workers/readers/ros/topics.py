@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from itertools import islice
 from typing import TYPE_CHECKING, Final
@@ -19,12 +21,14 @@ from workers.readers.clouds.pointcloud2 import cloud_columns
 from workers.readers.damage import on_error
 from workers.readers.images.still_images import image_frame
 from workers.readers.images.transcode import raw_to_png
-from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
-from workers.readers.ros.camera_info import image_kind, info_document, match_infos
+from workers.readers.omissions import Omissions, readable
+from workers.readers.recording import Frame, LidarFacts, MessageError, ReadError, Recording, Sensor, Sweep
+from workers.readers.ros.camera_info import image_kind, info_document, is_filled, match_infos
 from workers.readers.ros.containers import Container, SplitContainer
 from workers.readers.ros.packet_topics import is_stampless, packet_source, stamped_packets
 from workers.readers.ros.static_transforms import static_transforms
 from workers.readers.ros.topic_messages import (
+    BagTopic,
     CameraInfo,
     CloudMessage,
     Decoder,
@@ -42,6 +46,16 @@ if TYPE_CHECKING:
 
 _MAX_TOPICS: Final = 10_000
 _INFOS: Final = ("CameraInfo", "CameraCalibration")
+_UNFILLED: Final = MessageError(
+    "lens_not_stated",
+    "Its K is 0 or holds what is no number: the camera's driver had not loaded its calibration yet.",
+    "Begin to record after the driver has loaded it.",
+)
+_UNDECODED: Final = MessageError(
+    "video_damaged",
+    "Frames of video before the first key frame can never be decoded, nor those after a message that is missing.",
+    "Start the recording before the camera, or let the encoder send key frames more often.",
+)
 # What is wrong with one topic's own description is no reason to refuse the others.
 _OWN: Final = frozenset({"type_not_understood", "lidar_metadata_unusable"})
 
@@ -69,8 +83,11 @@ class TopicRecording(Recording):
         self._cutters: dict[str, SweepCutter] = {}
         self._videos: dict[str, MessageVideo] = {}
         self._stampless: set[str] = set()
+        self._first_stamped_ns: dict[str, int | None] = {}
         self._decoders: dict[str, Decoder] = {}
         self._sentences: list[str] = []
+        self._omissions = Omissions()
+        self._unfilled = Omissions()
         with on_error(container.close):
             self.sensors, self.other_topics = self._find_sensors()
 
@@ -82,9 +99,7 @@ class TopicRecording(Recording):
         for topic in self._container.topics[:_MAX_TOPICS]:
             try:
                 decoder = self._container.decoder(topic)
-                first = None
-                if decoder is not None:
-                    first = next((decoder(raw) for _, raw in self._container.samples(topic.name, 1)), None)
+                first = None if decoder is None else self._first(topic, decoder)
                 if isinstance(first, PacketMessage):
                     source = packet_source(self._container, topic, first)
                     decoder = decoder if source else None
@@ -104,6 +119,34 @@ class TopicRecording(Recording):
         matched = match_infos({s.name: s.frame_id for s in sensors if s.kind == "camera"}, infos)
         return [_with_info(s, matched.get(s.name)) if s.kind == "camera" else s for s in sensors], others
 
+    def _first(self, topic: BagTopic, decoder: Decoder) -> Message | None:
+        """The first message that tells what the topic holds; else any. Drivers send some before they are ready."""
+        filled: Message | None = None
+        other: Message | None = None
+        for count in (1, SAMPLES):
+            total = unfilled = 0
+            for _, raw in self._container.samples(topic.name, count):
+                with suppress(MessageError):
+                    message = decoder(raw)
+                    total += 1
+                    unfilled += not is_filled(message)
+                    other = other or message
+                    filled = filled or (message if is_filled(message) else None)
+                    if filled is not None and not (unfilled and isinstance(message, CameraInfo)):
+                        return filled
+            if filled is not None and unfilled:
+                self._unfilled.add(topic.name, _UNFILLED, count=unfilled, total=total, everything=topic.count)
+                return filled
+        return other
+
+    @property
+    def omissions(self) -> Omissions:
+        """Messages of chosen topics, and of CameraInfo."""
+        every = Omissions()
+        every.update(self._unfilled)
+        every.update(self._omissions)
+        return every
+
     @property
     def static_transforms(self) -> Sequence[FixedFrame]:
         """What its ``/tf_static`` says."""
@@ -117,7 +160,7 @@ class TopicRecording(Recording):
     @property
     def warnings(self) -> list[str]:
         """Sentences about what was met while reading."""
-        sources = (*self._models.values(), *self._cutters.values(), *self._videos.values())
+        sources = (*self._models.values(), *self._cutters.values())
         return [
             *self._container.warnings,
             *self._sentences,
@@ -140,10 +183,14 @@ class TopicRecording(Recording):
 
     def log_and_stamp(self, sensor: Sensor, count: int) -> Iterator[tuple[int, int]]:
         """Of messages that have a stamp of their own."""
-        for log_ns, raw in self._container.samples(sensor.name, count):
-            stamp_ns = self._decoders[sensor.name](raw).stamp_ns
-            if stamp_ns:
-                yield log_ns, stamp_ns
+        return self._stamps(sensor.name, count)
+
+    def _stamps(self, name: str, count: int) -> Iterator[tuple[int, int]]:
+        for log_ns, raw in self._container.samples(name, count):
+            with suppress(MessageError):
+                stamp_ns = self._decoders[name](raw).stamp_ns
+                if stamp_ns:
+                    yield log_ns, stamp_ns
 
     def _model(self, sensor: Sensor) -> CloudModel:
         if sensor.name not in self._models:
@@ -153,21 +200,20 @@ class TopicRecording(Recording):
         return self._models[sensor.name]
 
     def _samples(self, sensor: Sensor) -> Iterator[tuple[int, Columns]]:
-        decoder = self._decoders[sensor.name]
-        for log_ns, raw in self._container.samples(sensor.name, SAMPLES):
-            message = decoder(raw)
-            if isinstance(message, CloudMessage):
-                stamp_ns = self._stamp(sensor.name, message, log_ns)
-                yield stamp_ns, cloud_columns(message.cloud, _where(sensor.name, stamp_ns))
+        samples = self._container.samples(sensor.name, SAMPLES)
+        return readable(partial(self._columns, sensor.name, log_ns, raw) for log_ns, raw in samples)
+
+    def _columns(self, name: str, log_ns: int, raw: bytes) -> tuple[int, Columns]:
+        message = self._decoders[name](raw)
+        stamp_ns = self._stamp(name, message, log_ns)
+        assert isinstance(message, CloudMessage)
+        return stamp_ns, cloud_columns(message.cloud, _where(name, stamp_ns))
 
     def _stream(self, sensor: Sensor) -> PacketStream:
         if sensor.name not in self._streams:
-            packets: Iterator[Packet] = (
-                packet
-                for _, log_ns, raw in self._container.messages([sensor.name])
-                for packet in self._packets(sensor, log_ns, raw)
-            )
-            sample = list(islice(packets, SAMPLE_PACKETS))
+            messages = self._container.messages([sensor.name])
+            turns = readable(partial(self._packets, sensor, log_ns, raw) for _, log_ns, raw in messages)
+            sample = list(islice((packet for packets in turns for packet in packets), SAMPLE_PACKETS))
             self._streams[sensor.name] = self._sources[sensor.name].learn(sample, self._options, sensor.name)
         return self._streams[sensor.name]
 
@@ -184,20 +230,39 @@ class TopicRecording(Recording):
         by_name = {sensor.name: sensor for sensor in sensors}
         self._videos.clear()
         self._cutters.clear()
+        self._omissions.clear()
         for sensor in sensors:  # what is not usable is said before anything is read
             if sensor.name in self._sources:
                 self._cutters[sensor.name] = self._stream(sensor).cutter()
             elif sensor.kind == "lidar":
                 self._model(sensor)
         for name, log_ns, raw in self._container.messages(by_name) if by_name else ():
-            for item in self._items(by_name[name], log_ns, raw):
-                yield by_name[name], item
+            with self._omissions.leaving_out(name):
+                for item in self._items(by_name[name], log_ns, raw):
+                    yield by_name[name], item
         for name, cutter in self._cutters.items():
             for sweep in filter(None, [cutter.finish()]):
                 yield by_name[name], sweep
         for name, video in self._videos.items():
             for frame in video.finish():
                 yield by_name[name], frame
+            if video.missing:
+                self._omissions.add(name, _UNDECODED, count=video.missing)
+
+    def samples(self, sensor: Sensor, count: int) -> Iterator[Sweep | Frame]:
+        """Sweeps or frames spread over the file; of packets and of video the first."""
+        if sensor.name in self._sources:
+            yield from super().samples(sensor, count)
+            return
+        if sensor.kind == "lidar":
+            self._model(sensor)
+        for log_ns, raw in self._container.samples(sensor.name, count):
+            with self._omissions.leaving_out(sensor.name):
+                message = self._decoders[sensor.name](raw)
+                if isinstance(message, VideoMessage):
+                    yield from super().samples(sensor, count)
+                    return
+                yield from self._stamped(sensor.name, message, log_ns)
 
     def _items(self, sensor: Sensor, log_ns: int, raw: bytes) -> Iterator[Sweep | Frame]:
         """Yield what a message holds or completes."""
@@ -206,8 +271,16 @@ class TopicRecording(Recording):
             packets = self._packets(sensor, log_ns, raw)
             yield from filter(None, (self._cutters[name].add(*packet) for packet in packets))
             return
-        message = self._decoders[name](raw)
+        yield from self._stamped(name, self._decoders[name](raw), log_ns)
+
+    def _stamped(self, name: str, message: Message, log_ns: int) -> Iterator[Sweep | Frame]:
+        """Yield what a message holds, if it can be used. Raises MessageError if it has no stamp."""
         stamp_ns = self._stamp(name, message, log_ns)
+        with self._omissions.leaving_out(name, stamp_ns):
+            yield from self._usable(name, message, stamp_ns)
+
+    def _usable(self, name: str, message: Message, stamp_ns: int) -> Iterator[Sweep | Frame]:
+        """Yield what a message holds. Raises MessageError if it cannot be used."""
         where = _where(name, stamp_ns)
         if isinstance(message, VideoMessage):
             yield from self._video(name, message).add(stamp_ns, message.data)
@@ -226,10 +299,37 @@ class TopicRecording(Recording):
         return self._videos[name]
 
     def _stamp(self, name: str, message: Message, log_ns: int) -> int:
-        if message.stamp_ns == 0:
+        """The message's stamp; the time of recording on a topic that has none.
+
+        Raises:
+            MessageError: ``stamp_missing``, other messages of the topic have stamps.
+        """
+        if message.stamp_ns:
+            return message.stamp_ns
+        if name not in self._first_stamped_ns:
+            self._first_stamped_ns[name] = self._clock_start(name)
+        first_stamped_ns = self._first_stamped_ns[name]
+        if first_stamped_ns is None:
             self._stampless.add(name)
             return log_ns
-        return message.stamp_ns
+        if log_ns < first_stamped_ns:
+            return 0
+        raise MessageError(
+            "stamp_missing",
+            f"The message on {name} that was recorded at {log_ns / 1e9:.3f} s has the stamp 0; others have stamps.",
+            "Look at the driver: it sends messages before its clock is set.",
+        )
+
+    def _clock_start(self, name: str) -> int | None:
+        """Time of recording, ns, before which a stamp of 0 is a simulated clock's beginning; None without stamps.
+
+        Such a clock begins at 0: its first stamp lies as far from 0 as the others lie from each other.
+        """
+        pairs = np.array(list(self._stamps(name, SAMPLES)), np.int64).reshape(-1, 2)
+        if not len(pairs):
+            return None
+        stamps = pairs[:, 1]
+        return int(pairs[:, 0].min()) if stamps.min() <= 1.5 * stamps.max() / len(stamps) else 0
 
     def close(self) -> None:
         """Close the file."""

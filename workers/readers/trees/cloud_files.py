@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.clouds.pointcloud2 import MAX_POINTS
-from workers.readers.recording import ReadError
+from workers.readers.recording import MessageError
 from workers.readers.trees.ply import read_ply, truncated_cloud
 
 CLOUD_SUFFIXES: Final = frozenset({".pcd", ".ply", ".bin", ".npy"})
@@ -47,7 +47,7 @@ def read_cloud(data: bytes, path: str) -> Arrays:
         path: of the file; its suffix tells the format, and it names the file in errors.
 
     Raises:
-        ReadError: ``cloud_malformed``, ``cloud_truncated``.
+        MessageError: ``cloud_malformed``, ``cloud_truncated``.
     """
     suffix = PurePosixPath(path).suffix.lower()
     if suffix == ".pcd":
@@ -74,8 +74,8 @@ def is_cloud_table(head: bytes) -> bool:
     return {"x", "y", "z"} <= names and not names & _OF_PAIRS
 
 
-def _malformed(path: str, why: str, hint: str) -> ReadError:
-    return ReadError("cloud_malformed", f"{path} is no point cloud: {why}.", hint)
+def _malformed(path: str, why: str, hint: str) -> MessageError:
+    return MessageError("cloud_malformed", f"{path} is no point cloud: {why}.", hint)
 
 
 def _read_bin(data: bytes, path: str) -> Arrays:

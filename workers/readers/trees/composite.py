@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.recordings import FixedFrame
+from workers.readers.omissions import Omissions
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
 
 
@@ -76,6 +77,19 @@ class Composite(Recording):
     def share_read(self) -> float | None:
         """The least of what the parts have read of their bytes."""
         return min((s for part in self._recordings if (s := part.share_read) is not None), default=None)
+
+    @property
+    def omissions(self) -> Omissions:
+        """Those of all parts."""
+        every = Omissions()
+        for part in self._recordings:
+            every.update(part.omissions, {s.name: name for name, (of, s) in self._inner.items() if of is part})
+        return every
+
+    def samples(self, sensor: Sensor, count: int) -> Iterator[Sweep | Frame]:
+        """Those of its part."""
+        part, inner = self._inner[sensor.name]
+        return part.samples(inner, count)
 
     def log_times(self, sensor: Sensor) -> NDArray[np.int64] | None:
         """Those of its part."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from apexcal.documents.readings import ReadOptions
 from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
 from workers.readers.images.still_images import image_frame
+from workers.readers.omissions import Omissions, readable
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
 from workers.readers.trees.cloud_files import read_cloud
 from workers.readers.trees.file_tree import FileTree, read_file
@@ -32,19 +33,25 @@ class FileSeries(Recording):
 
     def __init__(self, tree: FileTree, series: Series, options: ReadOptions, *, looks_ahead: bool) -> None:
         self._tree, self._series, self._options, self._looks_ahead = tree, series, options, looks_ahead
+        self._omissions = Omissions()
         self.sensors = [Sensor(series.kind, series.name, "", len(series.paths), self._notes())]
 
     def _notes(self) -> dict[str, str]:
         """What the first file tells: the fields of a cloud, the size of an image."""
-        path = self._series.paths[0]
         notes: dict[str, str] = {"times_from": self._series.times_from}
         try:
             if self._series.kind == "lidar":
-                return notes | {"fields": " ".join(self._cloud(path))}
-            frame = self._frame(path)
+                clouds = readable(partial(self._cloud, path) for path in self._spread())
+                return notes | {"fields": " ".join(next(clouds))}
+            frame = next(readable(partial(self._frame, path) for path in self._spread()))
         except ReadError:  # raised again if this sensor is the one that is read
             return notes
         return notes | {"width": str(frame.width), "height": str(frame.height)}
+
+    def _spread(self) -> list[str]:
+        """Files spread over the folder, the first and the last among them."""
+        paths = self._series.paths
+        return [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, min(SAMPLES, len(paths))).astype(int))]
 
     @property
     def warnings(self) -> list[str]:
@@ -63,23 +70,32 @@ class FileSeries(Recording):
 
     @cached_property
     def _model(self) -> CloudModel:
-        paths, name, options = self._series.paths, self._series.name, self._options
+        options = self._options
         made_up = self._series.times_from == "index"
         if made_up or self._looks_ahead:
             # Neither says when, within a sweep, a point was measured.
             options = options.model_copy(update={"point_times": "stamp_only"})
-        numbers: list[int] = np.unique(np.linspace(0, len(paths) - 1, min(SAMPLES, len(paths))).astype(int)).tolist()
-        samples = ((self._series.stamps_ns[paths[i]], self._cloud(paths[i])) for i in numbers)
-        return learn_clouds(samples, None if made_up else self._period, options, name)
+        samples = readable(partial(self._stamped_cloud, path) for path in self._spread())
+        return learn_clouds(samples, None if made_up else self._period, options, self._series.name)
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """The sweeps or frames by stamp, if the sensor was chosen."""
+        self._omissions.clear()
         for sensor in sensors:
             for path in self._series.paths:
-                yield sensor, self._frame(path) if sensor.kind == "camera" else self._sweep(path)
+                with self._omissions.leaving_out(sensor.name, self._series.stamps_ns[path]):
+                    yield sensor, self._frame(path) if sensor.kind == "camera" else self._sweep(path)
+
+    @property
+    def omissions(self) -> Omissions:
+        """Files that cannot be used."""
+        return self._omissions
 
     def _sweep(self, path: str) -> Sweep:
-        return self._model.sweep(self._series.stamps_ns[path], self._cloud(path))
+        return self._model.sweep(*self._stamped_cloud(path))
+
+    def _stamped_cloud(self, path: str) -> tuple[int, Columns]:
+        return self._series.stamps_ns[path], self._cloud(path)
 
     def _frame(self, path: str) -> Frame:
         return image_frame(read_file(self._tree, path), self._series.stamps_ns[path], path)

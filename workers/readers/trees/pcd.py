@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pypcd4.pypcd4 import PointCloud
 
 from workers.readers.clouds.pointcloud2 import MAX_POINTS
-from workers.readers.recording import ReadError
+from workers.readers.recording import MessageError
 from workers.readers.trees.ply import truncated_cloud
 
 _HEADER_BYTES: Final = 4096
@@ -21,8 +21,8 @@ LZF_LIMIT: Final = 88
 _NUMBER: Final = re.compile(rb"^(SIZE|COUNT|POINTS)\s+([\d ]+)$", re.MULTILINE)
 
 
-def _damaged(where: str, why: str) -> ReadError:
-    return ReadError(
+def _damaged(where: str, why: str) -> MessageError:
+    return MessageError(
         "cloud_malformed",
         f"{where} is no valid PCD file: {why}.",
         "Export it again; a PCD file starts with a header of text lines from VERSION to DATA.",
@@ -37,7 +37,7 @@ def read_pcd(data: bytes, where: str) -> dict[str, NDArray[np.generic]]:
         where: names the file in errors.
 
     Raises:
-        ReadError: ``cloud_malformed``, ``cloud_truncated``.
+        MessageError: ``cloud_malformed``, ``cloud_truncated``.
     """
     encoding = _check_claims(data, where)
     if encoding == b"ascii":

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.clouds.pointcloud2 import MAX_POINTS
-from workers.readers.recording import ReadError
+from workers.readers.recording import MessageError
 
 _HEADER_BYTES: Final = 16_384
 _MOST_FIELDS: Final = 256
@@ -32,7 +32,7 @@ def read_ply(data: bytes, where: str) -> dict[str, NDArray[np.generic]]:
         where: names the file in errors.
 
     Raises:
-        ReadError: ``cloud_malformed``, ``cloud_truncated``.
+        MessageError: ``cloud_malformed``, ``cloud_truncated``.
     """
     order, count, fields, start = _header(data, where)
     if order == "":
@@ -89,14 +89,14 @@ def _read_ascii(body: bytes, count: int, fields: list[tuple[str, str]], where: s
     return {name: table[:, number] for number, (name, _) in enumerate(fields)}
 
 
-def _malformed(where: str, why: str) -> ReadError:
-    return ReadError(
+def _malformed(where: str, why: str) -> MessageError:
+    return MessageError(
         "cloud_malformed",
         f"{where} is no PLY file of points: {why}.",
         "Export it again as PLY with vertices of x, y, z and, best, intensity and ring; or as PCD.",
     )
 
 
-def truncated_cloud(where: str, why: str) -> ReadError:
+def truncated_cloud(where: str, why: str) -> MessageError:
     """The refusal of a cloud's file that ends too early."""
-    return ReadError("cloud_truncated", f"{where} is cut short: {why}.", "Copy the file again, or leave it out.")
+    return MessageError("cloud_truncated", f"{where} is cut short: {why}.", "Copy the file again, or leave it out.")

@@ -4,7 +4,7 @@ from making_recordings import START_NS, scattered, scene
 
 from apexcal.documents.readings import ReadOptions
 from workers.readers.clouds.model import learn_clouds
-from workers.readers.recording import ReadError
+from workers.readers.recording import MessageError, ReadError
 
 
 def learn(*clouds, period_ns=100_000_000):
@@ -69,13 +69,15 @@ def test_ouster_names_and_order():
     assert (model.facts.time_source, model.facts.ring_count) == ("per_point", 16)
 
 
-def test_a_cloud_without_intensity_says_so_and_an_empty_sweep_is_a_sweep():
+def test_a_cloud_without_intensity_says_so_and_an_empty_one_is_left_out():
     model = learn(without("intensity"))
     assert not model.sweep(START_NS, without("intensity")).intensity.any()
     assert any("no intensity" in note for note in model.facts.notes)
     for columns in (scene(), without("time")):
-        sweep = learn(columns).sweep(START_NS, {name: values[:0] for name, values in scene().items()})
-        assert sweep.xyz.shape == (0, 3) and sweep.offset_ns.shape == sweep.ring.shape == (0,)
+        for lost in (scene() | {"x": np.full(1440, np.nan)}, {name: values[:0] for name, values in scene().items()}):
+            with pytest.raises(MessageError) as caught:
+                learn(columns).sweep(START_NS, lost)
+            assert caught.value.code == "cloud_empty"
 
 
 def test_ring_ids_that_no_sample_had_are_left_out_and_counted():
@@ -95,9 +97,9 @@ def test_a_dense_cloud_is_learned_from_a_part_of_it():
 
 
 @pytest.mark.parametrize("field", ["x", "ring", "intensity", "time"])
-def test_a_cloud_that_lacks_what_the_first_one_has(field):
+def test_a_cloud_that_lacks_what_the_others_have(field):
     lacking = without(field)
-    for look in (lambda: learn(scene()).sweep(START_NS, lacking), lambda: learn(scene(), lacking, period_ns=None)):
-        with pytest.raises(ReadError) as caught:
-            look()
-        assert caught.value.code == "cloud_fields_differ" and f"no {field}, which" in caught.value.message
+    model = learn(lacking, scene(), scene())  # what most have is learned
+    with pytest.raises(MessageError) as caught:
+        model.sweep(START_NS, lacking)
+    assert caught.value.code == "cloud_fields_differ" and f"no {field}, which" in caught.value.message

@@ -43,7 +43,7 @@ def test_every_pixel_survives(encoding, stored, bgr, padding):
         ({"width": 60000, "height": 60000}, "image_too_large"),
         ({"step": 20}, "image_damaged"),
         ({"height": 6}, "image_damaged"),
-        ({"width": 0}, "image_damaged"),
+        ({"width": 0}, "image_empty"),
     ],
 )
 def test_what_cannot_be_an_image(change, code):

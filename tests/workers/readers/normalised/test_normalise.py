@@ -52,7 +52,7 @@ def test_a_bag_becomes_one_file_per_sensor(tmp_path):
     assert (lidar.stamp_convention, lidar.points) == ("start", 1440)
     assert (lidar.partial, lidar.empty, lidar.overlap_s) == ([], 0, None)
     times = {"first_ns": START_NS, "last_ns": START_NS + 412_000_000, "seconds": 0.412, "together_s": 0.388}
-    assert manifest.facts() == {"format": "rosbag1"} | times
+    assert manifest.facts() == {"format": "rosbag1", "omissions": []} | times
     assert (camera.overlap_s, camera.overlap_share, camera.sizes) == (
         0.388,
         0.97,

@@ -250,8 +250,9 @@ def test_video_in_messages(tmp_path):
     assert {(f.media_type, f.width, f.height, bool(f.transcoding)) for f in frames} == {("image/jpeg", 64, 48, True)}
     means = [cv2.imdecode(np.frombuffer(f.data, np.uint8), cv2.IMREAD_COLOR).mean() for f in frames]
     np.testing.assert_allclose(means, 20 + 30 * np.arange(6), atol=5)
-    _, frames, warnings = read(write_mcap(tmp_path / "b.mcap", video(first=2)))  # without a key frame
-    assert not frames and "4 of 4 frames of video could not be decoded" in warnings[0]
+    with pytest.raises(ReadError, match=r"None of the 4 messages of /video can be used.*key frame") as caught:
+        read(write_mcap(tmp_path / "b.mcap", video(first=2)))  # without a key frame
+    assert caught.value.code == "video_damaged"
     with pytest.raises(ReadError, match="theora") as caught:
         read(write_mcap(tmp_path / "c.mcap", video(codec="theora")))
     assert caught.value.code == "video_unsupported"

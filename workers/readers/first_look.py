@@ -1,0 +1,103 @@
+"""The first look at a recording: its first, a middle and its last message of each sensor, read as ingestion does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from apexcal.documents.omissions import Omission
+from workers.readers.clouds.model import SAMPLES
+from workers.readers.normalised.mcap_files import check_item
+from workers.readers.omissions import Omissions
+from workers.readers.recording import Frame, Recording, Sensor, Sweep
+
+# Messages of each sensor: more where none of a few can be used.
+_COUNTS: Final = (3, SAMPLES)
+# Of each sensor, to compare its stamps with the times of recording.
+_SAMPLES: Final = 9
+
+
+@dataclass(slots=True)
+class FirstLook:
+    """What was read of a recording.
+
+    Attributes:
+        sensors: by their names; cameras with the size of their frames.
+        times: (N,) ascending times of recording of each sensor, ns; the stamps, of a file without an index.
+        delays: how long each sensor's messages were underway, seconds.
+        omissions: what cannot be used of the messages that were read.
+    """
+
+    sensors: dict[str, Sensor]
+    times: dict[str, NDArray[np.int64]]
+    delays: dict[str, float]
+    omissions: list[Omission]
+
+
+@dataclass(slots=True)
+class _Contents:
+    """What can be used of what was read: stamps of each sensor, ns, and the size of its first frame."""
+
+    stamps: dict[str, list[int]] = field(default_factory=dict[str, list[int]])
+    sizes: dict[str, tuple[int, int]] = field(default_factory=dict[str, tuple[int, int]])
+    omissions: Omissions = field(default_factory=Omissions)
+
+    def take(self, items: Iterable[tuple[Sensor, Sweep | Frame]]) -> None:
+        for sensor, item in items:
+            with self.omissions.leaving_out(sensor.name):
+                check_item(item, sensor.name)
+                self.stamps.setdefault(sensor.name, []).append(item.stamp_ns)
+                if isinstance(item, Frame):
+                    self.sizes.setdefault(sensor.name, (item.width, item.height))
+
+
+def look_at(recording: Recording, chosen: Mapping[str, Sensor]) -> FirstLook:
+    """Read the first, a middle and the last message of each sensor as ingestion does; of a file without an index all.
+
+    Raises:
+        ReadError: ingestion would refuse the recording for what these show.
+    """
+    logs = {name: log_ns for name, sensor in chosen.items() if (log_ns := recording.log_times(sensor)) is not None}
+    contents = _Contents()
+    if len(logs) < len(chosen):
+        contents.take(recording.messages(list(chosen.values())))
+    for sensor in chosen.values() if len(logs) == len(chosen) else ():
+        for count in _COUNTS:
+            if sensor.name not in contents.stamps:
+                contents.take((sensor, item) for item in recording.samples(sensor, count))
+    contents.omissions.update(recording.omissions)
+    for sensor in chosen.values():
+        refusal = None if sensor.name in contents.stamps else contents.omissions.refusal(sensor.name)
+        if refusal is not None:
+            raise refusal
+    stamps = {name: np.array(contents.stamps.get(sensor.name, []), np.int64) for name, sensor in chosen.items()}
+    times = logs if len(logs) == len(chosen) else stamps
+    return FirstLook(
+        {name: _sized(sensor, contents.sizes.get(sensor.name)) for name, sensor in chosen.items()},
+        {name: np.sort(each) for name, each in times.items()},
+        _delays(recording, chosen) if times is logs else {},
+        contents.omissions.documents(
+            {chosen[name].name: len(each) for name, each in stamps.items()},
+            {chosen[name].name: len(each) for name, each in logs.items()},
+        ),
+    )
+
+
+def _sized(sensor: Sensor, size: tuple[int, int] | None) -> Sensor:
+    """A sensor with the size of its frames where its file does not say it."""
+    if sensor.image_size or size is None:
+        return sensor
+    return replace(sensor, notes={**sensor.notes, "width": str(size[0]), "height": str(size[1])})
+
+
+def _delays(recording: Recording, chosen: Mapping[str, Sensor]) -> dict[str, float]:
+    delays: dict[str, float] = {}
+    for name, sensor in chosen.items():
+        pairs = np.array(list(recording.log_and_stamp(sensor, _SAMPLES)), np.int64).reshape(-1, 2)
+        if len(pairs):
+            delays[name] = float(np.median(pairs[:, 0] - pairs[:, 1])) / 1e9
+    return delays
