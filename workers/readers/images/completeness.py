@@ -58,7 +58,7 @@ def _reaches_end(data: bytes) -> bool:
 
 
 def _is_whole_without_end(data: bytes) -> bool:
-    """Some cameras leave out the marker at the end. Then every row must decode, by a decoder that forgives nothing."""
+    """Some cameras leave out the marker at the end. Then every row must decode, and the decoder forgive nothing."""
     if data.endswith(_ZEROS):
         return False
     av: Any = import_module("av")
