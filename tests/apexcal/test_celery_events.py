@@ -46,7 +46,7 @@ def celery_events(broker_url: str) -> Iterator[list[dict[str, Any]]]:
         thread = threading.Thread(target=receive, args=(app,))
         thread.start()
         try:
-            assert receives.wait(10)
+            assert receives.wait(120)
             yield events
         finally:
             ended.set()
@@ -69,10 +69,10 @@ def test_each_job_of_a_calibration_is_told_by_its_kind(embedded: Embedded, owner
     rubbish = tmp_path / "rubbish.bag"
     rubbish.write_bytes(b"no recording" * 100)
     with celery_events(f"redis+socket://{embedded.data / 'broker.sock'}?virtual_host=0") as events:
-        owner.wait(ask(owner, f"of pairs {time.monotonic_ns()}", schedule=QUICK), timeout_s=150)
+        owner.wait(ask(owner, f"of pairs {time.monotonic_ns()}", schedule=QUICK))
         try:
             vehicle = owner.vehicles.create(owner.fleets.create(f"rubbish {time.monotonic_ns()}").id, "car")
-            owner.wait(owner.recordings.upload(rubbish, vehicle.id), timeout_s=120)
+            owner.wait(owner.recordings.upload(rubbish, vehicle.id))
         except FailedError as error:
             problem = error.code
         jobs = {}
@@ -85,7 +85,7 @@ def test_each_job_of_a_calibration_is_told_by_its_kind(embedded: Embedded, owner
                 return False
             return len(ends) >= len(jobs) and {state for *_, state in jobs.values()} <= {"done", "failed"}
 
-        wait_until(all_ended, "the end of each job and the beat of each worker in Celery's events", 60)
+        wait_until(all_ended, "the end of each job and the beat of each worker in Celery's events")
 
     sent = {event["uuid"]: event for event in events if event["type"] == "task-sent"}
     received = {event["uuid"]: event for event in events if event["type"] == "task-received"}

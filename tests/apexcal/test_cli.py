@@ -38,7 +38,6 @@ def program(*words: object, **environment: str) -> subprocess.CompletedProcess[s
         capture_output=True,
         text=True,
         env=clean | environment,
-        timeout=60,
     )
 
 

@@ -126,7 +126,7 @@ def test_frames_vertices_and_marks_that_outlive_a_pairing(owner, rig, simulated)
     """What the program of `docs/api.md`, which goes on to a published calibration, does not look at."""
     progress = []
     uploaded = owner.recordings.upload(simulated / "recording.bag", rig.vehicle_id, rig.id)
-    recording = owner.wait(uploaded, on_progress=lambda *each: progress.append(each), timeout_s=60)
+    recording = owner.wait(uploaded, on_progress=lambda *each: progress.append(each))
     assert progress[-1] == (1.0, "ready")
     truth = json.loads((simulated / "truth.json").read_text())["frames"]
     frames = list(owner.recordings.frames(recording.id, "front"))
@@ -137,7 +137,7 @@ def test_frames_vertices_and_marks_that_outlive_a_pairing(owner, rig, simulated)
         owner.recordings.edit(recording, name="Again")
     assert stale.value.code == "version_conflict"
     loose = {"detector": "tolerant", "options": {"min_points": 3, "min_points_two_below": 0}}
-    detection = owner.wait(owner.detections.create(recording.id, KEEP, **loose), timeout_s=60)
+    detection = owner.wait(owner.detections.create(recording.id, KEEP, **loose))
     assert len(list(owner.detections.vertices(detection.id))) == detection.counts.accepted
     assert list(owner.detections.vertices(detection.id, quality="fine")) == []
     pixels = dict(zip(truth["stamp_ns"], truth["apex_uv"], strict=True))
@@ -148,7 +148,7 @@ def test_frames_vertices_and_marks_that_outlive_a_pairing(owner, rig, simulated)
     tally, done = owner.marking.tally(detection.id, "front"), owner.marking.progress(detection.id, "front")
     assert tally.marks == done.complete == done.vertices == len(list(owner.marking.marks(detection.id, "front")))
     started = owner.detections.create(recording.id, KEEP, **loose, max_gap_ns=20_000_000, mode="interpolate")
-    moved = owner.wait(started, timeout_s=60)
+    moved = owner.wait(started)
     pairs = owner.correspondence_sets.get(owner.correspondence_sets.build(moved.id, "front").id)
     assert pairs.count == moved.counts.paired > 0, "marks survive another run with another pairing"
     assert all(pair.gap_ns == 0 and 0 < pair.sigma_elevation_rad < 0.01 for pair in pairs.pairs)

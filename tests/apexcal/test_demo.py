@@ -14,7 +14,6 @@ REPOSITORY = Path(__file__).parents[2]
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_the_whole_demo_twice(tmp_path):
     """As `make demo` runs it, in a folder of its own; the same figures each time."""
     home = tmp_path / "main"

@@ -5,8 +5,6 @@ import importlib
 import json
 from pathlib import Path
 
-import pytest
-
 from apexcal.cli import COMMANDS
 from apexcal.client import Client
 from apexcal.commands.session import Reply
@@ -25,7 +23,6 @@ def with_json() -> set[str]:
     return {name for name, run in runs.items() if run.__annotations__.get("return") in (Reply, "Reply")}
 
 
-@pytest.mark.timeout(600)
 def test_json_of_every_command_is_one_document(embedded: Embedded, owner: Client, simulated: Path, tmp_path: Path):
     said: dict[str, object] = {}
 

@@ -25,7 +25,7 @@ def fleet(embedded: Embedded) -> str:
         rig = client.vehicles.create_rig(vehicle.id, LEVEL_RIG)
         of = client.correspondence_sets.import_pairs(rig.id, "front", pairs(200)).id
         calibration = client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=0)
-        client.wait(calibration, timeout_s=120)
+        client.wait(calibration)
     return fleet.name
 
 

@@ -268,7 +268,6 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
         os.chdir(here)
 
 
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("page", PAGE_SETUPS)
 def test_a_page_does_what_it_says(page: str, reader: Reader) -> None:
     reader.follow(page)

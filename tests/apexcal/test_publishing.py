@@ -41,7 +41,7 @@ def car(embedded: Embedded) -> Car:
             client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2, **request)
             for request in ({"bounds": {"f_x": [520.0, 700.0]}}, {"seed": 1}, {"seed": 2})
         ]
-        edge, *good = [_result(client.wait(one, timeout_s=120)) for one in asked]
+        edge, *good = [_result(client.wait(one)) for one in asked]
     return Car(embedded, str(vehicle.id), edge, good)
 
 

@@ -45,15 +45,15 @@ def calibrated(owner: Client, folder: Path, images: str) -> tuple[ResultView, Ri
     proposed = json.loads((folder / "own.json").read_text())
     (proposed["cameras"][0])["images"] = None  # so that the recording has to tell
     rig = owner.vehicles.create_rig(vehicle.id, proposed)
-    recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=240)
+    recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id))
     region = json.loads((folder / "region.json").read_text())
     asked = owner.detections.create(recording.id, region, detector="refined", options=BOARD, mode="interpolate")
-    detection = owner.wait(asked, timeout_s=480)
+    detection = owner.wait(asked)
     mark(owner, detection.id, Truth(folder / "truth.json"))
     pairs = owner.correspondence_sets.build(detection.id, "front")
     lens = {"intrinsics_from": "recording", "intrinsics_as": "locked", "folds": 0}
     asked = owner.calibrations.create(vehicle.id, [pairs.id], [MODELS[images]], outliers="exclude", **lens)
-    (found,) = owner.wait(asked, timeout_s=240).summary.cameras["front"].models.values()
+    (found,) = owner.wait(asked).summary.cameras["front"].models.values()
     return owner.calibrations.result(found.result_id), owner.vehicles.rig(rig.id), recording.warnings
 
 
@@ -97,7 +97,6 @@ def driver_pixels(folder: Path, images: str, urdf: str, points: np.ndarray) -> n
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", [5, 6, 7, 8, 9])
 @pytest.mark.parametrize("images", ["raw", "rectified"])
 def test_the_mount_is_right_with_the_drivers_lens(owner, tmp_path, images, seed):

@@ -20,7 +20,7 @@ def test_a_report_is_written_and_its_pairs_are_left_out(embedded: Embedded, tmp_
         rig = client.vehicles.create_rig(vehicle.id, LEVEL_RIG)
         of = client.correspondence_sets.import_pairs(rig.id, "front", pairs(60)).id
         asked = client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2, schedule=SHORT)
-        done = client.wait(asked, timeout_s=120)
+        done = client.wait(asked)
         result = str(done.summary.cameras["front"].models["pinhole"].result_id)
 
         def apexcal(*words: str):

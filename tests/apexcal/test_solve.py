@@ -56,12 +56,12 @@ def test_a_person_at_the_terminal_is_asked_only_what_the_file_does_not_say(simul
         shown += until(terminal, "none of these")
         os.write(terminal, b"left\n")
         shown += until(terminal, "no camera 'rear'")
-        assert process.wait(60) == 2
+        assert process.wait() == 2
     os.close(terminal)
     assert "forward" in shown and "LiDAR is" not in shown and "Which" not in shown
 
 
-def until(terminal: int, text: str, within_s: float = 60.0) -> str:
+def until(terminal: int, text: str, within_s: float = 120.0) -> str:
     """What a program prints on a terminal up to this text."""
     shown, end = "", time.monotonic() + within_s
     while text not in shown:
@@ -71,7 +71,6 @@ def until(terminal: int, text: str, within_s: float = 60.0) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_a_walk_becomes_the_vehicles_urdf_that_nobody_marked(embedded, tmp_path):
     walk, out = tmp_path / "walk", tmp_path / "out.urdf"
     command = [sys.executable, "-m", "workers.simulation", "--out", str(walk), "--seconds", "90"]
@@ -114,7 +113,7 @@ def test_who_stops_before_there_are_marks_is_told_how_to_go_on(embedded: Embedde
     with started(*words_of(short, embedded, "Stopped", out)) as solving:
         detection, camera = waits_at(solving)
         solving.send_signal(signal.SIGINT)
-        _, printed = solving.communicate(timeout=60)
+        _, printed = solving.communicate()
         assert solving.returncode == 130 and not out.exists()
     assert f"apexcal calibrate --detection {detection} --camera {camera}" in printed and "Traceback" not in printed
 
@@ -126,7 +125,7 @@ def test_it_goes_on_once_a_person_has_marked_and_takes_the_same_rig_again(embedd
         with started(*words_of(short, embedded, "Marked", out)) as solving:
             detection, _ = waits_at(solving)
             mark(owner, detection, Truth(short / "truth.json"))
-            shown, printed = solving.communicate(timeout=300)
+            shown, printed = solving.communicate()
             # 4: a check said stop, for 12 s are little.
             assert (solving.returncode, out.exists()) in ((0, True), (4, False)), printed
         assert "Verdict on" in shown

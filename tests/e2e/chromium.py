@@ -79,5 +79,5 @@ def _unpacked() -> Path:
 
 
 def _starts(executable: Path, environment: Mapping[str, str]) -> bool:
-    asked = subprocess.run([executable, "--version"], env=environment, capture_output=True, timeout=30)
+    asked = subprocess.run([executable, "--version"], env=environment, capture_output=True)
     return asked.returncode == 0

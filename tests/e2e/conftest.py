@@ -52,7 +52,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[],
     child = start(command, log)
 
     def wait() -> Path:
-        assert child.wait(120) == 0, log.read_text()
+        assert child.wait() == 0, log.read_text()
         return folder / "walk"
 
     yield wait
@@ -77,8 +77,8 @@ def track(served: Embedded, simulated: Callable[[], Path]) -> Iterator[Track]:
         region = json.loads((folder / "region.json").read_text())
         rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
         recording = owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id)
-        recording = owner.wait(recording, timeout_s=240)
-        detection = owner.wait(owner.detections.create(recording.id, region), timeout_s=240)
+        recording = owner.wait(recording)
+        detection = owner.wait(owner.detections.create(recording.id, region))
         assert detection.counts.paired >= 10, detection.counts
         width, height = rig.cameras[0].image_size
         yield Track(
@@ -101,12 +101,12 @@ def marked(track: Track, simulated: Callable[[], Path]) -> tuple[Track, dict[str
     vehicle = owner.vehicles.create(track.fleet_id, "Marked by the machine")
     folder = simulated()
     rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
-    recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=120)
+    recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id))
     size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
     region = owner.detections.get(track.detection_id).region
-    detection = owner.wait(owner.detections.create(recording.id, region, options=size), timeout_s=120)
+    detection = owner.wait(owner.detections.create(recording.id, region, options=size))
     (analysis,) = owner.analyses.list(MarksView, recording_id=recording.id)
-    analysis = owner.wait(analysis, timeout_s=240)
+    analysis = owner.wait(analysis)
     marks = {str(one.vertex_id): one for one in owner.analyses.marks(analysis.id) if one.reason is None}
     assert len(marks) >= 30, analysis.result
     own = {"vehicle_id": vehicle.id, "rig_id": rig.id, "recording_id": recording.id, "detection_id": detection.id}
@@ -117,7 +117,7 @@ def marked(track: Track, simulated: Callable[[], Path]) -> tuple[Track, dict[str
 def browser() -> Iterator[Browser]:
     """A Chromium."""
     chromium = find_chromium()
-    expect.set_options(timeout=15_000)
+    expect.set_options(timeout=60_000)
     with sync_playwright() as playwright:
         opened = playwright.chromium.launch(
             executable_path=chromium.executable, env=dict(chromium.environment), args=["--no-sandbox"]
@@ -138,7 +138,7 @@ def sign_in(browser: Browser, track: Track) -> Iterator[Callable[[str, str], Pag
 
     def enter(name: str, role: str) -> Page:
         context = browser.new_context(viewport={"width": 1280, "height": 800})
-        context.set_default_timeout(15_000)
+        context.set_default_timeout(60_000)
         contexts.append(context)
         link = track.owner.fleets.invite(track.fleet_id, name, role).link
         answer = context.request.post(f"{track.url}/v1/sign-in", data={"link": link}, headers={"Origin": track.url})

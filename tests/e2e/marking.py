@@ -83,6 +83,14 @@ class Marker:
         self.page.mouse.click(x, y)
         return self.pixel(x, y)
 
+    def click_pixel(self, u: float, v: float) -> tuple[float, float]:
+        """Click where a pixel of the frame is shown, and return the pixel that was clicked."""
+        width, height = self.track.image_size
+        frame, view = self.frame().bounding_box(), self.view().bounding_box()
+        x = frame["x"] + (u + 0.5) * frame["width"] / width
+        y = frame["y"] + (v + 0.5) * frame["height"] / height
+        return self.click((x - view["x"]) / view["width"], (y - view["y"]) / view["height"], exact=True)
+
     def reload(self) -> None:
         """Load the page anew and wait until it takes an answer."""
         self.page.reload()

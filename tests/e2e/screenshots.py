@@ -40,14 +40,14 @@ def paths(track: Track) -> dict[str, str]:
     for count in (110, 120, 125):
         made = owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, count))
         plain = {"models": ["brown_conrady"], "folds": 2}
-        owner.wait(owner.calibrations.create(track.vehicle_id, [made.id], **plain), timeout_s=240)
-    calibration = owner.wait(owner.calibrations.create(track.vehicle_id, [pairs.id], **wanted), timeout_s=240)
+        owner.wait(owner.calibrations.create(track.vehicle_id, [made.id], **plain))
+    calibration = owner.wait(owner.calibrations.create(track.vehicle_id, [pairs.id], **wanted))
     front = calibration.summary.cameras["front"]
     # Its marks cover half of the image, so it is not published by itself.
     owner.calibrations.publish(front.models[front.recommended].result_id, "to be looked at", override=True)
-    owner.wait(owner.analyses.validate_on_pairs(pairs.id), timeout_s=60)
+    owner.wait(owner.analyses.validate_on_pairs(pairs.id))
     request = owner.fleet_requests.create(track.fleet_id, models=["pinhole"], folds=0)
-    owner.wait(request, timeout_s=120)
+    owner.wait(request)
     owner.vehicles.create(track.fleet_id, "Van 8")
     return {
         "fleet": f"/fleets/{track.fleet_id}",

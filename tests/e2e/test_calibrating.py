@@ -42,7 +42,7 @@ def pairs_of_truth(track: Track, count: int) -> list[dict[str, float]]:
 def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, str], Page], track: Track) -> None:
     vehicle, pairs_of_one = add_cart(track, "Sledge", 40, vertices=1)
     wanted = {"models": ["pinhole"], "folds": 0, "publish": "recommended"}
-    done = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **wanted), timeout_s=60)
+    done = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **wanted))
     page = sign_in("Rex", "reviewer")
     page.goto(f"{track.url}/vehicles/{vehicle}")
     calibration = page.get_by_role("row").last
@@ -85,7 +85,7 @@ def test_a_reviewer_goes_back_on_the_vehicles_page(sign_in: Callable[[str, str],
     vehicle, pairs_of_one = add_cart(track, "Wagon", 60)
     wanted = {"models": ["pinhole"], "folds": 3, "publish": "recommended"}
     first, second = (
-        track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], seed=seed, **wanted), timeout_s=60)
+        track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], seed=seed, **wanted))
         for seed in (1, 2)
     )
     page = sign_in("Bea", "reviewer")
@@ -192,7 +192,7 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
     track.owner.calibrations.cancel(slow.id)
 
     # Nobody reloads; and a vehicle that failed is an outcome, no alarm.
-    expect(page.get_by_role("status")).to_have_text("1 done, 1 failed, 1 skipped.", timeout=60_000)
+    expect(page.get_by_role("status")).to_have_text("1 done, 1 failed, 1 skipped.")
     expect(page.get_by_text("done with failures")).to_be_visible()
     expect(page.get_by_role("alert")).to_have_count(0)
     page.get_by_role("link", name="1 failed").click()
@@ -201,7 +201,7 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
         re.compile("Cart 2.*worker died.*Ask for it again", re.DOTALL)
     )
     page.get_by_role("button", name="Calibrate the failed again").click()
-    expect(page.get_by_role("status")).to_have_text("2 done, 1 skipped.", timeout=60_000)
+    expect(page.get_by_role("status")).to_have_text("2 done, 1 skipped.")
     page.get_by_role("link", name="All 3").click()
     page.get_by_role("link", name="Calibration of Cart 2").click()
     expect(page.get_by_role("link", name="Cart 2")).to_be_visible()
@@ -212,13 +212,13 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
     ask_for_the_carts(page, models=3, folds=5)
     page.on("dialog", lambda asked: asked.accept())
     page.get_by_role("button", name="Cancel").click()
-    expect(page.get_by_role("status")).to_have_text(re.compile("[12] cancelled, 1 skipped"), timeout=60_000)
+    expect(page.get_by_role("status")).to_have_text(re.compile("[12] cancelled, 1 skipped"))
 
 
 def test_an_engineer_deletes_what_was_never_published(sign_in: Callable[[str, str], Page], track: Track) -> None:
     vehicle, pairs_of_one = add_cart(track, "Discarded", 41)
     request = {"models": ["pinhole"], "folds": 0, "schedule": SHORT}
-    calibration = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **request), timeout_s=60)
+    calibration = track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **request))
     page = sign_in("Ada", "engineer")
     questions: list[str] = []
     page.once("dialog", lambda dialog: dialog.dismiss())

@@ -27,7 +27,7 @@ def results(track: Track) -> list[ResultView]:
         seen = [pair | {"y": pair["y"] + MOVED_M * (seed == 13)} for pair in pairs(150, seed)]
         made = owner.correspondence_sets.import_pairs(rig.id, "front", seen)
         asked = owner.calibrations.create(vehicle.id, [made.id], ["pinhole"], folds=2, schedule=SHORT)
-        done = owner.wait(asked, timeout_s=90)
+        done = owner.wait(asked)
         assert done.summary
         found.append(owner.calibrations.result(done.summary.cameras["front"].models["pinhole"].result_id))
     return found

@@ -23,10 +23,10 @@ def sized(track: Track, simulated: Callable[[], Path]) -> Track:
     folder = simulated()
     rig = track.owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
     recording = track.owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id)
-    recording = track.owner.wait(recording, timeout_s=90)
+    recording = track.owner.wait(recording)
     size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
     asked = track.owner.detections.create(recording.id, region, options=size)
-    found = track.owner.wait(asked, timeout_s=120)
+    found = track.owner.wait(asked)
     return replace(
         track,
         vehicle_id=str(vehicle.id),

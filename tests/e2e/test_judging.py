@@ -20,7 +20,7 @@ def narrow_id(track: Track) -> str:
         "and": [track.owner.detections.get(track.detection_id).region, {"quantity": "y", "op": ">", "value": 0}]
     }
     made = track.owner.detections.create(track.recording_id, region, detector="strict")
-    done = track.owner.wait(made, timeout_s=60)
+    done = track.owner.wait(made)
     assert done.counts.accepted > 0 and done.counts.rejected
     return str(done.id)
 

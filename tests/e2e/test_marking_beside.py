@@ -15,6 +15,7 @@ from tests.e2e.test_marking import ask_marks, narrow_to
 
 SignIn = Callable[[str, str], Page]
 ASIDE_PX = 60
+CELL_PX = 2.5
 
 
 @pytest.fixture(autouse=True)
@@ -33,13 +34,7 @@ def true_corner(marker: Marker) -> tuple[float, float]:
 def click_corner(marker: Marker, aside_px: float = 0) -> tuple[float, float]:
     """Click where the camera sees the board's corner, or so far beside it; the pixel that was clicked."""
     u, v = true_corner(marker)
-    width, height = marker.track.image_size
-    u += aside_px if u < width / 2 else -aside_px
-    frame, view = marker.frame().bounding_box(), marker.view().bounding_box()
-    assert frame and view
-    x = frame["x"] + (u + 0.5) * frame["width"] / width
-    y = frame["y"] + (v + 0.5) * frame["height"] / height
-    return marker.click((x - view["x"]) / view["width"], (y - view["y"]) / view["height"], exact=True)
+    return marker.click_pixel(u + (aside_px if u < marker.track.image_size[0] / 2 else -aside_px), v)
 
 
 def test_a_frame_opens_about_the_corner_and_a_far_mark_is_asked_about(
@@ -62,7 +57,9 @@ def test_a_frame_opens_about_the_corner_and_a_far_mark_is_asked_about(
         click_corner(june)
         june.save()
     assert june.kept == 0  # no good mark is asked about
-    assert len(off) > 4 and max(off) < 40 and sorted(off)[len(off) // 2] > 3, off
+    # Frames open off the mark by lengths that are alike likely in a disc of 12 px at least: all of five within 3 px
+    # come once in a million runs.
+    assert len(off) > 4 and 3 < max(off) < 40, off
 
     while june.vertex not in marks:
         june.save("u")
@@ -110,12 +107,12 @@ def test_six_keys_of_a_keypad_mark_a_corner(sign_in: SignIn, marked: tuple[Track
             nora.save("u")
             continue
         vertex, corner = nora.vertex, true_corner(nora)
-        keys.append(narrow_to(nora, corner, 2.5) + 1)
+        keys.append(narrow_to(nora, corner, CELL_PX) + 1)
         nora.save()
         mark = nora.own_marks()[vertex]["mark"]
         off.append(math.dist(corner, (mark["u"], mark["v"])))
     print("keys a mark:", keys, "off by, px:", [round(one, 2) for one in sorted(off)])
-    assert max(keys) <= 6 and sorted(off)[len(off) // 2] < 1.5
+    assert max(keys) <= 6 and max(off) < CELL_PX / math.sqrt(2) + 0.1, "the middle of a cell with the corner in it"
 
 
 def test_two_taps_mark_a_corner_on_a_phone(sign_in: SignIn, marked: tuple[Track, dict[str, MachineMark]]) -> None:

@@ -25,7 +25,7 @@ def calibration_id(track: Track) -> str:
     """A calibration of the simulated camera, from pairs as the truth has them."""
     pairs = track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 130))
     wanted = {"models": ["brown_conrady"], "folds": 0, "schedule": SHORT}
-    made = track.owner.wait(track.owner.calibrations.create(track.vehicle_id, [pairs.id], **wanted), timeout_s=90)
+    made = track.owner.wait(track.owner.calibrations.create(track.vehicle_id, [pairs.id], **wanted))
     return str(made.id)
 
 

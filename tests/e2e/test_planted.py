@@ -44,7 +44,7 @@ def fitted(track: Track) -> tuple[str, str]:
     """A calibration with a result."""
     pairs = track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 70))
     done = track.owner.calibrations.create(track.vehicle_id, [pairs.id], ["pinhole"], folds=0, schedule=SHORT)
-    done = track.owner.wait(done, timeout_s=90)
+    done = track.owner.wait(done)
     assert done.summary
     return str(done.id), str(done.summary.cameras["front"].models["pinhole"].result_id)
 

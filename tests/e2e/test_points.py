@@ -73,9 +73,9 @@ def dense(track: Track, tmp_path_factory: pytest.TempPathFactory) -> str:
     vehicle = track.owner.vehicles.create(track.fleet_id, "Roof 128")
     rig = track.owner.vehicles.create_rig(vehicle.id, RIG)
     file = write_dense(tmp_path_factory.mktemp("dense") / "dense.bag", *RIG["cameras"][0]["image_size"])
-    recording = track.owner.wait(track.owner.recordings.upload(file, vehicle.id, rig.id), timeout_s=90)
+    recording = track.owner.wait(track.owner.recordings.upload(file, vehicle.id, rig.id))
     packings = track.owner.analyses.list(PackingView, recording_id=recording.id)
-    packing = track.owner.wait(next(packings), timeout_s=60)
+    packing = track.owner.wait(next(packings))
     assert packing.result.points == 500_224
     return str(recording.id)
 
@@ -123,7 +123,7 @@ def test_the_overlay_of_a_large_sweep_is_drawn_at_once(sign_in: SignIn, track: T
     owner, recording = track.owner, track.owner.recordings.get(dense)
     made = owner.correspondence_sets.import_pairs(recording.rig_id, RIG["cameras"][0]["name"], pairs(60))
     asked = {"models": ["pinhole"], "folds": 0, "schedule": SHORT}
-    calibration = owner.wait(owner.calibrations.create(recording.vehicle_id, [made.id], **asked), timeout_s=90)
+    calibration = owner.wait(owner.calibrations.create(recording.vehicle_id, [made.id], **asked))
     page = sign_in("Zita", "reviewer")
     page.goto(f"{track.url}/calibrations/{calibration.id}")
     expect(page.get_by_role("region", name="Points in the frame").locator("canvas")).to_be_visible()
@@ -214,7 +214,7 @@ def test_a_recording_of_an_older_version_is_packed_on_demand(
     page.get_by_role("button", name="Pack them").click()
     # The region's drawing opens beside it and shows the sweeps too.
     viewer = page.get_by_role("application", name="Sweep 0.")
-    expect(viewer).to_have_attribute("data-points", "100096", timeout=30_000)
+    expect(viewer).to_have_attribute("data-points", "100096")
 
 
 def forget_packing(served: Embedded, recording_id: str) -> None:

@@ -118,6 +118,6 @@ def test_shapes_are_drawn_moved_and_cut_out(sign_in: SignIn, track: Track) -> No
     listed = page.get_by_role("navigation", name="Detections").get_by_role("link")
     before = len(list(track.owner.detections.list(track.recording_id)))
     page.get_by_role("button", name="Detect", exact=True).click()
-    expect(listed).to_have_count(before + 1, timeout=20_000)
+    expect(listed).to_have_count(before + 1)
     newest = next(iter(track.owner.detections.list(track.recording_id)))
     assert newest.region == Region.from_document(region).document

@@ -26,11 +26,11 @@ def test_a_report_is_read_and_pairs_are_left_out(
 ) -> None:
     pairs = track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 60))
     done = track.owner.calibrations.create(track.vehicle_id, [pairs.id], ["pinhole"], folds=2, schedule=SHORT)
-    done = track.owner.wait(done, timeout_s=90)
+    done = track.owner.wait(done)
     assert done.summary
     result = str(done.summary.cameras["front"].models["pinhole"].result_id)
     tested = track.owner.analyses.validate_on_pairs(pairs.id, result_id=result)
-    track.owner.wait(tested, timeout_s=60)
+    track.owner.wait(tested)
 
     page = sign_in("Rita", "engineer")
     page.goto(f"{track.url}/vehicles/{track.vehicle_id}")
@@ -42,7 +42,7 @@ def test_a_report_is_read_and_pairs_are_left_out(
     page.get_by_role("button", name="Make a report").click()
     opens = page.get_by_role("link", name=re.compile("Open the report: (pass|look|stop)"))
     with page.context.expect_page() as opened:
-        opens.click(timeout=60_000)
+        opens.click()
     report = opened.value
     expect(report.get_by_role("heading", level=1)).to_contain_text("Calibration report: front of Van 7, pinhole")
     expect(report.get_by_role("heading", name="Other recordings")).to_be_visible()
@@ -65,7 +65,7 @@ def test_a_report_is_read_and_pairs_are_left_out(
     report.get_by_role("button", name="Calibrate again without 1 pair").click()
     expect(report).not_to_have_url(re.compile(str(done.id)))
     again = track.owner.calibrations.get(report.url.rpartition("/")[2].partition("?")[0])
-    again = track.owner.wait(again, timeout_s=90)
+    again = track.owner.wait(again)
     assert again.summary
     assert again.summary.cameras["front"].models["pinhole"].pairs == pairs.count - 1
 
@@ -130,7 +130,7 @@ def test_wrong_marks_are_seen_and_left_out_on_the_page(sign_in: Callable[[str, s
     pairs = [pair | {"v": pair["v"] + 60.0 * (i in wrong)} for i, pair in enumerate(pairs_of_truth(track, 90))]
     made_of = track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs)
     asked = {"models": ["brown_conrady"], "folds": 0, "schedule": SHORT, "outliers": "keep"}
-    done = track.owner.wait(track.owner.calibrations.create(track.vehicle_id, [made_of.id], **asked), timeout_s=90)
+    done = track.owner.wait(track.owner.calibrations.create(track.vehicle_id, [made_of.id], **asked))
     page = sign_in("Ines", "engineer")
     page.goto(f"{track.url}/calibrations/{done.id}")
     expect(page.get_by_role("table").filter(has_text="At 20 m")).to_be_visible()
@@ -149,7 +149,7 @@ def test_wrong_marks_are_seen_and_left_out_on_the_page(sign_in: Callable[[str, s
     page.get_by_role("button", name=re.compile(r"Calibrate again without \d+ pairs")).click()
     expect(page).not_to_have_url(re.compile(str(done.id)))
     again = track.owner.calibrations.get(page.url.rpartition("/")[2].partition("?")[0])
-    again = track.owner.wait(again, timeout_s=90)
+    again = track.owner.wait(again)
     fits = [one.summary.cameras["front"].models["brown_conrady"] for one in (done, again) if one.summary]
     outliers = track.owner.calibrations.result(fits[0].result_id).outliers
     assert set(wrong) <= {outlier.index for outlier in outliers}

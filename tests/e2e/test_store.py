@@ -61,7 +61,7 @@ def test_a_page_uploads_into_the_store_and_shows_frames_from_it(
     page.get_by_role("button", name="Upload").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("walk.bag")
     shown = page.get_by_alt_text("Frame 0 of front")
-    expect(shown).to_be_visible(timeout=60_000)
+    expect(shown).to_be_visible()
     assert shown.evaluate("image => [image.src.slice(0, 5), image.naturalWidth]") == ["blob:", 1280]
     to_store = [(method, path) for method, origin, path in asked if origin == s3_server.endpoint]
     assert any(method == "PUT" and "/parts/1/" in path for method, path in to_store)

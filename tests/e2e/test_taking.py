@@ -38,9 +38,7 @@ def given(track: Track, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gi
     vehicle, pairs = add_cart(track, "Coach", 60)
     wanted = {"folds": 3, "publish": "recommended", "schedule": SHORT}
     calibrations = [
-        track.owner.wait(
-            track.owner.calibrations.create(vehicle, [pairs], ["pinhole"], seed=seed, **wanted), timeout_s=120
-        )
+        track.owner.wait(track.owner.calibrations.create(vehicle, [pairs], ["pinhole"], seed=seed, **wanted))
         for seed in (1, 2)
     ]
     results = [str(one.summary.cameras["front"].models["pinhole"].result_id) for one in calibrations]
@@ -48,7 +46,7 @@ def given(track: Track, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gi
     poses = [("/tf_static", TF, START_NS, message(TYPES, [LIDAR, CAMERA]))]
     file = write_bag(tmp_path_factory.mktemp("coach") / "coach.bag", interleaved(poses, clouds(4), frames))
     (rig,) = track.owner.vehicles.rigs(vehicle)
-    recording = track.owner.wait(track.owner.recordings.upload(file, vehicle, rig.id), timeout_s=120)
+    recording = track.owner.wait(track.owner.recordings.upload(file, vehicle, rig.id))
     yield Given(vehicle, str(recording.id), [str(one.id) for one in calibrations], results)
 
 
@@ -126,7 +124,7 @@ def test_a_copy_is_asked_for_downloaded_and_deleted(
     page.get_by_label(re.compile("MCAP file for Foxglove")).check()
     page.get_by_role("button", name="Make the copy").click()
     link = page.get_by_role("link", name="Download", exact=True)
-    link.wait_for(timeout=60_000)
+    link.wait_for()
     assert_looks(page)
     with page.expect_download() as coming:
         link.click()
@@ -185,7 +183,7 @@ def take_proposed_rig(page: Page, track: Track, recording: str, name: str) -> No
     with page.expect_response(lambda answer: answer.request.method == "PATCH") as replaced:
         card.get_by_role("button", name="Confirm, and find the board").click()
     assert replaced.value.ok
-    expect(card.get_by_role("alert")).to_be_visible(timeout=60_000)
+    expect(card.get_by_role("alert")).to_be_visible()
     rig = track.owner.vehicles.rig(track.owner.recordings.get(recording).rig_id)
     assert rig.name.startswith(name) and rig.cameras[0].joint is not None
 

@@ -45,8 +45,8 @@ def describe(page: Page, name: str, rig: Path) -> None:
 def upload(page: Page, recording: Path) -> None:
     page.get_by_label("Recording", exact=True).set_input_files(recording)
     page.get_by_role("button", name="Upload").click()
-    expect(page.get_by_role("heading", level=1)).to_have_text(recording.name, timeout=30_000)
-    expect(page.get_by_text("ready", exact=True).first).to_be_visible(timeout=60_000)
+    expect(page.get_by_role("heading", level=1)).to_have_text(recording.name)
+    expect(page.get_by_text("ready", exact=True).first).to_be_visible()
     page.get_by_text("Say yourself where the board is").click()
 
 
@@ -56,7 +56,7 @@ def draw(page: Page) -> None:
     expect(drawing.get_by_role("button", name="x >")).to_be_visible()
     before = counted(page)
     page.get_by_role("button", name="Suggest a region").click()
-    expect(page.get_by_text("Somebody walks")).to_be_visible(timeout=60_000)
+    expect(page.get_by_text("Somebody walks")).to_be_visible()
     suggested = counted(page)
     assert suggested != before
     drag(page, drawing.get_by_role("button", name=re.compile("^Corner 1 of")).first, -12, 6)
@@ -67,7 +67,7 @@ def draw(page: Page) -> None:
 def mark(page: Page, apexes: list[list[float]]) -> None:
     """Click where the camera sees the board's corner, frame by frame, but for one. No good mark is asked about."""
     marking = page.get_by_role("link", name="Mark frames of front")
-    expect(marking).to_be_visible(timeout=60_000)
+    expect(marking).to_be_visible()
     marking.click()
     stage = page.locator(".stage")
     for number in range(1, MARKS + 1):
@@ -106,7 +106,7 @@ def calibrate(page: Page) -> None:
     page.get_by_label("Folds").fill("2")
     page.get_by_role("button", name="Calibrate", exact=True).click()
     expect(page.get_by_role("heading", level=1)).to_contain_text("Calibration of")
-    expect(page.get_by_role("button", name="Publish for the vehicle")).to_be_visible(timeout=90_000)
+    expect(page.get_by_role("button", name="Publish for the vehicle")).to_be_visible(timeout=300_000)
 
 
 def correct(page: Page, apexes: list[list[float]]) -> None:
@@ -130,7 +130,7 @@ def correct(page: Page, apexes: list[list[float]]) -> None:
     before = page.url
     button.click()
     expect(page).not_to_have_url(before)
-    expect(page.get_by_role("button", name="Publish for the vehicle")).to_be_visible(timeout=90_000)
+    expect(page.get_by_role("button", name="Publish for the vehicle")).to_be_visible(timeout=300_000)
     expect(again).to_have_count(0)
     row = page.get_by_role("row").filter(has_text="brown_conrady").first
     polished = re.findall(r"[\d.]+ / ([\d.]+)", row.inner_text())[1]

@@ -97,7 +97,7 @@ def test_an_empty_vehicle_asks_for_what_comes_first(sign_in: SignIn, track: Trac
 
     page.evaluate(DROP, ["dropped.bag", "h1"])
     expect(page.get_by_role("heading", level=1)).to_have_text("dropped.bag")
-    expect(page.get_by_role("alert")).to_contain_text("text file", timeout=20_000)
+    expect(page.get_by_role("alert")).to_contain_text("text file")
     expect(page.get_by_role("region", name="Next step")).to_have_count(0)  # nothing else can be done with it
 
 
@@ -108,7 +108,7 @@ def test_a_file_is_dropped_anywhere(sign_in: SignIn, track: Track) -> None:
     page.goto(f"{track.url}/recordings/{track.recording_id}")
     expect(title).to_have_text("recording.bag")
     page.evaluate(DROP, ["again.bag", "h1"])
-    expect(title).to_have_text("again.bag", timeout=20_000)
+    expect(title).to_have_text("again.bag")
     expect(page.get_by_role("link", name="Van 7")).to_be_visible()
     # On the fleet's page: to the vehicle under it, else to the one that is chosen.
     vehicle = track.owner.vehicles.create(track.fleet_id, "Handcart")
@@ -118,14 +118,14 @@ def test_a_file_is_dropped_anywhere(sign_in: SignIn, track: Track) -> None:
     page.goto(f"{track.url}/fleets/{track.fleet_id}")
     expect(page.get_by_role("link", name="Handcart")).to_be_visible()
     page.evaluate(DROP, ["onto.bag", f'[data-vehicle="{vehicle.id}"]'])
-    expect(title).to_have_text("onto.bag", timeout=20_000)
+    expect(title).to_have_text("onto.bag")
     page.goto(f"{track.url}/fleets/{track.fleet_id}")
     expect(page.get_by_role("link", name="Handcart")).to_be_visible()
     page.evaluate(DROP, ["beside.bag", "h1"])
     dialog = page.get_by_role("dialog", name="Which vehicle recorded beside.bag?")
     dialog.get_by_label("Vehicle").select_option("Handcart")
     dialog.get_by_role("button", name="Upload").click()
-    expect(title).to_have_text("beside.bag", timeout=20_000)
+    expect(title).to_have_text("beside.bag")
     assert {one.name for one in track.owner.recordings.list(vehicle_id=vehicle.id)} == {"onto.bag", "beside.bag"}
     (again,) = [one for one in track.owner.recordings.list(vehicle_id=track.vehicle_id) if one.name == "again.bag"]
     track.owner.recordings.delete(again.id)

@@ -90,7 +90,7 @@ class Farm(Fleet):
             killed.append(job_id)
             return True
 
-        wait_until(struck, f"work on {kind}", 120)
+        wait_until(struck, f"work on {kind}")
         return killed[0]
 
     def _at_work(self, kind: str, part: str | None, job_id: int | None = None) -> tuple[int, str] | None:

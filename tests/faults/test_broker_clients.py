@@ -27,14 +27,14 @@ ORDERS = (("shutdown", {}), ("pool_shrink", {"n": 1}), ("cancel_consumer", {"que
 def work_goes_on(farm: Farm) -> Iterator[None]:
     """Worker and sweeper must be the processes that they were, and take a job that is sent afterwards."""
     farm.use_worker(2)
-    wait_until(lambda: is_warm(farm.database), "a warm worker", 120)
+    wait_until(lambda: is_warm(farm.database), "a warm worker")
     before = farm.pid("worker"), farm.pid("sweeper")
     yield
     (made,) = make_jobs(farm.database, make_fleet(farm.database, f"fleet {before} {time.monotonic()}"), 1)
     sender = Sender(farm.broker.url)
     sender([Message(made, "solve")])
     sender.close()
-    wait_until(lambda: job(farm.database, made).state == "failed", "the end of a job of nothing", 30)
+    wait_until(lambda: job(farm.database, made).state == "failed", "the end of a job of nothing")
     assert (farm.is_dead("worker"), farm.is_dead("sweeper")) == (False, False)
     assert (farm.pid("worker"), farm.pid("sweeper")) == before
 
@@ -77,9 +77,9 @@ def test_orders_are_obeyed_where_the_operator_allows_them(farm: Farm) -> None:
             def answers() -> set[str]:
                 return {name.partition("@")[0] for name in app.control.inspect(timeout=0.5).ping() or {}}
 
-            wait_until(lambda: answers() == {"obedient"}, "the answer of the worker that obeys, and of no other", 60)
+            wait_until(lambda: answers() == {"obedient"}, "the answer of the worker that obeys, and of no other")
             app.control.broadcast("shutdown")
-        wait_until(lambda: farm.is_dead("obedient"), "its end", 30)
+        wait_until(lambda: farm.is_dead("obedient"), "its end")
     finally:
         codes = farm.stop("obedient")
     assert codes == {"obedient": 0}

@@ -40,14 +40,14 @@ def test_a_sweeper_that_gets_on_stays_and_one_that_gets_nowhere_ends_and_says_wh
     log = tmp_path / "log"
     child = start(list(plans.sweeper(DataFolder(tmp_path / "data"), {}).command), log, env=environment)
     try:
-        wait_until(lambda: sweeps() > 0, "the first sweep", 60)
+        wait_until(lambda: sweeps() > 0, "the first sweep")
         until = sweeps() + 1.5 * STALLED_S
-        wait_until(lambda: sweeps() > until, "sweeps without a pause", 60)
+        wait_until(lambda: sweeps() > until, "sweeps without a pause")
         assert child.poll() is None
         with database.writing() as session:
             session.merge(Heartbeat(name="sweep", at=now()))
             session.flush()
-            wait_until(lambda: child.poll() is not None, "its end", 60)
+            wait_until(lambda: child.poll() is not None, "its end")
     finally:
         stop(child)
     assert child.returncode == 1

@@ -101,7 +101,7 @@ class ComposeFleet(Processes):
     def run(self, name: str, *command: str) -> None:
         """Run a service's command, or another one in its environment, to its end."""
         words = list(command) or self._part(name).command
-        done = subprocess.run(words, env=self.environment_of(name), capture_output=True, text=True, timeout=120)
+        done = subprocess.run(words, env=self.environment_of(name), capture_output=True, text=True)
         assert done.returncode == 0, f"{name}: {done.stdout}{done.stderr}"
 
     def is_healthy(self, name: str) -> bool:

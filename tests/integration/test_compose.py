@@ -43,7 +43,6 @@ def walk(tmp_path: Path) -> Iterator[Callable[[], Path]]:
     stop(child)
 
 
-@pytest.mark.timeout(600)
 def test_the_job_goes_through_the_fleet_of_the_compose_file(
     walk: Callable[[], Path], fleet: ComposeFleet, tmp_path: Path
 ) -> None:

@@ -17,7 +17,7 @@ from tests.integration.fleet import APIS, WORKERS, ComposeFleet
 from tests.support.processes import wait_until
 from tests.support.uploads import RIG
 
-pytestmark = [pytest.mark.faults, pytest.mark.timeout(600)]
+pytestmark = pytest.mark.faults
 DRAIN_S = 2.0
 
 # Slots of some tens of milliseconds, so that a worker is always in the middle of one.
@@ -128,10 +128,10 @@ def _replace_api(fleet: ComposeFleet, name: str) -> None:
     answer = httpx.get(f"http://127.0.0.1:{fleet.ports[name]}/readyz")
     assert (answer.status_code, answer.json()["status"]) == (503, "draining")
     assert answer.headers["Connection"] == "close"
-    fleet.children[name].wait(60)
+    fleet.children[name].wait()
     assert time.monotonic() - began >= DRAIN_S
     fleet.start(name)
-    wait_until(lambda: fleet.is_api_ready(name), f"the new {name}", 150)
+    wait_until(lambda: fleet.is_api_ready(name), f"the new {name}")
 
 
 def test_all_processes_are_replaced_and_no_request_fails(
@@ -151,7 +151,7 @@ def test_all_processes_are_replaced_and_no_request_fails(
             fleet.children["worker-solve"].terminate()
         _replace_api(fleet, name)
         if is_first:
-            fleet.children["worker-solve"].wait(60)
+            fleet.children["worker-solve"].wait()
             fleet.start("worker-solve")
     for calibration in calibrations:
         path = f"/calibrations/{calibration}"

@@ -74,7 +74,7 @@ class Broker:
 
     def client(self) -> redis.Redis:
         """A client of it; close it."""
-        return redis.Redis(unix_socket_path=str(self.socket), socket_timeout=2, retry=Retry(NoBackoff(), 0))
+        return redis.Redis(unix_socket_path=str(self.socket), socket_timeout=30, retry=Retry(NoBackoff(), 0))
 
     def close(self) -> None:
         """Stop it and remove its folder."""

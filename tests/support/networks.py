@@ -64,7 +64,7 @@ class Namespace:
     def run(self, *command: str) -> None:
         """Run a command in it to its end."""
         with self.inside():
-            subprocess.run(command, check=True, capture_output=True, timeout=30)
+            subprocess.run(command, check=True, capture_output=True)
 
     def close(self) -> None:
         """Let go of it. It ends with its last process."""

@@ -87,7 +87,7 @@ def is_ready(url: str, patience_s: float = 5.0) -> bool:
         return False
 
 
-def wait_until(true: Callable[[], bool], what: str, seconds: float = 20.0, every_s: float = 0.02) -> None:
+def wait_until(true: Callable[[], bool], what: str, seconds: float = 120.0, every_s: float = 0.02) -> None:
     """Poll until ``true()``, or fail saying what did not happen."""
     end = time.monotonic() + seconds
     while not true():

@@ -32,7 +32,7 @@ class S3Server:
         command = [sys.executable, "-m", "moto.server", "-H", address, "-p", str(self.port)]
         with host.inside() if host else nullcontext():
             self.child = start(command, self.folder / "log")
-        wait_until(self._answers, "the start of the S3 server", 60)
+        wait_until(self._answers, "the start of the S3 server")
 
     @property
     def endpoint(self) -> str:

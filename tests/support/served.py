@@ -52,7 +52,7 @@ def start(data: Path, *more: str, environment: Mapping[str, str] | None = None) 
 def stop(embedded: Embedded) -> int:
     """Tell it to stop, and wait until it has; its exit code."""
     embedded.process.terminate()
-    code = embedded.process.wait(40)
+    code = embedded.process.wait()
     if embedded.process.stdout:
         embedded.process.stdout.close()
     return code

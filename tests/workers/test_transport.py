@@ -31,12 +31,12 @@ def test_a_message_that_could_not_be_answered_does_not_count_as_work_in_hand(
         for number in range(2):
             sending.put(number)
     with Consumer(connection, [queue], on_message=received.append, prefetch_count=1):
-        connection.drain_events(timeout=5)
+        connection.drain_events(timeout=60)
         os.kill(broker.child.pid, signal.SIGSTOP)
         try:
             with pytest.raises(RedisError):
                 answer(received[0])
         finally:
             os.kill(broker.child.pid, signal.SIGCONT)
-        connection.drain_events(timeout=5)
+        connection.drain_events(timeout=60)
     assert len(received) == 2

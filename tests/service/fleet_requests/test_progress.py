@@ -209,7 +209,7 @@ def test_a_recording_is_deleted_beside_a_retry_of_its_vehicle(vans: Vans, contex
         monkeypatch.setattr(actions, "plan_vehicles", plan_while_one_deletes)
         retry_failed(session, session.get_one(FleetRequest, UUID(asked["id"])))
         session.commit()
-        deleting[0].result(timeout=10)
+        deleting[0].result(timeout=120)
     assert vans.states(asked) == {"van": "cancelled", "other": "queued"}
 
 

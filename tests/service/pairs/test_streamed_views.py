@@ -77,10 +77,12 @@ def test_twelve_at_once_cost_little_more_than_a_few(served: tuple[Api, str]) -> 
     statuses: list[int] = []
 
     def get() -> None:
-        path = f"{url}/v1/correspondence-sets/{row.id}"
-        with httpx.stream("GET", path, headers=viewer.headers, timeout=120) as answer:
-            if sum(map(len, answer.iter_bytes())) > 100 * COUNT:
-                statuses.append(answer.status_code)
+        path, status, size = f"{url}/v1/correspondence-sets/{row.id}", 503, 0
+        while status == 503:  # on a busy machine the last ones wait longer than anybody is let wait
+            with httpx.stream("GET", path, headers=viewer.headers, timeout=120) as answer:
+                status, size = answer.status_code, sum(map(len, answer.iter_bytes()))
+        if size > 100 * COUNT:
+            statuses.append(status)
 
     get()
     Path("/proc/self/clear_refs").write_text("5")
@@ -145,7 +147,7 @@ def test_bodies_that_are_still_on_their_way_hold_no_place_of_an_import(served: t
     def slowly() -> Iterator[bytes]:
         yield b"x,y,z,u,v\n"
         began.set()  # asked for only once the line before is sent
-        go_on.wait(20)
+        go_on.wait(120)
         yield b"1,2,3,4,5\n"
 
     def post_slowly() -> None:
@@ -154,7 +156,7 @@ def test_bodies_that_are_still_on_their_way_hold_no_place_of_an_import(served: t
 
     thread = threading.Thread(target=post_slowly)
     thread.start()
-    assert began.wait(20)
+    assert began.wait(120)
     given = b"x,y,z,u,v\n5,4,3,2,1\n"
     answer = httpx.post(path, content=given, headers={**quick.headers, "Content-Type": "text/csv"}, timeout=60)
     go_on.set()

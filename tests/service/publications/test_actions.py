@@ -152,7 +152,7 @@ def test_all_at_once_nobody_fails_and_nothing_dangles(api, rig, engineer, contex
         barrier = Barrier(4)
 
         def at_once(act, *given, barrier=barrier):
-            barrier.wait(30)
+            barrier.wait(120)
             return act(*given)
 
         with ThreadPoolExecutor(4) as pool:

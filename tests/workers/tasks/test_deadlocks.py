@@ -53,7 +53,7 @@ def test_a_deadlock_at_the_last_commit_does_not_repeat_the_work(context, databas
         # The server looks for a ring a second after a wait began, and ends who looks: that is the worker.
         session.execute(text("SET LOCAL deadlock_timeout = '1min'"))
         session.execute(select(Recording).where(Recording.id == recording.id).with_for_update())
-        wait_until(lambda: waits_for_a_lock(database), "the worker's wait for the recording", 60)
+        wait_until(lambda: waits_for_a_lock(database), "the worker's wait for the recording")
         session.execute(update(Job).where(Job.id == recording.job_id).values(request_id="the other"))
     worker.join(60)
     assert "deadlock detected" in caplog.text and "is done again" in caplog.text

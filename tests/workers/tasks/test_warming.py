@@ -1,7 +1,5 @@
 """What a worker's parent compiles before it forks."""
 
-import pytest
-
 from workers.solver import correlation
 from workers.tasks.warming import _REGION, _SWEEPS, _sweep, warm_up
 from workers.vertices import range_image
@@ -28,7 +26,6 @@ KERNELS = (
 )
 
 
-@pytest.mark.timeout(900)  # in a fresh clone all are compiled here, where `make` did not do so
 def test_every_kernel_has_its_machine_code_afterwards():
     warm_up()
     assert [kernel.__name__ for kernel in KERNELS if not kernel.signatures] == []

@@ -22,7 +22,6 @@ LONG = Size(runs=1_000_000, vehicles=1_000, answered=100_000)
 
 
 # The long form's history takes minutes to write.
-pytestmark = pytest.mark.timeout(900)
 
 
 class Most(NamedTuple):

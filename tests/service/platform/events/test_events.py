@@ -80,7 +80,7 @@ def test_followers_hear_of_changes_and_of_a_broker_that_came_back(served, broker
     engineer = api.member(fleet, "engineer")
     headers = {"Authorization": f"Bearer {engineer.token}"}
     with (
-        httpx.Client(base_url=url, headers=headers, timeout=20) as client,
+        httpx.Client(base_url=url, headers=headers, timeout=60) as client,
         client.stream("GET", f"/v1/fleets/{fleet}/events") as stream,
     ):
         assert stream.headers["content-type"].startswith("text/event-stream")
