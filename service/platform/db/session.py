@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from pydantic_core import from_json
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.engine import make_url
+from sqlalchemy.engine import ExceptionContext, make_url
 from sqlalchemy.exc import DisconnectionError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
@@ -101,6 +101,7 @@ def open_engine(url: str, *, patient: bool = False, lock_s: float = LOCK_S, conn
         waits = connect_args(parsed, patient=patient, lock_s=lock_s)
         engine = create_engine(parsed, **texts, connect_args=waits, **pool)
         _ping_before_use(engine)
+        _leave_who_takes_no_writes(engine)
         return engine
     engine = create_engine(url, **texts, connect_args={"timeout": lock_s, "check_same_thread": False}, **pool)
 
@@ -140,6 +141,22 @@ def _ping_before_use(engine: Engine) -> None:
             engine.dialect.do_ping(connection)
         except engine.dialect.loaded_dbapi.Error as error:
             raise DisconnectionError from error
+
+
+def _leave_who_takes_no_writes(engine: Engine) -> None:
+    """Take a server's refusal of all writes as if it did not answer, and connect anew.
+
+    During a failover the server may be the standby, or the former primary: who waits reaches the new one.
+    """
+
+    @event.listens_for(engine, "handle_error")
+    def refused(context: ExceptionContext) -> OperationalError | None:
+        error = context.original_exception
+        # Class 25, invalid transaction state: read_only_sql_transaction among them.
+        if not (getattr(error, "sqlstate", None) or "").startswith("25"):
+            return None
+        context.is_disconnect, context.invalidate_pool_on_disconnect = True, False
+        return OperationalError(context.statement, None, error, connection_invalidated=True)
 
 
 def _autocommit(engine: Engine) -> dict[str, Any]:

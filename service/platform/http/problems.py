@@ -121,6 +121,7 @@ _ASK = "Nothing was changed, and what was stored is kept. Ask whoever runs the s
 _FAILURES = (
     (("55P03", "40P01", "database is locked"), _LOCKED, "Others change the same thing at the moment.", _LATER),
     (("53100", "database or disk is full"), "database_full", "The database has no room left.", _ASK),
+    (("25006", "readonly database"), "database_read_only", "The database takes no writes at the moment.", _LATER),
     (
         ("53300", "too many clients", "too many connections", "connection slots", "QueuePool limit"),
         "database_busy",
