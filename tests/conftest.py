@@ -57,7 +57,7 @@ def postgres() -> Iterator[Postgres]:
     """A PostgreSQL server with a migrated database."""
     server = Postgres()
     try:
-        upgrade(server.create(_DATABASE))
+        server.migrated(_DATABASE)
         yield server
     finally:
         server.close()

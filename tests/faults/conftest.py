@@ -9,7 +9,6 @@ from uuid import uuid4
 
 import pytest
 
-from service.platform.db.migrate import upgrade
 from tests.faults.farm import Farm
 from tests.faults.jobs import Walk, record
 from tests.support.postgres import Postgres
@@ -29,8 +28,7 @@ def farm(
         url = f"sqlite:///{root / 'apexcal.db'}"
     else:
         server: Postgres = request.getfixturevalue("postgres")
-        url = server.create(f"farm_{uuid4().hex}")
-        upgrade(url)
+        url = server.migrated(f"farm_{uuid4().hex}")
     running = Farm(root, url)
     yield running
     running.close()

@@ -10,9 +10,11 @@ from pathlib import Path
 
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
+from service.platform.db.grants import OF_API
 from service.platform.db.session import Database
 from tests.support.broker import Broker
 from tests.support.people import add_person
+from tests.support.postgres import OF_WORKERS, as_role
 from tests.support.processes import free_port, is_ready, start, stop_all, wait_until
 
 # What starting takes on a machine that is busy with other tests.
@@ -112,6 +114,12 @@ class Fleet(Processes):
             "worker": plans.worker_command(plans.QUEUES, processes),
             "sweeper": plans.sweeper(data, {}).command,
         }
+
+    def environment_of(self, name: str) -> dict[str, str]:
+        """What a process is started with. Each has its own role of PostgreSQL, as in docker-compose.yml."""
+        environment = super().environment_of(name)
+        role = OF_API if name == "api" else OF_WORKERS
+        return environment | {"APEXCAL_DATABASE_URL": as_role(environment["APEXCAL_DATABASE_URL"], role)}
 
     def is_ready(self) -> bool:
         """Whether a balancer would ask the API."""

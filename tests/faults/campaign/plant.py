@@ -9,7 +9,6 @@ from pathlib import Path
 from random import Random
 
 from apexcal.embedded import plans
-from service.platform.db.migrate import upgrade
 from service.platform.storage.store import Store
 from tests.faults.farm import QUICK
 from tests.support.broker import Broker
@@ -69,8 +68,7 @@ class Plant(Fleet):
         self._random = random
         self._due: dict[str, float] = {}
         self.postgres = Postgres(durable=True, host=self._host("postgres"))
-        url = self.postgres.create("campaign")
-        upgrade(url)
+        url = self.postgres.migrated("campaign")
         broker = Broker(self._host("broker"))
         super().__init__(data, url, processes=POOL * len(WORKERS), broker=broker, logs=logs, **_SETTINGS, **QUICK)
         if self.hosts:

@@ -16,7 +16,7 @@ from typing import Any
 from uuid import uuid4
 
 import pytest
-from sqlalchemy import func, select
+from sqlalchemy import func, select, text
 from typer.testing import CliRunner, Result
 
 from service.admin import __main__ as commands
@@ -25,6 +25,7 @@ from service.admin.context import AdminError
 from service.admin.manifest import BLOB_LIST, BLOBS, ROWS, verify
 from service.admin.restore import restore
 from service.app import create_app
+from service.platform.db.grants import OF_API
 from service.platform.db.migrate import upgrade
 from service.platform.db.models import Base, Blob, Job
 from service.platform.db.session import Database
@@ -35,7 +36,7 @@ from service.platform.storage.store import Store, open_store
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
 from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.people import Actor, Api, TestClient
-from tests.support.postgres import Postgres
+from tests.support.postgres import OF_WORKERS, Postgres, as_role
 from tests.support.s3 import S3Server
 from tests.support.uploads import put_part
 from tests.support.work import work
@@ -346,3 +347,28 @@ def test_a_restore_never_mixes_two_histories(
     with opened.reading() as session:
         assert session.scalars(select(Blob.key)).all() == ["recordings/x/parts/y"]
     opened.close()
+
+
+def test_the_apis_role_backs_up_and_the_owner_of_the_tables_restores(
+    settings: Settings, tmp_path: Path, postgres: Postgres, elsewhere: Callable[[str], Settings]
+) -> None:
+    """Roles as docker-compose.yml gives them. Who may not restore copies nothing before it says so."""
+    if settings.database.startswith("sqlite"):
+        pytest.skip("SQLite has no roles")
+    folder = tmp_path / "backup"
+    settings = settings.model_copy(update={"database_url": as_role(settings.database, OF_API)})
+    _small_backup(settings, folder)[0].close()
+    there = elsewhere("sqlite")
+    for url in (postgres.create(f"drill_{uuid4().hex}"), postgres.migrated(f"drill_{uuid4().hex}")):
+        for role in (OF_API, OF_WORKERS):
+            with pytest.raises(AdminError, match=f"the database's role {role} may not write") as refused:
+                restore(as_role(url, role), open_store(there), folder)
+            assert "the role that migrations have" in refused.value.hint
+        assert list(open_store(there).list_unprepared()) == []
+    restore(url, open_store(there), folder)
+    api = Database(as_role(url, OF_API))
+    with api.writing() as session:
+        assert session.scalars(select(Blob.key)).all() == ["recordings/x/parts/y"]
+        number = session.scalar(text("SELECT nextval('job_id_seq')"))
+    api.close()
+    assert number == 1

@@ -8,7 +8,7 @@ from sqlalchemy import func, select
 
 from apexcal.sweeps import unpack
 from service.analyses.jobs import queue_packing
-from service.platform.db.models import Analysis, Blob, Fleet, Job, PackedSweep, PackedSweeps, Recording, Sensor
+from service.platform.db.models import Analysis, Blob, Job, PackedSweep, PackedSweeps, Recording, Sensor
 from service.platform.db.session import Database
 from service.platform.jobs.claims import Lease, claim, finish
 from service.platform.jobs.sweep import sweep
@@ -109,10 +109,7 @@ def test_of_two_packings_at_once_the_first_is_kept(context, database, tmp_path):
 
 def test_a_fleet_without_room_keeps_its_recording_and_hears_why(context, database, tmp_path, monkeypatch):
     def full(session, recording, size, default):
-        fleet = session.get_one(Fleet, recording.fleet_id)
-        with session.no_autoflush:
-            fleet.quota_bytes = recording.taken_bytes
-        take(session, recording, size, default)
+        take(session, recording, size, recording.taken_bytes)
 
     monkeypatch.setattr("workers.tasks.analysis_files.take", full)
     recording_id = ingested(context, database, tmp_path)
