@@ -11,7 +11,14 @@ from apexcal.client import ApiError, Client
 from apexcal.commands.calibrated import tables, why_unpublished
 from apexcal.commands.camera_files import camera_and_file, lenses, pairs_of_files, pairs_of_marks, saying_what_stays
 from apexcal.commands.named import assignments
-from apexcal.commands.options import FoldsOption, ModelsOption, PresetOption, PublishOption
+from apexcal.commands.options import (
+    FoldsOption,
+    IntrinsicsOption,
+    LockOption,
+    ModelsOption,
+    PresetOption,
+    PublishOption,
+)
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.terminal import WITHHELD, usage
 from apexcal.documents.bounds import SKEW_BOUNDS, BoundsPreset
@@ -49,9 +56,9 @@ def calibrate(
     bounds: BoundsPreset | None = None,
     rotation_range_deg: Annotated[float | None, typer.Option(metavar="DEG", callback=_check_range)] = None,
     stated: Annotated[bool, typer.Option("--stated")] = False,
-    intrinsics: Annotated[list[str] | None, typer.Option(metavar="FILE")] = None,
+    intrinsics: IntrinsicsOption = None,
     intrinsics_as: LensUse | None = None,
-    lock: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE")] = None,
+    lock: LockOption = None,
     free_skew: Annotated[bool, typer.Option("--free-skew")] = False,
     loss: Loss | None = None,
     weights: WeightRule | None = None,
@@ -78,12 +85,9 @@ def calibrate(
         rotation_range_deg: How many degrees the mount may be off the rig's about each axis: above 0; 180 is
             any mount. Otherwise 30.
         stated: Insist on a lens that the recording states.
-        intrinsics: File of known intrinsics, of ROS, OpenCV, Kalibr or KITTI: [CAMERA=]FILE, or FILE#NAME for
-            the camera NAME of the file.
         intrinsics_as: How a lens that the recording or --intrinsics states is used: prior (refined), locked,
-            bounds (looked for near it) or free (fitted, and compared with it). Otherwise prior.
-        lock: Lock a parameter: NAME=VALUE, in pixels, metres and radians, or degrees as NAME_deg. Repeat it
-            for several. Skew is locked at 0.
+            bounds (looked for near it) or free (fitted, and compared with it). Otherwise auto: locked where the
+            pairs leave fewer than 50 degrees of freedom, else prior.
         free_skew: Fit brown_conrady's skew, too.
         loss: Of the search; saturating limits what a wrong mark costs. Otherwise the preset's.
         weights: Whether stated errors weight the pairs. Otherwise auto: if all pairs state them.

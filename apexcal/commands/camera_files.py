@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from apexcal.client import ApiError, Client, InputError
 from apexcal.commands.named import find_camera, find_detection, find_rig, find_vehicle
-from apexcal.commands.stated_files import read_lens
+from apexcal.commands.stated_files import lens_files, read_lens
 from apexcal.commands.terminal import note, usage
 from apexcal.documents.correspondence_sets import SetView
+from apexcal.documents.recordings import RecordingView
 from apexcal.transport import Document
 
 
@@ -80,14 +81,47 @@ def saying_what_stays(sets: Sequence[SetView]) -> Iterator[None]:
         raise
 
 
-def lenses(client: Client, files: Sequence[str], cameras: Sequence[str]) -> dict[str, Document]:
-    """The intrinsics of each camera that a file is given for."""
-    stated: dict[str, Document] = {}
+def state_lenses(client: Client, recording: RecordingView, files: Sequence[str], path: Path | None) -> RecordingView:
+    """State the lenses of these files, or of files in the recording's folder or beside it; say which was taken.
+
+    ``path``: of the recording on this machine; what lies there counts for cameras without a file and a CameraInfo.
+    """
+    sizes = {each.name: (each.facts.width, each.facts.height) for each in recording.sensors if each.kind == "camera"}
+    stated = {each.name for each in recording.sensors if each.facts.camera_info}
+    for camera, file in _files_of(files, list(sizes)):
+        recording = _state(client, recording, camera, file, sizes[camera])
+        stated.add(camera)
+    for file in lens_files(path) if path and set(sizes) - stated else ():
+        for camera in sorted(set(sizes) - stated):
+            try:
+                recording = _state(client, recording, camera, str(file), sizes[camera], is_named=len(sizes) > 1)
+                stated.add(camera)
+            except (ApiError, InputError) as error:
+                note(f"No lens of {camera} was taken from {file}: {error}")
+    return recording
+
+
+def _state(
+    client: Client, recording: RecordingView, camera: str, file: str, size: Any, *, is_named: bool = False
+) -> RecordingView:
+    lens = read_lens(client, file, camera, size if all(size) else None, is_named=is_named)
+    current = client.recordings.get(recording.id)
+    changed = client.recordings.state_lens(current, camera, lens | {"source": Path(file).name[:200]})
+    note(f"The lens of {camera} is that of {file}.")
+    return changed
+
+
+def _files_of(files: Sequence[str], cameras: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """The camera of each `[CAMERA=]FILE`."""
     for text in files:
         camera, path = camera_and_file(text)
         if not camera and len(cameras) > 1:
             usage("--intrinsics names no camera, and there are several", "Write it as --intrinsics CAMERA=FILE")
         if camera and camera not in cameras:
-            usage(f"--intrinsics names {camera!r}", f"The cameras of this calibration are {', '.join(cameras)}")
-        stated[camera or cameras[0]] = read_lens(client, str(path), camera or cameras[0])
-    return stated
+            usage(f"--intrinsics names {camera!r}", f"The cameras are {', '.join(cameras)}")
+        yield camera or cameras[0], str(path)
+
+
+def lenses(client: Client, files: Sequence[str], cameras: Sequence[str]) -> dict[str, Document]:
+    """The intrinsics of each camera that a file is given for."""
+    return {camera: read_lens(client, file, camera) for camera, file in _files_of(files, cameras)}

@@ -6,21 +6,27 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
+from apexcal.commands.camera_files import state_lenses
 from apexcal.commands.named import find_camera, find_detection
-from apexcal.commands.options import CameraOption, DetectionArgument
+from apexcal.commands.options import CameraOption, DetectionArgument, IntrinsicsOption
 from apexcal.commands.session import Reply, Session
 from apexcal.documents.machine_marks import MachineMark, MarksFacts, MarksView
 
 
-def marks(session: Session, detection: DetectionArgument, camera: CameraOption = "") -> Reply:
+def marks(
+    session: Session, detection: DetectionArgument, camera: CameraOption = "", intrinsics: IntrinsicsOption = None
+) -> Reply:
     """Have the machine mark a detection's corners in a camera's frames, or read its marks if it has.
 
-    `apexcal calibrate --detection DETECTION --machine-marks` uses them.
+    `apexcal calibrate --detection DETECTION --machine-marks` uses them. With --intrinsics it marks again.
     """
     client = session.client
     of = find_detection(client, detection)
-    name = find_camera([client.vehicles.rig(client.recordings.get(of.recording_id).rig_id)], camera)
-    analyses = client.analyses.list(MarksView, recording_id=of.recording_id)
+    recording = client.recordings.get(of.recording_id)
+    name = find_camera([client.vehicles.rig(recording.rig_id)], camera)
+    if intrinsics:
+        state_lenses(client, recording, intrinsics, None)
+    analyses = () if intrinsics else client.analyses.list(MarksView, recording_id=of.recording_id)
     analysis = next((each for each in analyses if (each.detection_id, each.camera) == (of.id, name)), None)
     if analysis is None or analysis.state in ("failed", "cancelled"):
         analysis = client.analyses.mark(of.id, name)

@@ -117,6 +117,24 @@ TargetOption = Annotated[
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace the file.")]
 KeepOption = Annotated[bool, typer.Option("--keep", help="Keep it on the service, too.")]
+IntrinsicsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--intrinsics",
+        metavar="FILE",
+        help="File of a camera's lens, of ROS, OpenCV, Kalibr or KITTI: [CAMERA=]FILE, or FILE#NAME for the camera "
+        "NAME of the file. Several times.",
+    ),
+]
+LockOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--lock",
+        metavar="NAME=VALUE",
+        help="Lock a parameter: in pixels, metres and radians, or degrees as NAME_deg. Several times. Skew is locked "
+        "at 0.",
+    ),
+]
 FoldsOption = Annotated[
     int | None, typer.Option(help="Held-out blocks, 0 for none. Otherwise 5.", min=0, callback=_check_folds)
 ]

@@ -8,10 +8,12 @@ from typing import Annotated, Any
 import typer
 
 from apexcal.client import ClientError, FailedError
+from apexcal.commands.camera_files import state_lenses
 from apexcal.commands.named import assignments, find_recording, find_rig, find_vehicle
 from apexcal.commands.options import (
     CamerasOption,
     FleetOption,
+    IntrinsicsOption,
     KeepOption,
     RecordingArgument,
     RigOption,
@@ -58,6 +60,7 @@ def upload(
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
+    intrinsics: IntrinsicsOption = None,
     new: Annotated[bool, typer.Option("--new")] = False,
     wait: bool = True,
 ) -> Reply:
@@ -66,7 +69,8 @@ def upload(
     Formats: ROS 1 bag; ROS 2 bag (its folder, or the bare .db3 or .mcap); MCAP of Foxglove; .pcap or .pcapng of a
     Velodyne or, with its metadata in one folder, of an Ouster; folder, .zip or .tar of clouds (PCD, PLY, KITTI .bin,
     .npy, .csv) and images, or KITTI's raw layout; video (.mp4, .avi, .mkv) as the camera beside any of these. Sources
-    that belong together go into one folder. A folder is sent as a tar that is never written anywhere.
+    that belong together go into one folder. A folder is sent as a tar that is never written anywhere. A recording
+    without CameraInfo takes the lens of a file in its folder or beside it: camera_info.yaml, calib_cam_to_cam.txt.
 
     Args:
         path: File or folder of one of the formats above.
@@ -76,6 +80,8 @@ def upload(
         new: Start a new upload instead of continuing an interrupted one.
         wait: Wait until it is ready.
     """
+    if intrinsics and not wait:
+        usage("not both: the lens of --intrinsics is stated once the recording is ready", "Leave --no-wait out")
     reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
     on = find_vehicle(session.client, fleet, vehicle)
     with_rig = find_rig(session.client, on, rig)
@@ -91,7 +97,10 @@ def upload(
             resume=not new,
             on_progress=lambda sent, size: progress(sent / size, f"{sent / 1e6:.0f} of {size / 1e6:.0f} MB"),
         )
-    return _when_read(session, recording) if wait else Reply(recording, _summary(recording))
+    if not wait:
+        return Reply(recording, _summary(recording))
+    ready = _when_read(session, recording)
+    return ready._replace(document=state_lenses(session.client, ready.document, intrinsics or [], path))
 
 
 def reread(

@@ -16,7 +16,7 @@ from apexcal.commands.calibrated import line_of, verdict_line
 from apexcal.commands.export import FormatOption, export
 from apexcal.commands.marks import marks
 from apexcal.commands.named import find_camera
-from apexcal.commands.options import CameraOption, ForceOption, OutputOption
+from apexcal.commands.options import CameraOption, ForceOption, IntrinsicsOption, LockOption, OutputOption
 from apexcal.commands.proposing import (
     FrameOption,
     JointOption,
@@ -60,6 +60,8 @@ def solve(
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
+    intrinsics: IntrinsicsOption = None,
+    lock: LockOption = None,
     fleet: str = "",
     format: FormatOption = "urdf",
     force: ForceOption = False,
@@ -67,7 +69,8 @@ def solve(
     """Calibrate a camera from a recording: rig, upload, region, detection, marks, fit and file in one command.
 
     The rig comes from the recording and --urdf; what neither says is asked. Without --machine-marks it prints the
-    address where a person confirms the machine's marks, and waits. It starts a service on --data where none runs.
+    address where a person confirms the machine's marks, and waits. It starts a service on --data where none runs. The
+    lens is that of the recording's CameraInfo, of --intrinsics, or of a file in its folder or beside it.
     With --urdf the output is that file with the camera's joint as calibrated. If a check says stop, it writes no file
     and exits with 4.
 
@@ -96,34 +99,57 @@ def solve(
         link = ""
         if not session.url:
             session.url, session.token, link = until.enter_context(serving(session.data.resolve()))
+        if link:
+            note(f"While this runs, its pages are here; the link works once: {link}")
         added, where = add_rig(session.client, document, fleet, recording.resolve().stem, again=True)
         note(f"The rig {added.name!r} of {where} is {added.id}.")
         name = find_camera([added], camera)
         named = {"vehicle": str(added.vehicle_id), "rig": str(added.id), "topic": topic}
         how = {"still": still, "lidar_model": lidar_model, "rings": rings}
-        of = str(_step(recordings.upload(session, recording, **named, **how)).id)
+        taken = _step(recordings.upload(session, recording, **named, **how, intrinsics=intrinsics))
+        of, has_lens = str(taken.id), any(each.name == name and each.facts.camera_info for each in taken.sensors)
+        left = _left_undone(board=board, has_lens=has_lens, machine_marks=machine_marks)
         with TemporaryDirectory() as folder:
             region = Path(folder) / "region.json"
             _step(detect.suggest(session, of, out=region))
             detection = str(_step(detect.detect(session, of, region=region, board=board, corner=corner)).id)
-        _step(marks(session, detection, camera=name))
+        of_machine = _step(marks(session, detection, camera=name))["analysis"].result
         if not machine_marks:
-            _people_mark(session, detection, name, link)
-        done = calibrate.calibrate(session, detection=detection, camera=[name], machine_marks=machine_marks)
-        calibration: CalibrationView = done.document
+            _people_mark(session, detection, name, is_own=bool(link))
+        elif not of_machine.marked:
+            complain("the machine marked nothing, so there is nothing to calibrate from", " ".join(left))
+        terms = {"detection": detection, "machine_marks": machine_marks, "lock": lock}
+        calibration: CalibrationView = calibrate.calibrate(session, camera=[name], **terms).document
         summary = calibration.summary.cameras[name] if calibration.summary else None
         model = summary.models.get(summary.recommended or "") if summary else None
         if summary is None or model is None:
             complain("no model is recommended", summary.why if summary else "")
         sentences = [verdict_line(summary), *(line_of(check) for check in summary.checks if check.verdict != "pass")]
+        if model.verdict != "pass":
+            sentences += [f"Not done yet: {each}" for each in left]
+        again = f"apexcal serve --data {session.data}`, then `" if link else ""
+        look = f"See it with `{again}apexcal open calibration {calibration.id}`."
         if model.verdict == "stop":
-            return Reply(calibration, "\n".join([*sentences, "No file was written."]), WITHHELD)
+            return Reply(calibration, "\n".join([*sentences, f"No file was written. {look}"]), WITHHELD)
         into = _patched(added, name, urdf) if format == "urdf" else {}
         export(session, result=str(model.result_id), format=format, output=output, force=force, **into)
+        if model.verdict == "look":
+            publish = f"`apexcal publish {model.result_id} --reason WHY`"
+            sentences.append(f"Nothing is published by itself while a check says look. {publish} does. {look}")
     return Reply(calibration, "\n".join(sentences))
 
 
-def _people_mark(session: Session, detection: str, camera: str, link: str) -> None:
+def _left_undone(*, board: str, has_lens: bool, machine_marks: bool) -> list[str]:
+    """What this command could have been told besides, in sentences with their options."""
+    undone = {
+        "State the board's size: --board WIDTHxHEIGHT.": bool(board),
+        "State the camera's lens: --intrinsics FILE.": has_lens,
+        "Have a person confirm the machine's marks, or mark: leave --machine-marks out.": not machine_marks,
+    }
+    return [sentence for sentence, is_done in undone.items() if not is_done]
+
+
+def _people_mark(session: Session, detection: str, camera: str, *, is_own: bool) -> None:
     """Say where a person confirms the machine's marks, or marks, and wait for it. Ctrl-C says how to go on.
 
     It is enough if all marks of the machine were looked at, or so many vertices marked.
@@ -131,8 +157,6 @@ def _people_mark(session: Session, detection: str, camera: str, link: str) -> No
     marking = session.client.marking
     of_machine = marking.crop_progress(detection, camera).marks
     confirms = of_machine >= LEAST_MARKS
-    if link:
-        note(f"Sign in with this link; it works once: {link}")
     what, page = ("Confirm the machine's marks", "crops") if confirms else ("Mark", "mark")
     try:
         note(f"{what} here: {session.url.rstrip('/')}/detections/{detection}/{page}?camera={quote(camera)}")
@@ -150,7 +174,7 @@ def _people_mark(session: Session, detection: str, camera: str, link: str) -> No
                     return
                 time.sleep(_POLL_S)
     except KeyboardInterrupt:
-        start = f"apexcal serve --data {session.data}`, then `" if link else ""
+        start = f"apexcal serve --data {session.data}`, then `" if is_own else ""
         later = f"apexcal calibrate --detection {detection} --camera {camera}"
         complain(
             "stopped before there were enough marks; those that there are stay",

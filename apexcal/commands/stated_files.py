@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from apexcal.transport import Document
 
 # What the service takes of one file.
 _LARGEST_BYTES = 60_000
+_OF_LENSES = re.compile(r"(camera|calib|intrin|camchain|lens).*\.(ya?ml|json|txt)$", re.IGNORECASE)
+_MOST_FILES = 8
 
 
 def read_texts(paths: Sequence[Path]) -> dict[str, str]:
@@ -31,13 +34,23 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path} is no text") from None
 
 
-def read_lens(client: Client, file: str, camera: str) -> Document:
+def lens_files(path: Path) -> list[Path]:
+    """Files in a recording's folder, or beside its file, whose names say that they may state a lens."""
+    files = [*path.iterdir(), *path.glob("*/*")] if path.is_dir() else path.absolute().parent.iterdir()
+    return sorted(file for file in files if _OF_LENSES.search(file.name) and file.is_file())[:_MOST_FILES]
+
+
+def read_lens(
+    client: Client, file: str, camera: str, image_size: tuple[int, int] | None = None, *, is_named: bool = False
+) -> Document:
     """A camera's lens as ``intrinsics`` of a calibration takes it. ``FILE#NAME`` names a camera of the file.
 
-    Raises :class:`InputError`, :class:`ApiError` ``calibration_file_not_read``.
+    ``is_named``: whether the file has to name the camera. Raises :class:`InputError`, :class:`ApiError`
+    ``calibration_file_not_read``.
     """
     path, name = _named(file)
-    lens = _camera_of(client.imports.read(read_texts([path])), path, name or camera, is_named=bool(name)).lens
+    read = client.imports.read(read_texts([path]), image_size=image_size)
+    lens = _camera_of(read, path, name or camera, is_named=is_named or bool(name)).lens
     if lens is None:
         raise InputError(f"{path} holds no lens")
     return lens.model_dump(include={"width", "height", "distortion_model", "K", "D"})

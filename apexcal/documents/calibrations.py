@@ -8,7 +8,7 @@ from uuid import UUID
 
 from pydantic import ConfigDict, Field
 
-from apexcal.documents.base import Magnitude, Received, Sent, Stored
+from apexcal.documents.base import Magnitude, Name, Received, Sent, Stored
 from apexcal.documents.bounds import BoundsPreset
 from apexcal.documents.camera_models import DEFAULT_MODELS, SearchForm
 from apexcal.documents.jobs import ProblemView
@@ -47,6 +47,12 @@ class GivenLens(Received):
     distortion_model: Annotated[str, Field(max_length=64)]
     K: Annotated[list[Magnitude], Field(min_length=9, max_length=9)]
     D: Annotated[list[Magnitude], Field(max_length=14)]
+
+
+class CameraLens(GivenLens):
+    """The lens of a recording's camera. ``source`` says where it is from, such as a file's name."""
+
+    source: Name | None = None
 
 
 class CommonErrors(Received):
@@ -98,7 +104,8 @@ class CalibrationTemplate(Received):
     ``intrinsics`` states lenses by camera. For other cameras ``intrinsics_from: auto`` takes the lens that the
     recording states (CameraInfo) if it states one, ``recording`` insists on it, ``bounds`` ignores it.
     ``intrinsics_as``: ``prior`` draws the lens to the stated one, ``locked`` fixes it there, both with distortion;
-    ``bounds`` looks for focal lengths and principal point near it, where neither rig nor request bounds them;
+    ``auto`` locks it where the pairs leave fewer than 50 degrees of freedom, else it is ``prior``; ``bounds`` looks
+    for focal lengths and principal point near it, where neither rig nor request bounds them;
     ``free`` fits the lens from the pairs alone. Models that cannot be the stated lens are fitted freely, or left out
     if it is locked. Skew is locked at 0 unless bounds, a lock, a prior or ``paper-table-1`` name it. ``seed``
     defaults to one derived from the request and the pairs: the same request gives the same bits.
@@ -114,7 +121,7 @@ class CalibrationTemplate(Received):
     bounds_preset: BoundsPreset | None = None
     intrinsics_from: Literal["auto", "recording", "bounds"] = "auto"
     intrinsics: Annotated[dict[str, GivenLens], Field(default_factory=dict, max_length=16)]
-    intrinsics_as: LensUse = "prior"
+    intrinsics_as: LensUse = "auto"
     bounds: Annotated[dict[str, tuple[Magnitude, Magnitude]], Field(default_factory=dict, max_length=40)]
     locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
     priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]

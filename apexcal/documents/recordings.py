@@ -149,7 +149,8 @@ class Gap(Document):
 class StatedLens(Document):
     """The intrinsics that a file states: ``K`` by rows, ``D`` in OpenCV's order. ``model`` is null where none is.
 
-    ``R`` (9) turns from the camera's frame to that of its rectified images, ``P`` (12) projects into them; by rows.
+    ``source``: the file that stated them later; null if they are the recording's own. ``R`` (9) turns from the
+    camera's frame to that of its rectified images, ``P`` (12) projects into them; by rows.
     """
 
     model: str | None
@@ -158,6 +159,7 @@ class StatedLens(Document):
     R: list[float] | None = None
     P: list[float] | None = None
     distortion_model: str | None = None
+    source: str | None = None
     width: int
     height: int
 

@@ -9,8 +9,8 @@ OutlierRule = Literal["keep", "exclude"]
 # What pairs weigh by; `auto` is by their covariances where all state them.
 Weights = Literal["equal", "covariances"]
 WeightRule = Literal["auto", "equal", "covariances"]
-# How a fit uses a stated lens; `free` only compares with it.
-LensUse = Literal["free", "bounds", "prior", "locked"]
+# How a fit uses a stated lens; `free` only compares with it, `auto` locks it if the pairs are too few to refine it.
+LensUse = Literal["auto", "free", "bounds", "prior", "locked"]
 # Where a result's lens comes from.
 LensOrigin = Literal["fitted", "stated", "stated, refined"]
 Farm = Literal["auto", "slots", "runs"]

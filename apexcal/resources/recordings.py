@@ -21,7 +21,7 @@ from apexcal.documents.rig_proposals import RigProposal
 from apexcal.documents.sweeps import MEDIA_TYPE, SweepView
 from apexcal.errors import ClientError
 from apexcal.presigned import EndedAddressError, PresignedStore
-from apexcal.transport import Resource, at
+from apexcal.transport import Resource, at, if_match
 from apexcal.upload_sources import open_source
 from apexcal.uploads import OnSent, send_parts
 
@@ -120,6 +120,11 @@ class Recordings(Resource):
     def edit(self, recording: RecordingSummary, **changes: Any) -> RecordingView:
         """Change ``name`` or ``marks_per_vertex``; ``rig_id``; before a recording is ready ``reading`` too."""
         return self._http.patch(at("recordings", recording.id), RecordingView, changes, version=recording.version)
+
+    def state_lens(self, recording: RecordingSummary, camera: str, lens: Mapping[str, Any]) -> RecordingView:
+        """State a camera's lens: ``width``, ``height``, ``distortion_model``, ``K``, ``D``, ``source``."""
+        path = at("recordings", recording.id, "cameras", camera, "lens")
+        return self._http.put(path, RecordingView, lens, if_match(recording.version))
 
     def retry(self, recording_id: UUID | str) -> RecordingView:
         """Ingest a failed recording again."""

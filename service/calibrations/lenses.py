@@ -10,13 +10,16 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from apexcal.documents.camera_models import ModelName
+from apexcal.documents.camera_models import ModelName, parameter_names
 from apexcal.documents.lenses import check_lens, parameters_of, stated_deviation
 from apexcal.documents.rules import LensUse
 from service.platform.db.base import Json
 from service.platform.db.fleets import RigCamera
 from service.platform.http.problems import unprocessable
 
+# With fewer degrees of freedom pairs do not tell how large their own errors are (`workers/judge/pair_checks.py`), and
+# so not whether a lens is better than the stated one.
+_LEAST_FREEDOM = 50
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
 _FOCAL_SHARE = 0.10
 _CENTRE_SHARE = 0.05
@@ -84,12 +87,18 @@ class LensConstraints:
         return values and {"model": model, **values}
 
 
-def take_over(camera: str, stated: Json, models: Sequence[ModelName], use_as: LensUse) -> LensConstraints:
+def take_over(
+    camera: str, stated: Json, models: Sequence[ModelName], use_as: LensUse, pairs: int | None = None
+) -> LensConstraints:
     """The lens as the models take it over. If it is locked, those that cannot be it are left out.
+
+    ``pairs``: how many there are, which says what ``auto`` is; None where no camera is known yet.
 
     Raises:
         Problem: 422 ``intrinsics_of_another_model`` where none is left.
     """
+    if use_as == "auto":
+        use_as = "locked" if _is_locked(stated, models, pairs) else "prior"
     priors: dict[ModelName, Known] = {
         model: prior for model in models if (prior := _known_of(stated, model, use_as)) is not None
     }
@@ -120,6 +129,13 @@ def lens_notes(lens: LensConstraints, models: Sequence[ModelName], settled: Coll
         of = lens.stated["model"] or f"of a model without equal here ({lens.stated.get('distortion_model')})"
         notes.append(f"{' and '.join(rest)} {what}, for the stated lens is {of}.")
     return notes
+
+
+def _is_locked(stated: Json, models: Sequence[ModelName], pairs: int | None) -> bool:
+    """Whether there are too few pairs to refine a lens that one of the models can be."""
+    if pairs is None or not any(parameters_of(stated, model) for model in models):
+        return False
+    return 2 * pairs - len(parameter_names(stated["model"], "rotation_vector")) < _LEAST_FREEDOM
 
 
 def _bounds_note(stated: Json, settled: Collection[str]) -> str:

@@ -144,9 +144,10 @@ def _camera(template: ResolvedTemplate, source: CameraPairs) -> ResolvedCamera:
     lens = template.lenses.get(camera.name)
     if lens is not None:
         check_size(lens.stated, camera, f"The intrinsics of {camera.name} are")
-    elif source.stated is not None:
-        models = _with_own(template.request, template.models, source.stated)
-        lens = take_over(camera.name, source.stated, models, template.request.intrinsics_as)
+    stated = lens.stated if lens else source.stated
+    if stated is not None:
+        models = _with_own(template.request, template.models, stated)
+        lens = take_over(camera.name, stated, models, template.request.intrinsics_as, source.pairs.count)
     models = template.models if lens is None else list(lens.by_model)
     return ResolvedCamera(camera, source.pairs, lens, models)
 

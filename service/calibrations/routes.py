@@ -10,11 +10,12 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought
-from apexcal.documents.calibrations import CalibrationRequest, CalibrationView, SlotView
+from apexcal.documents.calibrations import CalibrationRequest, CalibrationView, CameraLens, SlotView
 from apexcal.documents.errors import DocumentError
+from apexcal.documents.recordings import RecordingView
 from service.annotations.disclosure_actions import tell_pairs
 from service.calibrations.actions import ask_to_end, create
-from service.calibrations.lens_queries import with_recorded_lenses
+from service.calibrations.lens_queries import state_lens, with_recorded_lenses
 from service.calibrations.plan import plan_request
 from service.calibrations.resolve import CameraPairs
 from service.calibrations.views import calibration_views, slot_page, vertices_apart
@@ -23,12 +24,26 @@ from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
 from service.platform.db.fleets import Rig, Vehicle
+from service.platform.db.recordings import Recording
+from service.platform.http.etags import Conditional
 from service.platform.http.pages import LongPaging, Page, Paging, fetch
 from service.platform.http.problems import Problem, unprocessable
 from service.platform.http.router import Router
 from service.recordings.actions import delete_calibration
+from service.recordings.queries import view
 
 router = Router(tags=["calibrations"])
+
+
+@router.put("/recordings/{id}/cameras/{camera}/lens")
+def put_lens(id: UUID, camera: str, body: CameraLens, access: WriteAccess, conditions: Conditional) -> RecordingView:
+    """State the lens of a recording's camera: marks and calibrations from now on begin with it. [engineer]"""
+    row = access.find(Recording, id, "engineer", lock=True)
+    conditions.edit(row)
+    state_lens(access.session, row, camera, body)
+    access.session.flush()
+    hint(access.session, row.fleet_id, "recording", row.id)
+    return view(access.session, row)
 
 
 @router.post("/vehicles/{vehicle_id}/calibrations", status_code=202, response_model=CalibrationView)

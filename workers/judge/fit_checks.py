@@ -30,7 +30,7 @@ def checks_of_fit(
         fit(result),
         optima(result),
         wrong_pairs(found, result),
-        outside(belonging.holding),
+        outside(belonging.holding, pairs or {}),
         number_of_pairs(belonging),
         coverage(belonging.holding, result),
         noise(belonging, result, pairs or {}),

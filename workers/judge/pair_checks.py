@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.checks import Check, CheckTopic, CheckVerdict, figure
+from apexcal.documents.pairs import MACHINE
 from apexcal.documents.results import FitResult
 from apexcal.geometry.rotations import vector_from_rotation
 from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD
@@ -81,12 +82,18 @@ def _moved(estimate: Estimate) -> str:
     return f" and move the mount by {figure(turn)} degrees and {figure(shift_mm)} mm, which the deviations include"
 
 
-def outside(problem: FitProblem) -> Check:
-    """Whether marks that belong lie outside of the image, where nobody sees anything."""
-    count, pairs = marks_outside(problem), int(np.count_nonzero(problem.weights))
+def outside(problem: FitProblem, pairs_of_set: Mapping[str, Sequence[Any]]) -> Check:
+    """Whether people's marks that belong lie outside of the image, where nobody sees anything.
+
+    The machine continues the board's edges, and states how well. ``pairs_of_set``: columns of the set, if at hand.
+    """
+    by_people = ~np.array(pairs_of_set.get(MACHINE) or np.zeros(len(problem.weights)), np.bool_)
+    count, pairs = marks_outside(problem, by_people), int(np.count_nonzero(problem.weights[by_people]))
     return _OUTSIDE.fails(
         "stop" if count > _SLIPS * pairs else "look" if count else "pass",
-        f"{count} of {pairs} marks lie outside of the image." if count else "All marks lie inside the image.",
+        f"{count} of {pairs} people's marks lie outside of the image."
+        if count
+        else "People's marks lie inside the image.",
         "Check the image size, and the order and signs of u and v.",
         outside=float(count),
     )

@@ -55,7 +55,8 @@ def precision(estimate: Estimate, result: FitResult) -> Check:
             else f": {worst:.1f} times what {USE_LIMIT_PX:g} px, {1e3 * USE_LIMIT_RAD:g} mrad or "
             f"{1e3 * USE_LIMIT_M:g} mm allow."
         ),
-        "Mark more vertices, nearer and towards the image's edges, measure the board, or lock or state the lens.",
+        "Mark more vertices, nearer and towards the image's edges, or measure the board"
+        + (", or state the lens." if result.lens == "fitted" else "."),
         over_limit=worst,
         **{f"half_width_at_{name}_m_px": value for name, value in zip(named, widest, strict=True)},
     )
@@ -84,7 +85,7 @@ def mount_alone(result: FitResult) -> Check:
         "pass" if good else "stop",
         f"The mount alone is {known} (95 %); its lens is {lens}.",
         f"Use it with its lens. The mount alone needs {ALONE_LIMIT_DEG:g} degrees and {ALONE_LIMIT_MM:g} mm. "
-        + (next_sentence(result.next_steps) if result.next_steps else "State or lock the lens."),
+        + (next_sentence(result.next_steps) if result.next_steps else "State the lens." * (lens == "fitted")),
         half_width_deg=turn,
         half_width_mm=None if shift is None else 1e3 * shift,
     )

@@ -53,6 +53,12 @@ class TracedEdge:
     along: Floats
     length: float
 
+    @property
+    def hidden_share(self) -> float:
+        """How much of the edge's beginning lies outside of the image, as a share of what is seen."""
+        hidden = float(self.along[0]) - max(_TIP_PX, _TIP_SHARE * self.length)
+        return max(hidden, 0.0) / max(float(self.along[-1] - self.along[0]), 1.0)
+
     def moved(self, offset: float, slope: float) -> TracedEdge:
         pixels = self.pixels + (offset + slope * self.along)[:, None] * self.normals
         return TracedEdge(pixels, self.normals, self.along, self.length)

@@ -273,7 +273,7 @@ def _by_point(point: Floats, camera: MountedLens) -> Floats:
 def _stated_covariance(fit: CornerFit, J: Floats) -> Floats:
     px_per_m = float(np.linalg.norm(J, 2))
     floor = _FLOOR_PX**2 + (_SHIFT_SHARE * fit.softness_px) ** 2 + (FLOOR_M * px_per_m) ** 2
-    return _SCATTER * fit.covariance + floor * np.eye(2)
+    return _SCATTER * fit.covariance + floor * (np.eye(2) + fit.extrapolation)
 
 
 def _scores(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 from uuid import UUID
 
@@ -78,7 +79,23 @@ def recommend(fits: Sequence[CameraFit]) -> tuple[Choice, dict[str, Candidate]]:
             folds[fit.result.model][fit.heldout_fold] = fit.result
     candidates = {name: _candidate(result, folds[name]) for name, result in full.items()}
     width, height = next(iter(full.values())).intrinsics.image_size
-    return choose(candidates, float(width * height)), candidates
+    of_stated = {name: result for name, result in full.items() if result.lens != "fitted"}
+    if not of_stated or len(of_stated) == len(full):
+        return choose(candidates, float(width * height)), candidates
+    against = [result.stated_lens.sentence for result in of_stated.values() if _is_contradicted(result)]
+    if len(against) == len(of_stated):
+        choice = choose(candidates, float(width * height))
+        return replace(choice, why=f"{against[0]} So models with lenses of their own are compared. {choice.why}"), (
+            candidates
+        )
+    choice = choose({name: candidates[name] for name in of_stated}, float(width * height))
+    others = " and ".join(name for name in full if name not in of_stated)
+    words = f"{choice.why} The pairs do not contradict the stated lens, so lenses of {others} are not weighed."
+    return replace(choice, why=words), candidates
+
+
+def _is_contradicted(result: FitResult) -> bool:
+    return result.stated_lens is not None and result.stated_lens.explains is False
 
 
 def _candidate(full: FitResult, folds: Mapping[int, FitResult]) -> Candidate:

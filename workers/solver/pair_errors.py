@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from apexcal.documents.precision import FitPrecision
 from apexcal.documents.results import Intrinsics
@@ -27,9 +28,9 @@ def explained_px(problem: FitProblem, lens: Intrinsics, precision: FitPrecision)
     return max(typical, precision.sigma_px / precision.noise_scale) if precision.noise_scale else typical
 
 
-def marks_outside(problem: FitProblem) -> int:
-    """How many marks that are used lie more than a pixel outside of the image."""
-    marks = problem.pixels[problem.weights > 0.0]
+def marks_outside(problem: FitProblem, chosen: NDArray[np.bool_] | None = None) -> int:
+    """How many marks that are used, of the chosen (N,) or of all, lie more than a pixel outside of the image."""
+    marks = problem.pixels[(problem.weights > 0.0) & (True if chosen is None else chosen)]
     return int(np.count_nonzero(np.any((marks < -1.5) | (marks > np.array(problem.image_size) + 0.5), axis=1)))
 
 

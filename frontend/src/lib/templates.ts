@@ -6,6 +6,7 @@ import { counted, words } from "./format.ts";
 
 /** What a fit makes of a lens that the recording states. */
 export const LENS_USES: Record<NonNullable<CalibrationTemplate["intrinsics_as"]>, string> = {
+  auto: "refined, or locked if pairs are few",
   prior: "refined",
   locked: "locked",
   bounds: "looked for near it",
@@ -39,7 +40,7 @@ export const newTemplate = (): TemplateDraft => ({
   loss: null,
   outliers: null,
   bounds_preset: null,
-  intrinsics_as: "prior",
+  intrinsics_as: "auto",
   locked: {},
   bounds: {},
   line_time_us: 0,
@@ -61,7 +62,7 @@ export function templateInWords(asked: CalibrationTemplate): string {
   if (asked.preset && asked.preset !== usual.preset) parts.push(`preset ${asked.preset}`);
   if (asked.search) parts.push(words(asked.search));
   if (asked.bounds_preset) parts.push(`bounds ${asked.bounds_preset}`);
-  const use = asked.intrinsics_as ?? "prior";
+  const use = asked.intrinsics_as ?? "auto";
   if (use !== usual.intrinsics_as) parts.push(`a stated lens ${LENS_USES[use]}`);
   for (const [name, value] of Object.entries(asked.locked ?? {})) parts.push(`${name} locked at ${value}`);
   if (asked.bounds?.skew) parts.push("skew fitted");

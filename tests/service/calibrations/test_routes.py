@@ -64,7 +64,7 @@ def test_intrinsics_that_the_recording_states_hold_the_lens(api, fleet, engineer
     request["bounds"] |= {"f_x": [400.0, 600.0], "f_y": [400.0, 600.0]}
     request["locked"] = {"c_x": 320.0}
     assert any("bound nothing" in note for note in ask_it().json()["notes"])
-    usual = {"models": ["pinhole", "kannala_brandt"], "folds": 0}
+    usual = {"models": ["pinhole", "kannala_brandt"], "folds": 0, "intrinsics_as": "prior"}
     request.clear()
     request |= usual
     answer = ask_it().json()
@@ -86,6 +86,45 @@ def test_intrinsics_that_the_recording_states_hold_the_lens(api, fleet, engineer
     assert document["stated_lens"] is None, "it is of other images, and nobody insists on it"
     request["intrinsics_as"] = "locked"
     assert ask_it().json()["code"] == "intrinsics_of_another_size"
+
+
+def test_a_stated_lens_is_locked_where_few_pairs_could_refine_it(api, engineer, rig):
+    """Of brown_conrady 33 pairs leave 50 degrees of freedom; a model that is asked for and cannot be it is drawn."""
+
+    def lens_of(count, **body):
+        request = {"folds": 0, "intrinsics": {"front": PLUMB_BOB}} | body
+        answer = ask(engineer, rig, add_set(engineer, rig, count), **request).json()
+        made = {model: document for (model, _), document in documents(api, answer["id"]).items()}
+        return {model: (of["locked"].get("f_x"), "f_x" in of["priors"]) for model, of in made.items()}
+
+    own = {"pinhole": (None, False), "kannala_brandt": (None, False)}
+    assert lens_of(32) == {"brown_conrady": (500.0, False)}
+    assert lens_of(33) == {"brown_conrady": (None, True)} | own
+    assert lens_of(32, intrinsics_as="prior") == {"brown_conrady": (None, True)} | own
+    assert lens_of(32, models=["pinhole"]) == {"pinhole": (None, False)}
+
+
+def test_the_lens_of_a_ready_recordings_camera_is_stated_later(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=20)
+    at = f"/recordings/{seed.recording_id}/cameras/front/lens"
+
+    def state(lens, camera_at=at):
+        etag = {"If-Match": engineer.get(f"/recordings/{seed.recording_id}").headers["etag"]}
+        return engineer.put(camera_at, json=lens, headers=etag)
+
+    assert state(PLUMB_BOB | {"width": 1280}).json()["code"] == "intrinsics_of_another_size"
+    assert state(PLUMB_BOB, at.replace("front", "rear")).status_code == 404
+    (camera,) = [
+        each for each in state(PLUMB_BOB | {"source": "lens.yaml"}).json()["sensors"] if each["name"] == "front"
+    ]
+    stated = camera["facts"]["camera_info"]
+    assert (stated["model"], stated["source"], stated["K"][0]) == ("brown_conrady", "lens.yaml", 500.0)
+    for number in range(20):
+        seed_answer(api.database, seed, engineer.person_id, number, "confirmed", (10.0 + number, 20.0))
+    made = engineer.post(f"/detections/{seed.detection_id}/correspondence-sets", {"camera": "front"}).json()
+    body = {"correspondence_set_ids": [made["id"]], "folds": 0}
+    answer = engineer.post(f"/vehicles/{seed.vehicle_id}/calibrations", body)
+    assert documents(api, answer.json()["id"])["brown_conrady", -1]["locked"]["k1"] == 0.1
 
 
 def stated_of(width):

@@ -56,6 +56,17 @@ def test_the_stated_deviation_grows_with_the_noise():
     assert sigmas[1] > 3.0 * sigmas[0]
 
 
+def test_the_stated_deviation_grows_as_the_corner_lies_farther_outside_of_the_image():
+    """What shifts an edge may turn it too: so it counts the more, the farther the edges are continued."""
+    growths = []
+    for above in (-80.0, 10.0, 30.0, 60.0):
+        corner = (120.0, -above)
+        fit = measure_corner(painted(corner, (60.0, 120.0)), edges_of(corner, (60.0, 120.0), 180.0))
+        assert isinstance(fit, CornerFit)
+        growths.append(float(np.sqrt(np.trace(fit.extrapolation))))
+    assert growths[0] == 0.0 and growths == sorted(growths) and growths[-1] > 2.0
+
+
 def test_a_lens_that_bends_the_edges_moves_nothing():
     truth = np.array([118.37, 61.81])
     image = painted(truth, (40.0, 140.0))

@@ -4,11 +4,19 @@ from uuid import uuid4
 
 import pytest
 
-from apexcal.documents.results import FitResult
+from apexcal.documents.results import FitResult, Precision
 from tests.support.results import fit_result, of_block
 from workers.models.summary import CameraFit, camera_summary, recommend
 
 BOTH = ("pinhole", "brown_conrady")
+STATED = {
+    "intrinsics": fit_result()["intrinsics"],
+    "transform": fit_result()["transform"],
+    "rms_px": 3.0,
+    "free_lens_rms_px": 0.3,
+    "sentence": "The stated lens is not this camera's.",
+    **{name: fit_result()[name] for name in Precision.model_fields},
+}
 
 
 def fit(model, fold=None, errors=(), indices=None, mean_px=1.0, **members):
@@ -43,6 +51,24 @@ def test_a_fold_that_left_parameters_open_counts_for_no_model():
     of_most = [one._replace(result=one.result.model_copy(update={"status": "not_determined"})) for one in folds[3:]]
     fits = [*(fit(model) for model in BOTH), *folds[:3], *of_most, wild]
     assert camera_summary(fits).models["brown_conrady"].heldout_mean_px is None
+
+
+def test_a_free_lens_is_recommended_over_a_stated_one_only_where_the_pairs_contradict_that():
+    """The free pinhole predicts held-out pairs far better: by chance of few pairs, or since the lens is another's."""
+    better = [fit("pinhole", fold, [0.3] * 10) for fold in range(3)]
+    worse = [fit("brown_conrady", fold, [1.5] * 10) for fold in range(3)]
+
+    def chosen(explains):
+        stated = STATED | {"explains": explains}
+        full = fit("brown_conrady", lens="stated, refined", stated_lens=stated)
+        return camera_summary([fit("pinhole", stated_lens=stated), full, *better, *worse])
+
+    for explains in (True, None):
+        summary = chosen(explains)
+        assert summary.recommended == "brown_conrady" and "do not contradict the stated lens" in summary.why
+        assert summary.models["brown_conrady"].between_models is None, "a lens of its own widens nothing"
+    against = chosen(False)
+    assert against.recommended == "pinhole" and against.why.startswith(STATED["sentence"])
 
 
 def test_a_projection_that_is_none_costs_a_bounded_error():
