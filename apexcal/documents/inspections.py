@@ -28,7 +28,9 @@ class InspectedSensor(Document):
     """A LiDAR or camera as its file names it: how often it was recorded, and when. A camera's images and lens.
 
     ``first_ns``, ``last_ns``: times of recording, UTC nanoseconds. ``delay_s``: how long after their stamps messages
-    were recorded (median); null where the file has no two clocks. ``lens``: as a CameraInfo states it.
+    were recorded (median); null where the file has no two clocks. ``offset_ns``: of a camera, its clock minus the
+    LiDAR's by the times of recording, which spread by ``spread_ns``; null where they are less than a second apart.
+    ``lens``: as a CameraInfo states it.
     """
 
     kind: Literal["lidar", "camera"]
@@ -41,6 +43,8 @@ class InspectedSensor(Document):
     rate_hz: float | None
     longest_pause_s: float
     delay_s: float | None
+    offset_ns: int | None = None
+    spread_ns: int | None = None
     image_size: tuple[int, int] | None = None
     image_kind: ImageKind | None = None
     lens: StatedLens | None = None

@@ -179,8 +179,8 @@ class StampFacts(Document):
         rate_hz: from the median step between stamps; None for fewer than two.
         gaps: pauses of more than 1.75 steps, the first thousand; ``gap_count`` counts all.
         missing: messages that these gaps would have held.
-        jumps: steps of the clock: pauses of over an hour, and steps back (negative) of a second or for several
-            messages, in recorded order.
+        jumps: steps of the clock, in recorded order: those that were taken out of the stamps, pauses of over an hour,
+            and steps back (negative) of a second or for several messages.
         backwards, duplicates: messages with an earlier stamp than the one before, and with the same.
     """
 
@@ -197,6 +197,8 @@ class SensorFacts(StampFacts):
     """How a sensor was read, and what stands out in it.
 
     ``empty`` counts sweeps without a point, which were left out.
+    ``offset_ns``: of a camera, its clock minus the LiDAR's by the times of recording, which spread by ``spread_ns``;
+    null where the clocks are less than a second apart, or nothing tells.
     """
 
     stamp_convention: StampConvention | None = None
@@ -211,6 +213,8 @@ class SensorFacts(StampFacts):
     sizes: list[ImageSize] = []
     overlap_s: float | None = None
     overlap_share: float | None = None
+    offset_ns: int | None = None
+    spread_ns: int | None = None
     camera_info: StatedLens | None = None
     image_kind: ImageKind | None = None
     notes: list[str] = []

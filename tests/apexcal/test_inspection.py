@@ -125,7 +125,7 @@ FAULTS: dict[str, tuple[Edit, str, int]] = {
     "K of zeros": (edited(INFO, no_lens), "lens_not_stated", 1),
     "K of no lens": (edited(INFO, wide_lens), "lens_not_plausible", 1),
     "wrong size": (edited(INFO, half_size), "image_size_differs", 2),
-    "clocks apart": (shifted(30, 0), "clocks_apart", 2),
+    "clocks apart": (shifted(30, 0), "clocks_apart", 1),
     "no overlap": (shifted(60, 60), "no_overlap", 2),
     "little overlap": (shifted(8, 8), "little_overlap", 1),
     "no frame in common": (edited(TREE, other_tree), "frames_not_connected", 1),

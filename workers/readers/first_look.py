@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from apexcal.documents.omissions import Omission
 from workers.readers.clouds.model import SAMPLES
+from workers.readers.inspected_clocks import sensor_clocks
+from workers.readers.normalised.clocks import ClockReport
 from workers.readers.normalised.mcap_files import check_item
 from workers.readers.omissions import Omissions
 from workers.readers.recording import Frame, Recording, Sensor, Sweep
 
 # Messages of each sensor: more where none of a few can be used.
 _COUNTS: Final = (3, SAMPLES)
-# Of each sensor, to compare its stamps with the times of recording.
-_SAMPLES: Final = 9
 
 
 @dataclass(slots=True)
@@ -29,12 +29,14 @@ class FirstLook:
         sensors: by their names; cameras with the size of their frames.
         times: (N,) ascending times of recording of each sensor, ns; the stamps, of a file without an index.
         delays: how long each sensor's messages were underway, seconds.
+        clocks: what the sensors' clocks did; empty of a file without times of recording.
         omissions: what cannot be used of the messages that were read.
     """
 
     sensors: dict[str, Sensor]
     times: dict[str, NDArray[np.int64]]
     delays: dict[str, float]
+    clocks: Mapping[str, ClockReport]
     omissions: list[Omission]
 
 
@@ -75,11 +77,12 @@ def look_at(recording: Recording, chosen: Mapping[str, Sensor]) -> FirstLook:
         if refusal is not None:
             raise refusal
     stamps = {name: np.array(contents.stamps.get(sensor.name, []), np.int64) for name, sensor in chosen.items()}
-    times = logs if len(logs) == len(chosen) else stamps
+    times, delays, clocks = sensor_clocks(recording, chosen, logs) if len(logs) == len(chosen) else (stamps, {}, {})
     return FirstLook(
         {name: _sized(sensor, contents.sizes.get(sensor.name)) for name, sensor in chosen.items()},
         {name: np.sort(each) for name, each in times.items()},
-        _delays(recording, chosen) if times is logs else {},
+        delays,
+        clocks,
         contents.omissions.documents(
             {chosen[name].name: len(each) for name, each in stamps.items()},
             {chosen[name].name: len(each) for name, each in logs.items()},
@@ -92,12 +95,3 @@ def _sized(sensor: Sensor, size: tuple[int, int] | None) -> Sensor:
     if sensor.image_size or size is None:
         return sensor
     return replace(sensor, notes={**sensor.notes, "width": str(size[0]), "height": str(size[1])})
-
-
-def _delays(recording: Recording, chosen: Mapping[str, Sensor]) -> dict[str, float]:
-    delays: dict[str, float] = {}
-    for name, sensor in chosen.items():
-        pairs = np.array(list(recording.log_and_stamp(sensor, _SAMPLES)), np.int64).reshape(-1, 2)
-        if len(pairs):
-            delays[name] = float(np.median(pairs[:, 0] - pairs[:, 1])) / 1e9
-    return delays

@@ -21,13 +21,11 @@ from apexcal.geometry.frame_tree import FrameTree, recorded_tree, urdf_tree
 from apexcal.geometry.rig_proposal import RecordedSensor, propose_rig
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
-from workers.readers.first_look import look_at
+from workers.readers.first_look import FirstLook, look_at
+from workers.readers.normalised.clocks import ClockReport, offset_sentence
 from workers.readers.normalised.stamps import overlap_warning, report_stamps, shared_time
 from workers.readers.recording import ReadError, Sensor
 
-# Half a turn of the slowest LiDAR that is read (0.5 Hz). Drivers hand on a sweep after its turn, and a camera's queue
-# holds a few frames: such delays are no other clock.
-_CLOCKS_APART_S: Final = 1.0
 # A fit needs marks in six places that are 1.5 m apart (`workers/judge/pair_checks.py`). A slow walk is 1 m/s.
 _FEWEST_PLACES: Final = 6
 _SHORTEST_S: Final = _FEWEST_PLACES * 1.5
@@ -61,11 +59,12 @@ def inspect_recording(
         look = look_at(recording, chosen)
         chosen = look.sensors
         times = look.times
-        sensors = [_inspected(name, sensor, times[name], look.delays.get(name)) for name, sensor in chosen.items()]
+        sensors = [_inspected(name, sensor, look) for name, sensor in chosen.items()]
         transforms = recording.static_transforms if transforms is None else transforms
         proposal = _proposal(chosen, transforms, answers or RigAnswers.model_validate({}), urdf)
         faults = [
             *(fault for name, sensor in chosen.items() if sensor.kind == "camera" for fault in _lens(name, sensor)),
+            *(fault for name, clock in look.clocks.items() for fault in _clock_faults(name, clock)),
             *_time_faults(sensors, times),
             *_length_faults(sensors, is_still=(options or ReadOptions()).point_times == "stamp_only"),
             *_frame_faults(sensors, transforms, proposal),
@@ -128,7 +127,23 @@ def _stop(code: str, sensor: str, sentence: str, remedy: str) -> RecordingFault:
     return RecordingFault(code=code, sensor=sensor, verdict="stop", sentence=sentence, remedy=remedy)
 
 
-def _inspected(name: str, sensor: Sensor, times: NDArray[np.int64], delay_s: float | None) -> InspectedSensor:
+def _clock_faults(name: str, clock: ClockReport) -> Iterator[RecordingFault]:
+    """What is wrong with a sensor's clock. Pairs can be made all the same."""
+    for sentence in clock.step_sentences:
+        remedy = "Let all clocks be set before you record: NTP and PTP step a clock when they first reach its server."
+        yield _look("clock_steps", name, sentence, remedy)
+    if clock.offset is not None:
+        remedy = (
+            "`apexcal solve` uses this offset after a question; without it say "
+            f"`apexcal detect --offset-ms {clock.offset_ns / 1e6:.0f}`. Marks of a walk measure it "
+            "(`apexcal clock-offset`). Synchronise the clocks (PTP, or stamps of one host) to need none."
+        )
+        yield _look("clocks_apart", name, offset_sentence(name, clock.offset), remedy)
+
+
+def _inspected(name: str, sensor: Sensor, look: FirstLook) -> InspectedSensor:
+    times, clock = look.times[name], look.clocks.get(name)
+    offset = clock.offset if clock else None
     if not len(times):
         raise ReadError("sensor_without_messages", f"{sensor.name} holds no message.", "Was the sensor switched on?")
     report = report_stamps(times, name)
@@ -142,7 +157,9 @@ def _inspected(name: str, sensor: Sensor, times: NDArray[np.int64], delay_s: flo
         last_ns=report.facts.last_ns,
         rate_hz=report.facts.rate_hz,
         longest_pause_s=float(np.max(np.diff(times), initial=0)) / 1e9,
-        delay_s=delay_s,
+        delay_s=look.delays.get(name),
+        offset_ns=offset and offset.offset_ns,
+        spread_ns=offset and offset.spread_ns,
         image_size=sensor.image_size,
         image_kind=sensor.image_kind,
         lens=StatedLens.model_validate(sensor.camera_info) if sensor.camera_info else None,
@@ -189,13 +206,6 @@ def _time_faults(
             remedy = "Record both at the same time, from before the walk to after it."
             fault = _stop if seconds == 0.0 else _look
             yield fault("no_overlap" if seconds == 0.0 else "little_overlap", camera.name, sentences[0], remedy)
-        elif lidar.delay_s is not None and camera.delay_s is not None:
-            apart_s = lidar.delay_s - camera.delay_s
-            if abs(apart_s) > _CLOCKS_APART_S:
-                side = "ahead of" if apart_s > 0 else "behind"
-                sentence = f"The clock of {camera.name} is {abs(apart_s):.1f} s {side} the LiDAR's."
-                remedy = "Synchronise the clocks (PTP, or stamps of one host), and record again."
-                yield _stop("clocks_apart", camera.name, sentence, remedy)
     for camera in cameras[:1]:
         yield from _pauses(lidar, camera, times)
 

@@ -63,6 +63,7 @@ class Sweep:
         ring: (N,) uint16, numbered by elevation, 0 the lowest, whatever the sensor's laser ids are.
         offset_ns: (N,) int64, moment of each point relative to ``stamp_ns``.
         time_source: where ``offset_ns`` comes from; all zero for ``stamp_only``.
+        log_ns: time of recording, None where the file has no other time than the stamp.
     """
 
     stamp_ns: int
@@ -71,6 +72,7 @@ class Sweep:
     ring: NDArray[np.uint16]
     offset_ns: NDArray[np.int64]
     time_source: TimeSource = "stamp_only"
+    log_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,7 @@ class Frame:
         width, height: pixels, read from the header of ``data``.
         transcoding: what was done to the bytes in the file, a sentence for the owner; the same for all frames that it
             was done to. Empty: nothing.
+        log_ns: time of recording, None where the file has no other time than the stamp.
     """
 
     stamp_ns: int
@@ -91,6 +94,7 @@ class Frame:
     width: int
     height: int
     transcoding: str = ""
+    log_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +191,10 @@ class Recording:
 
     def log_and_stamp(self, sensor: Sensor, count: int) -> Iterator[tuple[int, int]]:
         """(time of recording, stamp), ns, of some messages spread over the file, where it has both."""
+        yield from ()
+
+    def stamps(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, int, int]]:
+        """(sensor, stamp, time of recording), ns, of all messages in recorded order, where it has both."""
         yield from ()
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:

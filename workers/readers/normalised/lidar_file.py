@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, Final, Self, cast, get_args
 
@@ -90,6 +91,8 @@ class LidarFile:
             chunk_of.append(np.full(len(entries), number, np.int64))
         none = np.zeros(0, np.int64)
         unordered = np.concatenate([none, *stamps])
+        if "stamps_ns" in facts:  # the sensor's clock stepped, as was noticed when all had been written
+            unordered = np.array(facts["stamps_ns"].split(), np.int64)
         order = np.argsort(unordered, kind="stable")
         self._stamps: NDArray[np.int64] = unordered[order]
         self._stamps.flags.writeable = False
@@ -126,7 +129,7 @@ class LidarFile:
         start = int(self._places[index])
         (length,) = struct.unpack_from("<Q", chunk, start + 1)
         message = memoryview(chunk)[start + HEAD.size + MESSAGE.size : start + HEAD.size + length]
-        return decode_points(message, self.time_source)
+        return replace(decode_points(message, self.time_source), stamp_ns=int(self._stamps[index]))
 
     def nearest(self, stamp_ns: int) -> int:
         """Number of the sweep whose stamp is nearest to a moment, the earlier of two.

@@ -6,6 +6,9 @@ from array import array
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from workers.readers.clouds.pointcloud2 import empty_cloud
 from workers.readers.mcap_io.writer import McapWriter
 from workers.readers.normalised.cdr import encode_image, encode_points
@@ -85,9 +88,10 @@ class LidarWriter(_SensorFile):
         """
         self._file.add(self._channel, sweep.stamp_ns, encode_points(sweep, self.frame_id))
 
-    def finish(self, facts: LidarFacts) -> None:
-        """Write index and facts, and close."""
-        self._finish(**{name: getattr(facts, name) for name in FACTS})
+    def finish(self, facts: LidarFacts, stamps_ns: NDArray[np.int64] | None = None) -> None:
+        """Write index and facts, and close. ``stamps_ns``: (N,) in the order added, where they are to be others."""
+        more = {} if stamps_ns is None else {"stamps_ns": " ".join(map(str, stamps_ns.tolist()))}
+        self._finish(**{name: getattr(facts, name) for name in FACTS}, **more)
 
 
 class CameraWriter(_SensorFile):

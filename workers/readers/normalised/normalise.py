@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from apexcal.documents.recordings import ImageSize
 from workers.readers.camera_guess import Sizes
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
+from workers.readers.normalised.clocks import ClockReport, Times, report_clocks
 from workers.readers.normalised.manifest import FrameTable, RecordingManifest, SensorManifest, write_table
 from workers.readers.normalised.mcap_files import CameraWriter, LidarWriter, check_item
 from workers.readers.normalised.stamps import (
@@ -30,6 +32,25 @@ from workers.readers.progress import OnProgress, Pace
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep, legible
 
 
+class _Times:
+    """Stamps and times of recording of a sensor's messages, and their numbers among those of all sensors."""
+
+    def __init__(self) -> None:
+        self.stamps, self._logs, self._numbers = array("q"), array("q"), array("q")
+
+    def add(self, item: Sweep | Frame, number: int) -> None:
+        self.stamps.append(item.stamp_ns)
+        if item.log_ns is not None:
+            self._logs.append(item.log_ns)
+            self._numbers.append(number)
+
+    def of_recording(self) -> Times | None:
+        """All of them, if each message has a time of recording."""
+        if not len(self.stamps) == len(self._logs) > 0:
+            return None
+        return Times(*(np.array(each, np.int64) for each in (self._numbers, self.stamps, self._logs)))
+
+
 class _Lidar:
     """Writes the LiDAR's file, and collects what its manifest needs."""
 
@@ -37,23 +58,22 @@ class _Lidar:
         self.sensor = sensor
         self.facts = facts
         self.writer = LidarWriter(out_dir / "lidar.mcap", sensor.name, sensor.frame_id)
-        self.stamps = array("q")
+        self.times = _Times()
         self.points = array("q")
 
     def add(self, item: Sweep | Frame) -> None:
         assert isinstance(item, Sweep)
         self.writer.add(item)
-        self.stamps.append(item.stamp_ns)
         self.points.append(len(item.xyz))
 
-    def finish(self, omissions: Omissions) -> tuple[SensorManifest, list[str]]:
+    def finish(self, omissions: Omissions, clock: ClockReport | None) -> tuple[SensorManifest, list[str]]:
         facts = self.facts
-        self.writer.finish(facts)
-        stamps = _stamps(self.stamps, self.sensor, omissions)
+        stamps = _by_one_clock(self, omissions, clock)
+        self.writer.finish(facts, stamps if clock and clock.steps else None)
         report = report_stamps(stamps, "lidar", omissions.stamps(self.sensor.name))
         points = np.array(self.points, np.int64)[report.order]
         manifest = _described(
-            *("lidar", self.sensor, self.writer.path, report),
+            *("lidar", self.sensor, self.writer.path, report, clock),
             stamp_convention=facts.stamp_convention,
             time_source=facts.time_source,
             ring_count=facts.ring_count,
@@ -72,22 +92,21 @@ class _Camera:
         self.name = name
         self.sensor = sensor
         self.writer = CameraWriter(out_dir / f"camera-{name}.mcap", sensor.name, sensor.frame_id)
-        self.stamps = array("q")
+        self.times = _Times()
         self.rows: list[tuple[str, int, int]] = []  # media type, width and height; mostly one object
         self.transcodings: list[str] = []
 
     def add(self, item: Sweep | Frame) -> None:
         assert isinstance(item, Frame)
         self.writer.add(item)
-        self.stamps.append(item.stamp_ns)
         row = (item.media_type, item.width, item.height)
         self.rows.append(self.rows[-1] if self.rows and self.rows[-1] == row else row)
         if item.transcoding and item.transcoding not in self.transcodings:
             self.transcodings.append(item.transcoding)
 
-    def finish(self, omissions: Omissions) -> tuple[SensorManifest, list[str]]:
+    def finish(self, omissions: Omissions, clock: ClockReport | None) -> tuple[SensorManifest, list[str]]:
         offsets = self.writer.finish()
-        stamps = _stamps(self.stamps, self.sensor, omissions)
+        stamps = _by_one_clock(self, omissions, clock)
         report = report_stamps(stamps, self.name, omissions.stamps(self.sensor.name))
         order: list[int] = report.order.tolist()
         table = FrameTable(
@@ -103,7 +122,7 @@ class _Camera:
         counts = Counter((width, height) for _, width, height in self.rows).most_common(100)
         sizes = [ImageSize(width=width, height=height, count=count) for (width, height), count in counts]
         manifest = _described(
-            *(self.name, self.sensor, self.writer.path, report),
+            *(self.name, self.sensor, self.writer.path, report, clock),
             frames=frames.name,
             transcoded=bool(self.transcodings),
             width=table.width[0],
@@ -116,9 +135,14 @@ class _Camera:
         return manifest, [*report.warnings, *_size_warnings(self.name, sizes, self.sensor)]
 
 
-def _described(name: str, sensor: Sensor, file: Path, report: StampReport, **facts: Any) -> SensorManifest:
+def _described(
+    name: str, sensor: Sensor, file: Path, report: StampReport, clock: ClockReport | None, **facts: Any
+) -> SensorManifest:
     """Return a sensor's manifest with what is told of a LiDAR or of a camera alone."""
     own = {"kind": sensor.kind, "topic": sensor.name, "frame_id": sensor.frame_id, "name": name, "file": file.name}
+    if clock is not None:
+        own["jumps"] = [*clock.steps, *report.facts.jumps]
+        own |= {} if clock.offset is None else clock.offset._asdict()
     return SensorManifest.model_validate(dict(report.facts) | own | facts)
 
 
@@ -137,14 +161,24 @@ def _size_warnings(name: str, sizes: list[ImageSize], sensor: Sensor) -> list[st
     return sentences
 
 
-def _stamps(stamps: array[int], sensor: Sensor, omissions: Omissions) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    if not stamps:
-        raise omissions.refusal(sensor.name) or ReadError(
-            "no_sweeps" if sensor.kind == "lidar" else "no_frames",
-            f"{sensor.name} holds no messages.",
+def _by_one_clock(
+    sink: _Lidar | _Camera, omissions: Omissions, clock: ClockReport | None
+) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """(N,) stamps, in recorded order, with the steps of the sensor's clock taken out."""
+    if not sink.times.stamps:
+        raise omissions.refusal(sink.sensor.name) or ReadError(
+            "no_sweeps" if sink.sensor.kind == "lidar" else "no_frames",
+            f"{sink.sensor.name} holds no messages.",
             "Record again, or choose another topic.",
         )
-    return np.array(stamps, np.int64)
+    stamps = np.array(sink.times.stamps, np.int64)
+    return stamps if clock is None else stamps + clock.added_ns
+
+
+def _clocks(sinks: Mapping[str, _Lidar | _Camera]) -> dict[str, ClockReport]:
+    """What the clocks of the sensors did whose messages have a time of recording, by the sensors' names."""
+    timed = {name: times for name, sink in sinks.items() if (times := sink.times.of_recording()) is not None}
+    return report_clocks(timed) if "lidar" in timed else {}
 
 
 def normalise(
@@ -200,30 +234,35 @@ def _normalise(
             with unstorable.leaving_out(sensor.name):
                 check_item(item, sensor.name)
                 sinks[sensor.name].add(item)
+                sinks[sensor.name].times.add(item, done)
             done += 1
             if pace.due:
                 on_progress(pace.at(done, recording.share_read))
         on_progress(pace.at(done, 1.0))
         omissions = recording.omissions
         omissions.update(unstorable)
-        finished = [sink.finish(omissions) for sink in sinks.values()]
+        clocks = _clocks({name: sinks[sensor.name] for name, sensor in chosen.items()})
+        finished = [sinks[sensor.name].finish(omissions, clocks.get(name)) for name, sensor in chosen.items()]
     finally:
         for sink in sinks.values():
             sink.writer.abandon()
     fixed = recording.static_transforms  # which may say something too
-    warnings = [*recording.warnings, *(sentence for _, sentences in finished for sentence in sentences)]
+    warnings = [*recording.warnings, *(line for name, clock in clocks.items() for line in clock.sentences(name))]
+    warnings += [sentence for _, sentences in finished for sentence in sentences]
     sensors = [manifest for manifest, _ in finished]
     span = (sensors[0].first_ns, sensors[0].last_ns)
     for number, camera in enumerate(sensors[1:], start=1):
-        seconds, share = shared_time(span, (camera.first_ns, camera.last_ns))
+        offset_ns = camera.offset_ns or 0
+        by_lidar = (camera.first_ns - offset_ns, camera.last_ns - offset_ns)
+        seconds, share = shared_time(span, by_lidar)
         sensors[number] = camera.model_copy(update={"overlap_s": seconds, "overlap_share": share})
-        warnings += overlap_warning(camera.name, span, (camera.first_ns, camera.last_ns))
+        warnings += overlap_warning(camera.name, span, by_lidar)
     return RecordingManifest(
         format=recording.format,
         sensors=sensors,
         warnings=[legible(warning) for warning in warnings],
         static_transforms=list(fixed),
-        omissions=omissions.documents({topic: len(sink.stamps) for topic, sink in sinks.items()}),
+        omissions=omissions.documents({topic: len(sink.times.stamps) for topic, sink in sinks.items()}),
     )
 
 

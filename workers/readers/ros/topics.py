@@ -192,6 +192,13 @@ class TopicRecording(Recording):
                 if stamp_ns:
                     yield log_ns, stamp_ns
 
+    def stamps(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, int, int]]:
+        """Of messages, which are packets of a part of a sweep where a driver hands on packets."""
+        by_name = {sensor.name: sensor for sensor in sensors}
+        for name, log_ns, raw in self._container.messages(by_name) if by_name else ():
+            with suppress(MessageError):
+                yield by_name[name], self._stamp(name, self._decoders[name](raw), log_ns), log_ns
+
     def _model(self, sensor: Sensor) -> CloudModel:
         if sensor.name not in self._models:
             times = np.sort(self._container.times(sensor.name))
@@ -239,7 +246,7 @@ class TopicRecording(Recording):
         for name, log_ns, raw in self._container.messages(by_name) if by_name else ():
             with self._omissions.leaving_out(name):
                 for item in self._items(by_name[name], log_ns, raw):
-                    yield by_name[name], item
+                    yield by_name[name], replace(item, log_ns=log_ns)
         for name, cutter in self._cutters.items():
             for sweep in filter(None, [cutter.finish()]):
                 yield by_name[name], sweep

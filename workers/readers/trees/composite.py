@@ -101,6 +101,13 @@ class Composite(Recording):
         part, inner = self._inner[sensor.name]
         return part.log_and_stamp(inner, count)
 
+    def stamps(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, int, int]]:
+        """Those of its parts, one after the other."""
+        for part in self._recordings:
+            outer = {inner.name: s for s in sensors for of, inner in [self._inner[s.name]] if of is part}
+            for sensor, stamp_ns, log_ns in part.stamps([s for s in part.sensors if s.name in outer]):
+                yield outer[sensor.name], stamp_ns, log_ns
+
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What its part learned of a LiDAR."""
         part, inner = self._inner[sensor.name]
