@@ -6,11 +6,11 @@ import contextlib
 import logging
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from typing import Any
 
-from sqlalchemy import delete
+from sqlalchemy import Connection, delete
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.platform.db.clock import now
@@ -25,7 +25,10 @@ log = logging.getLogger(__name__)
 
 
 class Presence:
-    """Written by the worker's parent. Each time it connects anew and closes: no connection may live across a fork.
+    """Written by the worker's parent, each time in one statement.
+
+    Pool processes are forked beside its connection to PostgreSQL, which they inherit and never touch: psycopg leaves
+    what another process opened alone. SQLite forbids that, so its file is opened each time.
 
     A worker whose row cannot be written takes no messages until it can: it could not claim their jobs.
     """
@@ -35,6 +38,7 @@ class Presence:
         self._about = {"queues": queues[:200], "processes": processes, "version": version("apexcal")}
         self.queues = tuple(queues.split(","))
         self._timer: Any = None
+        self._database: Database | None = None
 
     @classmethod
     def of(cls, worker: Any) -> Presence:
@@ -45,8 +49,9 @@ class Presence:
     def say(self, *, warm: bool) -> None:
         """That it lives. Where the database does not answer at once, the next time is soon enough."""
         first = self._about | {"started_at": now()}
-        with self._writing() as session:
-            put(session, Worker, {"name": self._name}, {"at": now(), "warm": warm}, first=first)
+        self._write(
+            lambda connection: put(connection, Worker, {"name": self._name}, {"at": now(), "warm": warm}, first=first)
+        )
 
     @contextlib.contextmanager
     def said_meanwhile(self) -> Iterator[None]:
@@ -75,18 +80,25 @@ class Presence:
 
     def end(self) -> None:
         """Take the row away."""
-        with self._writing() as session:
-            session.execute(delete(Worker).where(Worker.name == self._name))
+        self._write(lambda connection: connection.execute(delete(Worker).where(Worker.name == self._name)))
+        self._disconnect()
 
-    @contextlib.contextmanager
-    def _writing(self) -> Any:
-        database = Database(get_settings().database)
+    def _write(self, write: Callable[[Connection], object]) -> None:
+        if self._database is None:
+            self._database = Database(get_settings().database, connections=1)
         try:
-            with database.writing() as session:
-                yield session
+            with self._database.alone() as connection:
+                write(connection)
             transport.PAUSE.clear()
+            is_kept = self._database.engine.dialect.name != "sqlite"
         except SQLAlchemyError as error:
             transport.PAUSE.set()
             log.warning("could not say that this worker lives: %s", type(error).__name__)
-        finally:
-            database.close()
+            is_kept = False
+        if not is_kept:
+            self._disconnect()
+
+    def _disconnect(self) -> None:
+        if self._database is not None:
+            self._database.close()
+            self._database = None

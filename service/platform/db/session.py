@@ -249,7 +249,7 @@ class Database:
 
 
 def put(
-    session: Session,
+    session: Session | Connection,
     model: type[Base],
     key: Mapping[str, Any],
     values: Mapping[str, Any] | None = None,
@@ -260,8 +260,8 @@ def put(
 
     Neither of two that do so at once fails. ``key`` names a primary or unique key's columns.
     """
-    insert: Any = {"postgresql": postgresql.insert, "sqlite": sqlite.insert}[session.get_bind().dialect.name]
-    statement = insert(model).values(**(first or {}), **key, **(values or {}))
+    engine = session.get_bind() if isinstance(session, Session) else session
+    statement = upserting(engine.dialect.name, model).values(**(first or {}), **key, **(values or {}))
     if values:
         statement = statement.on_conflict_do_update(index_elements=list(key), set_=dict(values))
     else:
