@@ -26,6 +26,7 @@ from making_ros2 import as_cdr, rig, write_mcap, write_ros2
 from mcap.writer import CompressionType
 from pypcd4 import Encoding
 
+from workers.readers.clouds.fields import CloudFields
 from workers.readers.images.still_images import image_frame
 from workers.readers.recording import ReadError
 from workers.readers.trees.cloud_files import is_cloud_table, read_cloud
@@ -351,13 +352,15 @@ def test_a_cloud_of_no_points_is_one(name, data):
 def test_columns_under_other_names_and_fields_that_are_no_numbers():
     head = ['"Points_m_XYZ:0"', '"Points_m_XYZ:1"', " z ", '"laser_id"', "Reflectance"]
     cloud = read_cloud(csv(head=head), "1.csv")
-    assert list(cloud) == ["x", "y", "z", "laser_id", "intensity"] and is_cloud_table(csv(head=head)[:1024])
+    fields = CloudFields.of(cloud, "1.csv")
+    assert fields.xyz == ("Points_m_XYZ:0", "Points_m_XYZ:1", "z") and is_cloud_table(csv(head=head)[:1024])
+    assert (fields.rings, fields.intensities) == (("laser_id",), ("Reflectance",))
     kinds = {"z": "<f4", "x": "<f8", "y": "<f4", "ring": "u1"}
     points = np.zeros((16, 90), [*kinds.items(), ("name", "S3"), ("normal", "<f4", 3)])
     for name in kinds:
         points[name] = named(kinds=kinds)[name].reshape(16, 90)
     cloud = read_cloud(npy(points), "1.npy")
-    assert set(cloud) == set(kinds)
+    assert set(cloud) == {*kinds, "normal"} and CloudFields.of(cloud, "1.npy").others == ("normal",)
     np.testing.assert_array_equal(cloud["x"], named(kinds=kinds)["x"])
     head = b"VERSION 0.7\nFIELDS x y z _ ring\nSIZE 4 4 4 1 2\nTYPE F F F U U\nCOUNT 1 1 1 2 1\nWIDTH 1\nHEIGHT 1\n"
     body = np.array([1, 2, 3], "<f4").tobytes() + b"\0\0" + np.array([7], "<u2").tobytes()

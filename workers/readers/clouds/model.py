@@ -6,78 +6,36 @@ over it, so that a ring keeps its number although it may be empty in one sweep.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.readings import ReadOptions
-from workers.readers.clouds.point_times import TIME_FIELDS, PointTimes, learn_point_times
+from workers.readers.clouds.fields import CloudFields, Columns, TimeField
+from workers.readers.clouds.point_times import PointTimes, learn_point_times
 from workers.readers.clouds.pointcloud2 import empty_cloud
 from workers.readers.clouds.ring_spread import check_rings
 from workers.readers.clouds.rings import ComputedRings, RingOrder, learn_missing_rings, learn_rings, ring_ids
 from workers.readers.recording import LidarFacts, MessageError, ReadError, Sweep
 
-Columns = Mapping[str, NDArray[np.generic]]
-
-RING_FIELDS: Final = ("ring", "channel", "laser_id", "laser_number", "line", "beam")
-INTENSITY_FIELDS: Final = ("intensity", "i", "reflectivity", "signal")
 SAMPLES: Final = 20
 _DENSE: Final = 30_000
 _NO_RINGS: Final = ("rings_not_separable", "points_without_rings")
-# Stamp, points, ring ids and times.
-_Cloud = tuple[int, NDArray[np.float32], NDArray[np.int64] | None, NDArray[np.generic] | None]
+# Parts of a cloud by steps of the golden ratio: rows and columns of an organised cloud are met alike.
+_PROBES: Final = np.arange(512) * ((5**0.5 - 1) / 2) % 1.0
+_CROWD: Final = 5  # more of the probes at one place: a hundredth of the points
+_MIX: Final = np.array([1.0, 2**0.5, 3**0.5], np.float32)
 
 
-def _first(columns: Columns, names: Sequence[str]) -> str | None:
-    return next((name for name in names if name in columns), None)
+class SampleCloud(NamedTuple):
+    """A cloud from which is learned: stamp, (N, 3) returns, and the other columns of these returns."""
 
-
-@dataclass(frozen=True, slots=True)
-class CloudFields:
-    """Which column of a file holds what; without a ring, rings are computed. ``where`` names it in messages."""
-
-    where: str
-    ring: str | None
-    intensity: str | None
-    time: str | None
-
-    @classmethod
-    def of(cls, names: Sequence[str], where: str) -> CloudFields:
-        """Choose among a file's field names.
-
-        Raises:
-            MessageError: ``cloud_without_xyz``.
-        """
-        listed = ", ".join(names) or "none"
-        columns = dict.fromkeys(names, np.zeros(0))
-        if any(axis not in columns for axis in "xyz"):
-            raise MessageError(
-                "cloud_without_xyz",
-                f"{where} has no x, y and z; its fields are: {listed}.",
-                "Record the LiDAR's point cloud topic, or choose it when ingesting.",
-            )
-        ring, intensity = _first(columns, RING_FIELDS), _first(columns, INTENSITY_FIELDS)
-        return cls(where, ring, intensity, _first(columns, TIME_FIELDS))
-
-    def check(self, stamp_ns: int, columns: Columns) -> None:
-        """Hold a cloud against what most have.
-
-        Raises:
-            MessageError: ``cloud_fields_differ``.
-        """
-        needed = ("x", "y", "z", self.ring, self.intensity, self.time)
-        missing = [name for name in needed if name is not None and name not in columns]
-        if missing:
-            listed = " and no ".join(missing)
-            raise MessageError(
-                "cloud_fields_differ",
-                f"{self.where}: the cloud at {stamp_ns / 1e9:.3f} s has no {listed}, which the others have.",
-                "Two sensors may share this topic or folder, or the file is damaged: record them apart, or copy it "
-                "again.",
-            )
+    stamp_ns: int
+    xyz: NDArray[np.float32]
+    columns: Columns
 
 
 @dataclass(slots=True)
@@ -86,16 +44,26 @@ class CloudModel:
 
     Attributes:
         fields: which column holds what.
+        ring, intensity, time: those that were chosen; None: there is none. Without a ring, rings are computed.
         rings: the file's ring ids to numbers by elevation, or numbers computed from the points.
         times: how the moment of each point is found.
         notes: sentences about what was found and assumed.
     """
 
     fields: CloudFields
+    ring: str | None
+    intensity: str | None
+    time: TimeField | None
     rings: RingOrder | ComputedRings
     times: PointTimes
     notes: list[str]
     unknown_rings: int = 0
+    _needed: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Collect the columns that every cloud must have."""
+        optional = (self.ring, self.intensity, *(self.time.names if self.time else ()))
+        self._needed = (*self.fields.xyz, *(name for name in optional if name is not None))
 
     def sweep(self, stamp_ns: int, columns: Columns) -> Sweep:
         """One cloud as a sweep: points without a return dropped, rings by elevation, times from the stamp.
@@ -103,20 +71,20 @@ class CloudModel:
         Raises:
             MessageError: ``cloud_fields_differ``, ``cloud_empty``.
         """
-        self.fields.check(stamp_ns, columns)
-        xyz, keep = _returns(columns)
+        self.fields.check(stamp_ns, columns, self._needed)
+        xyz, keep = _returns(columns, self.fields.xyz)
         if not len(xyz):
             raise empty_cloud(f"{self.fields.where}: the cloud at {stamp_ns / 1e9:.3f} s", len(keep))
-        ring = _numbers(self.rings, xyz, None if self.fields.ring is None else columns[self.fields.ring][keep])
+        ring = _numbers(self.rings, xyz, None if self.ring is None else columns[self.ring][keep])
         has_ring = ring >= 0
         if not has_ring.all():
             self.unknown_rings += int(np.count_nonzero(~has_ring))
             keep[keep] = has_ring
             xyz, ring = xyz[has_ring], ring[has_ring]
         intensity = np.zeros(len(xyz), np.float32)
-        if self.fields.intensity is not None:
-            intensity = columns[self.fields.intensity][keep].astype(np.float32)
-        time = None if self.fields.time is None else columns[self.fields.time][keep]
+        if self.intensity is not None:
+            intensity = columns[self.intensity][keep].astype(np.float32)
+        time = None if self.time is None else self.time.values(columns)[keep]
         return Sweep(
             stamp_ns=stamp_ns,
             xyz=xyz,
@@ -160,48 +128,101 @@ def _numbers(
     return rings.number(ids)
 
 
-def _returns(columns: Columns) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def _returns(columns: Columns, axes: Sequence[str]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """(N, 3) float32 of the points that are returns, and the mask over all points.
 
-    Drivers mark a missing return as NaN or as (0, 0, 0).
+    Drivers mark a missing return as NaN or as (0, 0, 0). A transform moves the latter to one other place.
     """
-    xyz: NDArray[np.float32] = np.empty((len(columns["x"]), 3), np.float32)
-    for axis, name in enumerate("xyz"):
+    xyz: NDArray[np.float32] = np.empty((len(columns[axes[0]]), 3), np.float32)
+    for axis, name in enumerate(axes):
         xyz[:, axis] = columns[name]
     # Column by column: reducing over an axis of three is ten times slower.
     x, y, z = xyz[:, 0], xyz[:, 1], xyz[:, 2]
     keep: NDArray[np.bool_] = np.isfinite(x) & np.isfinite(y) & np.isfinite(z) & ((x != 0) | (y != 0) | (z != 0))
+    empty = _crowded_place(xyz)
+    if empty is not None:
+        keep &= (x != empty[0]) | (y != empty[1]) | (z != empty[2])
     return (xyz, keep) if keep.all() else (xyz[keep], keep)
 
 
-def _learned_rings(
-    fields: CloudFields, clouds: Sequence[_Cloud], expected: int | None, where: str
-) -> RingOrder | ComputedRings:
-    if fields.ring is None or expected == 1:
-        return learn_missing_rings([xyz for _, xyz, _, _ in clouds], where, expected)
-    numbered = [(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None]
-    check_rings(numbered, where)
-    return learn_rings(numbered, where)
+def _crowded_place(xyz: NDArray[np.float32]) -> NDArray[np.float32] | None:
+    """The place (3,) at which exactly a hundredth or more of the points (N, 3) lie; None where there is none.
+
+    Two returns are hardly ever equal in all bits of three coordinates.
+    """
+    if len(xyz) < len(_PROBES):
+        return None
+    probes = xyz[(_PROBES * len(xyz)).astype(np.intp)]
+    key = probes @ _MIX
+    ordered = np.sort(key)
+    crowd = ordered[_CROWD:][ordered[_CROWD:] == ordered[:-_CROWD]]
+    crowd = crowd[crowd != 0]
+    if not len(crowd):
+        return None
+    places, counts = np.unique(probes[key == crowd[0]], axis=0, return_counts=True)
+    return places[np.argmax(counts)] if counts.max() > _CROWD else None
 
 
-def _usual_clouds(samples: Iterable[tuple[int, Columns]], where: str) -> tuple[CloudFields, list[_Cloud]]:
+def _rings_of(
+    clouds: Sequence[SampleCloud], fields: CloudFields, expected: int | None
+) -> tuple[str | None, RingOrder | ComputedRings]:
+    """The column that holds the rings, and their order; no column where they are computed.
+
+    Several columns may bear a ring's name. Those come first that are not the same for all points.
+    """
+    where = fields.where
+    if expected == 1:
+        return None, learn_missing_rings([cloud.xyz for cloud in clouds], where, expected)
+    refusal: ReadError | None = None
+    for name in _varying_first(clouds, fields.rings):
+        numbered = [(cloud.xyz, ring_ids(cloud.columns[name])) for cloud in clouds]
+        try:
+            check_rings(numbered, where, name)
+        except ReadError as error:
+            refusal = refusal or error
+            if error.code == "cloud_merged":
+                break
+        else:
+            return name, learn_rings(numbered, where)
+    try:
+        if refusal is None or refusal.code != "cloud_merged":
+            return None, learn_missing_rings([cloud.xyz for cloud in clouds], where, expected)
+    except ReadError as error:
+        refusal = refusal or error
+    if refusal.code in _NO_RINGS and fields.unused:
+        raise ReadError(refusal.code, f"{refusal.message} {fields.unused}", refusal.hint) from refusal
+    raise refusal
+
+
+def _varying_first(clouds: Sequence[SampleCloud], names: Sequence[str]) -> list[str]:
+    """The columns, those last whose value is the same for all points: drivers fill in what they do not measure."""
+    if len(names) < 2:
+        return list(names)
+
+    def is_constant(name: str) -> bool:
+        filled = [values for cloud in clouds if len(values := cloud.columns[name])]
+        return bool(filled) and all(bool(np.all(values == filled[0][0])) for values in filled)
+
+    return sorted(names, key=is_constant)
+
+
+def _usual_clouds(samples: Iterable[tuple[int, Columns]], where: str) -> tuple[CloudFields, list[SampleCloud]]:
     """Return the fields that most of the clouds have, and the returns of those clouds that have them."""
-    groups: dict[CloudFields, list[_Cloud]] = {}
+    groups: dict[CloudFields, list[SampleCloud]] = {}
     error: MessageError | None = None
     for stamp_ns, columns in samples:
-        # Every 7th point of a dense cloud tells as much; 7 divides no sensor's number of rings.
-        step = 1 if len(columns.get("x", ())) <= _DENSE else 7
         try:
-            fields = CloudFields.of(tuple(columns), where)
-            xyz, keep = _returns({name: values[::step] for name, values in columns.items()})
+            fields = CloudFields.of(columns, where)
+            # Every 7th point of a dense cloud tells as much; 7 divides no sensor's number of rings.
+            step = 1 if len(columns[fields.xyz[0]]) <= _DENSE else 7
+            xyz, keep = _returns({name: columns[name][::step] for name in fields.xyz}, fields.xyz)
             if not len(xyz):
                 raise empty_cloud(f"{where}: the cloud at {stamp_ns / 1e9:.3f} s", len(keep))
         except MessageError as reason:
             error = error or reason
             continue
-        time = None if fields.time is None else columns[fields.time][::step][keep]
-        ids = None if fields.ring is None else ring_ids(columns[fields.ring][::step][keep])
-        groups.setdefault(fields, []).append((stamp_ns, xyz, ids, time))
+        kept = {name: columns[name][::step][keep] for name in fields.candidates}
+        groups.setdefault(fields, []).append(SampleCloud(stamp_ns, xyz, kept))
     if not groups:
         raise error or ReadError("no_sweeps", f"{where} holds no sweeps.", "Record again, or choose another topic.")
     return max(groups.items(), key=lambda group: len(group[1]))
@@ -220,23 +241,45 @@ def learn_clouds(
 
     Raises:
         ReadError: ``cloud_without_xyz``, ``cloud_fields_differ``, ``rings_not_separable``, ``rings_unexpected``,
-            ``rings_too_many``, ``points_without_rings``, ``no_sweeps``.
+            ``rings_too_many``, ``points_without_rings``, ``cloud_merged``, ``no_sweeps``.
     """
     fields, clouds = _usual_clouds(samples, where)
     try:
-        rings = _learned_rings(fields, clouds, options.rings, where)
+        ring, rings = _rings_of(clouds, fields, options.rings)
     except ReadError as error:
         # Boards that stand still are found without rings, too.
         if options.point_times != "stamp_only" or options.rings is not None or error.code not in _NO_RINGS:
             raise
-        rings = _learned_rings(fields, clouds, 1, where)
+        ring, rings = _rings_of(clouds, fields, 1)
+    intensity = next(iter(_varying_first(clouds, fields.intensities)), None)
     notes = [f"{where}: {rings.note}"] if rings.note else []
-    if fields.intensity is None:
+    if intensity is None:
         notes.append(f"{where} has no intensity field; intensities are 0.")
-    times = learn_point_times(
-        [(stamp_ns, time, xyz, _numbers(rings, xyz, ids)) for stamp_ns, xyz, ids, time in clouds],
-        period_ns,
-        options,
-        where,
-    )
-    return CloudModel(fields, rings, times, [*notes, *times.notes])
+    numbers = [_numbers(rings, cloud.xyz, None if ring is None else cloud.columns[ring]) for cloud in clouds]
+    time, times = _times_of(clouds, numbers, fields, period_ns, options)
+    notes += times.notes
+    if fields.unused:
+        notes.append(f"{where}: {fields.unused}")
+    return CloudModel(fields, ring, intensity, time, rings, times, notes)
+
+
+def _times_of(
+    clouds: Sequence[SampleCloud],
+    numbers: Sequence[NDArray[np.int32]],
+    fields: CloudFields,
+    period_ns: int | None,
+    options: ReadOptions,
+) -> tuple[TimeField | None, PointTimes]:
+    """The columns that hold the moment of each point, and how they are read; the first that fit a sweep."""
+    first: PointTimes | None = None
+    for time in (*fields.times, None)[: max(1, len(fields.times))]:
+        samples = [
+            (cloud.stamp_ns, None if time is None else time.values(cloud.columns), cloud.xyz, ring)
+            for cloud, ring in zip(clouds, numbers, strict=True)
+        ]
+        times = learn_point_times(samples, period_ns, options, fields.where, time.unit_ns if time else None)
+        if times.source == "per_point":
+            return time, times
+        first = first or times
+    assert first is not None
+    return None, first

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from apexcal.documents.readings import ReadOptions
 from workers.readers.recording import StampConvention, TimeSource
 
-TIME_FIELDS: Final = ("time", "t", "timestamp", "time_stamp", "offset_time", "time_offset", "timeOffset")
 _UNITS: Final = {"seconds": 1e9, "milliseconds": 1e6, "microseconds": 1e3, "nanoseconds": 1.0}
 _USUAL_RATES_HZ: Final = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0)
 _DEFAULT_PERIOD_NS: Final = 100_000_000
@@ -117,7 +116,11 @@ def turns(xyz: NDArray[np.float32], ring: NDArray[np.int32], direction: int) -> 
 
 
 def learn_point_times(
-    samples: Sequence[Sample], period_ns: int | None, options: ReadOptions, where: str
+    samples: Sequence[Sample],
+    period_ns: int | None,
+    options: ReadOptions,
+    where: str,
+    unit_ns: float | None = None,
 ) -> PointTimes:
     """Learn from sample clouds how the moment of each point is found.
 
@@ -126,6 +129,7 @@ def learn_point_times(
         period_ns: time from one sweep to the next by the stamps, None where they do not tell.
         options: what the owner knows.
         where: names the LiDAR in notes.
+        unit_ns: nanoseconds in one unit of the times, where the field's name says it.
     """
     stated: StampConvention = options.stamp_convention or "unknown"
     sweep_ns, notes = _sweep_duration(period_ns, options, where)
@@ -133,7 +137,7 @@ def learn_point_times(
         return PointTimes("stamp_only", sweep_ns, stated, notes=notes)
     timed = [(stamp, time) for stamp, time, _, _ in samples if time is not None and len(time) > 1]
     if timed:
-        learned = _from_field(timed, sweep_ns, stated, where)
+        learned = _from_field(timed, sweep_ns, stated, where, unit_ns)
         if learned is not None:
             learned.notes[:0] = notes
             return learned
@@ -168,11 +172,21 @@ def _sweep_duration(period_ns: int | None, options: ReadOptions, where: str) -> 
 
 
 def _from_field(
-    timed: Sequence[tuple[int, NDArray[np.generic]]], sweep_ns: int, stated: StampConvention, where: str
+    timed: Sequence[tuple[int, NDArray[np.generic]]],
+    sweep_ns: int,
+    stated: StampConvention,
+    where: str,
+    named_ns: float | None,
 ) -> PointTimes | None:
     spans = [float(np.nanmax(t)) - float(np.nanmin(t)) for _, t in _as_floats(timed)]
     span = float(np.median(spans))
-    fits = [(name, ns) for name, ns in _UNITS.items() if sweep_ns / 500 < span * ns <= 2 * sweep_ns]
+    # A name that states its unit may have times of less than a five-hundredth of a turn, not of more than two.
+    fits = [
+        (name, ns)
+        for name, ns in _UNITS.items()
+        if (0 if ns == named_ns else sweep_ns / 500) < span * ns <= 2 * sweep_ns
+    ]
+    fits.sort(key=lambda fit: fit[1] != named_ns)
     if not fits:
         return None
     name, unit_ns = fits[0]

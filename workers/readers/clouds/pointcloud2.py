@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.readers.clouds.fields import may_be_used
 from workers.readers.recording import MessageError
 
 # sensor_msgs/PointField: INT8 = 1 ... FLOAT64 = 8
@@ -57,7 +58,10 @@ def empty_cloud(where: str, count: int = 0) -> MessageError:
 
 
 def cloud_columns(cloud: PointCloud2, where: str) -> dict[str, NDArray[np.generic]]:
-    """One (height * width,) array per scalar field, in the order of the fields; views into the message.
+    """One (height * width,) array per field, in the order of the fields; views into the message.
+
+    A field of several values a point is a (height * width, count) array. Some drivers fill in ``count`` and
+    ``row_step`` at random, because their own readers pass over them: they count where they fit offsets and bytes.
 
     Args:
         cloud: the message.
@@ -67,35 +71,54 @@ def cloud_columns(cloud: PointCloud2, where: str) -> dict[str, NDArray[np.generi
         MessageError: ``cloud_empty``; ``cloud_malformed``, sizes that contradict each other.
     """
     step, width, height = cloud.point_step, cloud.width, cloud.height
+    order = ">" if cloud.is_bigendian else "<"
+    size = len(cloud.data)
+    if height == 0 and step and width * step == size:
+        height = 1
     if width * height == 0:
         raise empty_cloud(where)
-    scalars = [f for f in cloud.fields if f.datatype in _FORMATS and f.count == 1]
-    formats = [(">" if cloud.is_bigendian else "<") + _FORMATS[f.datatype] for f in scalars]
-    for field, form in zip(scalars, formats, strict=True):
-        if field.offset + np.dtype(form).itemsize > step:
-            raise _malformed(
-                where, f"field {field.name!r} at byte {field.offset} does not fit in {step} bytes per point"
-            )
-    if len({field.name for field in scalars}) != len(scalars):
-        raise _malformed(where, "it names a field twice")
     if width * height > MAX_POINTS:
         raise _malformed(where, f"it claims {width} x {height} points")
-    # Some drivers leave row_step at 0 in clouds of one row.
-    row_step = cloud.row_step if height > 1 else width * step
-    if row_step < width * step or height * row_step > len(cloud.data):
-        raise _malformed(
-            where, f"{len(cloud.data)} bytes do not hold {height} rows of {width} points of {step} bytes"
-        )
-    if not scalars or step == 0:
+    ends = sorted({field.offset for field in cloud.fields} | {step})
+    layout: dict[str, tuple[Any, int]] = {}
+    for field in cloud.fields:
+        if field.datatype not in _FORMATS:
+            if field.name in ("x", "y", "z"):
+                raise _malformed(
+                    where, f"its field {field.name!r} has the datatype {field.datatype}; 1 to 8 are known"
+                )
+            continue
+        kind = np.dtype(order + _FORMATS[field.datatype])
+        if field.offset + kind.itemsize > step:
+            raise _malformed(
+                where,
+                f"field {field.name!r} at byte {field.offset} does not fit in {step} bytes per point (point_step)",
+            )
+        end = next(end for end in ends if end > field.offset)
+        is_array = 1 < field.count <= (end - field.offset) // kind.itemsize
+        if field.name not in layout:
+            layout[field.name] = ((kind, (field.count,)) if is_array else kind, field.offset)
+        elif may_be_used(field.name):
+            raise _malformed(where, f"it names the field {field.name!r} twice")
+    row_step = _row_step(cloud, width, height, where)
+    if not layout or step == 0:
         raise _malformed(where, "its points have no fields")
-    dtype = np.dtype(
-        {
-            "names": [f.name for f in scalars],
-            "formats": formats,
-            "offsets": [f.offset for f in scalars],
-            "itemsize": step,
-        }
-    )
+    kinds, offsets = zip(*layout.values(), strict=True)
+    dtype = np.dtype({"names": list(layout), "formats": kinds, "offsets": offsets, "itemsize": step})
     rows = np.asarray(cloud.data, np.uint8)[: height * row_step].reshape(height, row_step)[:, : width * step]
     points = np.ascontiguousarray(rows).reshape(-1).view(dtype)
     return {name: points[name] for name in dtype.names or ()}
+
+
+def _row_step(cloud: PointCloud2, width: int, height: int, where: str) -> int:
+    """Bytes from row to row: as stated where that fits, else those of a row's points where these are all bytes."""
+    size, needed = len(cloud.data), width * cloud.point_step
+    if height > 1 and cloud.row_step >= needed and height * cloud.row_step <= size:
+        return cloud.row_step
+    if size == height * needed or (height <= 1 and size >= needed):
+        return needed
+    raise _malformed(
+        where,
+        f"{size} bytes do not hold {height} rows of {width} points of {cloud.point_step} bytes (point_step), "
+        f"{cloud.row_step} bytes from row to row (row_step)",
+    )

@@ -13,32 +13,70 @@ from workers.readers.recording import ReadError
 # A laser keeps its elevation to some hundredths of a degree. In a tilted cloud it changes by 0.01 from shot to shot.
 _NEIGHBOURS_DEG: Final = 0.5
 _FEWEST: Final = 200
+# Shots on either side, by azimuth, among which a laser of one of several merged sensors has its own last or next one.
+_BESIDE: Final = 6
+_MERGED_SHARE: Final = 0.9
+# Steps from neighbour to neighbour that are larger by azimuth, but not in the file, which holds one sensor's points
+# after the other's. Leaves and damage make as many by azimuth as in the file.
+_ALTERNATING: Final = 0.15
+
+RINGLESS: Final = (
+    "A Livox or another solid-state sensor has no rings. It needs still poses: at least six, the board still for two "
+    "seconds in each, and `--still` where they are uploaded."
+)
+"""What the path without rings needs, in one place."""
 
 
-def check_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]], where: str) -> None:
+def check_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]], where: str, field: str) -> None:
     """Refuse numbers whose points, one beside the other in azimuth, jump in elevation for the most part.
 
     Args:
         clouds: pairs of (N, 3) float32 points and (N,) int64 ring ids, one pair for each sweep.
         where: names the LiDAR in messages.
+        field: the column of the ids.
 
     Raises:
-        ReadError: ``points_without_rings``.
+        ReadError: ``points_without_rings``; ``cloud_merged`` where each number stands for a ring of several sensors.
     """
-    jumps = np.concatenate([np.zeros(0), *(_jumps(xyz.astype(np.float64), ring) for xyz, ring in clouds)])
-    if len(jumps) < _FEWEST or float(np.median(jumps)) < _NEIGHBOURS_DEG:
+    parts = [_steps(xyz, ring) for xyz, ring in clouds]
+    jumps, in_file, nearest = (np.concatenate([np.zeros(0), *(part[index] for part in parts)]) for index in range(3))
+    if len(jumps) < _FEWEST:
         return
-    raise ReadError(
-        "points_without_rings",
-        f"{where} numbers its points, but not by the rings of a spinning LiDAR: neighbours of equal number differ "
-        f"by {float(np.median(jumps)):.1f} degrees in elevation.",
-        "A Livox or another solid-state sensor has no rings: record still poses with it, and say so (`--still`).",
-    )
+    typical_deg = float(np.median(jumps))
+    more = float(np.mean(jumps > _NEIGHBOURS_DEG)) - float(np.mean(in_file > _NEIGHBOURS_DEG))
+    is_near = float(np.mean(nearest < _NEIGHBOURS_DEG)) > _MERGED_SHARE
+    if is_near and (more > _ALTERNATING or typical_deg >= _NEIGHBOURS_DEG):
+        raise ReadError(
+            "cloud_merged",
+            f"{where} holds the points of several LiDARs in one cloud: points of equal {field} lie at two elevations "
+            "or more side by side, seen from two places.",
+            "Record the topic that each LiDAR's own driver publishes, in the LiDAR's own frame and before the clouds "
+            "are merged, and choose one of them.",
+        )
+    if typical_deg >= _NEIGHBOURS_DEG:
+        raise ReadError(
+            "points_without_rings",
+            f"{where} numbers its points in {field}, but not by the rings of a spinning LiDAR: neighbours of equal "
+            f"number differ by {typical_deg:.1f} degrees in elevation.",
+            RINGLESS,
+        )
 
 
-def _jumps(xyz: NDArray[np.float64], ring: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Degrees of elevation between points of equal number that are neighbours in azimuth."""
-    x, y, z = xyz.T
+def _steps(xyz: NDArray[np.float32], ring: NDArray[np.int64]) -> tuple[NDArray[np.float64], ...]:
+    """Degrees of elevation from each point to the next of its number by azimuth, to the next one in the file, and to
+    the nearest of twelve beside it by azimuth.
+    """
+    x, y, z = xyz.astype(np.float64).T
+    elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))
+    in_file = np.argsort(ring, kind="stable")
     order = np.lexsort((np.arctan2(y, x), ring))
-    elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))[order]
-    return np.abs(np.diff(elevation))[np.diff(ring[order]) == 0]
+    number = ring[order]
+    is_same = np.diff(number) == 0
+    nearest = np.full(len(order), np.inf)
+    for away in range(1, _BESIDE + 1):
+        step = np.abs(elevation[order][away:] - elevation[order][:-away])
+        step[number[away:] != number[:-away]] = np.inf
+        nearest[away:] = np.minimum(nearest[away:], step)
+        nearest[:-away] = np.minimum(nearest[:-away], step)
+    by_azimuth, as_filed = (np.abs(np.diff(elevation[row]))[is_same] for row in (order, in_file))
+    return by_azimuth, as_filed, nearest

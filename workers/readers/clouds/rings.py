@@ -20,6 +20,8 @@ _CLEAR_STEP_DEG: Final = 0.1
 _MOST_RINGS: Final = LINE_COUNTS[-1]
 _HARDLY_ANY: Final = 3
 _HARDLY_ANY_PART: Final = 0.01
+_FEWEST_STEADY: Final = 4  # rings, and sweeps, from which a rule can be told
+_LEAST_FILLED: Final = 0.75
 # Elevations in degrees as the makers' manuals give them; a sensor whose top rings see only sky is told by the others.
 _VLP32C: Final = (
     *(-25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0, -3.667, -3.333, -3.0, -2.667, -2.333),
@@ -70,44 +72,88 @@ def ring_ids(values: NDArray[np.generic]) -> NDArray[np.int64]:
 def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]], where: str) -> RingOrder:
     """The order of the rings from sample clouds.
 
-    Ids that already ascend with elevation are kept, so that an empty ring leaves its gap; ids that descend
-    (Ouster counts from the top) are turned round; others (a VLP-16's laser ids) are ranked by median elevation.
-    Ids far from the others that rest on hardly any points are damage and stay unknown.
+    Ids count by what is there: 0, 4 ... 60 are 16 rings, as 1 to 16 are. Then those that ascend with elevation keep
+    their order, so that an empty ring leaves its gap; those that descend (Ouster counts from the top) are turned
+    round; others (a VLP-16's laser ids) are ranked by median elevation. Ids far from the others that rest on hardly
+    any points are damage and stay unknown.
 
     Args:
         clouds: pairs of (N, 3) float32 points in the LiDAR's frame and (N,) int64 ids.
         where: names the LiDAR in messages.
 
     Raises:
-        ReadError: ``rings_too_many`` where ids beyond those of any sensor rest on more than damage.
+        ReadError: ``rings_too_many`` where more ids than any sensor has rest on more than damage.
     """
-    ids, elevation, enough, lines = _median_elevations(clouds)
-    if len(ids) and ids[-1] >= _MOST_RINGS:
+    ids, elevation, counts = _median_elevations(clouds)
+    strong = ids[counts >= max(_HARDLY_ANY, _HARDLY_ANY_PART * int(counts.max(initial=0)))]
+    counted = _counted(strong, [np.unique(ring) for _, ring in clouds if len(ring)])
+    if len(strong) and strong[-1] > counted[-1]:
         raise ReadError(
             "rings_too_many",
-            f"{where} has ring ids up to {ids[-1]}; sensors have at most {_MOST_RINGS} rings, numbered from 0.",
+            f"{where} has ring ids up to {strong[-1]}; sensors have at most {_MOST_RINGS} rings.",
             "Record the driver's own ring field, or leave the field out so that rings are computed from the points. "
             "If the file may be damaged, copy it again.",
         )
+    places = np.minimum(np.searchsorted(counted, ids), len(counted) - 1)
+    places = np.where(counted[places] == ids, places, -1)
+    lines, is_sound = _without_damage(places, counts)
+    enough = (counts >= min(_ENOUGH_POINTS, int(counts.max(initial=1))))[is_sound]
+    numbers, note = _numbered(places[is_sound], elevation[is_sound], enough, min(lines, len(counted)))
+    known = counted[: len(numbers)]
+    if not note and known[-1] >= len(known):
+        note = (
+            f"ring ids {', '.join(map(str, known[:3].tolist()))} ... {known[-1]} were counted as {len(known)} rings."
+        )
+    table = np.full(int(known.max(initial=-1)) + 1, -1, np.int32)
+    table[known] = numbers
+    return RingOrder(table, int(numbers.max(initial=-1)) + 1, note)
+
+
+def _numbered(
+    places: NDArray[np.int64], elevation: NDArray[np.float64], enough: NDArray[np.bool_], lines: int
+) -> tuple[NDArray[np.int32], str]:
+    """The number of each place, -1 for one that is no ring, and a sentence where they differ."""
     identity = np.arange(lines, dtype=np.int32)
     trusted = elevation[enough] if np.count_nonzero(enough) > 1 else elevation
     steps = np.diff(elevation[enough])
-    rises = len(ids) == 0 or trusted[-1] >= trusted[0]
+    rises = len(places) == 0 or trusted[-1] >= trusted[0]
     if rises and (steps > -_CLEAR_STEP_DEG).all():
-        return RingOrder(identity, lines, "")
+        return identity, ""
     if not rises and (steps < _CLEAR_STEP_DEG).all():
-        return RingOrder(
-            identity[::-1].copy(), lines, f"ring ids count from the top; they were turned round (0 to {lines - 1})."
-        )
-    table = np.full(int(ids[-1]) + 1, -1, np.int32)
-    table[ids[np.argsort(elevation, kind="stable")]] = np.arange(len(ids), dtype=np.int32)
-    return RingOrder(table, len(ids), "ring ids do not follow elevation; rings were renumbered, 0 the lowest.")
+        return identity[::-1].copy(), f"ring ids count from the top; they were turned round (0 to {lines - 1})."
+    numbers = np.full(int(places[-1]) + 1, -1, np.int32)
+    numbers[places[np.argsort(elevation, kind="stable")]] = np.arange(len(places), dtype=np.int32)
+    return numbers, "ring ids do not follow elevation; rings were renumbered, 0 the lowest."
+
+
+def _counted(strong: NDArray[np.int64], sweeps: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Return the ascending ids that count as a ring each: 0 to 255, unless the file counts otherwise.
+
+    Equal steps between ids are steps of one ring. The count begins at the lowest id if the ids are then as many as
+    some sensor has, and at 0 if not, for the lowest rings may see nothing. Both ask that sweeps have the same ids: in
+    a cropped cloud rings come and go. If they do, what is missing here and there is no ring either.
+
+    Args:
+        strong: ascending ids on which more than damage rests.
+        sweeps: ids of each sweep.
+    """
+    if len(strong) < _FEWEST_STEADY:
+        return np.arange(_MOST_RINGS)
+    present: NDArray[np.float64] = np.mean([np.isin(strong, ids) for ids in sweeps], axis=0)
+    if float(np.mean(present == 1.0)) < 0.5:
+        return np.arange(_MOST_RINGS)
+    step, start = int(np.gcd.reduce(np.diff(strong))), int(strong[0])
+    span = (int(strong[-1]) - start) // step + 1
+    if len(sweeps) >= _FEWEST_STEADY and float(np.mean(present)) > 0.9 and len(strong) < _LEAST_FILLED * span:
+        return strong[:_MOST_RINGS]
+    is_whole = span == len(strong) and span in LINE_COUNTS
+    return (start if is_whole or start >= _MOST_RINGS * step else start % step) + step * np.arange(_MOST_RINGS)
 
 
 def _median_elevations(
     clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]],
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_], int]:
-    """Ids of rings, ascending; median elevation of each in degrees; whether it rests on enough points; line count."""
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.intp]]:
+    """Ids of rings, ascending; median elevation of each in degrees; on how many points it rests."""
     xyz = np.concatenate([np.zeros((0, 3)), *(xyz.astype(np.float64) for xyz, _ in clouds)])
     ring = np.concatenate([np.zeros(0, np.int64), *(ring for _, ring in clouds)])
     usable = (ring >= 0) & (ring < 65536)
@@ -116,20 +162,18 @@ def _median_elevations(
     order = np.argsort(ring, kind="stable")
     ids, starts, counts = np.unique(ring[order], return_index=True, return_counts=True)
     parts = np.split(elevation[order], starts[1:]) if len(ids) else []
-    medians = np.array([np.median(part) for part in parts], np.float64)
-    lines, is_sound = _without_damage(ids, counts)
-    enough = counts >= min(_ENOUGH_POINTS, int(counts.max(initial=1)))
-    return ids[is_sound], medians[is_sound], enough[is_sound], lines
+    return ids, np.array([np.median(part) for part in parts], np.float64), counts
 
 
-def _without_damage(ids: NDArray[np.int64], counts: NDArray[np.intp]) -> tuple[int, NDArray[np.bool_]]:
-    """The sensor's number of lines, and which ids are rings: not those beyond it that rest on hardly any points."""
+def _without_damage(places: NDArray[np.int64], counts: NDArray[np.intp]) -> tuple[int, NDArray[np.bool_]]:
+    """The sensor's number of lines, and which places are rings: not those beyond that rest on hardly any points."""
     most = int(counts.max(initial=0))
-    few = np.where(ids < _MOST_RINGS, _HARDLY_ANY, max(_HARDLY_ANY, _HARDLY_ANY_PART * most))
-    solid = (counts >= few) if most >= _ENOUGH_POINTS else np.ones(len(ids), np.bool_)
-    highest = int(ids[solid].max(initial=0))
+    few = np.where(places < _MOST_RINGS, _HARDLY_ANY, max(_HARDLY_ANY, _HARDLY_ANY_PART * most))
+    solid = (counts >= few) if most >= _ENOUGH_POINTS else np.ones(len(places), np.bool_)
+    solid &= places >= 0
+    highest = int(places[solid].max(initial=0))
     lines = next((n for n in LINE_COUNTS if n > highest), highest + 1)
-    return lines, solid | (ids < lines)
+    return lines, solid | ((places >= 0) & (places < lines))
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from apexcal.documents.readings import ReadOptions
 from apexcal.documents.recordings import FixedFrame
 from workers.readers.captures.packets import SAMPLE_PACKETS, Packet, PacketSource, PacketStream, SweepCutter
-from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
+from workers.readers.clouds.fields import Columns
+from workers.readers.clouds.model import SAMPLES, CloudModel, learn_clouds
 from workers.readers.clouds.pointcloud2 import cloud_columns
 from workers.readers.damage import on_error
 from workers.readers.images.still_images import image_frame

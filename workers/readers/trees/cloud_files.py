@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.readers.clouds.fields import is_point_table
 from workers.readers.clouds.pointcloud2 import MAX_POINTS
 from workers.readers.recording import MessageError
 from workers.readers.trees.ply import read_ply, truncated_cloud
@@ -22,20 +23,6 @@ _OF_PAIRS: Final = frozenset(("u", "v", "pose", "group", "corner", "vertex"))
 _FARTHEST_M: Final = 2000.0
 _MAX_FIELDS: Final = 256
 _MAX_HEADER: Final = 65_536
-# Names that other tools give their columns, in small letters: VeloView and ParaView, and spreadsheets.
-_ALIASES: Final = {
-    "points_m_xyz:0": "x",
-    "points_m_xyz:1": "y",
-    "points_m_xyz:2": "z",
-    "points:0": "x",
-    "points:1": "y",
-    "points:2": "z",
-    "x_m": "x",
-    "y_m": "y",
-    "z_m": "z",
-    "reflectance": "intensity",
-}
-
 Arrays = Mapping[str, NDArray[np.generic]]
 
 
@@ -55,23 +42,16 @@ def read_cloud(data: bytes, path: str) -> Arrays:
 
         return read_pcd(data, path)
     if suffix == ".ply":
-        return _named(read_ply(data, path))
+        return read_ply(data, path)
     if suffix == ".bin":
         return _read_bin(data, path)
     return _read_npy(data, path) if suffix == ".npy" else _read_csv(data, path)
 
 
-def _named(columns: Arrays) -> Arrays:
-    """Columns under the names that we use; a name that is taken stays as it is."""
-    small = {name: name.lower() for name in columns}
-    ours = {name: _ALIASES.get(low, low) for name, low in small.items()}
-    return {our if list(ours.values()).count(our) == 1 else name: columns[name] for name, our in ours.items()}
-
-
 def is_cloud_table(head: bytes) -> bool:
     """Whether a CSV file that begins with these bytes has columns x, y and z, and none of a table of corners."""
-    names = set(_names(_first_line(head)))
-    return {"x", "y", "z"} <= names and not names & _OF_PAIRS
+    names = _names(_first_line(head))
+    return is_point_table(names) and not _OF_PAIRS & {name.lower() for name in names}
 
 
 def _malformed(path: str, why: str, hint: str) -> MessageError:
@@ -105,8 +85,9 @@ def _read_npy(data: bytes, path: str) -> Arrays:
             raise truncated_cloud(path, str(error).splitlines()[0].rstrip(".")) from error
         raise _malformed(path, "its .npy header cannot be read", hint) from error
     if array.dtype.names:
+        whole = {name: array[name] for name in array.dtype.names}
         columns: Arrays = {
-            name: array[name].reshape(-1) for name in array.dtype.names if array[name].ndim == array.ndim
+            name: values.reshape(array.size, *values.shape[array.ndim :]) for name, values in whole.items()
         }
         return {name: values for name, values in columns.items() if values.dtype.kind in "iufb"}
     if array.ndim != 2 or not 3 <= array.shape[1] <= len(_PLAIN) or array.dtype.kind not in "iuf":
@@ -128,8 +109,7 @@ def _first_line(head: bytes) -> str:
 
 
 def _names(line: str) -> list[str]:
-    names = [name.strip().strip('"').strip().lower() for name in line.lstrip("#/ ").split(_delimiter(line))]
-    return [_ALIASES.get(name, name) for name in names]
+    return [name.strip().strip('"').strip() for name in line.lstrip("#/ ").split(_delimiter(line))]
 
 
 def _delimiter(line: str) -> str:

@@ -8,7 +8,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from apexcal.documents.readings import ReadOptions
-from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
+from workers.readers.clouds.fields import Columns
+from workers.readers.clouds.model import SAMPLES, CloudModel, learn_clouds
 from workers.readers.images.still_images import image_frame
 from workers.readers.omissions import Omissions, readable
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep

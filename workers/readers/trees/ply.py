@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.readers.clouds.fields import is_point_table, listed
 from workers.readers.clouds.pointcloud2 import MAX_POINTS
 from workers.readers.recording import MessageError
 
@@ -68,8 +69,9 @@ def _header(data: bytes, where: str) -> tuple[str, int, list[tuple[str, str]], i
                 raise _malformed(where, f"its vertices have a property that is no number ({line.strip()[:60]!r})")
             fields.append((words[2], _TYPES[words[1]]))
     names = [name for name, _ in fields]
-    if order is None or count is None or count > MAX_POINTS or not {"x", "y", "z"} <= set(names):
-        raise _malformed(where, "its header states no format, no number of vertices or no x, y and z of theirs")
+    if order is None or count is None or count > MAX_POINTS or not is_point_table(names):
+        why = "its header states no format, no number of vertices or no x, y and z of theirs"
+        raise _malformed(where, f"{why} (properties: {listed(names) or 'none'})")
     if len(set(names)) < len(names) or len(names) > _MOST_FIELDS:
         raise _malformed(where, "its header names a property twice, or hundreds of them")
     return order, count, fields, start

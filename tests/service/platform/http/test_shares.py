@@ -16,7 +16,6 @@ from tests.service.platform.auth.test_every_route import fill, routes, send
 from tests.support.databases import one_database
 from tests.support.people import Api
 
-
 READS = ("get", "head")
 # These keep nothing: all that they do is to work on the bytes that came with them.
 PARSING = {

@@ -54,8 +54,41 @@ def test_ids_become_numbers_from_the_lowest_ring_up(clouds, numbers, count, note
     assert note in order.note if note else order.note == ""
 
 
+def steady(ids, down=False, sweeps=5):
+    """Sweeps that all have the ids, the first at -15 degrees and 1.5 from one to the next; with ``down`` at 15."""
+    elevations = {number: (-1 if down else 1) * (-15 + 1.5 * index) for index, number in enumerate(ids)}
+    return [points(elevations, list(ids), 4000, seed) for seed in range(sweeps)]
+
+
+@pytest.mark.parametrize(
+    ("ids", "count"),
+    [
+        *((range(0, 64, 4), 16), (range(1, 17), 16), (range(0, 128, 2), 64), (range(1, 33), 32), (range(16, 32), 16)),
+        *((range(3, 67, 4), 16), (range(0, 1600, 100), 16), (range(1000, 1040), 40), (range(200, 232), 32)),
+        ([0, 1, 2, 9, 10, 11, 20, 21, 22, 23, 40, 41, 42, 50, 51, 63], 16),  # a selection of a sensor's rings
+        (range(2, 16), 16),  # two at the bottom see nothing
+        ([*range(17), *range(18, 64)], 64),  # a dead laser leaves its gap
+    ],
+)
+@pytest.mark.parametrize("down", [False, True])
+def test_ids_count_by_what_is_there(ids, count, down):
+    ids = list(ids)
+    order = learned(*steady(ids, down))
+    assert order.count == count
+    numbers = order.number(np.array(ids)).tolist()
+    assert numbers == sorted(set(numbers), reverse=down) and numbers[0 if not down else -1] >= 0
+    if len(ids) == count:
+        assert sorted(numbers) == list(range(count))
+    assert order.number(np.array([5000])).tolist() == [-1]
+
+
+def test_rings_that_come_and_go_in_cropped_clouds_keep_their_ids():
+    clouds = [points(EVEN, ids, 400, seed) for seed, ids in enumerate(([4, 5, 8], [5, 6], [8, 9, 10], [4, 12]))]
+    order = learned(*clouds)
+    assert order.count == 16 and order.number(np.arange(16)).tolist() == list(range(16))
+
+
 def test_ids_that_no_sensor_has_are_refused():
-    elevations = {100 * i: -15 + 2 * i for i in range(16)}
-    with pytest.raises(ReadError, match="ring ids up to 1500") as caught:
-        learned(points(elevations, list(elevations), 2000))
+    with pytest.raises(ReadError, match="ring ids up to 299") as caught:
+        learned(*steady(range(300), sweeps=1)[:1], *steady(range(300)))
     assert caught.value.code == "rings_too_many" and caught.value.hint
