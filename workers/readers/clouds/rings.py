@@ -99,13 +99,13 @@ def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]],
     lines, is_sound = _without_damage(places, counts)
     enough = (counts >= min(_ENOUGH_POINTS, int(counts.max(initial=1))))[is_sound]
     numbers, note = _numbered(places[is_sound], elevation[is_sound], enough, min(lines, len(counted)))
-    known = counted[: len(numbers)]
-    if not note and known[-1] >= len(known):
+    named = counted[: len(numbers)]
+    if not note and named[-1] >= len(named):
         note = (
-            f"ring ids {', '.join(map(str, known[:3].tolist()))} ... {known[-1]} were counted as {len(known)} rings."
+            f"ring ids {', '.join(map(str, named[:3].tolist()))} ... {named[-1]} were counted as {len(named)} rings."
         )
-    table = np.full(int(known.max(initial=-1)) + 1, -1, np.int32)
-    table[known] = numbers
+    table = np.full(int(named.max(initial=-1)) + 1, -1, np.int32)
+    table[named] = numbers
     return RingOrder(table, int(numbers.max(initial=-1)) + 1, note)
 
 
@@ -139,7 +139,8 @@ def _counted(strong: NDArray[np.int64], sweeps: Sequence[NDArray[np.int64]]) -> 
     """
     if len(strong) < _FEWEST_STEADY:
         return np.arange(_MOST_RINGS)
-    present: NDArray[np.float64] = np.mean([np.isin(strong, ids) for ids in sweeps], axis=0)
+    has_id: NDArray[np.float64] = np.array([np.isin(strong, ids) for ids in sweeps], np.float64)
+    present: NDArray[np.float64] = has_id.mean(axis=0)
     if float(np.mean(present == 1.0)) < 0.5:
         return np.arange(_MOST_RINGS)
     step, start = int(np.gcd.reduce(np.diff(strong))), int(strong[0])
