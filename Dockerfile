@@ -9,6 +9,8 @@ COPY apexcal apexcal
 COPY service service
 COPY workers workers
 COPY frontend frontend
+# The pages hold the documents.
+COPY docs docs
 # The wheel holds the built pages; node comes out of the locked development requirements.
 RUN make frontend && .venv/bin/uv build --wheel --no-build-isolation --python .venv/bin/python --out-dir /wheels
 
@@ -25,7 +27,7 @@ RUN uv pip install --system --no-cache --compile-bytecode --no-deps /tmp/wheels/
  && rm -rf /tmp/wheels /tmp/requirements
 # A volume that is first mounted on these folders takes over their owner.
 RUN useradd --uid 1000 --create-home apexcal \
- && install --directory --owner apexcal --group apexcal --mode 700 /var/lib/apexcal /var/cache/apexcal
+ && install --directory --owner apexcal --group apexcal --mode 700 /var/lib/apexcal /var/cache/apexcal /backups
 USER 1000:1000
 ENV APEXCAL_DATA_DIR=/var/lib/apexcal \
     NUMBA_CACHE_DIR=/var/cache/apexcal \

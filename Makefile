@@ -16,13 +16,16 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-annotators bench-marks bench-neighbours faults faults-hosts check lock clean
+.PHONY: help env setup frontend demo serve test test-long compose-test screenshots bench-detection bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-annotators bench-marks bench-neighbours faults faults-hosts check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
 setup: $(STAMPS)/installed $(STAMPS)/compiled  ## make the environment in .venv
+
+env:  ## write .env and store-identities.json for docker-compose.yml, never over existing ones; ADDRESS=https://NAME
+	@$(PYTHON) -m service.environment_file $(if $(ADDRESS),--address $(ADDRESS))
 
 demo: setup frontend  ## start the service and drive the whole job through its API (under two minutes)
 	$(BIN)/python -m benchmarks.demo
@@ -48,6 +51,9 @@ test test-long: export OPENBLAS_NUM_THREADS = 1
 test test-long: export OMP_NUM_THREADS = 1
 test test-long $(STAMPS)/collected: export PYTHONDONTWRITEBYTECODE =
 $(STAMPS)/kernels: export OPENBLAS_NUM_THREADS = 1
+
+compose-test: setup $(STAMPS)/containers  ## docker-compose.yml in real containers, by the manual's commands: start, calibrate, replace, back up, restore
+	$(BIN)/python -m pytest tests/containers/journey.py -q $(ARGS)
 
 screenshots: setup frontend  ## pictures of every page, light and dark, three widths, into docs/images/pages and var/screenshots
 	$(BIN)/python -m pytest tests/e2e/screenshots.py -q $(ARGS)
@@ -121,6 +127,7 @@ lock: $(STAMPS)/uv  ## resolve the requirements again; the files hold hashes and
 	$(BIN)/uv pip compile $(LOCK_FLAGS) requirements/bootstrap.in -o requirements/bootstrap.lock
 	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra all --group dev -o requirements/dev.lock
 	for part in serve worker; do $(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra $$part -c requirements/dev.lock -o requirements/$$part.lock || exit 1; done
+	$(BIN)/uv pip compile $(LOCK_FLAGS) requirements/containers.in -o requirements/containers.lock
 	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra all --group bench -c requirements/dev.lock -o requirements/bench.lock
 LOCK_FLAGS := --universal --generate-hashes --python-version 3.11 --no-header --no-emit-index-url --quiet
 
@@ -155,6 +162,12 @@ $(STAMPS)/collected: $(STAMPS)/installed
 # Else every process that meets a kernel before another has compiled it compiles it too, workers included: up to 45 s.
 $(STAMPS)/kernels: $(STAMPS)/compiled
 	$(BIN)/python -m tests.support.kernels > /dev/null
+	@touch $@
+
+# Docker Compose and the store's binary, for an engine of our own. Others bring their own.
+$(STAMPS)/containers: export VIRTUAL_ENV = $(CURDIR)/$(VENV)
+$(STAMPS)/containers: $(STAMPS)/installed requirements/containers.lock
+	$(BIN)/uv pip install --quiet --require-hashes -r requirements/containers.lock
 	@touch $@
 
 # The benchmarks' peers are large, and only they need them.

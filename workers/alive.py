@@ -5,6 +5,9 @@ Asking through the broker (``celery inspect ping``) would start a Python of a se
 
 from __future__ import annotations
 
+import contextlib
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +44,26 @@ def install(app: Celery) -> None:
     """Let the application's workers touch the file, where the settings name one."""
     steps: Any = app.steps
     steps["worker"].add(Alive)
+
+
+@contextlib.contextmanager
+def touched_meanwhile() -> Iterator[None]:
+    """Touch the file from a thread while the block works: a worker that compiles is not taken for one that hangs."""
+    ended, file = threading.Event(), get_settings().alive_file
+
+    def keep_touching() -> None:
+        while file:
+            touch(file)
+            if ended.wait(_EVERY_S):
+                return
+
+    touching = threading.Thread(target=keep_touching, name="alive", daemon=True)
+    touching.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        touching.join()
 
 
 def touch(file: Path) -> None:

@@ -12,7 +12,10 @@ import yaml
 
 from apexcal.embedded.folder import DataFolder
 from apexcal.embedded.plans import QUEUES, api
+from service.environment_file import IDENTITIES
+from service.environment_file import identities as identities_of
 from service.platform.settings import Settings
+from tests.containers.local_images import OVERRIDE, localised
 from tests.support.compose import FILE, ROOT, MissingVariableError, demanded, image_environment, load
 
 VARIABLES = {name: f"given-{name.lower().replace('_', '-')}" for name in demanded()}
@@ -20,12 +23,14 @@ VARIABLES = {name: f"given-{name.lower().replace('_', '-')}" for name in demande
 KEYS = {
     *("image", "build", "user", "entrypoint", "command", "environment", "volumes", "networks", "ports", "depends_on"),
     *("restart", "init", "read_only", "tmpfs", "cap_drop", "security_opt", "shm_size", "mem_limit", "pids_limit"),
-    *("stop_grace_period", "healthcheck", "logging", "cpu_shares", "configs", "profiles"),
+    *("stop_grace_period", "healthcheck", "logging", "cpu_shares", "configs", "profiles", "cap_add", "working_dir"),
 }
 # A tag may be moved to another image; the digest is the image. The tag says to people which one it is.
 PINNED = r":\d+(\.\d+)+[a-z-]*@sha256:[0-9a-f]{64}$"
 HEALTH = {"test", "interval", "timeout", "retries", "start_period"}
-ONCE = {"migrations", "bucket", "durable", "backup"}
+ONCE = {"migrations", "bucket", "durable", "kernels", "backup", "restore"}
+# An official image whose binary has a file capability starts only where that capability may be had.
+CAPABILITIES = {"proxy": ["NET_BIND_SERVICE"]}
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +80,7 @@ def test_containers_can_do_little(services: dict[str, dict]) -> None:
     for name, service in services.items():
         assert service["read_only"] is True and "/tmp" in service["tmpfs"], name
         assert service["cap_drop"] == ["ALL"] and service["security_opt"] == ["no-new-privileges:true"], name
+        assert service.get("cap_add") == CAPABILITIES.get(name), name
         assert service["user"] not in ("root", "0", "0:0") and service["user"], name
         assert re.fullmatch(r"\d+[mg]", service["mem_limit"]), name
         assert 128 <= service["pids_limit"] <= 4096, name
@@ -88,6 +94,26 @@ def test_images_are_built_on_a_pinned_one() -> None:
     bases = [line.split()[1] for line in (ROOT / "Dockerfile").read_text().splitlines() if line.startswith("FROM ")]
     assert len(bases) == 2 and len(set(bases)) == 1
     assert re.search(PINNED, bases[0]), bases[0]
+
+
+def test_stand_ins_for_images_change_nothing_else(services: dict[str, dict]) -> None:
+    override = yaml.safe_load(OVERRIDE.read_text())
+    assert {key for key in override if not key.startswith("x-")} == {"services"}
+    assert set(override["services"]) == set(services)
+    for name, service in override["services"].items():
+        assert set(service) == ({"build"} if "build" in services[name] else {"image"}), name
+    text = (ROOT / "Dockerfile").read_text()
+    pairs = list(zip(text.splitlines(), localised(text).splitlines(), strict=True))
+    changed = [ours for ours, local in pairs if ours != local]
+    assert len(changed) == 2 and all(line.startswith("FROM python:") for line in changed)
+
+
+def test_the_image_has_all_that_its_build_reads() -> None:
+    """What the pages' build reads outside of `frontend` is copied, and not held back from the copy."""
+    copied = re.findall(r"^COPY ([a-z]+) ", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
+    read = re.findall(r'"\.\./([a-z]+)[/"]', (ROOT / "frontend" / "vite.config.ts").read_text())
+    held_back = (ROOT / ".dockerignore").read_text().split()
+    assert set(read) - {"service", "workers"} <= set(copied) and not set(copied) & set(held_back)
 
 
 def test_only_the_doors_are_open(document: dict, services: dict[str, dict]) -> None:
@@ -114,16 +140,18 @@ def test_each_part_has_a_role_and_keys_of_its_own(document: dict, services: dict
         name: one["environment"]["APEXCAL_DATABASE_URL"].split("//")[1].split(":")[0]
         for name, one in ours(services).items()
     }
-    assert {name for name, user in users.items() if user == "apexcal"} == {"migrations"}
+    assert {name for name, user in users.items() if user == "apexcal"} == {"migrations", "restore"}
     assert {name for name, user in users.items() if user == "apexcal_api"} == {"api", "api-2", "backup", "bucket"}
     keys = {name: one["environment"]["APEXCAL_S3_ACCESS_KEY_ID"] for name, one in ours(services).items()}
     assert {name for name, key in keys.items() if key == VARIABLES["S3_ACCESS_KEY"]} == {
         "api",
         "api-2",
         "backup",
+        "restore",
         "bucket",
     }
-    identities = json.loads(document["configs"]["identities"]["content"])["identities"]
+    assert document["configs"]["identities"] == {"file": f"./{IDENTITIES}"}
+    identities = json.loads(identities_of(VARIABLES))["identities"]
     actions = {one["credentials"][0]["accessKey"]: one["actions"] for one in identities}
     assert not any("Admin" in action for action in actions[VARIABLES["S3_WORKER_ACCESS_KEY"]])
     assert set(json.loads(services["migrations"]["environment"]["APEXCAL_DATABASE_ROLES"])) == {*users.values()} - {

@@ -21,6 +21,7 @@ from celery.signals import (
 from service.platform.jobs.kinds import kinds
 from service.platform.jobs.messages import task_of
 from service.platform.settings import get_settings
+from workers import alive
 from workers.app import app
 from workers.readers.isolation.isolate import hide_from_others
 from workers.readers.limited import isolation_here
@@ -61,7 +62,7 @@ def prepare_parent(sender: Any, **_: object) -> None:
     log.info("processes that read uploads have %s", isolation_here())
     remove_leftovers(get_settings().scratch)
     presence = Presence.of(sender)
-    with presence.said_meanwhile():
+    with presence.said_meanwhile(), alive.touched_meanwhile():
         prepare(presence.queues)
     sender.apexcal_presence = presence
 

@@ -1,4 +1,7 @@
-"""Every kernel compiled, or loaded from the cache, in a worker's parent: its children then have the machine code."""
+"""Every kernel compiled, or loaded from the cache, in a worker's parent: its children then have the machine code.
+
+``python -m workers.tasks.warming`` fills the cache (``NUMBA_CACHE_DIR``) before the first worker of a host starts.
+"""
 
 from __future__ import annotations
 
@@ -44,3 +47,7 @@ def _sweep(number: int) -> Sweep:
         ring=ring,
         offset_ns=np.zeros(len(points), np.int64),
     )
+
+
+if __name__ == "__main__":
+    warm_up()
