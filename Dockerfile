@@ -12,7 +12,7 @@ COPY frontend frontend
 # The pages hold the documents.
 COPY docs docs
 # The wheel holds the built pages; node comes out of the locked development requirements.
-RUN make frontend && .venv/bin/uv build --wheel --no-build-isolation --python .venv/bin/python --out-dir /wheels
+RUN make frontend LOCKED=pages && .venv/bin/uv build --wheel --no-build-isolation --python .venv/bin/python --out-dir /wheels
 
 FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa184956261b4301ebaf6dbb0a3543d
 ARG PART=serve

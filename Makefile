@@ -7,6 +7,8 @@ BIN    := $(VENV)/bin
 STAMPS := $(VENV)/stamps
 # npm and what it starts find the node of the environment first.
 NPM    := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/npm --prefix frontend --no-fund --no-audit
+# The Dockerfile builds pages alone, with `LOCKED=pages`.
+LOCKED ?= dev
 SOURCES := $(shell find apexcal service workers -name '*.py')
 FRONTEND_SOURCES := $(shell find frontend -path frontend/node_modules -prune -o -type f -print 2>/dev/null)
 API_SOURCES := $(shell find apexcal service -name '*.py' 2>/dev/null)
@@ -126,6 +128,7 @@ frontend: $(STAMPS)/frontend  ## build the pages into service/web, and the repor
 lock: $(STAMPS)/uv  ## resolve the requirements again; the files hold hashes and no addresses
 	$(BIN)/uv pip compile $(LOCK_FLAGS) requirements/bootstrap.in -o requirements/bootstrap.lock
 	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra all --group dev -o requirements/dev.lock
+	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra serve --group pages -c requirements/dev.lock -o requirements/pages.lock
 	for part in serve worker; do $(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra $$part -c requirements/dev.lock -o requirements/$$part.lock || exit 1; done
 	$(BIN)/uv pip compile $(LOCK_FLAGS) requirements/containers.in -o requirements/containers.lock
 	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --extra all --group bench -c requirements/dev.lock -o requirements/bench.lock
@@ -144,8 +147,8 @@ $(STAMPS)/uv: requirements/bootstrap.lock
 # Compiled at once: a caller whose environment keeps Python from writing bytecode would compile anew at every start.
 # uv must install into our environment, whichever one the caller's shell has activated.
 $(STAMPS)/installed: export VIRTUAL_ENV = $(CURDIR)/$(VENV)
-$(STAMPS)/installed: $(STAMPS)/uv requirements/dev.lock pyproject.toml
-	$(BIN)/uv pip install --quiet --compile-bytecode --require-hashes -r requirements/dev.lock
+$(STAMPS)/installed: $(STAMPS)/uv requirements/$(LOCKED).lock pyproject.toml
+	$(BIN)/uv pip install --quiet --compile-bytecode --require-hashes -r requirements/$(LOCKED).lock
 	$(BIN)/uv pip install --quiet --no-deps --no-build-isolation -e .
 	@touch $@
 

