@@ -7,6 +7,7 @@ seconds and sizes are printed at the end.
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 import subprocess
 import sys
@@ -69,6 +70,14 @@ class Compose:
         )
         assert done.returncode == 0, f"{command}: {self.state()}\n{done.stdout or ''}{done.stderr or ''}"
         return (done.stdout or "").strip()
+
+    def fails(self, command: str) -> str:
+        """What a command says that must fail."""
+        done = subprocess.run(
+            command, shell=True, cwd=self.folder, env=self.environment, capture_output=True, text=True
+        )
+        assert done.returncode != 0, f"{command} did not fail: {done.stdout}"
+        return done.stdout + done.stderr
 
     def measure(self, name: str, step: Callable[[], T]) -> T:
         """The step's result; its seconds go into the figures."""
@@ -238,7 +247,7 @@ def test_a_newcomer_gets_from_two_commands_to_a_calibration(
     assert "<script" in page and httpx.get(f"{URL}/docs/operators.txt").is_success
     result_id = calibration.summary.cameras["front"].models["pinhole"].result_id
     report = owner.wait(owner.analyses.report(result_id), timeout_s=PATIENCE_S)
-    assert b"<html" in owner.analyses.file(report.id)[:200]
+    assert b"<html" in owner.analyses.read_file(report.id)[:200]
 
 
 def test_every_part_is_healthy_and_says_so(started: Compose, calibrated: Any) -> None:
@@ -300,6 +309,32 @@ def test_a_backup_brings_everything_back_into_empty_volumes(
     with Client.sign_in(link) as again:
         answer = ask(again, published.vehicle_id)
         assert (answer.content, answer.headers["etag"]) == (published.body, published.etag)
+
+
+def test_every_secret_can_be_changed(started: Compose, calibrated: tuple[CalibrationView, Published]) -> None:
+    lines = (started.folder / ".env").read_text().splitlines()
+    old = dict(line.split("=", 1) for line in lines)
+    new = old | {name: secrets.token_hex(24) for name in old if not name.startswith("APEXCAL_") or "TOKEN" in name}
+    (started.folder / ".env").write_text("".join(f"{name}={value}\n" for name, value in new.items()))
+    change = f"ALTER ROLE apexcal PASSWORD '{new['POSTGRES_PASSWORD']}'"
+    started.run(f'docker compose exec postgres psql --username apexcal --command "{change}"')
+    (started.folder / "store-identities.json").unlink()
+    started.run("make env")
+    started.measure(
+        "new secrets", lambda: started.run("docker compose up -d --force-recreate s3 && docker compose up -d")
+    )
+    wait_until(lambda: started.is_healthy("proxy"), "healthy proxy", started)
+    wait_until(answers, "answer through the proxy", started)
+    link = started.run("docker compose run --rm api python -m service.platform.auth.bootstrap").splitlines()[-1]
+    with Client.sign_in(link) as again:
+        assert ask(again, calibrated[1].vehicle_id).headers["etag"] == calibrated[1].etag
+    for names, role in (("POSTGRES_PASSWORD", "apexcal"), ("API_DATABASE_PASSWORD", "apexcal_api")):
+        login = f"postgresql://{role}:{old[names]}@postgres/apexcal"
+        probe = f"import psycopg; psycopg.connect('{login}')"
+        refused = started.fails(f'docker compose run --rm api python -c "{probe}"')
+        assert "password authentication failed" in refused, refused
+    parts = httpx.get(f"{URL}/readyz").json()["parts"]
+    assert all(part["ok"] for part in parts.values()), parts
 
 
 def test_it_stops_in_time(started: Compose) -> None:
