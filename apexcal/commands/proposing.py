@@ -33,8 +33,8 @@ LooksOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME=WHERE",
-        help="Where a camera looks, with no tree to say it: forward, left, backward or right, as the LiDAR's x and y "
-        "point forward and left. Several times.",
+        help="Where a camera looks: forward, left, backward or right, as the vehicle's x and y, or with no tree the "
+        "LiDAR's, point forward and left; or tree, as the tree has it. Several times.",
     ),
 ]
 JointOption = Annotated[
@@ -145,7 +145,7 @@ def _ask(question: RigQuestion) -> str:
         usage(question.sentence.rstrip("."), f"Say it with {option}=, one of {choices}; or give a rig with --rig")
     note(question.sentence)
     if question.asks == "looks":
-        what = f"Where does {question.sensor} look, as seen from the LiDAR?"
+        what = f"Where does {question.sensor} look?"
         return _choose(what, question.choices, question.assumed)
     note(f"The tree's frames: {', '.join(question.choices)}.")
     return typer.prompt(f"Which frame is that of {question.sensor}?", default=question.assumed, err=True)

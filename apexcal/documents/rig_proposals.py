@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
@@ -10,14 +10,16 @@ from apexcal.documents.base import Document, Name, Received
 from apexcal.documents.fleets import CameraName, NewRig
 
 LIDAR = "lidar"
-Direction = Literal["forward", "left", "backward", "right"]
+Direction = Literal["forward", "left", "backward", "right", "tree"]
+AS_TREE: Final = "tree"
 
 
 class RigAnswers(Received):
     """What a person says of the sensors, by their names; the LiDAR is ``lidar``.
 
-    ``frames``: a sensor's frame in the vehicle's tree. ``looks``: where a camera looks, in the LiDAR's frame with x
-    forward and y left; it replaces what a tree says. ``joints``: the joint, or its child link, that a camera's
+    ``frames``: a sensor's frame in the vehicle's tree. ``looks``: where a camera looks, with x forward and y left in
+    the tree's highest frame, or without a tree in the LiDAR's; it replaces what a tree says, but for ``tree``, which
+    confirms it. ``joints``: the joint, or its child link, that a camera's
     results are also given for.
     """
 

@@ -6,7 +6,7 @@ Command, client and pages have their rigs from here: :func:`propose_rig` is the 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from math import asin, atan2, cos, degrees, pi, radians
+from math import radians
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,7 +17,8 @@ from apexcal.documents.errors import InputError
 from apexcal.documents.fleets import NewRig
 from apexcal.documents.name_words import telling, words
 from apexcal.documents.readings import ImageKind
-from apexcal.documents.rig_proposals import LIDAR, Direction, RigAnswers, RigProposal, RigQuestion
+from apexcal.documents.rig_proposals import AS_TREE, LIDAR, Direction, RigAnswers, RigProposal, RigQuestion
+from apexcal.geometry.camera_axes import OPTICAL, optical_frame, sight, upright
 from apexcal.geometry.frame_tree import FrameTree, Joint, JointPath, unusable
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_euler
 from apexcal.geometry.se3 import SE3, Floats
@@ -25,9 +26,6 @@ from apexcal.geometry.se3 import SE3, Floats
 _YAW_DEG: Final[dict[Direction, float]] = {"forward": 0.0, "left": 90.0, "backward": 180.0, "right": -90.0}
 # The default frames of LiDARs' drivers: velodyne, os_lidar, hesai_lidar, pandar, rslidar, livox_frame, laser.
 _LIDAR_WORDS: Final = frozenset(("velodyne", "lidar", "hesai", "pandar", "rslidar", "livox", "laser", "ouster"))
-_OPTICAL: Final = frozenset(("optical",))
-# Half way between level and straight up. The z of a body's frame points up, that of an optical frame (REP 103) ahead.
-_BODY_FROM: Final = cos(pi / 4.0)
 _MOST_CHOICES: Final = 100
 _LONGEST_NAME: Final = 200
 
@@ -47,10 +45,14 @@ class RecordedSensor(NamedTuple):
 
 
 class _Mount(NamedTuple):
-    """Where a tree has a camera: ``T_camera_lidar``, and the joint's transforms if there is one to solve for."""
+    """Where a tree has a camera: ``T_camera_lidar``, and the joint's transforms if there is one to solve for.
+
+    ``T_top_lidar`` leads to the frame that says where up and forward are.
+    """
 
     T_camera_lidar: SE3
     joint: dict[str, Any] | None
+    T_top_lidar: SE3
 
 
 def propose_rig(
@@ -68,12 +70,13 @@ def propose_rig(
     """
     _check_answers(answers, sensors)
     frames = _recorded_frames(sensors) | answers.frames
+    turned = [camera for camera, looks in answers.looks.items() if looks != AS_TREE]
     every = list(dict.fromkeys(frame for tree in trees.values() for frame in tree.frames))
     notes: list[str] = []
     questions: list[RigQuestion] = []
     for sensor in sensors:
-        is_open = every and frames[sensor.name] not in every and sensor.name not in (*answers.frames, *answers.looks)
-        if is_open and not (sensor.name == LIDAR and len(answers.looks) == len(sensors) - 1):
+        is_open = every and frames[sensor.name] not in every and sensor.name not in (*answers.frames, *turned)
+        if is_open and not (sensor.name == LIDAR and len(turned) == len(sensors) - 1):
             question = _frame_question(sensor, frames, every)
             frames[sensor.name] = question.assumed
             questions.append(question)
@@ -125,7 +128,7 @@ def _frame_question(sensor: RecordedSensor, frames: Mapping[str, str], every: Se
     """Return the question for a sensor's frame in the tree, with the likeliest one assumed if there is one."""
     own = frames[sensor.name]
     free = [frame for frame in every if frame not in frames.values()]
-    likely = [frame for frame in free if words(frame) & (_LIDAR_WORDS if sensor.name == LIDAR else _OPTICAL)]
+    likely = [frame for frame in free if words(frame) & (_LIDAR_WORDS if sensor.name == LIDAR else OPTICAL)]
     wanting = telling(f"{sensor.name} {sensor.frame_id}")
     likely.sort(key=lambda frame: -len(wanting & words(frame)))
     shared = [len(wanting & words(frame)) for frame in likely[:2]]
@@ -150,28 +153,20 @@ def _camera(
 ) -> dict[str, Any]:
     if camera.image_size is None:
         raise unusable(f"The recording does not say how large the images of {camera.name} are.", "Record them again.")
-    mount, why = None, ""
-    for label, tree in trees.items() if camera.name not in answers.looks else ():
-        try:
-            mount = mount or _placed(tree, frames[LIDAR], frames[camera.name], answers.joints.get(camera.name))
-        except InputError as error:
-            if camera.name in answers.joints:
-                raise
-            why = f" {error.message}"
-        else:
-            if mount is not None:
-                notes.append(_view(camera.name, mount, label))
-                break
+    looks = answers.looks.get(camera.name)
+    mount = doubt = None
+    if looks in (None, AS_TREE):
+        mount, doubt = _of_trees(camera, frames, trees, answers.joints.get(camera.name), notes)
+    if doubt and not (mount and looks) and not any(each.sensor in (LIDAR, camera.name) for each in questions):
+        assumed, choices = (AS_TREE, [AS_TREE, *_YAW_DEG]) if mount else ("forward", [*_YAW_DEG])
+        questions.append(
+            RigQuestion(sensor=camera.name, asks="looks", sentence=doubt, choices=choices, assumed=assumed)
+        )
     if mount is None:
-        looks = answers.looks.get(camera.name, "forward")
-        turn = rotation_from_euler((-radians(_YAW_DEG[looks]), 0.0, 0.0))
-        R = FORWARD_LIDAR_TO_OPTICAL @ turn
-        mount = _Mount(SE3(frames[camera.name], frames[LIDAR], R.round(15)), None)
-        if camera.name not in answers.looks and not any(each.sensor in (LIDAR, camera.name) for each in questions):
-            sentence = f"Nothing says how {camera.name} is mounted: no tree leads from {frames[LIDAR]} to it.{why}"
-            questions.append(
-                RigQuestion(sensor=camera.name, asks="looks", sentence=sentence, choices=[*_YAW_DEG], assumed=looks)
-            )
+        T_top_lidar = upright(trees.values(), frames[LIDAR], frames[camera.name])
+        turn = rotation_from_euler((-radians(_YAW_DEG.get(looks or "forward", 0.0)), 0.0, 0.0))
+        R = (FORWARD_LIDAR_TO_OPTICAL @ turn @ T_top_lidar.R).round(15)
+        mount = _Mount(SE3(frames[camera.name], frames[LIDAR], R), None, T_top_lidar)
     R, kind = camera.R, camera.image_kind
     rotation = {"matrix": [R[:3], R[3:6], R[6:]]} if R and kind == "rectified" else None
     return {
@@ -185,40 +180,44 @@ def _camera(
     }
 
 
+def _of_trees(
+    camera: RecordedSensor,
+    frames: Mapping[str, str],
+    trees: Mapping[str, FrameTree],
+    joint: str | None,
+    notes: list[str],
+) -> tuple[_Mount | None, str | None]:
+    """Return where the first tree has the camera that leads to it, noted, and what is to be asked about it."""
+    why = ""
+    for label, tree in trees.items():
+        try:
+            mount = _placed(tree, frames[LIDAR], frames[camera.name], joint)
+        except InputError as error:
+            if joint is not None:
+                raise
+            why = f" {error.message}"
+        else:
+            if mount is not None:
+                return mount, _view(camera, mount, label, notes)
+    return None, f"Nothing says how {camera.name} is mounted: no tree leads from {frames[LIDAR]} to it.{why}"
+
+
 def _placed(tree: FrameTree, lidar: str, frame: str, joint_name: str | None) -> _Mount | None:
     """Return where the tree has the camera of this frame; None where it does not lead there. Raises as the tree."""
     if not {lidar, frame} <= tree.frames.keys() or tree.root(lidar) != tree.root(frame):
         return None
-    frame, T_optical_frame = _optical(tree, lidar, frame)
+    T_top_lidar = upright([tree], lidar, frame)
+    frame, T_optical_frame = optical_frame(tree, T_top_lidar.to_frame, frame)
     way = tree.way(lidar, frame)
     joint = _joint(way, frame, joint_name)
     _check_fixed(way.joints)
     T_camera_lidar = T_optical_frame @ tree.transform(frame, lidar)
     if joint is None:
-        return _Mount(T_camera_lidar, None)
+        return _Mount(T_camera_lidar, None, T_top_lidar)
     T_child_camera = tree.transform(joint.child, frame) @ T_optical_frame.inverse()
     T_parent_lidar = tree.transform(joint.parent, lidar)
     around = {"T_parent_lidar": _document(T_parent_lidar), "T_child_camera": _document(T_child_camera)}
-    return _Mount(T_camera_lidar, around)
-
-
-def _optical(tree: FrameTree, lidar: str, frame: str) -> tuple[str, SE3]:
-    """Return the frame of the tree that is nearest to the camera's optical one, and ``T_optical_frame`` from it.
-
-    Drivers stamp images with the camera's body, too (x forward, z up). Its optical frame stands below it in the tree,
-    or is made here, turned as REP 103 has it.
-    """
-    if words(frame) & _OPTICAL:
-        return frame, SE3(frame, frame)
-    below = [
-        each
-        for each in tree.frames
-        if words(each) & _OPTICAL and any(joint.parent == frame for joint in tree.above(each)[:1])
-    ]
-    if len(below) == 1:
-        return below[0], SE3(below[0], below[0])
-    is_body = tree.transform(frame, lidar).R[2, 2] > _BODY_FROM
-    return frame, SE3(f"{frame}_optical", frame, FORWARD_LIDAR_TO_OPTICAL) if is_body else SE3(frame, frame)
+    return _Mount(T_camera_lidar, around, T_top_lidar)
 
 
 def _joint(way: JointPath, frame: str, name: str | None) -> Joint | None:
@@ -252,16 +251,16 @@ def _vehicle(lidar: str, trees: Collection[FrameTree]) -> dict[str, Any] | None:
     return None
 
 
-def _view(name: str, mount: _Mount, label: str) -> str:
-    """Return where a camera looks as its mount has it, in the LiDAR's frame, and which joint is solved for."""
-    T = mount.T_camera_lidar
-    x, y, z = T.R[2].tolist()
-    left, up = degrees(atan2(y, x)), degrees(asin(max(-1.0, min(1.0, z))))
-    sides = f"{abs(left):.0f} degrees {'left' if left > 0 else 'right'}, {abs(up):.0f} {'up' if up > 0 else 'down'}"
-    joint = mount.joint
+def _view(camera: RecordedSensor, mount: _Mount, label: str, notes: list[str]) -> str | None:
+    """Note where a camera looks as a tree has it, and which joint is solved for. Return what is unlikely of that."""
+    T, joint = mount.T_camera_lidar, mount.joint
+    axis = sight(T, mount.T_top_lidar, f"{camera.name} {camera.topic} {camera.frame_id}")
+    view = f"{camera.name}: {T.to_frame} looks {axis.sides}, as {label} says"
     solved = f" Results are also given for {joint['T_child_camera']['to_frame']}." if joint else ""
-    distance_m = float(np.linalg.norm(T.t))
-    return f"{name}: {T.to_frame} looks {sides}, {distance_m:.2f} m from {T.from_frame}, as {label} says.{solved}"
+    notes.append(f"{view}, and is {float(np.linalg.norm(T.t)):.2f} m from {T.from_frame}.{solved}")
+    if not axis.is_unlikely:
+        return None
+    return f"{view}. That is unlikely: its axes may be exchanged (z ahead in an optical frame, x ahead in a body's)."
 
 
 def _document(T: SE3) -> dict[str, Any]:

@@ -69,7 +69,9 @@ def test_without_a_tree_a_person_says_where_a_camera_looks(looks, axis):
 
 def test_what_a_person_says_goes_before_the_tree():
     proposal = proposed(looks={"front": "left"})
-    assert mount(proposal).R[2].tolist() == [0.0, 1.0, 0.0] and proposal.rig.cameras[0].joint is None
+    # The LiDAR is turned by 0.05 rad; the vehicle's left is meant.
+    np.testing.assert_allclose(mount(proposal).R[2], [np.sin(0.05), np.cos(0.05), 0.0], atol=1e-12)
+    assert proposal.rig.cameras[0].joint is None
 
 
 def test_a_frame_that_the_tree_lacks_is_asked_for_with_the_likeliest_first():
@@ -109,6 +111,109 @@ def test_images_stamped_with_the_cameras_body_get_its_optical_frame():
     (front,) = made.rig.cameras
     assert front.frame == "camera_link_optical" and front.joint.T_child_camera.to_frame == "camera_link"
     np.testing.assert_allclose(mount(made).matrix, mount(proposed()).matrix, atol=1e-6)
+
+
+def tree(*joints):
+    """A URDF of joints (parent, child, rpy, type); the LiDAR is velodyne, 1 m above."""
+    text = "".join(
+        f'<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0 0 1" rpy="{rpy}"/></joint>'
+        for parent, child, rpy, kind in ((*joint, "fixed")[:4] for joint in joints)
+    )
+    return f'<robot name="car">{text}</robot>'
+
+
+BODY, TURNED = "0 0 0", f"{-np.pi / 2} 0 {-np.pi / 2}"
+# What a URDF says, and where in the vehicle's axes the camera then looks and where its image's top is.
+FORWARD, UP = (1, 0, 0), (0, 0, 1)
+LEANING = {
+    "a LiDAR that hangs upside down, and the camera's body": ("0 2.9 0", BODY, FORWARD, UP),
+    "a LiDAR that is rolled over": (f"{np.pi} 0 0", BODY, FORWARD, UP),
+    "a LiDAR on its side": (f"{np.pi / 2} 0 0", BODY, FORWARD, UP),
+    "an optical frame without the word": (f"{np.pi} 0 0", TURNED, FORWARD, UP),
+    "a tilted LiDAR, and an optical frame": ("0 0.8 0", TURNED, FORWARD, UP),
+    "a body that leans down by 40 degrees": (
+        "0 2.9 0",
+        f"0 {np.radians(40)} 0",
+        (np.cos(np.radians(40)), 0, -np.sin(np.radians(40))),
+        None,
+    ),
+    "a body that looks left": (f"{np.pi} 0 0.3", f"0 0 {np.pi / 2}", (0, 1, 0), UP),
+}
+
+
+@pytest.mark.parametrize("case", LEANING)
+def test_a_bodys_frame_is_told_in_the_trees_own_up(case):
+    lidar_rpy, camera_rpy, ahead, top = LEANING[case]
+    urdf = tree(("base_link", "velodyne", lidar_rpy), ("base_link", "front_camera", camera_rpy))
+    proposal = proposed(LIDAR, camera("front_camera"), urdf=urdf)
+    R = mount(proposal).R @ urdf_tree(urdf.encode()).transform("velodyne", "base_link").R
+    np.testing.assert_allclose(R[2], ahead, atol=1e-12)
+    if top is not None:
+        np.testing.assert_allclose(-R[1], top, atol=1e-12)
+    assert not proposal.questions and f"{90 if case.endswith('left') else 0} degrees" in proposal.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("joints", "says"),
+    [
+        # Named optical, but turned as a body.
+        ([("base_link", "velodyne", BODY), ("base_link", "front_optical", BODY)], "90 up in base_link"),
+        ([("base_link", "velodyne", BODY), ("base_link", "front_optical", "0 2.88 0")], "75 down in base_link"),
+        ([("base_link", "velodyne", BODY), ("base_link", "front_optical", f"0 0 {np.pi}")], "90 up in base_link"),
+        (
+            [("base_link", "velodyne", BODY), ("base_link", "front_optical", f"{-np.pi / 2} 0 {np.pi / 2}")],
+            "180 degrees",
+        ),
+        ([("base_link", "velodyne", f"{np.pi} 0 0"), ("base_link", "front_optical", BODY)], "90 up in base_link"),
+        # Without a vehicle's frame the LiDAR's own up counts.
+        ([("velodyne", "front_optical", f"{np.pi} 0 0")], "90 down in velodyne"),
+        (
+            [("earth", "map", "0.8 0 0"), ("map", "velodyne", BODY), ("velodyne", "front_optical", BODY)],
+            "90 up in velodyne",
+        ),
+        ([("front_optical", "velodyne", f"0 {np.pi / 2} {np.pi}")], "180 degrees left, 0 up in velodyne"),
+    ],
+)
+def test_a_mount_that_looks_straight_up_or_down_or_backwards_is_asked_about(joints, says):
+    sensors = LIDAR, camera("front_optical")
+    (question,) = proposed(*sensors, urdf=tree(*joints)).questions
+    assert (question.asks, question.assumed, question.choices[0]) == ("looks", "tree", "tree")
+    assert says in question.sentence and "axes may be exchanged" in question.sentence
+    # Confirmed or answered, it is asked no more.
+    confirmed = proposed(*sensors, urdf=tree(*joints), looks={"front": "tree"})
+    assert not confirmed.questions
+    np.testing.assert_array_equal(mount(confirmed).matrix, mount(proposed(*sensors, urdf=tree(*joints))).matrix)
+    assert not proposed(*sensors, urdf=tree(*joints), looks={"front": "forward"}).questions
+
+
+def test_a_rear_camera_may_look_backwards_and_an_answer_is_of_the_vehicle():
+    backwards = f"{-np.pi / 2} 0 {np.pi / 2}"
+    joints = ("base_link", "velodyne", "0 2.9 0"), ("base_link", "optical_frame", backwards)
+    rear = proposed(LIDAR, camera("optical_frame", "rear"), urdf=tree(*joints))
+    assert not rear.questions
+    (contrary,) = proposed(
+        LIDAR, camera("optical_frame", "rear"), urdf=tree(joints[0], (*joints[1][:2], TURNED))
+    ).questions
+    assert contrary.sensor == "rear"
+    answered = proposed(LIDAR, camera("optical_frame"), urdf=tree(*joints), looks={"front": "forward"})
+    R = mount(answered).R @ urdf_tree(tree(*joints).encode()).transform("velodyne", "base_link").R
+    np.testing.assert_allclose(R, FORWARD_LIDAR_TO_OPTICAL, atol=1e-12)
+
+
+def test_a_head_that_turns_has_its_own_up():
+    joints = [
+        ("base_link", "head", f"{np.pi / 2} 0 0", "revolute"), ("head", "velodyne", "0 2.9 0"), ("head", "eye", BODY),
+    ]  # fmt: skip
+    R = mount(proposed(LIDAR, camera("eye"), urdf=tree(*joints))).R
+    np.testing.assert_allclose(
+        R @ urdf_tree(tree(*joints).encode()).transform("velodyne", "head").R, FORWARD_LIDAR_TO_OPTICAL, atol=1e-12
+    )
+
+
+def test_confirming_a_tree_that_does_not_lead_there_answers_nothing():
+    (question,) = proposed(urdf=None, looks={"front": "tree"}).questions
+    assert question.asks == "looks" and question.assumed == "forward"
 
 
 @pytest.mark.parametrize(
