@@ -58,17 +58,17 @@ def optical_frame(tree: FrameTree, top: str, frame: str) -> tuple[str, SE3]:
     return frame, SE3(f"{frame}_optical", frame, FORWARD_LIDAR_TO_OPTICAL) if is_body else SE3(frame, frame)
 
 
-class Sight(NamedTuple):
+class AxisDirection(NamedTuple):
     """Where a camera looks, in words, and whether hardly any camera of its name does."""
 
     sides: str
     is_unlikely: bool
 
 
-def sight(T_camera_lidar: SE3, T_top_lidar: SE3, name: str) -> Sight:
+def axis_direction(T_camera_lidar: SE3, T_top_lidar: SE3, name: str) -> AxisDirection:
     """Return where the optical axis leads in the highest frame. ``name`` has the word of a rear camera, or not."""
     x, y, z = (T_top_lidar.R @ T_camera_lidar.R[2]).tolist()
     left, up = degrees(atan2(y, x)), degrees(asin(max(-1.0, min(1.0, z))))
     sides = f"{abs(left):.0f} degrees {'left' if left > 0 else 'right'}, {abs(up):.0f} {'up' if up > 0 else 'down'}"
     off = 180.0 - abs(left) if words(name) & _REAR_WORDS else abs(left)
-    return Sight(f"{sides} in {T_top_lidar.to_frame}", abs(up) > _STEEP_DEG or off > _BACKWARD_DEG)
+    return AxisDirection(f"{sides} in {T_top_lidar.to_frame}", abs(up) > _STEEP_DEG or off > _BACKWARD_DEG)

@@ -18,7 +18,7 @@ from apexcal.documents.fleets import NewRig
 from apexcal.documents.name_words import telling, words
 from apexcal.documents.readings import ImageKind
 from apexcal.documents.rig_proposals import AS_TREE, LIDAR, Direction, RigAnswers, RigProposal, RigQuestion
-from apexcal.geometry.camera_axes import OPTICAL, optical_frame, sight, upright
+from apexcal.geometry.camera_axes import OPTICAL, axis_direction, optical_frame, upright
 from apexcal.geometry.frame_tree import FrameTree, Joint, JointPath, unusable
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_euler
 from apexcal.geometry.se3 import SE3, Floats
@@ -254,7 +254,7 @@ def _vehicle(lidar: str, trees: Collection[FrameTree]) -> dict[str, Any] | None:
 def _view(camera: RecordedSensor, mount: _Mount, label: str, notes: list[str]) -> str | None:
     """Note where a camera looks as a tree has it, and which joint is solved for. Return what is unlikely of that."""
     T, joint = mount.T_camera_lidar, mount.joint
-    axis = sight(T, mount.T_top_lidar, f"{camera.name} {camera.topic} {camera.frame_id}")
+    axis = axis_direction(T, mount.T_top_lidar, f"{camera.name} {camera.topic} {camera.frame_id}")
     view = f"{camera.name}: {T.to_frame} looks {axis.sides}, as {label} says"
     solved = f" Results are also given for {joint['T_child_camera']['to_frame']}." if joint else ""
     notes.append(f"{view}, and is {float(np.linalg.norm(T.t)):.2f} m from {T.from_frame}.{solved}")
