@@ -46,9 +46,9 @@ class Presigner:
         """Whether frames and originals come straight from the store."""
         return self.settings.downloads == "presigned" and self.store.signs
 
-    def upload(self, key: str) -> str:
-        """Where this object is put."""
-        return self.store.sign_put(key, self.settings.presigned_s)
+    def upload(self, key: str, size: int) -> str:
+        """Where this object of ``size`` bytes is put."""
+        return self.store.sign_put(key, size, self.settings.presigned_s)
 
     def download(self, key: str) -> str | None:
         """Where this object is read; None where it goes through the API."""

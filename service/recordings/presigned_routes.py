@@ -1,8 +1,9 @@
 """Routes of parts that go straight from the client into the store: ask where, put them there, say so.
 
-S3 binds neither size nor checksum to the addresses that obstore signs, and they work until their time is over. So
-what was put is copied, within the store, to a key that nobody has an address of. The size of the copy is looked at,
-the copy is acknowledged, and the worker compares the checksum of every part before it reads the file.
+An address takes as many bytes as were announced, whatever their checksum, and works until its time is over. So what
+was put is copied, within the store, to a key that nobody has an address of. The size of the copy is looked at, the
+copy is acknowledged, and the worker compares the checksum of every part before it reads the file. A store that does
+not hold a sender to the length is asked for the size first: what is larger than announced is removed.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def post_part_address(
     if isinstance(begun, UploadPart):
         return PartAddress(part=PartView.model_validate(begun))
     return PartAddress(
-        url=presigner.upload(begun), expires_at=presigner.expires_at, reservation=begun.rpartition("/")[2]
+        url=presigner.upload(begun, body.size), expires_at=presigner.expires_at, reservation=begun.rpartition("/")[2]
     )
 
 
@@ -71,7 +72,10 @@ async def post_part_arrival(
     announced = await writing(_announced, database, identity, id, number, put)
     if isinstance(announced, UploadPart):
         return PartView.model_validate(announced)
-    await _require_there(request.app.state.store, put, announced)
+    size = await _size(request.app.state.store, put, announced)
+    if size > announced.size:
+        await writing(forget_part, database, put)
+    _refuse_other_size(size, announced)
     # The name tells which reservation was copied, so that a repeated request finds the copy.
     key = await writing(begin_part, database, identity, announced, settings, copied=body.reservation)
     if isinstance(key, UploadPart):
@@ -92,7 +96,7 @@ async def _copy(store: Store, put: str, key: str, announced: Announced) -> None:
         await store.copy(put, key)
     except MissingBlobError:  # it was there a moment ago: its reservation ended meanwhile
         raise reservation_ended(announced.number) from None
-    await _require_there(store, key, announced)
+    _refuse_other_size(await _size(store, key, announced), announced)
 
 
 def _through_api(database: Database, identity: Identity, recording_id: UUID, number: int) -> Problem:
@@ -124,16 +128,24 @@ def _announced(
         return Announced(recording_id, number, blob.sha256, blob.size)
 
 
-async def _require_there(store: Store, key: str, announced: Announced) -> None:
-    """Raises :class:`Problem` 409 ``part_not_put``, ``part_size_differs``."""
-    again = "Put the part's bytes at its address, then say so again; after `expires_at` ask for a new address."
+_AGAIN = "Put the part's bytes at its address, then say so again; after `expires_at` ask for a new address."
+
+
+async def _size(store: Store, key: str, announced: Announced) -> int:
+    """Raises :class:`Problem` 409 ``part_not_put``."""
     try:
-        size = await store.size(key)
+        return await store.size(key)
     except MissingBlobError:
-        raise conflict("part_not_put", f"Nothing was put at the address of part {announced.number}.", again) from None
+        raise conflict(
+            "part_not_put", f"Nothing was put at the address of part {announced.number}.", _AGAIN
+        ) from None
+
+
+def _refuse_other_size(size: int, announced: Announced) -> None:
+    """Raises :class:`Problem` 409 ``part_size_differs``."""
     if size != announced.size:
         raise conflict(
             "part_size_differs",
             f"{size} bytes were put at the address of part {announced.number}; announced were {announced.size}.",
-            again,
+            "They are removed. Ask for a new address, with the part's size." if size > announced.size else _AGAIN,
         )

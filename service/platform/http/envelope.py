@@ -111,7 +111,8 @@ class Envelope:
     def _note(self, scope: Scope, status: int, seconds: float) -> None:
         route = getattr(scope.get("route"), "path", None) or "pages"
         self._figures.answered(scope["method"], route, status, seconds)
-        if scope["path"] not in _UNLOGGED:
+        # A car that has what there is asks again and again: 500 such lines a second fill 30 MB within two minutes.
+        if scope["path"] not in _UNLOGGED and status != 304:
             path = quote(scope["path"])[:_LONGEST_PATH]
             what = {"method": scope["method"], "path": path, "status": status}
             text = "%s %s %d in %.0f ms"

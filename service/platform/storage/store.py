@@ -26,6 +26,7 @@ from obstore.store import S3Store
 
 from service.platform.settings import MIB, S3Options, Settings
 from service.platform.storage.errors import MissingBlobError, StoreUnavailableError, translated
+from service.platform.storage.lengths import with_length
 from service.platform.storage.urls import open_url
 
 # A disk that is unmounted under a running service leaves an empty folder, where everything would seem to be missing.
@@ -76,7 +77,8 @@ class Store:
     """
 
     def __init__(self, url: str, s3: S3Options | None = None) -> None:
-        opened = open_url(url, s3 or S3Options())
+        self._s3 = s3 or S3Options()
+        opened = open_url(url, self._s3)
         self.folder = opened.folder
         self.origin = opened.origin
         self._store = opened.store
@@ -164,9 +166,13 @@ class Store:
             yield _whole(key, data, min(_RANGE, size - start))
             start += len(data)
 
-    def sign_put(self, key: str, seconds: float) -> str:
-        """The address at which anyone may put this object for so long."""
-        return self._sign("PUT", key, seconds)
+    def sign_put(self, key: str, size: int, seconds: float) -> str:
+        """The address at which anyone may put this object of ``size`` bytes for so long.
+
+        Another size is refused, where the settings state the keys: :mod:`service.platform.storage.lengths`.
+        """
+        keys = self._s3.access_key_id, self._s3.secret_access_key
+        return with_length(self._sign("PUT", key, seconds), size, *keys)
 
     def sign_get(self, key: str, seconds: float) -> str:
         """The address at which anyone may read this object, or ranges of it, for so long."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from base64 import b64encode
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from hashlib import sha256
 from uuid import UUID
 
+import httpx
 from sqlalchemy import delete, update
 
 from service.platform.auth.credential_actions import new_secret, secret_hash
@@ -221,3 +223,16 @@ def test_a_vehicle_is_found_by_the_sensors_that_it_carries_now(api, rig, reviewe
     assert viewer.get("/calibration", params={"sensor": "C-1"}).json()["code"] == "calibration_does_not_apply"
     assert viewer.get("/calibration", params={"sensor": "L-2"}).json()["code"] == "calibration_does_not_apply"
     assert viewer.get("/calibration", params={"sensor": "L-1"}).json()["code"] == "no_such_vehicle"
+
+
+def test_who_has_what_there_is_is_counted_and_fills_no_log(api, rig, reviewer, viewer, served, caplog):
+    publish(api, rig, reviewer)
+    with caplog.at_level(logging.INFO, "service"):
+        etag = viewer.get(address(rig)).headers["etag"]
+        before = len(caplog.messages)
+        for _ in range(100):
+            assert viewer.get(address(rig), headers={"If-None-Match": etag}).status_code == 304
+    assert before and len(caplog.messages) == before
+    route = "/v1/vehicles/{vehicle_id}/calibration"
+    counted = httpx.get(f"{served[1]}/metrics").text
+    assert f'requests_total{{method="GET",route="{route}",status="304"}} 100.0' in counted

@@ -157,6 +157,19 @@ def test_a_part_counts_only_once_it_is_there_and_whole(api: Api, engineer, recor
     assert blobs(api) == {"stored": 1, "condemned": 1}
 
 
+def test_more_than_was_announced_is_refused_and_removed(api: Api, engineer, fleet, recording) -> None:
+    """By an S3 server that does not look at what is signed. What is announced counts to the quota."""
+    address = announce(engineer, recording, 1, b"1").json()
+    assert "content-length" in address["url"]
+    httpx.put(address["url"], content=b"1" * 10**6).raise_for_status()
+    large = arrive(engineer, recording, 1, address["reservation"])
+    assert (large.status_code, large.json()["code"]) == (409, "part_size_differs")
+    sweep(api.database, api.app.state.store)
+    assert list(api.app.state.store.list()) == [] and blobs(api) == {}
+    put(engineer, recording, 1, b"1")
+    assert engineer.get(f"/fleets/{fleet}").json()["taken_bytes"] == 1
+
+
 def test_a_reservation_belongs_to_its_part_and_ends(api: Api, engineer, recording) -> None:
     address = announce(engineer, recording, 1, b"12345").json()
     httpx.put(address["url"], content=b"12345").raise_for_status()

@@ -6,12 +6,14 @@ import subprocess
 import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
+from urllib.parse import parse_qsl, urlsplit
 
 import httpx
 import pytest
 
 from service.platform.settings import MIB, S3Options, Settings
 from service.platform.storage.errors import MissingBlobError, StoreFullError, StoreUnavailableError
+from service.platform.storage.lengths import signed, with_length
 from service.platform.storage.prepare import prepare
 from service.platform.storage.store import MARKER, Store
 from tests.support.folders import folder_store
@@ -109,10 +111,23 @@ def test_an_interrupted_write_is_listed_and_removed(tmp_path: Path) -> None:
 def test_presigned_addresses_take_and_give_bytes(s3_server: S3Server) -> None:
     store = s3_server.store()
     assert store.signs and store.origin == s3_server.endpoint
-    address = store.sign_put("a/b", 60)
+    address = store.sign_put("a/b", 10, 60)
     assert httpx.put(address, content=b"0123456789").status_code == 200
     ranged = httpx.get(store.sign_get("a/b", 60), headers={"Range": "bytes=2-4"})
     assert (ranged.status_code, ranged.content) == (206, b"234")
+
+
+def test_an_address_is_signed_with_the_length_and_else_as_obstore_does(s3_server: S3Server) -> None:
+    store = s3_server.store()
+    plain = store._sign("PUT", "a b/c~d", 60)
+    host = {"host": urlsplit(plain).netloc}
+    again = signed(plain, host, "secret")
+    assert dict(parse_qsl(urlsplit(again).query)) == dict(parse_qsl(urlsplit(plain).query))
+    assert again.partition("?")[0] == plain.partition("?")[0]
+    sized = {size: dict(parse_qsl(urlsplit(store.sign_put("a b/c~d", size, 60)).query)) for size in (1, 2)}
+    assert {members["X-Amz-SignedHeaders"] for members in sized.values()} == {"content-length;host"}
+    assert sized[1]["X-Amz-Signature"] != sized[2]["X-Amz-Signature"]
+    assert with_length(plain, 1, "of-a-role", "unknown") == plain
 
 
 def test_presigned_addresses_lead_where_clients_find_the_server(s3_server: S3Server) -> None:
@@ -127,7 +142,7 @@ def test_a_folder_signs_nothing(tmp_path: Path) -> None:
     store = Store(tmp_path.as_uri())
     assert not store.signs and store.origin == ""
     with pytest.raises(ValueError, match="signs"):
-        store.sign_put("a", 1)
+        store.sign_put("a", 1, 1)
 
 
 def test_a_store_that_is_away_is_no_missing_blob(s3_server: S3Server) -> None:
