@@ -17,6 +17,7 @@ from service.platform.storage.audit import audit
 from service.platform.storage.store import Store
 from tests.service.recordings.test_routes import add_camera
 from tests.support.people import Api
+from tests.support.processes import wait_until
 from tests.support.s3 import S3Server
 from tests.support.uploads import blobs, new_recording, put_part, upload
 
@@ -254,4 +255,4 @@ def test_a_store_that_is_away_is_said_to_be(make_api, engineer, recording, on_s3
     for answer in asked:
         assert (answer.status_code, answer.json()["code"]) == (503, "store_unavailable"), answer.text
         assert answer.headers["retry-after"] == "5"
-    assert put_part(engineer, recording["id"], 2, b"x").status_code == 200
+    wait_until(lambda: put_part(engineer, recording["id"], 2, b"x").status_code == 200, "an answer of the store")

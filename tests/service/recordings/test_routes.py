@@ -3,7 +3,6 @@
 from datetime import timedelta
 from uuid import UUID
 
-import pytest
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.exc import OperationalError
 
@@ -148,10 +147,12 @@ def test_a_running_job_says_how_long_it_still_takes(api: Api, engineer, recordin
         return engineer.get(f"/recordings/{recording['id']}").json()["job"]["seconds_left"]
 
     begun = utc_now() - timedelta(seconds=30)
-    assert left(started_at=begun, progress={"fraction": 0.25, "message": "m"}) == pytest.approx(90, abs=6)
+    shown = left(started_at=begun, progress={"fraction": 0.25, "message": "m"})
+    assert 90 <= shown <= round(3 * (utc_now() - begun).total_seconds())
     assert left(started_at=begun, progress={"fraction": 0.25, "message": "m", "seconds_left": 200.4}) == 200
     assert left(started_at=begun, progress={"fraction": 0.001, "message": "m"}) is None
-    assert left(started_at=utc_now(), progress={"fraction": 0.5, "message": "m"}) is None
+    soon = utc_now() + timedelta(seconds=60)
+    assert left(started_at=soon, progress={"fraction": 0.5, "message": "m"}) is None
     assert left(started_at=begun, progress=None) is None
 
 
