@@ -20,6 +20,7 @@ from uuid import UUID
 
 import httpx
 import pytest
+from playwright.sync_api import expect, sync_playwright
 
 from apexcal.client import Client
 from apexcal.documents.calibrations import CalibrationView
@@ -29,6 +30,7 @@ from benchmarks.demo.annotators import mark_everything
 from benchmarks.demo.truth import Truth
 from tests.containers import local_images
 from tests.containers.engine import Engine, NoEngineError, engine
+from tests.e2e.chromium import find_chromium
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "var" / "containers"
@@ -235,6 +237,27 @@ def calibrated(started: Compose, owner: Client, walk: Path) -> tuple[Calibration
 def ask(client: Client, vehicle_id: UUID, **headers: str) -> httpx.Response:
     """A car's question."""
     return client._http.send("GET", f"/vehicles/{vehicle_id}/cameras/front/calibration", headers=headers)
+
+
+def test_a_browser_uploads_on_localhost(started: Compose, owner: Client, walk: Path) -> None:
+    """Who has accepted the page's certificate is asked for no other: parts go through the API."""
+    link = started.run("docker compose run --rm api python -m service.platform.auth.bootstrap").splitlines()[-1]
+    chromium = find_chromium()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=chromium.executable, env=dict(chromium.environment), args=["--no-sandbox"]
+        )
+        page = browser.new_context(ignore_https_errors=True).new_page()
+        asked: set[str] = set()
+        page.on("request", lambda request: asked.add(str(httpx.URL(request.url).host)))
+        page.goto(link)
+        page.get_by_role("button", name="Sign in").click()
+        page.get_by_label("Recording and URDF").set_input_files([walk / "recording.bag", walk / "vehicle.urdf"])
+        expect(page.get_by_role("heading", level=1)).to_have_text("recording.bag", timeout=60_000)
+        card = page.get_by_role("region", name="Rig")
+        expect(card).to_contain_text("as the URDF says", timeout=PATIENCE_S * 1000)
+        assert asked == {"localhost"}
+        browser.close()
 
 
 def test_a_newcomer_gets_from_two_commands_to_a_calibration(
