@@ -15,7 +15,7 @@ from apexcal.client import FailedError
 from apexcal.commands.named import find_recording
 from apexcal.commands.options import ForceOption, RecordingArgument
 from apexcal.commands.session import Reply, Session
-from apexcal.commands.terminal import check_target, usage, write_content
+from apexcal.commands.terminal import check_target, note, usage, write_content
 from apexcal.documents.analyses import SuggestionFacts
 from apexcal.documents.detections import DetectionView, RollFacts
 from apexcal.documents.detectors import DetectorName
@@ -119,6 +119,10 @@ def detect(
         assert counts is not None
         points = f"{counts.points_kept} of {counts.points} points"
         return Reply(view, f"The region keeps {points}, in {counts.frames_kept} of {counts.frames} sweeps.")
+    for sensor in () if offset_ms else session.client.recordings.get(of.id).sensors:
+        if sensor.facts.offset_ns:
+            offset = f"--offset-ms {sensor.facts.offset_ns / 1e6:.3f}"
+            note(f"The clock of {sensor.name} is apart from the LiDAR's: to pair its frames say {offset}.")
     request = detections.create(
         of.id,
         tree,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -34,6 +35,7 @@ from apexcal.commands.terminal import WITHHELD, check_target, complain, note, us
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.crops import LEAST_MARKS
 from apexcal.documents.fleets import RigOut
+from apexcal.documents.recordings import RecordingView
 from apexcal.embedded.serving import serving
 from apexcal.rigs import read_rig
 
@@ -52,6 +54,7 @@ def solve(
     corner: detect.BoardCorner = "tip",
     description: Annotated[Path | None, typer.Option("--rig", exists=True)] = None,
     machine_marks: Annotated[bool, typer.Option("--machine-marks")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y")] = False,
     camera: CameraOption = "",
     topic: TopicOption = None,
     frame: FrameOption = None,
@@ -80,6 +83,7 @@ def solve(
         corner: Which corner of the board is looked for: see `apexcal detect`. People mark an upper corner.
         description: JSON file of the rig (docs/rigs.md), instead of what the recording proposes.
         machine_marks: The machine marks, and nobody looks at its marks.
+        yes: Do not ask whether to use the clock offset that the times of recording tell.
         fleet: Fleet, by name; a new name makes one.
     """
     check_target(output, force)
@@ -108,11 +112,13 @@ def solve(
         how = {"still": still, "lidar_model": lidar_model, "rings": rings}
         taken = _step(recordings.upload(session, recording, **named, **how, intrinsics=intrinsics))
         of, has_lens = str(taken.id), any(each.name == name and each.facts.camera_info for each in taken.sensors)
+        offset_ms = _clock_offset_ms(taken, name, asks=not yes and not machine_marks)
         left = _left_undone(board=board, has_lens=has_lens, machine_marks=machine_marks)
         with TemporaryDirectory() as folder:
             region = Path(folder) / "region.json"
             _step(detect.suggest(session, of, out=region))
-            detection = str(_step(detect.detect(session, of, region=region, board=board, corner=corner)).id)
+            looked_for = {"region": region, "board": board, "corner": corner, "offset_ms": offset_ms}
+            detection = str(_step(detect.detect(session, of, **looked_for)).id)
         of_machine = _step(marks(session, detection, camera=name))["analysis"].result
         if not machine_marks:
             _people_mark(session, detection, name, is_own=bool(link))
@@ -181,6 +187,18 @@ def _people_mark(session: Session, detection: str, camera: str, *, is_own: bool)
             f"Go on with `{start}{later}`",
             code=130,
         )
+
+
+def _clock_offset_ms(recording: RecordingView, camera: str, *, asks: bool) -> float:
+    """Return the offset to pair a camera's frames with, as the times of recording tell it: 0 if the clocks agree."""
+    facts = next(each.facts for each in recording.sensors if each.name == camera)
+    if not facts.offset_ns:
+        return 0.0
+    note(next((sentence for sentence in recording.warnings if sentence.startswith(f"The clock of {camera} is")), ""))
+    if asks and sys.stdin.isatty() and not typer.confirm("Pair the frames with this offset?", default=True, err=True):
+        complain("without the offset no frame is near a sweep", "Synchronise the clocks, and record again.")
+    note(f"Frames are paired with an offset of {facts.offset_ns / 1e6:.3f} ms.")
+    return facts.offset_ns / 1e6
 
 
 def _patched(added: RigOut, camera: str, urdf: Path | None) -> dict[str, Any]:

@@ -14,6 +14,8 @@ const LABELS: Record<string, string> = {
   overlap_s: "together with the LiDAR",
   overlap_share: "share of the LiDAR's time",
   rate_hz: "rate",
+  offset_ns: "its clock minus the LiDAR's, by the times of recording",
+  spread_ns: "spread of these times",
   gap_count: "gaps",
   missing: "messages missing in them",
   jumps: "jumps of the clock",
@@ -90,3 +92,7 @@ function intrinsics(info: Record<string, unknown>): string[] {
   const lens = D.length > 0 ? [`distortion ${D.map(compact).join(", ")}`] : [];
   return [`${sentence(info.model)}, ${sentence(info.width)} × ${sentence(info.height)}`, matrix, ...lens];
 }
+
+/** The first camera's clock minus the LiDAR's, ns, as the times of recording tell it; 0 where they tell nothing. */
+export const clockOffsetNs = (sensors: { facts: { offset_ns?: number | null } }[]): number =>
+  sensors.map(({ facts }) => facts.offset_ns ?? 0).find((offset) => offset !== 0) ?? 0;
