@@ -66,7 +66,8 @@ def inspect(
 
 def _text(inspection: Inspection) -> str:
     trees = {None: "It states no /tf_static.", True: "/tf_static connects its sensors.", False: ""}
-    lines = [f"{inspection.format}, {inspection.seconds:.1f} s. {trees[inspection.is_connected]}".strip()]
+    length = "" if inspection.sensors[0].longest_pause_s is None else f", {inspection.seconds:.1f} s"
+    lines = [f"{inspection.format}{length}. {trees[inspection.is_connected]}".strip()]
     lines += [_sensor_line(sensor) for sensor in inspection.sensors]
     lines += [
         line
@@ -94,7 +95,8 @@ def _rig_lines(proposal: RigProposal) -> list[str]:
 
 def _sensor_line(sensor: InspectedSensor) -> str:
     rate = "" if sensor.rate_hz is None else f" at {sensor.rate_hz:.1f} Hz"
-    parts = [f"{sensor.count} messages{rate}, longest pause {sensor.longest_pause_s:.2f} s"]
+    pause = "without times" if sensor.longest_pause_s is None else f"longest pause {sensor.longest_pause_s:.2f} s"
+    parts = [f"{sensor.count} messages{rate}, {pause}"]
     parts += [f"stamped {sensor.delay_s:.2f} s before they were recorded"] if sensor.delay_s is not None else []
     parts += [f"{sensor.image_size[0]} x {sensor.image_size[1]} pixels"] if sensor.image_size else []
     if sensor.kind == "camera":

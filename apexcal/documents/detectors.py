@@ -106,8 +106,7 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
         },
         {
             "no_points": _NO_POINTS,
-            "too_few_rings": "fewer than two rings, or four of a board with level edges, meet anything in the region "
-            "that could be the board: walk closer",
+            "too_few_rings": "fewer than two rings meet anything in the region that could be the board: walk closer",
             "outside_the_region": "what looks like the board stands outside of the region: widen it",
             "size_not_stated": "the board's size was not stated, and fewer than four boards are near enough to "
             "tell it. State it (`--board`): then two rings on a board are enough",
@@ -126,12 +125,29 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "the board's size: then four rings that meet it are enough. With fewer rings, walk closer, and lower the "
             "board as little as possible",
             "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough: walk "
-            "closer, or state the board's size. Roll a board with level edges by 5 to 10 degrees: rings that cross "
-            "its upper edge tell how high it is",
+            "closer, or state the board's size",
             "off_the_track": "the vertex lies far off the path of the sweeps before and after, so it is no board",
         }
         | _STILL_POSES,
     ),
+}
+
+# Where the board's size was stated, as it is wherever an upper corner is looked for.
+_SIZE_STATED: Final[Mapping[str, str]] = {
+    "never_shown": "the near sweeps of this recording do not show a board, so this could be a person: walk closer, "
+    "and lower the board as little as possible",
+    "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough: walk closer",
+}
+_UPPER_CORNER: Final[Mapping[str, str]] = {
+    **_SIZE_STATED,
+    "too_few_rings": "fewer than four rings meet anything in the region that could be the board: walk closer",
+    "not_a_board": "nothing in the region is flat, has the stated size, and has level and upright edges, as a board "
+    "does that leans by less than 35 degrees and is turned by less than 60 degrees from the sensor",
+    "upright_object": "an upright rectangle of another size explains the rays as well as the board, or nothing shows "
+    "that somebody carries it: a sign, a door, the end of a wall. Measure the board's edges; if this is a single "
+    "pose or shorter than six seconds, record several poses or a longer walk, or come closer",
+    "too_uncertain": "the rays that meet and miss the board do not determine its corner well enough: walk closer, or "
+    "roll the board by 5 to 10 degrees: rings that cross its upper edge tell how high it is",
 }
 
 # What a person who confirms a vertex is told.
@@ -149,9 +165,13 @@ def parse_detector(name: str) -> DetectorName:
     return chosen(name, DETECTORS, "detector")
 
 
-def sentences_of(detector: str, reasons: Iterable[str], examples: Mapping[str, str]) -> dict[str, str]:
-    """Return each of a detector's reasons in words, with what one of its sweeps shows."""
-    sentences = next((words.reasons for name, words in DETECTORS.items() if name == detector), {})
+def sentences_of(
+    detector: str, reasons: Iterable[str], examples: Mapping[str, str], options: Mapping[str, Any]
+) -> dict[str, str]:
+    """Return each of a detector's reasons in words, with what one of its sweeps shows. No option is advised twice."""
+    sentences = dict(next((words.reasons for name, words in DETECTORS.items() if name == detector), {}))
+    is_sized = options.get("board_width_m") and options.get("board_height_m")
+    sentences |= _UPPER_CORNER if options.get("upper_corner") else _SIZE_STATED if is_sized else {}
     return {
         reason: sentences[reason] + (f" ({examples[reason]})" if reason in examples else "")
         for reason in reasons

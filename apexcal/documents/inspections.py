@@ -27,7 +27,8 @@ class RecordingFault(Document):
 class InspectedSensor(Document):
     """A LiDAR or camera as its file names it: how often it was recorded, and when. A camera's images and lens.
 
-    ``first_ns``, ``last_ns``: times of recording, UTC nanoseconds. ``delay_s``: how long after their stamps messages
+    ``first_ns``, ``last_ns``: times of recording, UTC nanoseconds. ``rate_hz`` and ``longest_pause_s`` are null where
+    the times were made up from the numbers of files. ``delay_s``: how long after their stamps messages
     were recorded (median); null where the file has no two clocks. ``offset_ns``: of a camera, its clock minus the
     LiDAR's by the times of recording, which spread by ``spread_ns``; null where they are less than a second apart.
     ``lens``: as a CameraInfo states it.
@@ -41,7 +42,7 @@ class InspectedSensor(Document):
     first_ns: int
     last_ns: int
     rate_hz: float | None
-    longest_pause_s: float
+    longest_pause_s: float | None
     delay_s: float | None
     offset_ns: int | None = None
     spread_ns: int | None = None

@@ -26,7 +26,9 @@ def detection_view(row: Detection, job: Job | None) -> DetectionView:
         row,
         job=job_view(job) if job else None,
         marked_corners=marked_corners(row),
-        reasons=sentences_of(row.detector, row.counts.get("rejected", {}), row.counts.get("examples", {})),
+        reasons=sentences_of(
+            row.detector, row.counts.get("rejected", {}), row.counts.get("examples", {}), row.options
+        ),
     )
 
 

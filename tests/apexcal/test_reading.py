@@ -12,7 +12,7 @@ from apexcal.commands.recordings import candidates_of, merged_reading, reading_o
 from apexcal.commands.terminal import USAGE
 from apexcal.documents.analyses import ClockOffset
 from apexcal.documents.detections import DetectionCounts, DetectionView, Pairing, SizeSeen
-from apexcal.documents.detectors import sentences_of
+from apexcal.documents.detectors import DETECTORS, sentences_of
 
 
 def test_topics_become_the_reading():
@@ -116,7 +116,7 @@ def test_time_left_is_said_roughly(seconds, said):
 
 def test_reasons_say_what_to_change():
     """A reason of an older version is said by its name alone."""
-    reasons = sentences_of("refined", ["never_shown", "of_old"], {})
+    reasons = sentences_of("refined", ["never_shown", "of_old"], {}, {})
     counts = DetectionCounts(sweeps=8, accepted=2, paired=2, rejected={"never_shown": 5, "of_old": 1})
     detection = DetectionView.model_construct(id="d", counts=counts, options={}, detector="refined", reasons=reasons)
     said = _detected(detection)
@@ -146,3 +146,20 @@ def test_what_is_not_as_the_owner_said_is_said():
     said = _detected(detection)
     assert "looks like" not in said
     assert "somebody walks in the recording" in said and "without --still" in said
+
+
+def test_reasons_speak_of_the_corner_and_advise_no_option_that_was_stated() -> None:
+    sized = {"board_width_m": 0.6, "board_height_m": 0.9}
+    names = DETECTORS["refined"].reasons
+    plain = sentences_of("refined", names, {}, {})
+    assert "`--corner`" in plain["upright_object"] and "state the board's size" in plain["too_uncertain"]
+    stated = sentences_of("refined", names, {}, sized)
+    assert not any(
+        "the board's size." in stated[name] or "state the board's size" in stated[name]
+        for name in names
+        if name != "size_not_stated"
+    )
+    corner = sentences_of("refined", names, {}, sized | {"upper_corner": 1})
+    for name in set(names) - {"size_not_stated", "nothing_differs", "off_the_track"}:
+        assert "--corner" not in corner[name] and "--board" not in corner[name] and " tip" not in corner[name]
+    assert "four rings" in corner["too_few_rings"] and "5 to 10 degrees" in corner["too_uncertain"]

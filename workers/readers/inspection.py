@@ -146,7 +146,7 @@ def _inspected(name: str, sensor: Sensor, look: FirstLook) -> InspectedSensor:
     offset = clock.offset if clock else None
     if not len(times):
         raise ReadError("sensor_without_messages", f"{sensor.name} holds no message.", "Was the sensor switched on?")
-    report = report_stamps(times, name)
+    report = report_stamps(times, name, has_times=sensor.has_times)
     return InspectedSensor(
         kind=sensor.kind,
         name=name,
@@ -156,7 +156,7 @@ def _inspected(name: str, sensor: Sensor, look: FirstLook) -> InspectedSensor:
         first_ns=report.facts.first_ns,
         last_ns=report.facts.last_ns,
         rate_hz=report.facts.rate_hz,
-        longest_pause_s=float(np.max(np.diff(times), initial=0)) / 1e9,
+        longest_pause_s=float(np.max(np.diff(times), initial=0)) / 1e9 if sensor.has_times else None,
         delay_s=look.delays.get(name),
         offset_ns=offset and offset.offset_ns,
         spread_ns=offset and offset.spread_ns,
@@ -236,6 +236,8 @@ def _pauses(
     sensor: InspectedSensor, other: InspectedSensor, times: Mapping[str, NDArray[np.int64]]
 ) -> Iterator[RecordingFault]:
     """A pause of one sensor while the other one was recorded. A recorder that pauses both loses no pair."""
+    if sensor.longest_pause_s is None:
+        return
     own, others = times[sensor.name], times[other.name]
     step_ns = float(np.median(np.diff(own))) if len(own) > 1 else 0.0
     least_ns = max(float(REACH_NS), _PAUSE_STEPS * step_ns)

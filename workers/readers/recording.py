@@ -123,6 +123,11 @@ class Sensor:
     image_kind: ImageKind | None = None
 
     @property
+    def has_times(self) -> bool:
+        """Whether its times were recorded; else they were made up from the numbers of its files."""
+        return self.notes.get("times_from") != "index"
+
+    @property
     def image_size(self) -> tuple[int, int] | None:
         """Width and height of a camera's first image, pixels; None where the file does not tell."""
         width, height = self.notes.get("width", ""), self.notes.get("height", "")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -199,7 +199,9 @@ def detect_range(
         answers = detect_poses(source, region, poses, RUNS[detector], resolved, wider, report)
     for index, answer in zip(wider, answers.found, strict=True):
         if isinstance(answer, Vertex):
-            (vertices if index in indices else context).append(answer)
+            # Nothing moves while a pose is still: its frame is the one nearest to its sweep's stamp.
+            timed = answer if facts is None else replace(answer, time_ns=stamp_of(source, answer.sweep_index))
+            (vertices if index in indices else context).append(timed)
         elif index in indices:
             refused[index] = answer.reason
             if answer.points > best.get(answer.reason, (0, ""))[0]:

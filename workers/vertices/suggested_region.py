@@ -32,6 +32,7 @@ _WIDEST_M: Final = 2.2  # a person with a board held out
 _TALLEST_M: Final = 2.8
 _POINTS_AT_1_M: Final = 100.0  # a person-sized thing has more points than this over its distance
 _FEWEST_POINTS: Final = 4
+_BY_CHANCE: Final = 2.0  # standard deviations of a count
 _SECTORS: Final = 4
 _OVERLAP: Final = math.radians(20.0)  # somebody with a board 2.5 m away
 _SIGMA_M: Final = 0.03  # data sheets
@@ -50,8 +51,9 @@ class Thing:
 
     @property
     def face(self) -> float:
-        """As many points as it would have one metre away."""
-        return len(self.points) * float(self.middle @ self.middle)
+        """As many points as it would have one metre away, at least: a few points of a far tree may be chance."""
+        count = len(self.points)
+        return max(count - _BY_CHANCE * math.sqrt(count), 0.0) * float(self.middle @ self.middle)
 
 
 def things_of(xyz: Floats) -> list[Thing]:

@@ -68,12 +68,13 @@ class RecordingManifest(Document):
         first = min(sensor.first_ns for sensor in self.sensors)
         last = max(sensor.last_ns for sensor in self.sensors)
         together = min(s.last_ns for s in self.sensors) - max(s.first_ns for s in self.sensors)
+        is_timed = any(sensor.rate_hz for sensor in self.sensors)  # else their times were made up
         facts = RecordingFacts(
             format=self.format,
             first_ns=first,
             last_ns=last,
-            seconds=(last - first) / 1e9,
-            together_s=max(0, together) / 1e9,
+            seconds=(last - first) / 1e9 if is_timed else 0.0,
+            together_s=max(0, together) / 1e9 if is_timed else 0.0,
             static_transforms=self.static_transforms,
             omissions=self.omissions,
         )

@@ -70,7 +70,7 @@ class _Lidar:
         facts = self.facts
         stamps = _by_one_clock(self, omissions, clock)
         self.writer.finish(facts, stamps if clock and clock.steps else None)
-        report = report_stamps(stamps, "lidar", omissions.stamps(self.sensor.name))
+        report = report_stamps(stamps, "lidar", omissions.stamps(self.sensor.name), has_times=self.sensor.has_times)
         points = np.array(self.points, np.int64)[report.order]
         manifest = _described(
             *("lidar", self.sensor, self.writer.path, report, clock),
@@ -107,7 +107,7 @@ class _Camera:
     def finish(self, omissions: Omissions, clock: ClockReport | None) -> tuple[SensorManifest, list[str]]:
         offsets = self.writer.finish()
         stamps = _by_one_clock(self, omissions, clock)
-        report = report_stamps(stamps, self.name, omissions.stamps(self.sensor.name))
+        report = report_stamps(stamps, self.name, omissions.stamps(self.sensor.name), has_times=self.sensor.has_times)
         order: list[int] = report.order.tolist()
         table = FrameTable(
             stamp_ns=stamps[report.order].tolist(),

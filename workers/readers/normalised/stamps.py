@@ -28,7 +28,11 @@ class StampReport(NamedTuple):
 
 
 def report_stamps(
-    stamps_ns: NDArray[np.int64], name: str, omitted_ns: NDArray[np.int64] | None = None
+    stamps_ns: NDArray[np.int64],
+    name: str,
+    omitted_ns: NDArray[np.int64] | None = None,
+    *,
+    has_times: bool = True,
 ) -> StampReport:
     """Look at one sensor's stamps.
 
@@ -36,6 +40,7 @@ def report_stamps(
         stamps_ns: (N,) int64 as recorded, N at least 1.
         name: names the sensor in warnings.
         omitted_ns: (M,) int64 stamps of messages that were left out: they are no gap.
+        has_times: they were recorded; made-up ones tell neither rate nor gaps.
     """
     order = np.argsort(stamps_ns, kind="stable")
     ordered = stamps_ns[order]
@@ -44,7 +49,7 @@ def report_stamps(
     steps = np.diff(moments)
     back = np.flatnonzero(np.diff(stamps_ns) < 0)
     duplicates = len(ordered) - len(np.unique(ordered))
-    median = float(np.median(steps)) if len(steps) else 0.0
+    median = float(np.median(steps)) if len(steps) and has_times else 0.0
     # A message with another's stamp is there: it fills the gap that its own stamp leaves, before or after the other.
     spare = np.maximum(alike[:-1], alike[1:]) - 1
     absent = np.rint(steps / median) - 1 - spare if median > 0 else np.zeros(len(steps))

@@ -284,8 +284,9 @@ def no_board(fix: Fix, model: BoardModel, least_points: int) -> str:
             else f"turned by {turned:.0f} degrees from the sensor: boards are turned by up to 60"
         )
     elif not fix.held:
-        usual = "boards with level edges have upright ones" if model.upper_corner else "boards stand on their tip"
-        why = f"with edges {off_upright:.0f} degrees from upright: {usual}, unless --corner says otherwise"
+        on_tip = "boards stand on their tip, unless --corner says otherwise"
+        usual = "boards with level edges have upright ones" if model.upper_corner else on_tip
+        why = f"with edges {off_upright:.0f} degrees from upright: {usual}"
     elif fix.within < MOST_ON_BOARD:
         why = f"of whose returns {fix.within:.0%} lie on {board}"
     elif not fix.explained:

@@ -8,6 +8,8 @@ from making_recordings import CLOUD, PERIOD_NS, START_NS, cloud, clouds, images,
 from making_videos import TIMES_MS, number_of, write_video
 
 from workers.readers.detect import open_recording
+from workers.readers.inspection import inspect_recording
+from workers.readers.normalised.normalise import normalise
 from workers.readers.recording import ReadError
 from workers.readers.trees.file_times import kitti_times, stamp_series
 from workers.readers.trees.series import Series, find_series, stem_and_number
@@ -100,6 +102,21 @@ def test_numbered_files_are_simultaneous_and_each_sweep_one_moment(tmp_path):
     assert [f.data for f in frames] == [png(8, 6, i) for i in (2, 9, 10)]
     assert {s.time_source for s in sweeps} == {"stamp_only"} and not sweeps[0].offset_ns.any()
     assert len(warnings) == 1 and "made up" in warnings[0]
+
+
+def test_made_up_times_are_told_as_no_measurement(tmp_path):
+    """Poses 2, 9 and 10: neither a rate of 10 Hz nor six messages that are missing."""
+    files = {
+        f"pose{i}.{suffix}": data for i in (2, 9, 10) for suffix, data in (("pcd", PCD), ("png", png(32, 24, i)))
+    }
+    folder = folder_of(tmp_path, files)
+    inspection = inspect_recording(folder)
+    manifest = normalise(folder, tmp_path / "out", cameras=["front"])
+    assert all((s.rate_hz, s.missing, s.gap_count, s.gaps) == (None, 0, 0, []) for s in manifest.sensors)
+    assert not any("missing" in sentence or "Hz" in sentence for sentence in manifest.warnings)
+    assert manifest.facts()["seconds"] == manifest.facts()["together_s"] == 0.0
+    assert {(s.rate_hz, s.longest_pause_s) for s in inspection.sensors} == {(None, None)}
+    assert not {fault.code for fault in inspection.faults} & {"gap", "too_short"}
 
 
 def mixed(folder):
