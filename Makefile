@@ -18,7 +18,7 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help env setup frontend demo serve test test-long compose-test screenshots bench-detection bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-annotators bench-marks bench-neighbours faults faults-hosts check lock clean
+.PHONY: help env setup frontend demo serve test test-long compose-test screenshots bench-detection bench-paper bench-accuracy bench-coverage bench-judge bench-drives bench-solver bench-worth bench-fleet bench-growth bench-farm bench-retrieval bench-startup bench-annotators bench-marks bench-real bench-neighbours faults faults-hosts check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -104,6 +104,9 @@ bench-annotators: setup  ## 1 to 100 people who mark one recording at once, with
 
 bench-marks: setup  ## the machine's marks on rendered scenes drawn wide, on scenes without a board and on real recordings, and walks calibrated from them and from people's; SHORT=1 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.marks
+
+bench-real: setup  ## the recordings of ../shared/data through `apexcal solve` as a stranger runs it; ONLY=os1 for a part
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.real
 
 bench-neighbours: setup  ## how long a quiet fleet waits beside noisy ones, API limited to 1 GiB, and beside a flood, both databases; SHORT=1 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.flood

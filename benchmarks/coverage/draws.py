@@ -22,7 +22,7 @@ from service.platform.db.calibrations import FULL
 from workers.geometry.models import INTRINSICS
 from workers.geometry.projection import project
 from workers.geometry.spherical import axes
-from workers.judge.precision_checks import marked_rays
+from workers.judge.effects import marked_rays
 from workers.solver.estimate import Estimate, estimate
 from workers.solver.halves import halves_of
 from workers.solver.prediction import DISTANCES_M, covariances_along

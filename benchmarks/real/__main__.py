@@ -3,7 +3,7 @@
 As a folder and as a bag, with its published lens stated and without, with the board's size stated and open. A table
 says what became of each: vertices, marks against published pixels, verdict, file, and how far the mount lies from the
 one that fits the published corners under the published lens. Nothing of the product was chosen by these figures.
-ONLY= takes a part of a run's name.
+ONLY= takes parts of runs' names, with commas between.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ def main() -> None:
         if not (DATA / name).exists():
             print(f"{name} is absent: it is looked for in ../shared/data")
     print("infrared-level-board: not run, because the machine marks no board with level edges", flush=True)
-    chosen = [case for case in cases() if os.environ.get("ONLY", "") in case.title]
+    parts = os.environ.get("ONLY", "").split(",")
+    chosen = [case for case in cases() if any(part in case.title for part in parts)]
     with TemporaryDirectory() as scratch, serving(Path(scratch) / "data") as service:
         for case in chosen:
             print(_solve(case, service, Path(scratch)).line, flush=True)

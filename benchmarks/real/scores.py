@@ -57,7 +57,7 @@ def outcome(
         if analysis and analysis.result:
             frame_of = {v.id: v.sweep_index for v in listed}
             marks = _marks(case, client.analyses.marks(analysis.id), frame_of) if analysis.result.marked else "0"
-    verdict, mount, why = "-", "", said.strip().splitlines()[-1][:300] if said.strip() else ""
+    verdict, mount, why = "-", "", " ".join(said.rpartition("apexcal: ")[2].split())[:400]
     if document:
         (summary,) = document["summary"]["cameras"].values()
         model = summary["models"].get(summary["recommended"] or "")

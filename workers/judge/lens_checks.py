@@ -12,11 +12,11 @@ from scipy import special
 
 from apexcal.documents.checks import Check, CheckTopic, figure
 from apexcal.documents.results import FitResult
+from workers.judge.effects import moved_over_limit
 from workers.judge.residual_patterns import pattern_test
-from workers.judge.topics import LOOK_RATE, MATTERS, STOP_RATE, graded
+from workers.judge.topics import LOOK_RATE, MATTERS, graded
 from workers.solver.estimate import Estimate
 from workers.solver.residuals import predict, transform_of
-from workers.solver.uncertainty import units_of
 
 Floats = NDArray[np.float64]
 _LENS: Final = CheckTopic("lens_model", "Lens model")
@@ -25,7 +25,7 @@ _PRIORS: Final = CheckTopic("priors", "Priors")
 _STATED: Final = CheckTopic("stated_lens", "Stated lens")
 # Radial patterns up to the seventh power of the distance from the centre: the lens models' own terms go that far.
 _POWERS: Final = (1, 2, 3, 4, 5, 6, 7)
-_LEAST_ROOM: Final = 0.1  # of a prior's deviation: a posterior as wide as its prior says nothing of it
+_NOTHING_LEFT: Final = 1e-6  # of a prior's variance, as far as rounding goes: the pairs say nothing of the parameter
 
 
 def lens_model(estimate: Estimate) -> Check:
@@ -89,35 +89,39 @@ def bounds(result: FitResult) -> Check:
 def priors(estimate: Estimate) -> Check:
     """Whether what the request expects of parameters agrees with the pairs.
 
-    The distance between the means of prior and posterior has the prior's variance less the posterior's. A prior that
-    is off matters if it moves the result by more than half of a standard deviation.
+    The distance between the means of prior and posterior has the prior's variance less that which the fit itself
+    counts on, and what pairs share besides. A prior that is off matters if points of use move without it.
     """
     problem, p = estimate.fitted, estimate.parameters
     names = [name for name in problem.priors if name not in estimate.weak and name in estimate.spread.names]
     if not names or estimate.errors is None:
         return _PRIORS.passes("The request states no priors." if not names else "The pairs leave parameters open.")
-    unit = dict(zip(estimate.spread.names, units_of(estimate.spread.names), strict=True))
-    std = dict(zip(estimate.spread.names, estimate.spread.std, strict=True))
-    worst, most, pull = names[0], 0.0, 0.0
+    scale = estimate.errors.scale
+    counted_on = estimate.errors.inverse() * np.outer(scale, scale)
+    stated = np.diag(estimate.errors.covariance())
+    worst, most, step = names[0], 0.0, np.zeros(len(scale))
     for name in names:
+        row = estimate.spread.names.index(name)
         mean, sigma = problem.priors[name]
-        off, own = abs(float(p[problem.names.index(name)]) - mean), float(std[name] / unit[name])
-        left = max(1.0 - (own / sigma) ** 2, _LEAST_ROOM**2)
-        if off / (sigma * np.sqrt(left)) > most:
-            worst, most = name, off / (sigma * float(np.sqrt(left)))
-            pull = own * off / (sigma**2 * left)
+        left = sigma**2 - float(counted_on[row, row])
+        if left < _NOTHING_LEFT * sigma**2:
+            continue  # The pairs say nothing of it.
+        off = float(p[problem.names.index(name)]) - mean
+        deviations = abs(off) / float(np.sqrt(left + max(float(stated[row] - counted_on[row, row]), 0.0)))
+        if deviations > most:
+            worst, most, step = name, deviations, counted_on[:, row] * off / left
     probability = min(len(names) * 2.0 * float(special.ndtr(-most)), 1.0)
-    verdict = "pass" if probability > LOOK_RATE else "stop" if probability < STOP_RATE and pull > MATTERS else "look"
+    effect = moved_over_limit(estimate, step)
+    verdict = graded(probability, effect, 1.0)
     said = f"{worst} lies {most:.1f} deviations from its prior"
+    moves = f"without it points at 5 to 50 m move by {figure(effect)} times what use allows"
     return _PRIORS.fails(
         verdict,
-        f"{said}, which moves the result by {pull:.1f} standard deviations."
-        if verdict != "pass"
-        else f"The pairs agree with the priors: {said} at most.",
-        f"Check the prior of {worst}, or calibrate without it.",
+        f"{said}; {moves}." if probability < LOOK_RATE else f"The pairs agree with the priors: {said} at most.",
+        f"Is the prior of {worst} right? A clock that is off may look like a wrong prior. Or calibrate without it.",
         deviations=most,
         probability=probability,
-        pull=pull,
+        moved_over_limit=effect,
     )
 
 

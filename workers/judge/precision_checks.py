@@ -6,44 +6,36 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
 from apexcal.documents.checks import ALONE_LIMIT_DEG, ALONE_LIMIT_MM, Check, CheckTopic, figure
 from apexcal.documents.results import FitResult
+from workers.judge.effects import MIDDLE, over_limit, worst_axis
 from workers.judge.topics import USE_LIMIT_M, USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.solver.estimate import Estimate
 from workers.solver.next_steps import sentence as next_sentence
-from workers.solver.prediction import DISTANCES_M, covariances_along
-from workers.solver.residuals import predict, transform_of
+from workers.solver.prediction import DISTANCES_M
 
-Floats = NDArray[np.float64]
 # scipy publishes no types.
 _student_quantile: Callable[[float, float], float] = special.stdtrit
 _USE: Final = CheckTopic("precision", "Precision where it is used")
 _ALONE: Final = CheckTopic("mount_alone", "Mount without its lens", "mount_alone")
 # Not stated at all, or by so much more than the limit, is of no use.
 _USELESS: Final = 3.0
-# Marks that stand for the field, and the share of them that has to be good enough: their middle 95 %.
-_MARKS: Final = 60
-_MIDDLE: Final = 0.95
 
 
 def precision(estimate: Estimate, result: FitResult) -> Check:
     """Whether points at 5, 20 and 50 m, over the field that marks cover, are placed as well as their use needs."""
     if estimate.errors is None:
         return _USE.fails("stop", "The pairs do not tell how precise the result is.", "Mark more vertices.")
-    # In the direction in which a point is known worst.
-    px, mm = (np.sqrt(np.linalg.eigvalsh(C)[..., -1]) for C in covariances_along(estimate, marked_rays(estimate)))
+    px, mm = worst_axis(estimate)
     # Halves that differ by more than is stated say by how much more.
     factor = (result.prediction.expected_over_stated if result.prediction else 1.0) * _student_quantile(
         max(estimate.freedom, 1.0), 0.975
     )
-    px, angle = factor * px, factor * 1e-3 * mm / np.array(DISTANCES_M)[:, None]
-    limit_rad = np.maximum(USE_LIMIT_RAD, USE_LIMIT_M / np.array(DISTANCES_M))[:, None]
-    worst = float(np.max(np.quantile(np.minimum(px / USE_LIMIT_PX, angle / limit_rad), _MIDDLE, axis=1)))
-    widest = np.quantile(px, _MIDDLE, axis=1).tolist()
+    worst = over_limit(factor * px, factor * mm)
+    widest = np.quantile(factor * px, MIDDLE, axis=1).tolist()
     named = [f"{distance:.0f}" for distance in DISTANCES_M]
     return _USE.fails(
         "pass" if worst <= 1.0 else "look" if worst <= _USELESS else "stop",
@@ -60,14 +52,6 @@ def precision(estimate: Estimate, result: FitResult) -> Check:
         over_limit=worst,
         **{f"half_width_at_{name}_m_px": value for name, value in zip(named, widest, strict=True)},
     )
-
-
-def marked_rays(estimate: Estimate) -> Floats:
-    """(R, 3) unit vectors, camera frame, towards vertices that stand for the field that marks cover."""
-    problem, p = estimate.holding, estimate.held_at
-    used = np.flatnonzero((problem.weights > 0.0) & (predict(problem, p)[1] == 0.0))
-    rays = transform_of(problem, p).apply(problem.points[used[:: -(-len(used) // _MARKS)]])
-    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
 
 def mount_alone(result: FitResult) -> Check:

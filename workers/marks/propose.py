@@ -327,7 +327,7 @@ def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None, sights: Sequence[S
         )
     crowded = sum(one.rivals > 0 for one in seeds)
     others = f" In {crowded} frames more than one thing moves." if crowded > 0.3 * len(seeds) else ""
-    unknown = " State the camera's lens: without it a fisheye is hard to place." if lens is None else ""
+    unknown = " State the camera's lens (--intrinsics FILE, or on the recording's page)." if lens is None else ""
     return "no_consensus", f"No mount explains where things move in {len(seeds)} frames.{others}{unknown}"
 
 

@@ -168,7 +168,10 @@ def _inspected(name: str, sensor: Sensor, look: FirstLook) -> InspectedSensor:
 
 def _lens(name: str, sensor: Sensor) -> list[RecordingFault]:
     """What is wrong with a camera's stated lens. A result can be had without one."""
-    advice = "The lens is fitted instead: fill the image with marks, to its corners, or record the CameraInfo."
+    advice = (
+        "State the lens (--intrinsics FILE, or a camera_info.yaml in the folder or beside the bag), or record the "
+        "CameraInfo. Without either it is fitted: fill the image with marks, to its corners."
+    )
     stated, size = sensor.camera_info, sensor.image_size
     if stated is None and sensor.notes.get("camera_info") == "unusable":
         sentence = f"The CameraInfo of {name} states no lens: its K is 0 or holds what is no number."

@@ -60,11 +60,15 @@ def deviations_along(estimate: Estimate, rays: Floats) -> tuple[Floats, Floats]:
     return np.sqrt(np.einsum("kncc->kn", px)), np.sqrt(np.einsum("kncc->kn", mm))
 
 
-def covariances_along(estimate: Estimate, rays: Floats) -> tuple[Floats, Floats]:
-    """Return covariances of those points: (distances, R, 2, 2) px^2 and (distances, R, 3, 3) mm^2."""
+def covariances_along(estimate: Estimate, rays: Floats, covariance: Floats | None = None) -> tuple[Floats, Floats]:
+    """Return covariances of those points: (distances, R, 2, 2) px^2 and (distances, R, 3, 3) mm^2.
+
+    covariance (F, F): of the free parameters, rad, m and px; the estimate's if it is left out.
+    """
     problem, p = estimate.holding, estimate.parameters
-    assert estimate.errors is not None
-    covariance = estimate.errors.covariance()
+    if covariance is None:
+        assert estimate.errors is not None
+        covariance = estimate.errors.covariance()
     # All distances at once: a problem wants more pairs than parameters.
     along = np.repeat(DISTANCES_M, len(rays))[:, None] * np.tile(rays, (len(DISTANCES_M), 1))
     there = replace(

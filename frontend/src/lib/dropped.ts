@@ -1,4 +1,4 @@
-/** Files that were dropped or chosen on one page and are used on another: a recording, and perhaps a URDF beside it. */
+/** Files that were dropped or chosen on one page and are used on another: a recording, a URDF or a lens beside it. */
 
 interface Dropped {
   vehicleId: string;
@@ -10,6 +10,7 @@ interface Dropped {
 let carried: Dropped | null = null;
 /** The text of the URDF that was given with a recording, by the recording's id; until the page is loaded anew. */
 const urdfs = new Map<string, string>();
+const lenses = new Map<string, File>();
 
 export function carry(dropped: Dropped): void {
   carried = dropped;
@@ -24,15 +25,20 @@ export function taken(vehicleId: string): Dropped | null {
 
 const isUrdf = (file: File): boolean => /\.(urdf|xml)$/i.test(file.name);
 
-/** The recording among some files: the first that is no URDF. */
-export const recordingIn = (files: FileList | null | undefined): File | undefined =>
-  [...(files ?? [])].find((file) => !isUrdf(file));
+const isLens = (file: File): boolean => /\.ya?ml$/i.test(file.name);
 
-/** Keeps the URDF among some files for the rig of a recording. */
-export async function keepUrdf(recordingId: string, files: FileList | undefined): Promise<void> {
-  const urdf = [...(files ?? [])].find(isUrdf);
+/** The recording among some files: the first that is no URDF and no lens. */
+export const recordingIn = (files: FileList | null | undefined): File | undefined =>
+  [...(files ?? [])].find((file) => !isUrdf(file) && !isLens(file));
+
+/** Keeps the URDF and the lens among some files for the rig of a recording. */
+export async function keepBeside(recordingId: string, files: FileList | undefined): Promise<void> {
+  const [urdf, lens] = [isUrdf, isLens].map((is) => [...(files ?? [])].find(is));
+  if (lens) lenses.set(recordingId, lens);
   if (urdf) urdfs.set(recordingId, await urdf.text());
 }
+
+export const lensOf = (recordingId: string): File | undefined => lenses.get(recordingId);
 
 export const urdfOf = (recordingId: string): string | null => urdfs.get(recordingId) ?? null;
 

@@ -15,9 +15,10 @@ from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE
 from tests.workers.solver.test_optima import small_board
 from tests.workers.solver.walks import ended, posed
 from workers.judge.agreement_checks import fit
+from workers.judge.effects import marked_rays
 from workers.judge.fit_checks import checks_of_fit, without_outliers
 from workers.judge.pair_checks import places_of
-from workers.judge.precision_checks import marked_rays, mount_alone, precision
+from workers.judge.precision_checks import mount_alone, precision
 from workers.judge.time_checks import image_velocities
 from workers.judge.topics import graded
 from workers.judge.validation_checks import elsewhere
@@ -85,11 +86,14 @@ def test_bounds_that_are_reached_stop():
 @pytest.mark.parametrize(
     ("name", "mean", "sigma", "verdict"),
     [
-        *(("t_x", off_m, 0.02, verdict) for off_m, verdict in ((0.0, "pass"), (0.02, "pass"), (0.2, "stop"))),
-        ("f_x", FOCAL_PX + 60.0, 12.0, "look"),
+        *(("t_x", off_m, 0.02, "pass") for off_m in (0.0, 0.02, 0.2)),
+        ("t_x", 0.2, 0.007, "look"),
+        ("f_x", FOCAL_PX + 60.0, 12.0, "pass"),
+        ("f_x", FOCAL_PX + 60.0, 1.2, "stop"),
     ],
 )
-def test_a_prior_that_is_off_stops_where_it_moves_the_result(name, mean, sigma, verdict):
+def test_a_prior_that_is_off_stops_where_it_moves_points_of_use(name, mean, sigma, verdict):
+    """A prior that is 10 deviations off moves points by 0.07 of what use allows where the pairs know better."""
     check = checked(*rig("pinhole", priors={name: {"mean": mean, "sigma": sigma}}))["priors"]
     assert check.verdict == verdict and (verdict == "pass" or name in check.sentence)
 

@@ -4,7 +4,7 @@ import { bodyOf, client, send } from "./http.ts";
 import { read, readAll } from "./reads.ts";
 import { change, create, post } from "./writes.ts";
 import { isUnderWay, type ProposalRequest, type RigProposal } from "./types.ts";
-import type { NewRecording, Parts, RecordingEdit, RecordingView } from "./schema.ts";
+import type { CameraLens, NewRecording, Parts, RecordingEdit, RecordingView } from "./schema.ts";
 
 const of = (id: string) => ({ params: { path: { id } } });
 
@@ -39,6 +39,10 @@ export const retryRecording = (id: string) => post("/v1/recordings/{id}/retry", 
 
 export const changeRecording = ({ id, version }: RecordingView, body: RecordingEdit) =>
   change("patch", "/v1/recordings/{id}", { id }, body, version);
+
+/** States a camera's lens. */
+export const stateLens = ({ id, version }: RecordingView, camera: string, body: CameraLens) =>
+  change("put", "/v1/recordings/{id}/cameras/{camera}/lens", { id, camera }, body, version);
 
 /** The rig that a recording proposes, with a URDF and what a person answers. Nothing is stored. */
 export const proposeRig = async (recording_id: string, body: ProposalRequest) =>
