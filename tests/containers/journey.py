@@ -1,7 +1,7 @@
 """docker-compose.yml as a newcomer starts it and an operator runs it: `make compose-test`.
 
 One journey in the order of docs/operators.md, in a copy of the checkout, by the commands that are written there. Its
-seconds and sizes are printed at the end.
+seconds and sizes are printed; what each command said is in `var/containers/commands.log`.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from tests.e2e.chromium import find_chromium
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "var" / "containers"
 NO_ENGINE = FOLDER / "no-engine"
+LOG = FOLDER / "commands.log"
 PROJECT = "apexcal-test"
 URL = "https://localhost"
 ROOT_CERTIFICATE = "/data/caddy/pki/authorities/local/root.crt"
@@ -63,15 +64,18 @@ class Compose:
     def __init__(self, folder: Path, engine: Engine) -> None:
         self.folder, self.engine = folder, engine
         self.environment = dict(engine.environment) | {"COMPOSE_PROJECT_NAME": PROJECT}
-        self.figures: dict[str, str] = {}
+        self.began = 0.0
 
-    def run(self, command: str, *, inherit: bool = False) -> str:
+    def run(self, command: str) -> str:
         """What a command of the manual prints, as it is written there."""
         done = subprocess.run(
-            command, shell=True, cwd=self.folder, env=self.environment, capture_output=not inherit, text=True
+            command, shell=True, cwd=self.folder, env=self.environment, capture_output=True, text=True
         )
-        assert done.returncode == 0, f"{command}: {self.state()}\n{done.stdout or ''}{done.stderr or ''}"
-        return (done.stdout or "").strip()
+        with LOG.open("a") as log:
+            log.write(f"$ {command}\n{done.stdout}{done.stderr}\n")
+        said = "\n".join((done.stdout + done.stderr).splitlines()[-30:])
+        assert done.returncode == 0, f"{command}: {self.state()}\n{said}"
+        return done.stdout.strip()
 
     def fails(self, command: str) -> str:
         """What a command says that must fail."""
@@ -89,9 +93,8 @@ class Compose:
         return result
 
     def note(self, name: str, value: str) -> None:
-        """A figure, said at once and again at the end."""
-        self.figures[name] = value
-        print(f"{name}: {value}", file=sys.__stderr__, flush=True)
+        """A figure, said at once."""
+        print(f"{name}: {value}", flush=True)
 
     def state(self) -> str:
         """What each container does, and the last lines of those that ended badly."""
@@ -119,7 +122,8 @@ class Compose:
 def compose() -> Iterator[Compose]:
     """The copy, with an engine; at the end no container, volume or network of it is left."""
     FOLDER.mkdir(parents=True, exist_ok=True)
-    NO_ENGINE.unlink(missing_ok=True)
+    for file in (NO_ENGINE, LOG):
+        file.unlink(missing_ok=True)
     try:
         with engine(FOLDER / "engine") as running:
             yield from _in_copy(running)
@@ -150,7 +154,6 @@ def _in_copy(running: Engine) -> Iterator[Compose]:
         compose.environment["COMPOSE_FILE"] = "docker-compose.yml:local-images.yml"
     try:
         yield compose
-        print("\n" + "\n".join(f"{name}: {value}" for name, value in compose.figures.items()), file=sys.__stderr__)
     finally:
         compose.run("docker compose --profile backup down --volumes --remove-orphans --timeout 20")
 
@@ -184,28 +187,26 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def started(compose: Compose, walk: Path) -> Compose:
     """The whole fleet, up from empty volumes by what README says."""
     compose.run("make env")
-    compose.measure("images built", lambda: compose.run("docker compose --profile backup build", inherit=True))
+    compose.measure("images built", lambda: compose.run("docker compose --profile backup build"))
     for image in ("apexcal-serve:1.0.0", "apexcal-worker:1.0.0"):
         size = int(compose.engine.docker("image", "inspect", "--format", "{{.Size}}", image))
         compose.note(f"{image}, MB", f"{size / 1e6:.0f}")
-    began = time.monotonic()
-    compose.run("docker compose up --build -d", inherit=True)
+    compose.began = began = time.monotonic()
+    compose.run("docker compose up --build -d")
     compose.note("containers started, s", f"{time.monotonic() - began:.0f}")
     wait_until(lambda: compose.is_healthy("proxy"), "healthy proxy", compose)
     compose.trust()
     wait_until(answers, "answer through the proxy", compose)
     compose.note("first answer through the proxy, s", f"{time.monotonic() - began:.0f}")
-    compose.figures["start"] = str(began)
     return compose
 
 
 @pytest.fixture(scope="module")
 def owner(started: Compose) -> Iterator[Client]:
     """Signed in by the owner's link."""
-    began = float(started.figures.pop("start"))
     link = started.run("docker compose run --rm api python -m service.platform.auth.bootstrap").splitlines()[-1]
     with Client.sign_in(link) as client:
-        started.note("first sign-in, s", f"{time.monotonic() - began:.0f}")
+        started.note("first sign-in, s", f"{time.monotonic() - started.began:.0f}")
         yield client
 
 
