@@ -25,7 +25,7 @@ from workers.tasks.cornering import frame_columns, vertex_columns
 from workers.tasks.originals import lidar_key, open_lidar, said_still
 from workers.vertices.detectors import detect_range
 from workers.vertices.pairing import on_track, pair, pair_interpolated
-from workers.vertices.pose_detection import fixed_place
+from workers.vertices.pose_detection import SAME_PLACE_M, fixed_place
 from workers.vertices.region import Region
 from workers.vertices.tracks import MARGIN_SWEEPS
 from workers.vertices.vertex import Detections, spread_order
@@ -250,13 +250,25 @@ def _advance(session: Session, row: Detection, batch: Detections) -> None:
     counts |= _rolls(before.get("roll"), [vertex.roll[0] for vertex in batch.vertices if vertex.roll])
     row.state = WorkState.RUNNING
     if row.remaining == 1:
-        counts |= _settle_frames(session, row)
+        counts |= _settle_frames(session, row) | _places(session, row, counts)
         _order(session, row.id)
         problem = _nothing_found(session, row, counts)
         if problem:
             row.state, row.problem, row.finished_at = WorkState.FAILED, problem, now()
     row.counts = counts
     session.flush()
+
+
+def _places(session: Session, row: Detection, counts: Json) -> Json:
+    """How many still poses there are: where the board stands as in the sweep before, somebody else moved."""
+    if not counts.get("poses"):
+        return {}
+    rows = session.execute(
+        select(Vertex.x, Vertex.y, Vertex.z).where(Vertex.detection_id == row.id).order_by(Vertex.sweep_index)
+    ).all()
+    xyz = np.array([tuple(each) for each in rows], np.float64).reshape(-1, 3)
+    alike = np.count_nonzero(np.linalg.norm(np.diff(xyz, axis=0), axis=1) < SAME_PLACE_M)
+    return {"poses": max(1, counts["poses"] - int(alike))}
 
 
 def _nothing_found(session: Session, row: Detection, counts: Json) -> Json | None:

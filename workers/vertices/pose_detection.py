@@ -23,7 +23,9 @@ Floats = NDArray[np.float64]
 _FEWEST_FIXED: Final = 8
 _FIXED_M: Final = 0.05  # who stands still sways by as much
 _NEARLY_ALL: Final = 0.9
-_AGREE_M: Final = 0.1  # where most sweeps of a pose agree, those that put the apex farther away saw something else
+SAME_PLACE_M: Final = (
+    0.1  # where most sweeps of a pose agree, those that put the apex farther away saw something else
+)
 _AGREE: Final = 16.3  # chi-square of three: 99.9 % of the errors that a vertex states
 # A difference between few sweeps is uncertain. As many imagined ones do not differ, so that S is rather too small.
 _IMAGINED: Final = 4
@@ -81,7 +83,7 @@ def one_of(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
     xyz = np.array([vertex.xyz for _, vertex in vertices])
     apart = np.linalg.norm(xyz[:, None] - xyz[None, :], axis=2)
     middle = int(np.argmin(np.median(apart, axis=1)))
-    near = apart[middle] <= _AGREE_M
+    near = apart[middle] <= SAME_PLACE_M
     if 2 * np.count_nonzero(near) <= len(near):
         near[:] = True  # the board was moved, though nothing else differs
     rows: list[list[tuple[int, Vertex]]] = []
@@ -102,7 +104,7 @@ def _agree(first: Vertex, other: Vertex) -> bool:
     """Whether two vertices differ by no more than the first one's errors, where it states any."""
     off = np.array(other.xyz) - np.array(first.xyz)
     if first.covariance is None:
-        return float(np.linalg.norm(off)) <= _AGREE_M
+        return float(np.linalg.norm(off)) <= SAME_PLACE_M
     covariance = to_xyz(np.array([first.covariance]), np.array([first.xyz]))[0]
     scaled: Floats = np.asarray(np.linalg.solve(covariance, off), np.float64)
     return float(off @ scaled) <= _AGREE

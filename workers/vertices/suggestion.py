@@ -22,6 +22,7 @@ from workers.readers.recording import Sweep
 from workers.vertices.board.estimate import find_planes, locate, open_windows
 from workers.vertices.board.model import TRUNK_M, BoardModel, Fix
 from workers.vertices.motion import passes_by
+from workers.vertices.pose_detection import SAME_PLACE_M
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import SensorGrid, some_grid
 from workers.vertices.static_background import StaticBackground
@@ -217,7 +218,16 @@ def _around_poses(
         )
     suggestion = describe(scene.things, scene, _MARGIN_M, poses=1, notes=notes)
     region = Region.from_document(in_level_axes(suggestion, level).document)
-    return replace(suggestion, facts=suggestion.facts | {"poses": poses.grouped(source, region, report).count})
+    first = poses.grouped(source, region, report).first
+    places = [some[0].middle if board else None for some, board in zip(scene.things, boards, strict=True)]
+    pairs = zip(pairwise(chosen), pairwise(places), strict=True)
+    count = 1 + sum(first[a] != first[b] and not _at_one_place(*of_boards) for (a, b), of_boards in pairs)
+    return replace(suggestion, facts=suggestion.facts | {"poses": count})
+
+
+def _at_one_place(place: Floats | None, other: Floats | None) -> bool:
+    """Whether two boards stand at one place (2,): then whatever else moves makes no other pose."""
+    return place is not None and other is not None and float(np.hypot(*(place - other))) < SAME_PLACE_M
 
 
 def _is_among(middle: Floats, places: Floats) -> bool:

@@ -210,3 +210,16 @@ def test_by_default_vertices_of_a_walk_move_to_their_frames_and_still_poses_stay
     assert walked[5].xyz[1] == pytest.approx(0.52, abs=0.02), "20 ms at 1 m/s"
     assert all((pair.gap_ns, pair.xyz) == (20_000_000, None) for pair in paired(0.5))
     assert all((pair.gap_ns, pair.xyz) == (20_000_000, None) for pair in paired(0.0, None))
+
+
+@pytest.mark.parametrize(
+    ("places", "poses"), [((0.0,) * 6, 1), ((0.0, 1.0, 2.0, 3.0, 4.0, 5.0), 6), ((0.0, 0.02, 1.0, 1.03, 1.0, 3.0), 3)]
+)
+def test_the_number_of_poses_is_that_of_the_boards_places(make_run, places, poses):
+    """Each sweep differs from the one before, because somebody walks behind the stand."""
+    run = make_run(2)
+    vertices = [Found((5.0, y, 0.5), 100_000_000 * k, 7, k, 2, "refined") for k, y in enumerate(places)]
+    facts = PoseFacts(6, True)
+    run.finish(1, Detections(vertices[4:], 2, {}, poses=facts), [None] * 2)
+    run.finish(0, Detections(vertices[:4], 4, {}, poses=facts), [None] * 4)
+    assert run.counts()["poses"] == poses
