@@ -60,16 +60,15 @@ def clicks(page: Page) -> int:
     return int(page.evaluate("Number(sessionStorage.clicks ?? 0)"))
 
 
-@pytest.mark.timeout(500)
 def test_eight_clicks_lead_from_a_bag_to_a_urdf(page: Page, served: Embedded, owner: Client, walk: Path) -> None:
     page.context.add_init_script(COUNTING)
     page.goto(served.url)
     assert_looks(page)
     # Files are dropped or chosen; then come the clicks.
     page.get_by_label("Recording and URDF").set_input_files([walk / "recording.bag", walk / "vehicle.urdf"])
-    expect(page.get_by_role("heading", level=1)).to_have_text("recording.bag", timeout=60_000)
+    expect(page.get_by_role("heading", level=1)).to_have_text("recording.bag")
     card = page.get_by_role("region", name="Rig")
-    expect(card).to_contain_text("as the URDF says", timeout=90_000)
+    expect(card).to_contain_text("as the URDF says", timeout=300_000)
     expect(card).to_contain_text("velodyne")
     expect(card).not_to_contain_text("Assumed")
     assert_looks(page)
@@ -86,7 +85,7 @@ def test_eight_clicks_lead_from_a_bag_to_a_urdf(page: Page, served: Embedded, ow
     expect(page.get_by_role("heading", name="Mark 5 frames yourself first")).to_be_visible()
     assert clicks(page) == 2
 
-    # Confirming is not counted. The person's own five marks are wrong; the fit leaves them out.
+    # Confirming is not counted.
     size = owner.vehicles.rig(recording.rig_id).cameras[0].image_size
     ids = (str(one) for one in (recording.vehicle_id, recording.id, detection.id, recording.rig_id))
     track = Track(served.url, owner, str(recording.fleet_id), *ids, {}, (size[0], size[1]))
@@ -98,7 +97,7 @@ def test_eight_clicks_lead_from_a_bag_to_a_urdf(page: Page, served: Embedded, ow
     page.get_by_role("button", name="Calibrate front").click()
     expect(page.get_by_role("heading", level=1)).to_contain_text("Calibration of")
     publish = page.get_by_role("button", name="Publish for the vehicle")
-    publish.wait_for(timeout=90_000)
+    publish.wait_for(timeout=300_000)
     expect(page.get_by_text("Verdict: pass.")).to_be_visible()
     publish.click()
     page.get_by_text("Into your own URDF").click()

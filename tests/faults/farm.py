@@ -112,7 +112,7 @@ class Farm(Fleet):
         with self.database.reading() as session:
             return documents(session, calibration.id)
 
-    def finished(self, work: Any, seconds: float = 150.0) -> Any:
+    def finished(self, work: Any, seconds: float = 600.0) -> Any:
         """Follow it to its end, whatever becomes of the API meanwhile."""
         return self.client.wait(work, timeout_s=seconds)
 

@@ -26,7 +26,7 @@ from tests.support.wrong_clocks import why_not
 
 pytestmark = pytest.mark.faults
 # A lease and two periods of the sweep are 3 s; the rest is for a busy machine.
-_RECOVERED_S = 60.0
+_RECOVERED_S = 300.0
 _names = (f"fleet {number}" for number in count())
 
 
@@ -60,7 +60,7 @@ def test_a_worker_process_killed_within_a_slot_and_the_sweeper_before_it(farm: F
     later = time.monotonic() - began - undisturbed[1]
     assert farm.job(job_id).lost == 1
     # The lease, and what a busy machine takes for the work that is done again; without the lease it never ends.
-    assert later < LEASE_S + 60
+    assert later < LEASE_S + 300
 
 
 def test_the_whole_worker_killed(farm: Farm, undisturbed):

@@ -23,7 +23,7 @@ DRAIN_S = 2.0
 # Slots of some tens of milliseconds, so that a worker is always in the middle of one.
 SCHEDULE = {"population": 400, "generations": 60, "max_iterations": 8, "slots": 4}
 # A worker whose kernels changed compiles them first: half a minute of an idle machine.
-_COMPILING_S = 240
+_COMPILING_S = 600
 REQUEST = "rolling-restart-17"
 
 
