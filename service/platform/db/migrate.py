@@ -72,8 +72,8 @@ def make_roles(url: str, roles: Mapping[str, str]) -> None:
                 exists = connection.scalar(text("SELECT 1 FROM pg_roles WHERE rolname = :name"), {"name": name})
                 secret = literal(password).compile(engine, compile_kwargs={"literal_binds": True})
                 role = quoted(name)
-                made = f"{'ALTER' if exists else 'CREATE'} ROLE {role} LOGIN NOSUPERUSER PASSWORD {secret}"
-                for statement in (made, *grants.statements(role, name)):
+                login = f"{'ALTER' if exists else 'CREATE'} ROLE {role} LOGIN NOSUPERUSER PASSWORD {secret}"
+                for statement in (login, *grants.statements(role, name)):
                     connection.exec_driver_sql(statement.replace("%", "%%"))
     finally:
         engine.dispose()
