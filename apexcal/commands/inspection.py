@@ -18,7 +18,14 @@ from apexcal.commands.proposing import (
     inspect_file,
     refuse,
 )
-from apexcal.commands.recordings import LidarModelOption, RingsOption, StillOption, TopicOption, reading_of
+from apexcal.commands.recordings import (
+    AcceptOption,
+    LidarModelOption,
+    RingsOption,
+    StillOption,
+    TopicOption,
+    reading_of,
+)
 from apexcal.commands.session import Reply
 from apexcal.commands.terminal import FAILED, USAGE, check_target, note, write_content
 from apexcal.documents.inspections import InspectedSensor, Inspection
@@ -31,6 +38,7 @@ def inspect(
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
+    accept: AcceptOption = False,
     urdf: UrdfOption = None,
     frame: FrameOption = None,
     looks: LooksOption = None,
@@ -52,7 +60,7 @@ def inspect(
     """
     if rig_out:
         check_target(rig_out, force)
-    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
+    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings, accept=accept)
     inspection = inspect_file(path, reading, answers_of(frame, looks, joint), urdf)
     if not isinstance(inspection, Inspection):
         refuse(inspection, f"apexcal inspect {path}")

@@ -39,6 +39,9 @@ StillOption = Annotated[
     bool,
     typer.Option("--still", help="Still poses, one sweep or several of each: no track, no times of single points."),
 ]
+AcceptOption = Annotated[
+    bool, typer.Option("--accept", help="The points are right, although no LiDAR seems to have measured them.")
+]
 LidarModelOption = Annotated[
     LidarModel | None, typer.Option(help="Sensor of a packet capture; otherwise found from its packets.")
 ]
@@ -61,6 +64,7 @@ def upload(
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
     intrinsics: IntrinsicsOption = None,
+    accept: AcceptOption = False,
     new: Annotated[bool, typer.Option("--new")] = False,
     wait: bool = True,
 ) -> Reply:
@@ -82,7 +86,7 @@ def upload(
     """
     if intrinsics and not wait:
         usage("not both: the lens of --intrinsics is stated once the recording is ready", "Leave --no-wait out")
-    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
+    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings, accept=accept)
     on = find_vehicle(session.client, fleet, vehicle)
     with_rig = find_rig(session.client, on, rig)
     with session.progress("Uploading") as progress:
@@ -111,13 +115,14 @@ def reread(
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
+    accept: AcceptOption = False,
 ) -> Reply:
     """Read a failed recording again from its original. Options add to those given before.
 
     Args:
         rig: Another rig of the same vehicle, by name or id.
     """
-    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
+    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings, accept=accept)
     recordings = session.client.recordings
     of = find_recording(session.client, recording)
     if of.state != "failed":
@@ -171,12 +176,18 @@ def copy(
 
 
 def reading_of(
-    topics: list[str] | None, *, still: bool = False, lidar_model: LidarModel | None = None, rings: int = 0
+    topics: list[str] | None,
+    *,
+    still: bool = False,
+    lidar_model: LidarModel | None = None,
+    rings: int = 0,
+    accept: bool = False,
 ) -> dict[str, Any]:
     """The ``reading`` of a recording. A topic that is no ``name=topic`` ends the command as wrong usage."""
     reading: dict[str, Any] = {"point_times": "stamp_only"} if still else {}
     reading |= {"lidar_model": lidar_model} if lidar_model else {}
     reading |= {"rings": rings} if rings else {}
+    reading |= {"accept_implausible": True} if accept else {}
     cameras = assignments(topics, "--topic", "front=/camera/image or --topic lidar=/points")
     named: dict[str, Any] = {"lidar": cameras.pop("lidar")} if "lidar" in cameras else {}
     named |= {"cameras": cameras} if cameras else {}

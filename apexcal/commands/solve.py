@@ -27,7 +27,14 @@ from apexcal.commands.proposing import (
     choose_camera,
     propose,
 )
-from apexcal.commands.recordings import LidarModelOption, RingsOption, StillOption, TopicOption, reading_of
+from apexcal.commands.recordings import (
+    AcceptOption,
+    LidarModelOption,
+    RingsOption,
+    StillOption,
+    TopicOption,
+    reading_of,
+)
 from apexcal.commands.rig import add_rig
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.stated_files import read_text
@@ -65,6 +72,7 @@ def solve(
     rings: RingsOption = 0,
     intrinsics: IntrinsicsOption = None,
     lock: LockOption = None,
+    accept: AcceptOption = False,
     fleet: str = "",
     format: FormatOption = "urdf",
     force: ForceOption = False,
@@ -90,7 +98,7 @@ def solve(
     detect.board_options(board, corner)
     if machine_marks and corner != "tip":
         usage(f"the machine does not mark a board's {corner} corner", "Leave --machine-marks out: people mark it")
-    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
+    reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings, accept=accept)
     if description:
         document = read_rig(description)
     else:
@@ -109,7 +117,7 @@ def solve(
         note(f"The rig {added.name!r} of {where} is {added.id}.")
         name = find_camera([added], camera)
         named = {"vehicle": str(added.vehicle_id), "rig": str(added.id), "topic": topic}
-        how = {"still": still, "lidar_model": lidar_model, "rings": rings}
+        how = {"still": still, "lidar_model": lidar_model, "rings": rings, "accept": accept}
         taken = _step(recordings.upload(session, recording, **named, **how, intrinsics=intrinsics))
         of, has_lens = str(taken.id), any(each.name == name and each.facts.camera_info for each in taken.sensors)
         offset_ms = _clock_offset_ms(taken, name, asks=not yes and not machine_marks)

@@ -37,6 +37,7 @@ class ReadOptions(Received):
     lidar_model: LidarModel | None = None
     rings: Annotated[int, Field(ge=1, le=256)] | None = None
     camera_start_ns: Annotated[int, Field(ge=0, lt=2**31 * 10**9)] | None = None
+    accept_implausible: bool = False
 
 
 class Reading(ReadOptions):
@@ -46,7 +47,8 @@ class Reading(ReadOptions):
     whose stamps were made up, ``auto`` uses them, or derives them where the file has none; ``stamp_convention`` says
     what a sweep's stamp means; ``rate_hz`` how often the LiDAR turns in a second; ``lidar_model`` which sensor sent
     captured packets; ``rings`` how many rings to compute where the file has none, 1 if the sensor has none;
-    ``camera_start_ns`` when a video's first frame was taken, UTC nanoseconds, where nothing else says it.
+    ``camera_start_ns`` when a video's first frame was taken, UTC nanoseconds, where nothing else says it;
+    ``accept_implausible`` that the points are right although no LiDAR seems to have measured them.
     """
 
     topics: Topics = Topics(cameras={})

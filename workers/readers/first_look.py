@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -9,12 +10,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.inspections import RecordingFault
 from apexcal.documents.omissions import Omission
 from workers.readers.clouds.model import SAMPLES
+from workers.readers.images.frame_sizes import FrameSize, other_size, usual_size
 from workers.readers.inspected_clocks import sensor_clocks
 from workers.readers.normalised.clocks import ClockReport
 from workers.readers.normalised.mcap_files import check_item
 from workers.readers.omissions import Omissions
+from workers.readers.plausibility import SweepSample, implausible
 from workers.readers.recording import Frame, Recording, Sensor, Sweep
 
 # Messages of each sensor: more where none of a few can be used.
@@ -31,6 +35,7 @@ class FirstLook:
         delays: how long each sensor's messages were underway, seconds.
         clocks: what the sensors' clocks did; empty of a file without times of recording.
         omissions: what cannot be used of the messages that were read.
+        doubt: what no LiDAR can have measured.
     """
 
     sensors: dict[str, Sensor]
@@ -38,14 +43,16 @@ class FirstLook:
     delays: dict[str, float]
     clocks: Mapping[str, ClockReport]
     omissions: list[Omission]
+    doubt: RecordingFault | None
 
 
 @dataclass(slots=True)
 class _Contents:
-    """What can be used of what was read: stamps of each sensor, ns, and the size of its first frame."""
+    """What can be used of what was read, by topic: stamps, ns, sizes of frames, and points of the LiDAR."""
 
     stamps: dict[str, list[int]] = field(default_factory=dict[str, list[int]])
-    sizes: dict[str, tuple[int, int]] = field(default_factory=dict[str, tuple[int, int]])
+    sizes: dict[str, list[FrameSize]] = field(default_factory=dict[str, list[FrameSize]])
+    sweeps: SweepSample = field(default_factory=SweepSample)
     omissions: Omissions = field(default_factory=Omissions)
 
     def take(self, items: Iterable[tuple[Sensor, Sweep | Frame]]) -> None:
@@ -54,7 +61,21 @@ class _Contents:
                 check_item(item, sensor.name)
                 self.stamps.setdefault(sensor.name, []).append(item.stamp_ns)
                 if isinstance(item, Frame):
-                    self.sizes.setdefault(sensor.name, (item.width, item.height))
+                    self.sizes.setdefault(sensor.name, []).append((item.width, item.height))
+                else:
+                    self.sweeps.add(item)
+
+    def leave_out_sizes(self, topic: str) -> FrameSize | None:
+        """The size of most frames; others are left out."""
+        sizes, stamps = self.sizes.get(topic), self.stamps.get(topic, [])
+        if sizes is None:
+            return None
+        usual = usual_size(Counter(sizes), None)
+        for size, stamp_ns in zip(sizes, stamps, strict=True):
+            if size != usual:
+                self.omissions.add(topic, other_size(size, usual, stamp_ns), stamp_ns)
+        self.stamps[topic] = [stamp_ns for size, stamp_ns in zip(sizes, stamps, strict=True) if size == usual]
+        return usual
 
 
 def look_at(recording: Recording, chosen: Mapping[str, Sensor]) -> FirstLook:
@@ -76,10 +97,13 @@ def look_at(recording: Recording, chosen: Mapping[str, Sensor]) -> FirstLook:
         refusal = None if sensor.name in contents.stamps else contents.omissions.refusal(sensor.name)
         if refusal is not None:
             raise refusal
+    sized = {name: _sized(sensor, contents.leave_out_sizes(sensor.name)) for name, sensor in chosen.items()}
     stamps = {name: np.array(contents.stamps.get(sensor.name, []), np.int64) for name, sensor in chosen.items()}
     times, delays, clocks = sensor_clocks(recording, chosen, logs) if len(logs) == len(chosen) else (stamps, {}, {})
+    steps = np.diff(np.unique(times["lidar"]))
+    step_s = float(np.median(steps)) / 1e9 if len(steps) else None
     return FirstLook(
-        {name: _sized(sensor, contents.sizes.get(sensor.name)) for name, sensor in chosen.items()},
+        sized,
         {name: np.sort(each) for name, each in times.items()},
         delays,
         clocks,
@@ -87,11 +111,12 @@ def look_at(recording: Recording, chosen: Mapping[str, Sensor]) -> FirstLook:
             {chosen[name].name: len(each) for name, each in stamps.items()},
             {chosen[name].name: len(each) for name, each in logs.items()},
         ),
+        implausible(contents.sweeps, chosen["lidar"].name, step_s),
     )
 
 
 def _sized(sensor: Sensor, size: tuple[int, int] | None) -> Sensor:
-    """A sensor with the size of its frames where its file does not say it."""
-    if sensor.image_size or size is None:
+    """A sensor with the size of its frames, whatever the first one has."""
+    if size is None:
         return sensor
     return replace(sensor, notes={**sensor.notes, "width": str(size[0]), "height": str(size[1])})

@@ -62,11 +62,13 @@ def inspect_recording(
         sensors = [_inspected(name, sensor, look) for name, sensor in chosen.items()]
         transforms = recording.static_transforms if transforms is None else transforms
         proposal = _proposal(chosen, transforms, answers or RigAnswers.model_validate({}), urdf)
+        options = options or ReadOptions()
         faults = [
+            *_doubts(look.doubt, is_accepted=options.accept_implausible),
             *(fault for name, sensor in chosen.items() if sensor.kind == "camera" for fault in _lens(name, sensor)),
             *(fault for name, clock in look.clocks.items() for fault in _clock_faults(name, clock)),
             *_time_faults(sensors, times),
-            *_length_faults(sensors, is_still=(options or ReadOptions()).point_times == "stamp_only"),
+            *_length_faults(sensors, is_still=options.point_times == "stamp_only"),
             *_frame_faults(sensors, transforms, proposal),
         ]
     lidar_stops = any(fault.verdict == "stop" and fault.sensor in ("", "lidar") for fault in faults)
@@ -117,6 +119,13 @@ def _proposal(
         for name, sensor in chosen.items()
     ]
     return propose_rig(sensors, trees, answers) if len(sensors) > 1 else None
+
+
+def _doubts(doubt: RecordingFault | None, *, is_accepted: bool) -> list[RecordingFault]:
+    """What no LiDAR can have measured stops a recording, unless its owner accepts it."""
+    if doubt is None:
+        return []
+    return [_look(doubt.code, doubt.sensor, doubt.sentence, "You accepted it.") if is_accepted else doubt]
 
 
 def _look(code: str, sensor: str, sentence: str, remedy: str) -> RecordingFault:

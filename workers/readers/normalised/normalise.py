@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from apexcal.documents.recordings import ImageSize
 from workers.readers.camera_guess import Sizes
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
+from workers.readers.images.frame_sizes import FrameSize, other_size, usual_size
 from workers.readers.normalised.clocks import ClockReport, Times, report_clocks
 from workers.readers.normalised.manifest import FrameTable, RecordingManifest, SensorManifest, write_table
 from workers.readers.normalised.mcap_files import CameraWriter, LidarWriter, check_item
@@ -28,6 +29,7 @@ from workers.readers.normalised.stamps import (
     sweep_warnings,
 )
 from workers.readers.omissions import Omissions
+from workers.readers.plausibility import SweepSample, implausible, refusal
 from workers.readers.progress import OnProgress, Pace
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep, legible
 
@@ -54,17 +56,20 @@ class _Times:
 class _Lidar:
     """Writes the LiDAR's file, and collects what its manifest needs."""
 
-    def __init__(self, out_dir: Path, sensor: Sensor, facts: LidarFacts) -> None:
+    def __init__(self, out_dir: Path, sensor: Sensor, facts: LidarFacts, accepts_implausible: bool) -> None:
         self.sensor = sensor
         self.facts = facts
+        self.accepts_implausible = accepts_implausible
         self.writer = LidarWriter(out_dir / "lidar.mcap", sensor.name, sensor.frame_id)
         self.times = _Times()
         self.points = array("q")
+        self.sample = SweepSample()
 
     def add(self, item: Sweep | Frame) -> None:
         assert isinstance(item, Sweep)
         self.writer.add(item)
         self.points.append(len(item.xyz))
+        self.sample.add(item)
 
     def finish(self, omissions: Omissions, clock: ClockReport | None) -> tuple[SensorManifest, list[str]]:
         facts = self.facts
@@ -72,6 +77,11 @@ class _Lidar:
         self.writer.finish(facts, stamps if clock and clock.steps else None)
         report = report_stamps(stamps, "lidar", omissions.stamps(self.sensor.name), has_times=self.sensor.has_times)
         points = np.array(self.points, np.int64)[report.order]
+        rate_hz = report.facts.rate_hz
+        fault = implausible(self.sample, self.sensor.name, 1.0 / rate_hz if rate_hz else None)
+        if fault is not None and not self.accepts_implausible:
+            raise refusal(fault)
+        accepted = [] if fault is None else [f"{fault.sentence} The owner has accepted it."]
         manifest = _described(
             *("lidar", self.sensor, self.writer.path, report, clock),
             stamp_convention=facts.stamp_convention,
@@ -82,15 +92,16 @@ class _Lidar:
             empty=omissions.count(self.sensor.name, "cloud_empty"),
             notes=list(facts.notes),
         )
-        return manifest, [*report.warnings, *sweep_warnings(points, "lidar")]
+        return manifest, [*accepted, *report.warnings, *sweep_warnings(points, "lidar")]
 
 
 class _Camera:
     """Writes a camera's file, and collects what its manifest needs."""
 
-    def __init__(self, out_dir: Path, name: str, sensor: Sensor) -> None:
+    def __init__(self, out_dir: Path, name: str, sensor: Sensor, size: FrameSize | None) -> None:
         self.name = name
         self.sensor = sensor
+        self.size = size
         self.writer = CameraWriter(out_dir / f"camera-{name}.mcap", sensor.name, sensor.frame_id)
         self.times = _Times()
         self.rows: list[tuple[str, int, int]] = []  # media type, width and height; mostly one object
@@ -107,10 +118,17 @@ class _Camera:
     def finish(self, omissions: Omissions, clock: ClockReport | None) -> tuple[SensorManifest, list[str]]:
         offsets = self.writer.finish()
         stamps = _by_one_clock(self, omissions, clock)
-        report = report_stamps(stamps, self.name, omissions.stamps(self.sensor.name), has_times=self.sensor.has_times)
-        order: list[int] = report.order.tolist()
+        counts = Counter((width, height) for _, width, height in self.rows)
+        usual = usual_size(counts, self.size)
+        is_usual = np.array([row[1:] == usual for row in self.rows])
+        for i in np.flatnonzero(~is_usual).tolist():
+            stamp_ns = int(stamps[i])
+            omissions.add(self.sensor.name, other_size(self.rows[i][1:], usual, stamp_ns), stamp_ns)
+        omitted_ns, has_times = omissions.stamps(self.sensor.name), self.sensor.has_times
+        report = report_stamps(stamps[is_usual], self.name, omitted_ns, has_times=has_times)
+        order: list[int] = np.flatnonzero(is_usual)[report.order].tolist()
         table = FrameTable(
-            stamp_ns=stamps[report.order].tolist(),
+            stamp_ns=stamps[order].tolist(),
             offset=[offsets[i] for i in order],
             length=[self.writer.lengths[i] for i in order],
             media_type=[self.rows[i][0] for i in order],
@@ -119,20 +137,19 @@ class _Camera:
         )
         frames = self.writer.path.with_suffix(".frames.json")
         write_table(frames, table)
-        counts = Counter((width, height) for _, width, height in self.rows).most_common(100)
-        sizes = [ImageSize(width=width, height=height, count=count) for (width, height), count in counts]
+        sizes = [ImageSize(width=width, height=height, count=n) for (width, height), n in counts.most_common(100)]
         manifest = _described(
             *(self.name, self.sensor, self.writer.path, report, clock),
             frames=frames.name,
             transcoded=bool(self.transcodings),
-            width=table.width[0],
-            height=table.height[0],
+            width=usual[0],
+            height=usual[1],
             sizes=sizes,
             camera_info=self.sensor.camera_info,
             image_kind=self.sensor.image_kind,
             notes=list(self.transcodings),
         )
-        return manifest, [*report.warnings, *_size_warnings(self.name, sizes, self.sensor)]
+        return manifest, [*report.warnings, *_size_warnings(self.name, usual, self.sensor)]
 
 
 def _described(
@@ -146,19 +163,15 @@ def _described(
     return SensorManifest.model_validate(dict(report.facts) | own | facts)
 
 
-def _size_warnings(name: str, sizes: list[ImageSize], sensor: Sensor) -> list[str]:
-    sentences: list[str] = []
-    if len(sizes) > 1:
-        listed = ", ".join(f"{size.width} x {size.height}" for size in sizes[:5])
-        sentences.append(f"{name}: frames differ in size ({listed}); one calibration fits one size only.")
+def _size_warnings(name: str, size: FrameSize, sensor: Sensor) -> list[str]:
     info = sensor.camera_info or {}
     stated = (info.get("width"), info.get("height"))
-    if all(stated) and stated != (sizes[0].width, sizes[0].height):
-        sentences.append(
-            f"{name}: its camera info is for {stated[0]} x {stated[1]} pixels, its frames have {sizes[0].width} x "
-            f"{sizes[0].height}; do not start from these intrinsics."
-        )
-    return sentences
+    if not all(stated) or stated == size:
+        return []
+    return [
+        f"{name}: its camera info is for {stated[0]} x {stated[1]} pixels, its frames have {size[0]} x {size[1]}; do "
+        "not start from these intrinsics."
+    ]
 
 
 def _by_one_clock(
@@ -210,7 +223,16 @@ def normalise(
     try:
         with closing(open_recording(path, options)) as recording:
             chosen = choose_sensors(recording, lidar, cameras, sizes)
-            return _normalise(recording, out, chosen, on_progress or (lambda progress: None), files)
+            stems = ("lidar" if name == "lidar" else f"camera-{name}" for name in chosen)
+            files += [out / f"{stem}{end}" for stem in stems for end in (".mcap", ".frames.json")]
+            accepts = options is not None and options.accept_implausible
+            sinks = {
+                name: _Lidar(out, sensor, recording.lidar_facts(sensor), accepts)
+                if name == "lidar"
+                else _Camera(out, name, sensor, (sizes or {}).get(name))
+                for name, sensor in chosen.items()
+            }
+            return _normalise(recording, sinks, on_progress or (lambda progress: None))
     except BaseException:
         for file in files:
             file.unlink(missing_ok=True)
@@ -218,31 +240,27 @@ def normalise(
 
 
 def _normalise(
-    recording: Recording, out: Path, chosen: dict[str, Sensor], on_progress: OnProgress, files: list[Path]
+    recording: Recording, sinks: Mapping[str, _Lidar | _Camera], on_progress: OnProgress
 ) -> RecordingManifest:
-    facts = recording.lidar_facts(chosen["lidar"])
-    sinks: dict[str, _Lidar | _Camera] = {}
-    pace = Pace(_total(chosen))
+    """Read the recording into the files of its sensors, ``sinks`` by their names."""
+    by_topic = {sink.sensor.name: sink for sink in sinks.values()}
+    pace = Pace(_total([sink.sensor for sink in sinks.values()]))
     try:
-        for name, sensor in chosen.items():
-            stem = "lidar" if name == "lidar" else f"camera-{name}"
-            files += [out / f"{stem}.mcap", out / f"{stem}.frames.json"]
-            sinks[sensor.name] = _Lidar(out, sensor, facts) if name == "lidar" else _Camera(out, name, sensor)
         done = 0
         unstorable = Omissions()
-        for sensor, item in recording.messages(list(chosen.values())):
+        for sensor, item in recording.messages([sink.sensor for sink in sinks.values()]):
             with unstorable.leaving_out(sensor.name):
                 check_item(item, sensor.name)
-                sinks[sensor.name].add(item)
-                sinks[sensor.name].times.add(item, done)
+                by_topic[sensor.name].add(item)
+                by_topic[sensor.name].times.add(item, done)
             done += 1
             if pace.due:
                 on_progress(pace.at(done, recording.share_read))
         on_progress(pace.at(done, 1.0))
         omissions = recording.omissions
         omissions.update(unstorable)
-        clocks = _clocks({name: sinks[sensor.name] for name, sensor in chosen.items()})
-        finished = [sinks[sensor.name].finish(omissions, clocks.get(name)) for name, sensor in chosen.items()]
+        clocks = _clocks(sinks)
+        finished = [sink.finish(omissions, clocks.get(name)) for name, sink in sinks.items()]
     finally:
         for sink in sinks.values():
             sink.writer.abandon()
@@ -262,10 +280,10 @@ def _normalise(
         sensors=sensors,
         warnings=[legible(warning) for warning in warnings],
         static_transforms=list(fixed),
-        omissions=omissions.documents({topic: len(sink.times.stamps) for topic, sink in sinks.items()}),
+        omissions=omissions.documents({sensor.topic: sensor.count for sensor in sensors}),
     )
 
 
-def _total(chosen: dict[str, Sensor]) -> int | None:
-    counts = [sensor.count for sensor in chosen.values() if sensor.count is not None]
-    return sum(counts) if len(counts) == len(chosen) else None
+def _total(sensors: Sequence[Sensor]) -> int | None:
+    counts = [sensor.count for sensor in sensors if sensor.count is not None]
+    return sum(counts) if len(counts) == len(sensors) else None

@@ -85,11 +85,12 @@ def test_the_files_are_plain_mcap_that_others_read(tmp_path):
 
 def test_stamps_out_of_order_keep_table_and_bytes_together(tmp_path):
     stamps = [3, 1, 2, 2]
-    cam = [("/cam", COMPRESSED, START_NS + i, compressed(START_NS + s, png(8, 6, i))) for i, s in enumerate(stamps)]
-    lid = [("/points", CLOUD, START_NS + i, cloud(START_NS + s, scene(columns=10 + i))) for i, s in enumerate(stamps)]
+    at = [START_NS + stamp * PERIOD_NS for stamp in stamps]
+    cam = [("/cam", COMPRESSED, START_NS + i, compressed(s, png(8, 6, i))) for i, s in enumerate(at)]
+    lid = [("/points", CLOUD, START_NS + i, cloud(s, scene(columns=10 + i))) for i, s in enumerate(at)]
     manifest = normalise(write_bag(tmp_path / "a.bag", interleaved(lid, cam)), tmp_path / "out", cameras=["cam"])
     table, frames = frames_of(tmp_path / "out", manifest.sensors[1])
-    assert [s - START_NS for s in table.stamp_ns] == [1, 2, 2, 3]
+    assert [(s - START_NS) // PERIOD_NS for s in table.stamp_ns] == [1, 2, 2, 3]
     assert frames == [png(8, 6, i) for i in (1, 2, 3, 0)]
     with LidarFile(tmp_path / "out" / "lidar.mcap") as file:
         assert [len(s.xyz) for s in file.sweeps()] == [16 * n for n in (11, 12, 13, 10)]
@@ -123,11 +124,13 @@ def test_a_frame_of_too_many_bytes_is_refused(tmp_path, monkeypatch):
 
 def test_sensors_of_different_times_and_frames_of_different_sizes_are_said(tmp_path):
     late = START_NS + 3600 * 10**9
-    cam = [("/cam", COMPRESSED, late + i, compressed(late + i, png(8 + i, 6))) for i in range(2)]
+    cam = [("/cam", COMPRESSED, late + i, compressed(late + i, png(8 + i // 2, 6))) for i in range(3)]
     manifest = normalise(write_bag(tmp_path / "a.bag", interleaved(clouds(3), cam)), tmp_path / "out")
     assert any("share no time" in w for w in manifest.warnings)
     assert manifest.sensors[1].overlap_s == 0.0 and manifest.facts()["together_s"] == 0.0
-    assert any("8 x 6, 9 x 6" in w for w in manifest.warnings)
+    (omission,) = manifest.omissions
+    assert (omission.code, omission.count, omission.total) == ("image_size_differs", 1, 3)
+    assert "9 x 6" in omission.example and manifest.sensors[1].count == 2
 
 
 def test_the_intrinsics_that_a_recording_states_are_kept_and_held_against_its_images(tmp_path):
