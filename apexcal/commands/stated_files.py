@@ -20,7 +20,10 @@ def read_texts(paths: Sequence[Path]) -> dict[str, str]:
     """Files as texts, by name. Raises :class:`InputError` for what cannot be read."""
     for path in paths:
         if path.is_file() and path.stat().st_size > _LARGEST_BYTES:
-            raise InputError(f"{path} is too large for a calibration file")
+            raise InputError(
+                f"{path} is too large for a calibration file",
+                f"Leave in it what is of one camera and the LiDAR: at most {_LARGEST_BYTES} bytes.",
+            )
     return {path.name: read_text(path) for path in paths}
 
 

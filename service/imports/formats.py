@@ -15,7 +15,7 @@ from apexcal.documents.transforms import SolvedTransform
 from apexcal.geometry.se3 import SE3, to_document
 from service.imports.camera_info import is_camera_info, read_camera_info
 from service.imports.contents import Contents, FileCamera, refused
-from service.imports.kalibr import is_euroc, is_kalibr, read_euroc, read_kalibr
+from service.imports.kalibr import is_kalibr, read_kalibr
 from service.imports.kitti import bare_matrix, is_kitti, read_kitti
 from service.imports.lidar_tools import (
     is_direct_visual,
@@ -70,10 +70,10 @@ def _has(*names: str) -> Callable[[_Member], bool]:
 _KINDS: Final[Mapping[ImportFormat, _Kind]] = {
     "direct_visual": _Kind(is_direct_visual, read_direct_visual),
     "sensors_calibration": _Kind(is_sensors_calibration, read_sensors_calibration, files=4),
-    "euroc": _Kind(is_euroc, read_euroc),
     "kalibr": _Kind(is_kalibr, read_kalibr),
     "opencv_stereo": _Kind(is_opencv_stereo, read_opencv_stereo, files=2),
     "camera_info": _Kind(is_camera_info, _read_camera_info),
+    "euroc": _Kind(_has("T_BS"), _read_named),
     "fast_livo2": _Kind(_has("cam_model", "Rcl"), _read_named),
     "camodocal": _Kind(_has("model_type"), _read_named),
     "orb_slam": _Kind(_has("Camera", "Camera1"), _read_named),

@@ -18,13 +18,13 @@ from service.imports.contents import (
     Contents,
     FileCamera,
     FileLens,
-    camera_matrix,
     image_size,
     matrix,
     numbers,
     refused,
     transform,
 )
+from service.imports.named_lens import lens_of_block
 
 _AS_WRITTEN = "Send the file as the other program wrote it."
 
@@ -42,9 +42,9 @@ def read_direct_visual(name: str, document: Mapping[str, Any]) -> Contents:
         Problem: 422 ``calibration_file_not_read``.
     """
     camera, results = document["camera"], document.get("results")
-    D = numbers(f"distortion_coeffs of {name}", camera["distortion_coeffs"])
-    f_x, f_y, c_x, c_y = numbers(f"intrinsics of {name}", camera.get("intrinsics") or [], 4)
-    lens = FileLens(str(camera.get("camera_model"))[:64], camera_matrix(f_x, f_y, c_x, c_y), D, None)
+    lens = lens_of_block(f"camera of {name}", camera, [])
+    if lens is None:
+        raise refused(f"{name} has no four intrinsics.", _AS_WRITTEN)
     values = results.get("T_lidar_camera") if isinstance(results, dict) else None
     if values is None:
         notes = [f"{name} has no results.T_lidar_camera: no mount on the LiDAR is known."]

@@ -46,6 +46,8 @@ _OTHERS: Final = frozenset(
     )
 )
 _UNDIRECTED: Final = ("T", "rvec", "tvec", "extrinsic", "extrinsics", "extrinsic_parameters", "ExtrinsicMat")
+# Longer ones would be parted in every way that they can be.
+_LONGEST_NAME: Final = 100
 _OURS: Final = "T_camera_lidar"
 AS_MOUNT: Final = (
     "Give the transform (the member, or a file of the bare numbers) the name T_camera_lidar if it maps LiDAR points "
@@ -62,6 +64,8 @@ class Pose(NamedTuple):
 
 def sends_into_camera(name: str) -> bool | None:
     """Whether a transform of this name maps LiDAR points into the camera; None where the name says neither."""
+    if len(name) > _LONGEST_NAME:
+        return None
     if name == "CameraExtrinsicMat":
         return False
     if match := re.fullmatch(r"T_?([cl])_?([cl])", name):
@@ -118,7 +122,10 @@ def with_mounts(contents: Contents, document: Block) -> Contents:
             elif name in _UNDIRECTED or (pose is not None and len(vector(value) or ()) == 16):
                 undirected.append(name)
     if undirected:
-        notes.append(f"{', '.join(undirected)}: no direction between LiDAR and camera is stated, so it was left out.")
+        notes.append(
+            f"{', '.join(dict.fromkeys(undirected))}: no direction between LiDAR and camera is stated, so it was "
+            "left out."
+        )
     return Contents(_joined(contents.cameras, mounts, notes), contents.camera_transforms, notes)
 
 

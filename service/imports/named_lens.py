@@ -30,13 +30,20 @@ _FOCALS: Final = (
     ("fx", "fy", "ppx", "ppy"),
     ("mu", "mv", "u0", "v0"),
     ("gamma1", "gamma2", "u0", "v0"),
+    ("flx", "fly", "cx", "cy"),
 )
 _D: Final = (
     *("distortioncoefficient", "distortioncoeff", "distcoeff", "distcoef", "cameradistcoeff", "camdist"),
-    *("distortionvector", "distortionparameter", "distortion", "dist", "coeff", "d"),
+    *("distortionvector", "distortionparameter", "distortion", "dist", "coeff", "parameter", "d"),
 )
-_PARTS: Final = ("projectionparameter", "mirrorparameter", "intrinsic", *_D)
-_SIZES: Final = (("imagewidth", "imageheight"), ("width", "height"), ("camwidth", "camheight"), ("col", "row"))
+_PARTS: Final = ("projectionparameter", "mirrorparameter", "intrinsic", "cameramatrix", *_D)
+_SIZES: Final = (
+    ("imagewidth", "imageheight"),
+    ("width", "height"),
+    ("camwidth", "camheight"),
+    ("w", "h"),
+    ("col", "row"),
+)
 _LISTED: Final = ("imagesize", "resolution", "imgsize")
 _DISTORTION_MODEL: Final = ("distortionmodel", "distmodel", "distortiontype")
 _CAMERA_MODEL: Final = ("modeltype", "cammodel", "cameramodel", "cameratype", "model", "type", "lenstype", "len")
@@ -44,11 +51,15 @@ _FISHEYE: Final = ("fisheyemodel", "fisheye", "isfisheye", "bfisheye")
 _PLUMB_BOB: Final = ("plumb_bob", (("k1", "k2", "p1", "p2", "k3"), ("d0", "d1", "d2", "d3", "d4")))
 _RATIONAL: Final = ("rational_polynomial", (("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),))
 _EQUIDISTANT: Final = ("equidistant", (("k1", "k2", "k3", "k4"),))
+# These say nothing of the distortion.
+_PROJECTIONS: Final = ("", "pinhole", "perspective", "opencv")
 # Our distortion model of each program's, and under which names its coefficients stand one by one.
 _TERMS: Final = {
-    **dict.fromkeys(("", "pinhole", "perspective", "plumbbob", "radtan", "radialtangential"), _PLUMB_BOB),
+    **dict.fromkeys((*_PROJECTIONS, "plumbbob", "radtan", "radialtangential"), _PLUMB_BOB),
     **dict.fromkeys(("pinholefull", "pinholeradtan8", "rationalpolynomial"), _RATIONAL),
-    **dict.fromkeys(("equidistant", "equidistantcamera", "fisheye", "kannalabrandt8", "kb4"), _EQUIDISTANT),
+    **dict.fromkeys(
+        ("equidistant", "equidistantcamera", "fisheye", "kannalabrandt8", "kb4", "opencvfisheye"), _EQUIDISTANT
+    ),
     "kannalabrandt": ("equidistant", (("k2", "k3", "k4", "k5"),)),
     **dict.fromkeys(("none", "rectified"), ("none", ((),))),
 }
@@ -74,7 +85,7 @@ def named_cameras(name: str, document: Block) -> tuple[list[FileCamera], list[st
     for path, block in every.items():
         if bare(path.rpartition(".")[2]) in _PARTS:
             continue
-        lens = _Reading(name if not path else f"{path} of {name}", block, _around(path, every)).lens(notes)
+        lens = lens_of_block(name if not path else f"{path} of {name}", block, notes, _around(path, every))
         if lens is not None:
             label = member(block, ("cameraname",)) or path or "camera"
             cameras.append(FileCamera(str(label)[:200], lens=lens))
@@ -94,35 +105,41 @@ def _around(path: str, every: Mapping[str, Block]) -> list[Block]:
         path = path.rpartition(".")[0]
 
 
+def lens_of_block(where: str, block: Block, notes: list[str], around: Sequence[Block] = ()) -> FileLens | None:
+    """The lens in a block; None where it has no camera matrix. Raises as :func:`named_cameras`."""
+    return _Reading(where, block, around).lens(notes)
+
+
 class _Reading:
     """One block with those around it. ``terms`` are its numbers by bare names, with those of its parts."""
 
     def __init__(self, where: str, block: Block, around: Sequence[Block]) -> None:
         self.where = where
         parts = [each for name, each in block.items() if bare(name) in _PARTS and isinstance(each, dict)]
+        self.parts: list[Block] = [part for part in parts if not is_matrix(part)]
         self.block: dict[str, Any] = {}
-        for part in [*(part for part in parts if not is_matrix(part)), block]:
+        for part in (*self.parts, block):
             self.block |= part
         self.around = around
         values = {bare(name.removeprefix("cam_")): scalar(value) for name, value in self.block.items()}
         self.terms = {name: value for name, value in values.items() if value is not None}
 
     def lens(self, notes: list[str]) -> FileLens | None:
-        """None where the block has no camera matrix."""
         if (radial := vector(member(self.block, ("radialdistortion",)))) is not None:
             return self._of_matlab(radial)
         K = self._matrix(notes)
         if K is None:
             return None
-        model, D = self._model(), vector(member(self.block, _D))
+        vectors = (vector(member(self.block, [name])) for name in _D)
+        model, D = self._model(), next((numbers for numbers in vectors if numbers is not None), None)
         if D is None:
             return self._term_by_term(K, model)
-        if model is None:
+        if bare(model or "") in _PROJECTIONS:
             notes.append(_BY_COUNT.format(self.where))
-        model = _TERMS.get(bare(model or ""), (model or "",))[0]
-        if model == "plumb_bob" and len(D) >= _RATIONAL_FROM:
-            model = "rational_polynomial"
-        return FileLens(model[:64], K, D, self._size())
+        ours = _TERMS[bare(model or "")][0] if bare(model or "") in _TERMS else str(model)
+        if ours == "plumb_bob" and len(D) >= _RATIONAL_FROM:
+            ours = "rational_polynomial"
+        return FileLens(ours[:64], K, D, self._size())
 
     def _matrix(self, notes: list[str]) -> list[float] | None:
         """K by rows: the block's only camera matrix, or focal lengths and centre by their names."""
@@ -142,21 +159,24 @@ class _Reading:
             )
         if matrices:
             return next(iter(matrices.values()))
+        listed = vector(member(self.block, ("intrinsic",))) or []
+        if len(listed) == 4:
+            return camera_matrix(*listed)
         names = next((names for names in _FOCALS if set(names) <= set(self.terms)), None)
         return camera_matrix(*(self.terms[each] for each in names)) if names else None
 
     def _model(self) -> str | None:
         """The model as the file names it; None where it names none. A camera's product name is none."""
-        for block in (self.block, *self.around):
+        for block in (*self.parts, self.block, *self.around):
             if member(block, _FISHEYE) not in (None, 0, False, "0", "false"):
                 return "equidistant"
             text = member(block, _DISTORTION_MODEL)
             if isinstance(text, str):
                 return text
-            for name in _CAMERA_MODEL:
-                text = member(block, [name])
-                if isinstance(text, str) and (bare(text) in _TERMS or _OTHER.search(text.lower())):
-                    return text
+            texts = [text for name in _CAMERA_MODEL if isinstance(text := member(block, [name]), str)]
+            curved = [text for text in texts if _OTHER.search(text.lower())]
+            if models := curved or [text for text in texts if bare(text) in _TERMS]:
+                return models[0]
         return None
 
     def _term_by_term(self, K: list[float], model: str | None) -> FileLens:

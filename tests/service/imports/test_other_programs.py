@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 
 import cv2
 import numpy as np
@@ -220,6 +221,41 @@ LENSES = {
             }
         ),
         ("brown_conrady", K, [0.0] * 5, (640, 480)),
+    ),
+    "Kimera": (
+        "%YAML:1.0\n# General sensor definitions.\ncamera_id: left_cam\n\nT_BS:\n  cols: 4\n  rows: 4\n"
+        f"  data: {flow(np.eye(4))}\nrate_hz: 20\nresolution: [640, 480]\ncamera_model: pinhole\n"
+        "intrinsics: [500.0, 510.0, 320.0, 240.0] #fu, fv, cu, cv\ndistortion_model: equidistant\n"
+        "distortion_coefficients: [0.1, 0.02, 0.003, 0.0004]\n",
+        FISHEYE,
+    ),
+    "SVO and maplab": (
+        "cameras:\n- camera:\n    label: cam0\n    image_height: 480\n    image_width: 640\n    type: pinhole\n"
+        "    intrinsics:\n      cols: 1\n      rows: 4\n      data: [500.0, 510.0, 320.0, 240.0]\n"
+        "    distortion:\n      type: equidistant\n      parameters:\n        cols: 1\n        rows: 4\n"
+        "        data: [0.1, 0.02, 0.003, 0.0004]\n  T_B_C:\n    cols: 4\n    rows: 4\n"
+        f"    data: {flow(np.eye(4))}\n",
+        FISHEYE,
+    ),
+    "nerfstudio": (
+        json.dumps(
+            {
+                "camera_model": "OPENCV_FISHEYE",
+                "w": 640,
+                "h": 480,
+                "fl_x": 500.0,
+                "fl_y": 510.0,
+                "cx": 320.0,
+                "cy": 240.0,
+                **FOUR,
+                "frames": [{"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}] * 3,
+            }
+        ),
+        FISHEYE,
+    ),
+    "terms within members": (
+        f"front:\n  {SIZE.replace(chr(10), chr(10) + '  ')}camera_matrix: {PINHOLE}\n  distortion: {PLUMB}\n",
+        RADTAN,
     ),
     "FAST-LIVO2 for ROS 2": (
         "/**:\n  ros__parameters:\n    cam_model: Pinhole\n    cam_width: 640\n    cam_height: 480\n    scale: 0.5\n"
@@ -471,6 +507,12 @@ def test_what_is_missing_is_asked_for(program):
     text, says = ASKED[program]
     refused = refusal({"file.yaml": text})
     assert all(each in refused for each in says), refused
+
+
+def test_long_names_take_no_time():
+    began = time.process_time()
+    refusal({"a.json": json.dumps({"to" * 12_000 + "\n": [0.0] * 16, "_T" * 12_000: [0.0] * 16})})
+    assert time.process_time() - began < 2.0
 
 
 def test_a_mount_whose_direction_nobody_states_is_asked_for():

@@ -147,7 +147,7 @@ distortion_coefficients: [-0.28, 0.07, 0.0002, 1.7e-05]
 """
     contents = read(sensor)
     (camera,) = contents.cameras
-    assert contents.format == "euroc" and "body" in contents.notes[0] and camera.T_camera_lidar is None
+    assert contents.format == "euroc" and "T_BS: no direction" in contents.notes[0] and camera.T_camera_lidar is None
     assert (camera.lens.model, camera.lens.K[0], camera.lens.width) == ("brown_conrady", 458.654, 752)
     assert camera.lens.D[:4] == [-0.28, 0.07, 0.0002, 1.7e-05]
 
@@ -317,7 +317,7 @@ def test_a_mount_in_millimetres_is_doubted_and_one_that_mirrors_refused():
         ("a: !!timestamp x", "is no YAML"),
         ("a: 1" + ":1" * 20_000, "has a value of 40001 letters"),
         ("K_00: 5 0 3 0 5 2 0 0 1\nD_00: 0 0 0 0 0\nS_00: 0 0\n", "images of 00 are 0 x 0"),
-        ("camera: {camera_model: plumb_bob, distortion_coeffs: [0, 0, 0, 0, 0]}", "has 0 numbers, not 4"),
+        ("camera: {camera_model: plumb_bob, distortion_coeffs: [0, 0, 0, 0, 0]}", "has no four intrinsics"),
         (DIRECT.format([0.0] * 7), "is no pose"),
         (DIRECT.format([0.0] * 6), "has 6 numbers, not 7"),
         ("cam_model: Ocam", "It holds cam_model (Ocam)"),
