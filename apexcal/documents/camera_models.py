@@ -97,7 +97,8 @@ CAMERA_MODELS: Final[dict[ModelName, CameraModel]] = {
         Cost(7000.0, 0.95, 950.0),
         distortion=("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
         tangential=("p1", "p2"),
-        stated_as=("rational_polynomial",),
+        # OpenCV reads eight coefficients so, whatever a driver calls them.
+        stated_as=("rational_polynomial", "plumb_bob", ""),
         written_as=WrittenAs("rational_polynomial", "", "rational_polynomial"),
     ),
 }

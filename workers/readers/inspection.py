@@ -194,6 +194,12 @@ def _lens(name: str, sensor: Sensor) -> list[RecordingFault]:
         )
         remedy = "Record the full images, or their own CameraInfo: a lens holds for images of one size."
         return [_stop("image_size_differs", name, sentence, remedy)]
+    if stated["model"] is None:
+        sentence = (
+            f"The CameraInfo of {name} states a lens that is not used: no model here is "
+            f"{stated['distortion_model']!r} with {len(stated['D'])} coefficients."
+        )
+        return [_look("lens_not_used", name, sentence, advice)]
     K = stated["K"]
     bounds = preset_bounds(
         "image-size", "pinhole", "rotation_vector", size or (stated["width"], stated["height"]), (0.0, 0.0, 0.0)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.detectors import Options
 from apexcal.documents.errors import InputError
+from workers.readers.clouds.ring_spread import RINGLESS
 from workers.vertices.board.estimate import CONFIDENT, locate
 from workers.vertices.board.model import EDGE_M, BoardModel, Plane, any_roll
 from workers.vertices.board.plane_learning import BIAS_M
@@ -60,8 +61,8 @@ def run_ringless(
     if not still:
         raise InputError(
             "points_without_rings",
-            "The LiDAR has no rings: a board is found only where it stands still.",
-            "Record still poses, and say so: `--still`.",
+            "The LiDAR has no rings, and the recording is not stated to be of still poses.",
+            RINGLESS,
         )
     clouds: list[Floats] = []
     for sweep in map(source.sweep, range(len(source))):
@@ -72,8 +73,8 @@ def run_ringless(
     if _walked([stamp_of(source, pose.start) for pose in poses], together):
         raise InputError(
             "points_without_rings",
-            "The LiDAR has no rings, and the board moves: it is found only where it stands still.",
-            "Hold it still for two seconds in each pose.",
+            "The LiDAR has no rings, and the board moves.",
+            RINGLESS,
         )
     up = np.array([options["up_x"], options["up_y"], options["up_z"]])
     model = _model(source, options, up)

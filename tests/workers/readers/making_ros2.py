@@ -60,13 +60,13 @@ def scan(stamp_ns, packets, types=TYPES):
     return types.types[SCAN](header(stamp_ns, "velodyne", types), messages)
 
 
-def rig(count=5, raw=False):
+def rig(count=5, raw=False, **lens):
     """(topic, type, time, message) of a LiDAR, a camera and its intrinsics."""
     for i in range(count):
         stamp = START_NS + i * PERIOD_NS
         yield "/points", CLOUD, stamp, cloud(stamp, scene(), types=TYPES)
         stamp += 12_000_000
-        yield "/front/camera_info", INFO, stamp, info(stamp)
+        yield "/front/camera_info", INFO, stamp, info(stamp, **lens)
         if raw:
             pixels = np.full((6, 8, 3), i, np.uint8)
             yield "/front/image_raw", IMAGE, stamp, raw_image(stamp, pixels, "bgr8", types=TYPES)

@@ -27,7 +27,8 @@ _INSTEAD: Final = {
     "publishes (/lidar_points).",
     "Ouster": "An Ouster's packets are read with its metadata: put the .json that `ouster-cli source SENSOR "
     "metadata` writes and the capture into one folder or zip; in a bag, record its driver's topic `metadata` too.",
-    "Livox": "A Livox's points lie on no rings, which are needed to find the board. Record a spinning LiDAR.",
+    "Livox": "Record the CustomMsg or the sensor_msgs/PointCloud2 that the maker's livox_ros_driver2 publishes "
+    "(/livox/lidar).",
     "RoboSense": "Play them through the maker's rslidar_sdk (msg_source 3 for a capture, 2 for packet messages) and "
     "record the sensor_msgs/PointCloud2 that it publishes (/rslidar_points).",
 }

@@ -221,8 +221,8 @@ def _usual_clouds(samples: Iterable[tuple[int, Columns]], where: str) -> tuple[C
         except MessageError as reason:
             error = error or reason
             continue
-        kept = {name: columns[name][::step][keep] for name in fields.candidates}
-        groups.setdefault(fields, []).append(SampleCloud(stamp_ns, xyz, kept))
+        values = {name: columns[name][::step][keep] for name in fields.candidates}
+        groups.setdefault(fields, []).append(SampleCloud(stamp_ns, xyz, values))
     if not groups:
         raise error or ReadError("no_sweeps", f"{where} holds no sweeps.", "Record again, or choose another topic.")
     return max(groups.items(), key=lambda group: len(group[1]))

@@ -193,7 +193,11 @@ def _from_field(
     first_stamp, first_time = timed[0]
     base: Base = "stamp"
     meaning = "relative to the stamp"
-    if abs(float(np.nanmedian(first_time.astype(np.float64)))) * unit_ns > 20 * sweep_ns:
+    middles = [float(np.nanmedian(time.astype(np.float64))) * unit_ns for _, time in (timed[0], timed[-1])]
+    # Times of a sensor that counts from its start may be small, but they grow from sweep to sweep.
+    apart_ns = timed[-1][0] - first_stamp
+    is_growing = abs(apart_ns) > sweep_ns / 2 and (middles[1] - middles[0]) / apart_ns > 0.5
+    if is_growing or abs(middles[0]) > 20 * sweep_ns:
         base, meaning = "epoch", "absolute"
         if abs(float(np.median(to_offsets(first_stamp, first_time, unit_ns, base)))) > 5 * sweep_ns:
             base = "other_clock"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.clouds.fields import may_be_used
+from workers.readers.clouds.fields import Columns, may_be_used
 from workers.readers.recording import MessageError
 
 # sensor_msgs/PointField: INT8 = 1 ... FLOAT64 = 8
@@ -57,19 +57,21 @@ def empty_cloud(where: str, count: int = 0) -> MessageError:
     )
 
 
-def cloud_columns(cloud: PointCloud2, where: str) -> dict[str, NDArray[np.generic]]:
+def cloud_columns(cloud: PointCloud2 | Columns, where: str) -> dict[str, NDArray[np.generic]]:
     """One (height * width,) array per field, in the order of the fields; views into the message.
 
     A field of several values a point is a (height * width, count) array. Some drivers fill in ``count`` and
     ``row_step`` at random, because their own readers pass over them: they count where they fit offsets and bytes.
 
     Args:
-        cloud: the message.
+        cloud: the message, or its columns, which stay as they are.
         where: names the message in errors.
 
     Raises:
         MessageError: ``cloud_empty``; ``cloud_malformed``, sizes that contradict each other.
     """
+    if isinstance(cloud, Mapping):
+        return dict(cloud)
     step, width, height = cloud.point_step, cloud.width, cloud.height
     order = ">" if cloud.is_bigendian else "<"
     size = len(cloud.data)

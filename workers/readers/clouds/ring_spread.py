@@ -21,10 +21,10 @@ _MERGED_SHARE: Final = 0.9
 _ALTERNATING: Final = 0.15
 
 RINGLESS: Final = (
-    "A Livox or another solid-state sensor has no rings. It needs still poses: at least six, the board still for two "
-    "seconds in each, and `--still` where they are uploaded."
+    "Of a sensor without rings, as a Livox is, the board is found only where it stands still: record six poses or "
+    "more, the board still for two seconds in each, and say `--still`."
 )
-"""What the path without rings needs, in one place."""
+"""What boards of sensors without rings need; every sentence on them says it with these words."""
 
 
 def check_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]], where: str, field: str) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from workers.readers.clouds.elevations import elevations, find_focus, find_levels, nearest_level, sample
 from workers.readers.clouds.ring_runs import LINE_COUNTS, RunOrder, learn_runs
+from workers.readers.clouds.ring_spread import RINGLESS
 from workers.readers.recording import ReadError
 
 # A file whose highest lasers see only sky still counts from the right end by LINE_COUNTS.
@@ -220,7 +221,7 @@ def learn_missing_rings(
             ``rings_unexpected`` where they fall into more than ``expected``.
     """
     if expected == 1:
-        return ComputedRings(np.zeros(1), 0.0, 1, "it has no rings: boards are found where they stand still.")
+        return ComputedRings(np.zeros(1), 0.0, 1, f"it has no rings. {RINGLESS}")
     xyz = np.concatenate([np.zeros((0, 3), np.float32), *clouds])
     xyz = sample(xyz, _MANY)
     focus_m, levels = 0.0, find_levels(elevations(xyz))
@@ -307,6 +308,5 @@ def _not_separable(where: str, count: int, gap_deg: float, spread_deg: float, be
         "rings_not_separable",
         f"{where} has no ring field, and its rings cannot be told by elevation: {measured}.",
         "Record the driver's full point type (for a Velodyne: PointXYZIR), or clouds in the LiDAR's own frame, "
-        "neither moved into the vehicle's frame nor corrected for motion. If the sensor has no rings, record still "
-        "poses and say so (`--still`).",
+        f"neither moved into the vehicle's frame nor corrected for motion. {RINGLESS}",
     )

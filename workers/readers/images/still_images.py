@@ -12,16 +12,17 @@ IMAGE_SUFFIXES: Final = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".t
 _SHOWN: Final = ("image/jpeg", "image/png", "image/webp")  # by browsers
 
 
-def image_frame(data: bytes, stamp_ns: int, where: str) -> Frame:
+def image_frame(data: bytes, stamp_ns: int, where: str, encoding: str = "") -> Frame:
     """A frame of an encoded image, whose content tells its format.
 
     JPEG, WebP and PNG of 8 bits stay byte for byte. PNG of 16 bits, TIFF, BMP and PNM are decoded, and encoded as PNG
-    of 8 bits.
+    of 8 bits. The mosaic of a Bayer sensor becomes colour.
 
     Args:
         data: the whole image.
         stamp_ns: of the frame.
         where: names the image in errors.
+        encoding: the ROS name of what its pixels are, where that is known.
 
     Raises:
         MessageError: ``image_empty``, ``image_unsupported``, ``image_damaged``, ``image_too_large``,
@@ -29,16 +30,18 @@ def image_frame(data: bytes, stamp_ns: int, where: str) -> Frame:
     """
     header = read_image_header(data, where)
     if header.media_type not in _SHOWN or (header.media_type == "image/png" and data[24] == 16):
-        return _decoded(data, stamp_ns, where)
+        return _decoded(data, stamp_ns, where, encoding)
     check_complete(data, header.media_type, where)
+    if encoding.lower().startswith("bayer"):
+        return _decoded(data, stamp_ns, where, encoding)
     return Frame(stamp_ns, data, header.media_type, header.width, header.height)
 
 
-def _decoded(data: bytes, stamp_ns: int, where: str) -> Frame:
+def _decoded(data: bytes, stamp_ns: int, where: str, encoding: str) -> Frame:
     import cv2  # only here: most recordings need none of it, and a child starts 60 ms sooner without
     import numpy as np
 
-    from workers.readers.images.transcode import png_frame
+    from workers.readers.images.transcode import BAYER, bayer_conversion, png_frame
 
     try:
         pixels: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -46,4 +49,7 @@ def _decoded(data: bytes, stamp_ns: int, where: str) -> Frame:
         raise damaged(where, str(error.err or error).splitlines()[0]) from error
     if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
         raise damaged(where, "its pixels cannot be decoded as 8 or 16 bits")
+    conversion = bayer_conversion(encoding)
+    if conversion is not None and pixels.ndim == 2:
+        return png_frame(cv2.cvtColor(pixels, conversion), stamp_ns, where, BAYER)
     return png_frame(pixels, stamp_ns, where)

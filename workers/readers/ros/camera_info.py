@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import posixpath
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from apexcal.documents.lenses import lens_of_images, model_of_lens
 from apexcal.documents.name_words import words
 from apexcal.documents.readings import ImageKind
+from workers.readers.clouds.pointcloud2 import PointCloud2
 from workers.readers.ros.topic_messages import CameraInfo, CloudMessage, Message, PacketMessage, RawImage
 
 _RECTIFIED: Final = frozenset(("rect", "rectified", "undistorted"))
@@ -33,8 +35,11 @@ def camera_info(
     return CameraInfo(stamp_ns, frame_id, int(width), int(height), str(model), *numbers)
 
 
-def info_document(info: CameraInfo) -> dict[str, Any] | None:
+def info_document(info: CameraInfo, image_size: tuple[int, int] | None = None) -> dict[str, Any] | None:
     """What is handed on of a camera's intrinsics; None where the camera was not calibrated or the numbers are none.
+
+    They are those of the images, not of the whole sensor, of which a driver may hand on a part, or pixels put
+    together (``roi`` and ``binning`` of the message). ``image_size``: width and height of the images, where known.
 
     ``D`` has as many coefficients as our model: five for ``brown_conrady`` (OpenCV's k1 k2 p1 p2 k3), four for
     ``kannala_brandt``, eight for ``rational_polynomial``. A model with more that matter (thin prism) has no equal
@@ -44,6 +49,7 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
         return None
     if info.k[0] <= 0 or info.k[4] <= 0:
         return None
+    info = _of_images(info, image_size)
     model, D = model_of_lens(info.distortion_model, info.d)
     is_rectifying = len(info.p) == 12 and all(map(math.isfinite, info.p)) and info.p[0] > 0 and info.p[5] > 0
     return {
@@ -58,12 +64,39 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
     }
 
 
+def _of_images(info: CameraInfo, image_size: tuple[int, int] | None) -> CameraInfo:
+    """Return the CameraInfo of images of which the sensor hands on a part, or pixels put together.
+
+    The definition of sensor_msgs/CameraInfo has K and P for the whole sensor. Images of the whole sensor's size are
+    none such, whatever is stated. A size of 0 is that of the images.
+    """
+    size = (info.width or (image_size or (0, 0))[0], info.height or (image_size or (0, 0))[1])
+    offset, part = info.roi[:2], info.roi[2:] if all(info.roi[2:]) else size
+    if info.width and image_size == size:
+        return info
+    sx, sy = (max(1, count) for count in info.binning)
+
+    def centre(along: float, axis: int) -> float:
+        """Of the image: the first pixel of several put together has its centre between theirs."""
+        return (along + 0.5 - offset[axis]) / (sx, sy)[axis] - 0.5
+
+    k, p = list(info.k), list(info.p)
+    k = [k[0] / sx, k[1] / sx, centre(k[2], 0), k[3], k[4] / sy, centre(k[5], 1), *k[6:]]
+    if len(p) == 12:
+        p = [p[0] / sx, p[1] / sx, centre(p[2], 0), p[3] / sx, p[4], p[5] / sy, centre(p[6], 1), p[7] / sy, *p[8:]]
+    whole = (part[0] // sx, part[1] // sy) if info.width else image_size or (0, 0)
+    return replace(info, width=whole[0], height=whole[1], k=k, p=p)
+
+
 def is_filled(message: Message) -> bool:
     """Whether a message tells what its topic holds: points with fields, pixels, packets, a lens."""
     if isinstance(message, CameraInfo):
         return info_document(message) is not None
     if isinstance(message, CloudMessage):
-        return bool(message.cloud.fields) and message.cloud.width * message.cloud.height > 0
+        cloud = message.cloud
+        if not isinstance(cloud, PointCloud2):
+            return len(cloud["x"]) > 0
+        return bool(cloud.fields) and cloud.width * cloud.height > 0
     if isinstance(message, RawImage):
         return message.width * message.height > 0
     return bool(message.packets if isinstance(message, PacketMessage) else message.data)

@@ -10,6 +10,7 @@ import numpy as np
 from workers.readers.clouds.pointcloud2 import PointCloud2, PointField
 from workers.readers.ros.camera_info import camera_info, matrices_of
 from workers.readers.ros.topic_messages import CloudMessage, EncodedImage, Message, RawImage, VideoMessage
+from workers.readers.ros.video_codecs import codec_of_data
 
 # foxglove.PackedElementField.NumericType to sensor_msgs/PointField's datatype: signed and unsigned are swapped.
 _CLOUD_TYPES: Final = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
@@ -32,7 +33,9 @@ def _cloud(message: Any) -> Message:
 
 
 def _compressed(message: Any) -> Message:
-    return EncodedImage(*_head(message), bytes(message.data))
+    data = bytes(message.data)
+    codec = codec_of_data(data, str(message.format))
+    return VideoMessage(*_head(message), codec, data) if codec else EncodedImage(*_head(message), data)
 
 
 def _video(message: Any) -> Message:

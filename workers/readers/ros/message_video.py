@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import av
 import av.error
@@ -12,9 +12,7 @@ from workers.readers.images.headers import MAX_PIXELS
 from workers.readers.images.video import jpeg_frame
 from workers.readers.output import video_is_decoded
 from workers.readers.recording import Frame, ReadError
-
-# Formats of foxglove.CompressedVideo to the decoders of FFmpeg.
-_CODECS: Final = {"h264": "h264", "h265": "hevc", "vp9": "vp9", "av1": "av1"}
+from workers.readers.ros.video_codecs import CODECS, decoder_of
 
 
 class MessageVideo:
@@ -25,15 +23,16 @@ class MessageVideo:
     """
 
     def __init__(self, codec: str, where: str) -> None:
-        if codec.lower() not in _CODECS:
+        decoder = decoder_of(codec)
+        if decoder is None:
             raise ReadError(
                 "video_unsupported",
                 f"{where} holds video as {codec[:20]!r}, which is not read.",
-                f"Record it as one of {', '.join(_CODECS)}, or as CompressedImage.",
+                f"Record it as one of {', '.join(CODECS)}, or as CompressedImage.",
             )
         video_is_decoded()
         self._where = where
-        self._context: Any = av.CodecContext.create(_CODECS[codec.lower()], "r")
+        self._context: Any = av.CodecContext.create(decoder, "r")
         self._context.thread_count = 1
         self._context.options = {"max_pixels": str(MAX_PIXELS)}
         self._context.flags |= int(Flags.low_delay)

@@ -7,6 +7,7 @@ of ``velodyne_msgs`` and ``foxglove_msgs`` are taken from the file where it carr
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Final
 
@@ -18,6 +19,7 @@ from workers.readers.clouds.pointcloud2 import PointCloud2, PointField
 from workers.readers.recording import ReadError
 from workers.readers.ros.camera_info import camera_info, matrices_of
 from workers.readers.ros.foxglove_messages import FOXGLOVE_MESSAGES
+from workers.readers.ros.livox import LIVOX_CLOUDS, read_livox_cloud
 from workers.readers.ros.topic_messages import (
     BagTopic,
     CameraInfo,
@@ -27,7 +29,9 @@ from workers.readers.ros.topic_messages import (
     Message,
     PacketMessage,
     RawImage,
+    VideoMessage,
 )
+from workers.readers.ros.video_codecs import codec_of_data
 
 CLOUD: Final = "sensor_msgs/msg/PointCloud2"
 IMAGE: Final = "sensor_msgs/msg/Image"
@@ -36,6 +40,7 @@ INFO: Final = "sensor_msgs/msg/CameraInfo"
 PACKETS: Final = "velodyne_msgs/msg/VelodyneScan"
 # One packet a message, of the LiDAR or of its inertial unit, by the name of the driver's package.
 OUSTER_PACKETS: Final = ("ouster_ros/msg/PacketMsg", "ouster_sensor_msgs/msg/PacketMsg")
+FFMPEG: Final = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 TRANSFORM: Final = "tf2_msgs/msg/TFMessage"
 TEXT: Final = "std_msgs/msg/String"
 # By its name in ROS 2 and in ROS 1, and by that of tf before it.
@@ -53,6 +58,8 @@ _USUAL: Final[Mapping[str, str]] = {
     + _NEXT
     + "MSG: velodyne_msgs/VelodynePacket\nbuiltin_interfaces/Time stamp\nuint8[1206] data\n",
     **dict.fromkeys(OUSTER_PACKETS, "uint8[] buf\n"),
+    FFMPEG: "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
+    "bool is_bigendian\nuint8[] data\n",
     "foxglove_msgs/msg/PointCloud": _STAMP
     + "geometry_msgs/Pose pose\nuint32 point_stride\nfoxglove_msgs/PackedElementField[] fields\nuint8[] data\n"
     + _NEXT
@@ -80,6 +87,8 @@ def ros_decoder(topic: BagTopic) -> Decoder | None:
         ReadError: ``type_not_understood``, the file's own definition is not readable.
     """
     name = full_name(topic.type)
+    if name in LIVOX_CLOUDS and topic.encoding in _STORES:
+        return lambda raw: read_livox_cloud(raw, topic.encoding)
     read = _READERS.get(name)
     if read is None or topic.encoding not in _STORES:
         return None
@@ -157,12 +166,28 @@ def _read_image(message: Any) -> Message:
 
 
 def _read_compressed(message: Any) -> Message:
-    return EncodedImage(*_head(message), message.data.tobytes())
+    data, form = message.data.tobytes(), str(message.format)
+    codec = codec_of_data(data, form)
+    return VideoMessage(*_head(message), codec, data) if codec else EncodedImage(*_head(message), data, _pixels(form))
+
+
+def _pixels(form: str) -> str:
+    """What a compressed image's pixels are, by image_transport's ``bayer_rggb8; png compressed bayer_rggb8``."""
+    first, _, target = form.partition(";")
+    return (target.partition("compressed")[2].strip() or first.strip()).partition(" ")[0]
+
+
+def _read_ffmpeg(message: Any) -> Message:
+    size = (int(message.width), int(message.height))
+    return VideoMessage(*_head(message), str(message.encoding), message.data.tobytes(), size)
 
 
 def _read_info(message: Any) -> CameraInfo:
     size = (message.width, message.height)
-    return camera_info(*_head(message), *size, message.distortion_model, *matrices_of(message))
+    info = camera_info(*_head(message), *size, message.distortion_model, *matrices_of(message))
+    roi = message.roi
+    part = (int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height))
+    return replace(info, binning=(int(message.binning_x), int(message.binning_y)), roi=part)
 
 
 def _read_packets(message: Any) -> Message:
@@ -179,6 +204,7 @@ _READERS: Final = {
     CLOUD: _read_cloud,
     IMAGE: _read_image,
     COMPRESSED: _read_compressed,
+    FFMPEG: _read_ffmpeg,
     INFO: _read_info,
     PACKETS: _read_packets,
     **dict.fromkeys(OUSTER_PACKETS, _read_ouster_packet),

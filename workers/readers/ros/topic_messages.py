@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.captures.packets import FIELDS
+from workers.readers.clouds.fields import Columns
 from workers.readers.clouds.pointcloud2 import PointCloud2
 from workers.readers.images.headers import read_image_header
 from workers.readers.recording import ReadError, Sensor
@@ -45,16 +46,17 @@ class StampedMessage:
 
 @dataclass(frozen=True, slots=True)
 class CloudMessage(StampedMessage):
-    """A point cloud."""
+    """A point cloud: as the message lays it out, or its columns."""
 
-    cloud: PointCloud2
+    cloud: PointCloud2 | Columns
 
 
 @dataclass(frozen=True, slots=True)
 class EncodedImage(StampedMessage):
-    """An image file."""
+    """An image file. ``encoding``: the ROS name of what its pixels are, where the message says it, else empty."""
 
     data: bytes
+    encoding: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +89,11 @@ class PacketMessage(StampedMessage):
 
 @dataclass(frozen=True, slots=True)
 class VideoMessage(StampedMessage):
-    """One encoded frame of a video; ``codec`` as Foxglove names it."""
+    """One encoded frame of a video. ``codec``: as the message names it; ``size``: width and height, 0: not stated."""
 
     codec: str
     data: bytes
+    size: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +115,8 @@ class CameraInfo(StampedMessage):
     k: Sequence[float]
     r: Sequence[float] = ()
     p: Sequence[float] = ()
+    binning: tuple[int, int] = (1, 1)
+    roi: tuple[int, int, int, int] = (0, 0, 0, 0)
 
 
 Message = CloudMessage | EncodedImage | RawImage | VideoMessage | PacketMessage | CameraInfo
@@ -132,11 +137,14 @@ def topic_sensor(topic: BagTopic, first: Message | None) -> Sensor:
     if isinstance(first, PacketMessage):
         return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": FIELDS, "model": first.maker})
     if isinstance(first, CloudMessage):
-        fields = " ".join(field.name for field in first.cloud.fields)
+        cloud = first.cloud
+        fields = " ".join([field.name for field in cloud.fields] if isinstance(cloud, PointCloud2) else cloud)
         return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": fields})
     notes = {"type": topic.type}
     if isinstance(first, RawImage):
         notes |= {"width": str(first.width), "height": str(first.height)}
+    elif isinstance(first, VideoMessage) and all(first.size):
+        notes |= {"width": str(first.size[0]), "height": str(first.size[1])}
     elif isinstance(first, EncodedImage):
         try:
             header = read_image_header(first.data, name)

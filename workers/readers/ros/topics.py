@@ -26,7 +26,9 @@ from workers.readers.omissions import Omissions, readable
 from workers.readers.recording import Frame, LidarFacts, MessageError, ReadError, Recording, Sensor, Sweep
 from workers.readers.ros.camera_info import image_kind, info_document, is_filled, match_infos
 from workers.readers.ros.containers import Container, SplitContainer
+from workers.readers.ros.livox import LIVOX_CLOUDS
 from workers.readers.ros.packet_topics import is_stampless, packet_source, stamped_packets
+from workers.readers.ros.ros_types import full_name
 from workers.readers.ros.static_transforms import static_transforms
 from workers.readers.ros.topic_messages import (
     BagTopic,
@@ -204,7 +206,10 @@ class TopicRecording(Recording):
         if sensor.name not in self._models:
             times = np.sort(self._container.times(sensor.name))
             period = int(np.median(np.diff(times))) if len(times) > 2 else None
-            self._models[sensor.name] = learn_clouds(self._samples(sensor), period, self._options, sensor.name)
+            options = self._options
+            if options.rings is None and full_name(sensor.notes.get("type", "")) in LIVOX_CLOUDS:
+                options = options.model_copy(update={"rings": 1})
+            self._models[sensor.name] = learn_clouds(self._samples(sensor), period, options, sensor.name)
         return self._models[sensor.name]
 
     def _samples(self, sensor: Sensor) -> Iterator[tuple[int, Columns]]:
@@ -295,7 +300,7 @@ class TopicRecording(Recording):
         elif isinstance(message, CloudMessage) and name in self._models:
             yield self._models[name].sweep(stamp_ns, cloud_columns(message.cloud, where))
         elif isinstance(message, EncodedImage):
-            yield image_frame(message.data, stamp_ns, where)
+            yield image_frame(message.data, stamp_ns, where, message.encoding)
         elif isinstance(message, RawImage):
             yield raw_to_png(message, stamp_ns, where)
 
@@ -383,6 +388,6 @@ def _where(topic: str, stamp_ns: int) -> str:
 
 
 def _with_info(camera: Sensor, info: CameraInfo | None) -> Sensor:
-    document = info and info_document(info)
+    document = info and info_document(info, camera.image_size)
     notes = camera.notes if document or not info else {**camera.notes, "camera_info": "unusable"}
     return replace(camera, camera_info=document, image_kind=image_kind(camera.name, document), notes=notes)
