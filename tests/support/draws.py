@@ -3,7 +3,8 @@
 Ids, secrets and `SystemRandom` all come from `os.urandom`. In the tests' process it answers from streams that follow
 from `--draws N` and the test's id, a stream for each place that draws: how often a page is polled changes no row's
 id. Fixtures that several tests share and modules that are imported have streams of their own. A forked child has the
-system's draws again, as a child of another program has: no two processes draw the same.
+system's draws again, as every other child has: no two processes draw the same, and what tests assert of a child's
+draws holds for each of them.
 
 What concurrent threads draw in one place, they draw in the order in which they come.
 """
