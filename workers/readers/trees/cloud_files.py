@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import Any, Final
 
@@ -14,24 +15,35 @@ from numpy.typing import NDArray
 from workers.readers.clouds.fields import is_point_table
 from workers.readers.clouds.pointcloud2 import MAX_POINTS
 from workers.readers.recording import MessageError
+from workers.readers.trees.plain_columns import are_coordinates, name_columns, width_of
 from workers.readers.trees.ply import read_ply, truncated_cloud
 
 CLOUD_SUFFIXES: Final = frozenset({".pcd", ".ply", ".bin", ".npy"})
-_PLAIN: Final = ("x", "y", "z", "intensity", "ring", "time")
+UNNAMED: Final = frozenset({".bin", ".npy", ".csv"})
+"""Formats that need not name their columns."""
+_MOST_PLAIN: Final = 8
+_TELLING: Final = 672_000  # bytes that tell the columns; whole rows of every width from 3 to 8
+_HEAD: Final = 65_536
+_NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
+_NPY_HINT: Final = (
+    "Save a structured array with fields x, y, z, intensity, ring, or a plain one of shape (N, 4) to (N, 8) with x, "
+    "y, z, intensity, ring, time in this order."
+)
+_CSV_HINT: Final = "Write a header line such as x,y,z,intensity,ring, then one line of numbers per point."
 # Columns of a table of corners or pairs (docs/imports.md), whose points are no sweep.
 _OF_PAIRS: Final = frozenset(("u", "v", "pose", "group", "corner", "vertex"))
-_FARTHEST_M: Final = 2000.0
 _MAX_FIELDS: Final = 256
 _MAX_HEADER: Final = 65_536
 Arrays = Mapping[str, NDArray[np.generic]]
 
 
-def read_cloud(data: bytes, path: str) -> Arrays:
+def read_cloud(data: bytes, path: str, names: Sequence[str] | None = None) -> Arrays:
     """One (N,) array per field of a cloud in a file.
 
     Args:
         data: the whole file.
         path: of the file; its suffix tells the format, and it names the file in errors.
+        names: of the columns, where the file does not name them; None: its own content tells.
 
     Raises:
         MessageError: ``cloud_malformed``, ``cloud_truncated``.
@@ -44,8 +56,30 @@ def read_cloud(data: bytes, path: str) -> Arrays:
     if suffix == ".ply":
         return read_ply(data, path)
     if suffix == ".bin":
-        return _read_bin(data, path)
-    return _read_npy(data, path) if suffix == ".npy" else _read_csv(data, path)
+        return _read_bin(data, path, names)
+    return _read_npy(data, path, names) if suffix == ".npy" else _read_csv(data, path, names)
+
+
+def column_names(files: Mapping[str, bytes]) -> list[str] | None:
+    """Return the names of the columns that files of one sensor do not name, by what all of them hold.
+
+    Args:
+        files: content by path, of one format.
+
+    Returns:
+        None where each file names its own, or where what they hold does not tell.
+    """
+    path, data = next(iter(files.items()))
+    suffix = PurePosixPath(path).suffix.lower()
+    if suffix == ".bin":
+        whole = [data for data in files.values() if len(data) % 4 == 0]
+        values = np.frombuffer(b"".join(data[:_TELLING] for data in whole), "<f4")
+        width = width_of(values, [len(data) // 4 for data in whole])
+        return width and name_columns(values[: len(values) - len(values) % width].reshape(-1, width))
+    if suffix == ".npy":
+        array = _npy_array(data, path)
+        return None if array.dtype.names or array.ndim != 2 else name_columns(array)
+    return name_columns(_csv_table(data, path), is_free=True) if is_bare_table(data[:_HEAD]) else None
 
 
 def is_cloud_table(head: bytes) -> bool:
@@ -58,50 +92,47 @@ def _malformed(path: str, why: str, hint: str) -> MessageError:
     return MessageError("cloud_malformed", f"{path} is no point cloud: {why}.", hint)
 
 
-def _read_bin(data: bytes, path: str) -> Arrays:
-    """float32 rows without a header: KITTI's x y z intensity, or nuScenes' (.pcd.bin) with a ring."""
-    width = 5 if path.lower().endswith(".pcd.bin") else 4
-    hint = "A .bin file holds x, y, z and intensity as little-endian float32, as KITTI's do; write others as .npy."
-    if len(data) % (4 * width):
-        raise _malformed(path, f"{len(data)} bytes are no whole number of points of {4 * width} bytes", hint)
-    points = np.frombuffer(data, "<f4").reshape(-1, width)
-    with np.errstate(invalid="ignore"):
-        sane = (np.abs(points[:, :3]) < _FARTHEST_M) | np.isnan(points[:, :3])
-    if len(points) and np.mean(sane) < 0.99:
-        raise _malformed(path, f"as {width} float32 a point, many coordinates lie past {_FARTHEST_M:.0f} m", hint)
-    return {name: points[:, i] for i, name in enumerate(_PLAIN[:width])}
-
-
-def _read_npy(data: bytes, path: str) -> Arrays:
-    """A structured array, or a plain one of 3 to 6 columns: x y z [intensity [ring [time]]]."""
+def _read_bin(data: bytes, path: str, names: Sequence[str] | None) -> Arrays:
+    """float32 rows without a header: KITTI's x y z intensity, nuScenes' with a ring, or others with a time, too."""
     hint = (
-        "Save a structured array with fields x, y, z, intensity, ring, or a plain one of shape (N, 4) to (N, 6) with "
-        "x, y, z, intensity, ring, time in this order."
+        "A .bin file holds x, y, z and intensity as little-endian float32, as KITTI's do, and after them a ring or a "
+        "time; write others as .npy."
     )
+    names = names or (column_names({path: data}) if len(data) % 4 == 0 else None)
+    if names is None or len(data) % (4 * len(names)):
+        point = f"of {4 * len(names)} bytes" if names else "of 3 to 8 values of 4 bytes"
+        raise _malformed(path, f"{len(data)} bytes are no whole number of points {point}", hint)
+    points = np.frombuffer(data, "<f4").reshape(-1, len(names))
+    if not are_coordinates(points[:, :3]):
+        doubles = np.frombuffer(data[: len(data) // 8 * 8], "<f8")
+        why = "its values are float64" if are_coordinates(doubles[:, None]) else "many coordinates lie past 2000 m"
+        raise _malformed(path, f"as {len(names)} float32 a point, {why}", hint)
+    return {name: points[:, i] for i, name in enumerate(names)}
+
+
+def _npy_array(data: bytes, path: str) -> NDArray[Any]:
     try:
-        array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(data), max_header_size=_MAX_HEADER)
+        return np.lib.format.read_array(io.BytesIO(data), max_header_size=_MAX_HEADER)
     except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError, EOFError) as error:
         if "array data" in str(error):
             raise truncated_cloud(path, str(error).splitlines()[0].rstrip(".")) from error
-        raise _malformed(path, "its .npy header cannot be read", hint) from error
+        raise _malformed(path, "its .npy header cannot be read", _NPY_HINT) from error
+
+
+def _read_npy(data: bytes, path: str, names: Sequence[str] | None) -> Arrays:
+    """A structured array, or a plain one of 3 to 8 columns: x y z, intensity, then a ring and a time."""
+    array = _npy_array(data, path)
     if array.dtype.names:
         whole = {name: array[name] for name in array.dtype.names}
         columns: Arrays = {
             name: values.reshape(array.size, *values.shape[array.ndim :]) for name, values in whole.items()
         }
         return {name: values for name, values in columns.items() if values.dtype.kind in "iufb"}
-    if array.ndim != 2 or not 3 <= array.shape[1] <= len(_PLAIN) or array.dtype.kind not in "iuf":
-        raise _malformed(path, f"its shape is {array.shape} of {array.dtype}", hint)
-    if array.shape[1] > 4:
-        _check_whole(array[:, 4], path, hint)
-    return {name: array[:, i] for i, name in enumerate(_PLAIN[: array.shape[1]])}
-
-
-def _check_whole(ring: NDArray[np.generic], path: str, hint: str) -> None:
-    numbers = ring.astype(np.float64)
-    numbers = numbers[np.isfinite(numbers)]
-    if np.any(numbers != np.rint(numbers)) or np.any(numbers < 0):
-        raise _malformed(path, "its fifth column should be the ring, and holds no whole numbers", hint)
+    if array.ndim != 2 or not 3 <= array.shape[1] <= _MOST_PLAIN or array.dtype.kind not in "iuf":
+        raise _malformed(path, f"its shape is {array.shape} of {array.dtype}", _NPY_HINT)
+    if names is None or len(names) != array.shape[1]:
+        names = name_columns(array) or ()
+    return {name: array[:, i] for i, name in enumerate(names)}
 
 
 def _first_line(head: bytes) -> str:
@@ -116,24 +147,44 @@ def _delimiter(line: str) -> str:
     return max(",;\t", key=line.count)
 
 
-def _read_csv(data: bytes, path: str) -> Arrays:
-    """A header line with the columns' names, then numbers."""
-    hint = "Write a header line such as x,y,z,intensity,ring, then one line of numbers per point."
-    line = _first_line(data[:65536])
-    names = _names(line)
+def is_bare_table(head: bytes) -> bool:
+    """Whether a CSV file that begins with these bytes has no header, but 3 to 8 numbers in each line."""
+    lines = [line.split(_delimiter(line)) for line in head.decode("utf-8-sig", "replace").splitlines()[:5]]
+    whole = lines[:-1] if len(lines) > 1 else lines  # the head may end within a line
+    widths = {len(line) for line in whole}
+    is_wide = len(widths) == 1 and 3 <= widths.pop() <= _MOST_PLAIN
+    return is_wide and all(_NUMBER.fullmatch(cell.strip()) for line in whole for cell in line)
+
+
+def _read_csv(data: bytes, path: str, names: Sequence[str] | None) -> Arrays:
+    """A header line with the columns' names, then numbers; or numbers alone."""
+    if is_bare_table(data[:_HEAD]):
+        table = _csv_table(data, path)
+        names = names if names and len(names) == table.shape[1] else name_columns(table, is_free=True)
+        if names is None:
+            first = _first_line(data[:_HEAD])[:80]
+            why = f"it has no header line, and its {table.shape[1]} columns may be one thing or another ({first})"
+            raise _malformed(path, why, "Add a first line that names them, such as x,y,z,intensity,ring,time.")
+        return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
+    names = _names(_first_line(data[:_HEAD]))
     if len(names) != len(set(names)) or len(names) > _MAX_FIELDS:
-        raise _malformed(path, "its header names a column twice, or hundreds of them", hint)
+        raise _malformed(path, "its header names a column twice, or hundreds of them", _CSV_HINT)
+    table = _csv_table(data, path, header=1, width=len(names))
+    if table.shape[1] != len(names):
+        raise _malformed(path, f"its lines have {table.shape[1]} values for {len(names)} names", _CSV_HINT)
+    return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
+
+
+def _csv_table(data: bytes, path: str, header: int = 0, width: int = 0) -> NDArray[np.float64]:
+    """The numbers (N, M) of a table; (0, ``width``) of a header alone."""
     if data.count(b"\n") > MAX_POINTS:
-        raise _malformed(path, f"it has more than {MAX_POINTS} lines", hint)
+        raise _malformed(path, f"it has more than {MAX_POINTS} lines", _CSV_HINT)
+    delimiter = _delimiter(_first_line(data[:_HEAD]))
     try:
         text = data.decode("utf-8-sig")
-        body = text[text.index("\n") + 1 :] if "\n" in text else ""
+        body = (text[text.index("\n") + 1 :] if "\n" in text else "") if header else text
         if not body.strip():
-            table = np.zeros((0, len(names)))
-        else:
-            table = np.loadtxt(io.StringIO(body), delimiter=_delimiter(line), ndmin=2, comments=None, quotechar='"')
+            return np.zeros((0, width))
+        return np.loadtxt(io.StringIO(body), delimiter=delimiter, ndmin=2, comments=None, quotechar='"')
     except (ValueError, csv.Error) as error:
-        raise _malformed(path, str(error).splitlines()[0][:200].rstrip("."), hint) from error
-    if table.shape[1] != len(names):
-        raise _malformed(path, f"its lines have {table.shape[1]} values for {len(names)} names", hint)
-    return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
+        raise _malformed(path, str(error).splitlines()[0][:200].rstrip("."), _CSV_HINT) from error

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import cached_property, partial
+from pathlib import PurePosixPath
+from typing import Final
 
 import numpy as np
 
@@ -13,9 +16,11 @@ from workers.readers.clouds.model import SAMPLES, CloudModel, learn_clouds
 from workers.readers.images.still_images import image_frame
 from workers.readers.omissions import Omissions, readable
 from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
-from workers.readers.trees.cloud_files import read_cloud
+from workers.readers.trees.cloud_files import UNNAMED, column_names, read_cloud
 from workers.readers.trees.file_tree import FileTree, read_file
 from workers.readers.trees.series import Series
+
+_LOOKED_INTO: Final = 5  # files whose content tells what their columns are
 
 
 class FileSeries(Recording):
@@ -102,4 +107,13 @@ class FileSeries(Recording):
         return image_frame(read_file(self._tree, path), self._series.stamps_ns[path], path)
 
     def _cloud(self, path: str) -> Columns:
-        return read_cloud(read_file(self._tree, path), path)
+        return read_cloud(read_file(self._tree, path), path, self._columns)
+
+    @cached_property
+    def _columns(self) -> list[str] | None:
+        """Names of columns that the files do not name: one order for all of them."""
+        if PurePosixPath(self._series.paths[0]).suffix.lower() not in UNNAMED:
+            return None
+        with suppress(ReadError):  # said where the file is read
+            return column_names({path: read_file(self._tree, path) for path in self._spread()[:_LOOKED_INTO]})
+        return None

@@ -14,7 +14,7 @@ from workers.readers.captures.pcap import PcapRecording
 from workers.readers.detect import HEAD_BYTES, MCAP, SQLITE, TREE, FileFormat, format_of
 from workers.readers.recording import ReadError, Recording
 from workers.readers.trees.archives import open_tree
-from workers.readers.trees.cloud_files import is_cloud_table
+from workers.readers.trees.cloud_files import is_bare_table, is_cloud_table
 from workers.readers.trees.composite import Composite, TreePart
 from workers.readers.trees.file_series import FileSeries
 from workers.readers.trees.file_times import (
@@ -123,6 +123,12 @@ def look_into(tree: FileTree) -> TreeContents:
         elif name not in _TIMES:
             _look_inside(tree, path, contents, sensor_files, every)
     contents.series = find_series(sensor_files)
+    is_lidar_open = not any(series.kind == "lidar" for series in contents.series)
+    if is_lidar_open and all(format_.module == _VIDEO for format_ in contents.sources.values()):
+        # Without another LiDAR, tables of numbers alone may be its points.
+        bare = {path for path in contents.others if _is_bare(tree, path)}
+        contents.others = [path for path in contents.others if path not in bare]
+        contents.series = find_series([*sensor_files, *bare]) if bare else contents.series
     beside = {_table_beside(path) for path, format_ in contents.sources.items() if format_.module == _VIDEO}
     contents.others = [path for path in contents.others if path not in beside]
     if len(contents.sources) > _MAX_SOURCES:
@@ -133,6 +139,10 @@ def look_into(tree: FileTree) -> TreeContents:
             "Upload each recording by itself.",
         )
     return contents
+
+
+def _is_bare(tree: FileTree, path: str) -> bool:
+    return path.lower().endswith(".csv") and is_bare_table(read_head(tree, path, HEAD_BYTES))
 
 
 def _bag_folders(paths: Sequence[str]) -> Mapping[str, str]:
