@@ -9,8 +9,9 @@ import logging
 import time
 from collections.abc import Callable
 from functools import partial
+from uuid import UUID
 
-from sqlalchemy import ColumnElement, exists, or_, select, tuple_, update
+from sqlalchemy import ColumnElement, bindparam, exists, or_, select, tuple_, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
@@ -18,7 +19,7 @@ from service.platform.db.base import Json, state_literal
 from service.platform.db.clock import now
 from service.platform.db.fleets import Fleet
 from service.platform.db.jobs import Heartbeat, Job
-from service.platform.db.rounds import is_away
+from service.platform.db.rounds import is_away, one_by_one
 from service.platform.db.session import Database, post, put
 from service.platform.jobs.history import tally
 from service.platform.jobs.kinds import kinds
@@ -52,7 +53,7 @@ def sweep(database: Database, store: Store, gets_on: Callable[[], None] = lambda
         partial(_each, database, cancelled, _end_cancelled),
         partial(_write, database, _send_again),
         partial(_write, database, _end_backoff),
-        partial(_write, database, _release_waiting),
+        partial(_release_waiting, database),
         partial(_write, database, tally),
         partial(_write, database, forget_workers),
         partial(_remove_blobs, database, store),
@@ -193,19 +194,24 @@ def _end_backoff(session: Session) -> None:
     session.execute(update(Job).where(Job.id.in_(select(over.c.id))).values(send_after=None))
 
 
-def _release_waiting(session: Session) -> None:
+def _release_waiting(database: Database) -> None:
     """Top up every fleet's window, in case that the finish that should have done it never came."""
-    for queue in QUEUES:
-        # One look for each fleet, however many jobs wait.
-        waits = exists().where(
-            Job.fleet_id == Fleet.id,
-            Job.queue == queue,
-            Job.state == state_literal(WorkState.QUEUED),
-            Job.send_after.is_(None),
-        )
-        # Two sweeps hold fleets in one order.
-        for fleet_id in session.scalars(select(Fleet.id).where(waits).order_by(Fleet.id)).all():
-            release(session, fleet_id, queue)
+    # One look for each fleet, however many jobs wait.
+    waits = exists().where(
+        Job.fleet_id == Fleet.id,
+        Job.queue == bindparam("queue"),
+        Job.state == state_literal(WorkState.QUEUED),
+        Job.send_after.is_(None),
+    )
+    fleets = select(Fleet.id).where(waits)
+    with database.reading() as session:
+        windows = [(id, queue) for queue in QUEUES for id in session.scalars(fleets, {"queue": queue}).all()]
+    one_by_one("the window of", windows, partial(_top_up, database))
+
+
+def _top_up(database: Database, window: tuple[UUID, str]) -> None:
+    with database.writing() as session:
+        release(session, *window)
 
 
 def _remove_blobs(database: Database, store: Store) -> None:

@@ -82,7 +82,7 @@ def let_backoff_end(database: Database) -> None:
     make_due(database)
     with database.writing() as session:
         _end_backoff(session)
-        _release_waiting(session)
+    _release_waiting(database)
 
 
 @contextmanager

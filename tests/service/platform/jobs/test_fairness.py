@@ -6,9 +6,10 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 
-from service.platform.db.models import Job
+from service.platform.db.models import Fleet, Job
+from service.platform.db.session import Database
 from service.platform.jobs.claims import claim, finish, give_back, stumble
 from service.platform.jobs.sweep import sweep
 from service.platform.settings import get_settings
@@ -98,6 +99,23 @@ def test_a_fleet_has_no_more_ingests_running_than_its_cap_and_another_fleet_is_s
     sweep(database, store)
     assert postbox.ids[6:] == [mine[2], mine[3]]
     assert running(database) == 1
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_a_fleet_whose_row_somebody_holds_keeps_no_other_fleets_work_waiting(settings, database, store, two_ingests):
+    fleets = [make_fleet(database, name) for name in ("held", "other")]
+    jobs = [make_jobs(database, fleet, 1, kind="ingest")[0] for fleet in fleets]
+    with database.writing() as session:
+        session.execute(update(Job).values(sends=0, send_after=None))
+    impatient = Database(settings.database, lock_s=0.2)
+    postbox = Postbox(impatient)
+    with database.writing() as session:
+        session.execute(select(Fleet.id).where(Fleet.id == fleets[0]).with_for_update()).all()
+        sweep(impatient, store)
+        assert postbox.ids == [jobs[1]]
+    sweep(impatient, store)
+    assert postbox.ids == [jobs[1], jobs[0]]
+    impatient.close()
 
 
 def test_uploads_completed_at_the_same_moment_do_not_pass_the_cap_together(database, two_ingests):
