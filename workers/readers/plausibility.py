@@ -93,7 +93,7 @@ def implausible(sample: SweepSample, topic: str, step_s: float | None) -> Record
         return None
     xyz = np.concatenate(sample.xyz).astype(np.float64)
     doubts = (
-        *(_columns(xyz), _far(xyz), _near(xyz), _flat(xyz), _alike(sample.xyz)),
+        *(_mapped(xyz), _columns(xyz), _far(xyz), _near(xyz), _flat(xyz), _alike(sample.xyz)),
         *(_order(xyz, np.concatenate(sample.rings)), _few(sample.counts), _fast(step_s)),
     )
     doubt = next((doubt for doubt in doubts if doubt is not None), None)
@@ -126,17 +126,22 @@ def _columns(xyz: NDArray[np.float64]) -> _Doubt:
     )
 
 
+def _mapped(xyz: NDArray[np.float64]) -> _Doubt:
+    median_m = float(np.median(np.linalg.norm(xyz, axis=1)))
+    around_m = float(np.median(np.linalg.norm(xyz - np.median(xyz, axis=0), axis=1)))
+    if median_m <= _FARTHEST_MEDIAN_M or around_m >= min(_FARTHEST_MEDIAN_M, 0.5 * median_m):
+        return None
+    return (
+        f"its points lie {median_m:,.0f} m from the sensor, {around_m:.0f} m around each other: coordinates are "
+        "probably of a map.",
+        "Record the driver's own clouds, in the LiDAR's frame.",
+    )
+
+
 def _far(xyz: NDArray[np.float64]) -> _Doubt:
     next_m, median_m = np.quantile(np.linalg.norm(xyz, axis=1), (_NEXT_SHARE, 0.5)).tolist()
     if median_m <= _FARTHEST_MEDIAN_M and next_m <= _NEXT_M:
         return None
-    around_m = float(np.median(np.linalg.norm(xyz - np.median(xyz, axis=0), axis=1)))
-    if around_m < min(_FARTHEST_MEDIAN_M, 0.5 * median_m):
-        return (
-            f"its points lie {median_m:,.0f} m from the sensor, {around_m:.0f} m around each other: coordinates are "
-            "probably of a map.",
-            "Record the driver's own clouds, in the LiDAR's frame.",
-        )
     unit = min(_UNITS, key=lambda name: abs(np.log(median_m / _UNITS[name] / _USUAL_M)))
     return (
         f"half of its points lie farther than {median_m:,.0f} m: coordinates are probably {unit}.",

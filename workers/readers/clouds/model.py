@@ -19,6 +19,7 @@ from workers.readers.clouds.point_times import PointTimes, learn_point_times
 from workers.readers.clouds.pointcloud2 import empty_cloud
 from workers.readers.clouds.ring_spread import check_rings
 from workers.readers.clouds.rings import ComputedRings, RingOrder, learn_missing_rings, learn_rings, ring_ids
+from workers.readers.clouds.spoilt import check_scale, is_of_scale, usual_scale
 from workers.readers.recording import LidarFacts, MessageError, ReadError, Sweep
 
 SAMPLES: Final = 20
@@ -48,6 +49,7 @@ class CloudModel:
         rings: the file's ring ids to numbers by elevation, or numbers computed from the points.
         times: how the moment of each point is found.
         notes: sentences about what was found and assumed.
+        usual_m: scale of the clouds (:mod:`workers.readers.clouds.spoilt`).
     """
 
     fields: CloudFields
@@ -57,6 +59,7 @@ class CloudModel:
     rings: RingOrder | ComputedRings
     times: PointTimes
     notes: list[str]
+    usual_m: float
     unknown_rings: int = 0
     _needed: tuple[str, ...] = ()
 
@@ -69,14 +72,18 @@ class CloudModel:
         """One cloud as a sweep: points without a return dropped, rings by elevation, times from the stamp.
 
         Raises:
-            MessageError: ``cloud_fields_differ``, ``cloud_empty``.
+            MessageError: ``cloud_fields_differ``, ``cloud_empty``, ``cloud_malformed``.
         """
         self.fields.check(stamp_ns, columns, self._needed)
         xyz, keep = _returns(columns, self.fields.xyz)
+        where = f"{self.fields.where}: the cloud at {stamp_ns / 1e9:.3f} s"
         if not len(xyz):
-            raise empty_cloud(f"{self.fields.where}: the cloud at {stamp_ns / 1e9:.3f} s", len(keep))
+            raise empty_cloud(where, len(keep))
+        check_scale(xyz, self.usual_m, where)
         ring = _numbers(self.rings, xyz, None if self.ring is None else columns[self.ring][keep])
         has_ring = ring >= 0
+        if not has_ring.any():
+            raise empty_cloud(where, len(keep))
         if not has_ring.all():
             self.unknown_rings += int(np.count_nonzero(~has_ring))
             keep[keep] = has_ring
@@ -153,7 +160,8 @@ def _crowded_place(xyz: NDArray[np.float32]) -> NDArray[np.float32] | None:
     if len(xyz) < len(_PROBES):
         return None
     probes = xyz[(_PROBES * len(xyz)).astype(np.intp)]
-    key = probes @ _MIX
+    with np.errstate(over="ignore", invalid="ignore"):  # of a cloud that is misread
+        key = probes @ _MIX
     ordered = np.sort(key)
     crowd = ordered[_CROWD:][ordered[_CROWD:] == ordered[:-_CROWD]]
     crowd = crowd[crowd != 0]
@@ -244,6 +252,8 @@ def learn_clouds(
             ``rings_too_many``, ``points_without_rings``, ``cloud_merged``, ``no_sweeps``.
     """
     fields, clouds = _usual_clouds(samples, where)
+    usual_m = usual_scale([cloud.xyz for cloud in clouds])
+    clouds = [cloud for cloud in clouds if is_of_scale(cloud.xyz, usual_m)]
     try:
         ring, rings = _rings_of(clouds, fields, options.rings)
     except ReadError as error:
@@ -260,7 +270,7 @@ def learn_clouds(
     notes += times.notes
     if fields.unused:
         notes.append(f"{where}: {fields.unused}")
-    return CloudModel(fields, ring, intensity, time, rings, times, notes)
+    return CloudModel(fields, ring, intensity, time, rings, times, notes, usual_m)
 
 
 def _times_of(
