@@ -13,10 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Reader
+from rosbags.typesys import get_types_from_msg
 
 from apexcal.geometry.frame_tree import urdf_tree
 from benchmarks.demo.truth import Truth
 from tests.apexcal.test_cli import apexcal
+from tests.apexcal.test_inspection import TYPES, shifted, write
 from tests.apexcal.test_rectified_images import mark
 from tests.support.processes import die_with_parent
 from tests.support.served import Embedded
@@ -116,6 +119,30 @@ def test_who_stops_before_there_are_marks_is_told_how_to_go_on(embedded: Embedde
         _, printed = solving.communicate()
         assert solving.returncode == 130 and not out.exists()
     assert f"apexcal calibrate --detection {detection} --camera {camera}" in printed and "Traceback" not in printed
+
+
+@pytest.mark.slow
+def test_frames_of_another_clock_are_paired_with_the_offset_that_their_recording_tells(
+    embedded, owner, short, tmp_path
+):
+    """The camera counts from its start: 1,700,000,000 s behind. With its own clock no frame is near a sweep."""
+    apart_s = 1_700_000_000
+    with Reader(short / "recording.bag") as bag:
+        for each in bag.connections:
+            if each.msgtype not in TYPES.types:
+                TYPES.register(get_types_from_msg(each.msgdef.data, each.msgtype))
+        messages = [(each.topic, each.msgtype, time, bytes(raw)) for each, time, raw in bag.messages()]
+    walk = tmp_path / "walk"
+    walk.mkdir()
+    edit = shifted(-apart_s, 0)
+    write(walk / "recording.bag", [changed for message in messages for changed in edit(message)])
+    with started(*words_of(walk, embedded, "Apart", tmp_path / "out.urdf"), "--yes") as solving:
+        detection, _ = waits_at(solving)
+        solving.send_signal(signal.SIGINT)
+        solving.communicate()
+    run = owner.detections.get(detection)
+    assert abs(run.pairing.offset_ns + apart_s * 10**9) < 50_000_000
+    assert run.counts.accepted and run.counts.paired > 0.4 * run.counts.accepted, "the camera has half the rate"
 
 
 @pytest.mark.slow

@@ -209,8 +209,7 @@ def _around_poses(
         )
     missing = [index for index, some in zip(chosen, scene.things, strict=True) if not some]
     if missing and not poses.single:
-        listed = ", ".join(str(index) for index in missing[:10]) + (" ..." if len(missing) > 10 else "")
-        notes.append(f"No board was seen in the sweeps {listed}: the region may leave it out there.")
+        notes.append(f"No board was seen in the sweeps {_listed(missing)}: the region may leave it out there.")
     if poses.walked:
         notes.append(
             "The recording was uploaded as still poses, but somebody walks in it. If it is a walk, upload it without "
@@ -222,7 +221,24 @@ def _around_poses(
     places = [some[0].middle if board else None for some, board in zip(scene.things, boards, strict=True)]
     pairs = zip(pairwise(chosen), pairwise(places), strict=True)
     count = 1 + sum(first[a] != first[b] and not _at_one_place(*of_boards) for (a, b), of_boards in pairs)
+    outside = [] if poses.single else [index for index in chosen if _is_board_outside(source, index, poses, region)]
+    if outside:
+        sentence = "something outside of the region looks like the board: widen it there if it is."
+        suggestion.facts["notes"].append(f"In the sweeps {_listed(outside)} {sentence}")
     return replace(suggestion, facts=suggestion.facts | {"poses": count})
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers[:10])) + (" ..." if len(numbers) > 10 else "")
+
+
+def _is_board_outside(source: SweepSource, index: int, poses: StillPoses, region: Region) -> bool:
+    """Whether a board by its own shape stands where the region leaves it out, and none does in it."""
+    sweep = source.sweep(index)
+    moved, inside = poses.background.compare(sweep).moved, region.mask(sweep.xyz)
+    if not _boards(sweep, moved & ~inside, poses.grid, sure=True):
+        return False
+    return not _boards(sweep, moved & inside, poses.grid, sure=True)
 
 
 def _at_one_place(place: Floats | None, other: Floats | None) -> bool:

@@ -1,5 +1,7 @@
 /** Files that were dropped or chosen on one page and are used on another: a recording, a URDF or a lens beside it. */
 
+import { tarOf, type Entry } from "./tar.ts";
+
 interface Dropped {
   vehicleId: string;
   /** The rig that it belongs to, if that is known. */
@@ -25,11 +27,46 @@ export function taken(vehicleId: string): Dropped | null {
 
 const isUrdf = (file: File): boolean => /\.(urdf|xml)$/i.test(file.name);
 
-const isLens = (file: File): boolean => /\.ya?ml$/i.test(file.name);
+// A ROS 2 bag's metadata.yaml is a part of it.
+const isLens = (file: File): boolean => /\.ya?ml$/i.test(file.name) && file.name !== "metadata.yaml";
 
-/** The recording among some files: the first that is no URDF and no lens. */
-export const recordingIn = (files: FileList | null | undefined): File | undefined =>
-  [...(files ?? [])].find((file) => !isUrdf(file) && !isLens(file));
+/** The recording among some files: what is no URDF and no lens. Several are one tar: a `.db3` and its `-wal`, parts. */
+export function recordingIn(files: FileList | null | undefined): File | undefined {
+  const parts = [...(files ?? [])].filter((file) => !isUrdf(file) && !isLens(file));
+  const [first] = parts;
+  if (!first || parts.length === 1) return first;
+  const entries = parts.map((file) => ({ path: file.name, file }));
+  return tarOf(entries, nameAfter(first));
+}
+
+/** What was dropped, each folder as one tar. */
+export async function droppedFiles(data: DataTransfer): Promise<FileList> {
+  const roots = [...data.items].map((item) => item.webkitGetAsEntry()).filter((entry) => entry !== null);
+  const loose = [...data.files];
+  if (!roots.some((entry) => entry.isDirectory)) return data.files;
+  const whole = new DataTransfer();
+  for (const [index, root] of roots.entries()) {
+    const file = root.isDirectory ? tarOf(await filesBelow(root), root.name) : loose[index];
+    if (file) whole.items.add(file);
+  }
+  return whole.files;
+}
+
+async function filesBelow(entry: FileSystemEntry): Promise<Entry[]> {
+  if (entry.name.startsWith(".")) return [];
+  if (entry.isFile) {
+    const file = await new Promise<File>((good, bad) => (entry as FileSystemFileEntry).file(good, bad));
+    return [{ path: entry.fullPath.replace(/^\//, ""), file }];
+  }
+  const reader = (entry as FileSystemDirectoryEntry).createReader();
+  const files: Entry[] = [];
+  // A reader gives at most a hundred entries at a time, and none at the end.
+  for (;;) {
+    const some = await new Promise<FileSystemEntry[]>((good, bad) => reader.readEntries(good, bad));
+    if (some.length === 0) return files;
+    for (const each of some) files.push(...(await filesBelow(each)));
+  }
+}
 
 /** Keeps the URDF and the lens among some files for the rig of a recording. */
 export async function keepBeside(recordingId: string, files: FileList | undefined): Promise<void> {
