@@ -221,7 +221,7 @@ def _around_poses(
     places = [some[0].middle if board else None for some, board in zip(scene.things, boards, strict=True)]
     pairs = zip(pairwise(chosen), pairwise(places), strict=True)
     count = 1 + sum(first[a] != first[b] and not _at_one_place(*of_boards) for (a, b), of_boards in pairs)
-    outside = [] if poses.single else [index for index in chosen if _is_board_outside(source, index, poses, region)]
+    outside = [] if poses.single else _boards_outside(source, chosen, poses, region, report)
     if outside:
         sentence = "something outside of the region looks like the board: widen it there if it is."
         suggestion.facts["notes"].append(f"In the sweeps {_listed(outside)} {sentence}")
@@ -232,13 +232,19 @@ def _listed(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers[:10])) + (" ..." if len(numbers) > 10 else "")
 
 
-def _is_board_outside(source: SweepSource, index: int, poses: StillPoses, region: Region) -> bool:
-    """Whether a board by its own shape stands where the region leaves it out, and none does in it."""
-    sweep = source.sweep(index)
-    moved, inside = poses.background.compare(sweep).moved, region.mask(sweep.xyz)
-    if not _boards(sweep, moved & ~inside, poses.grid, sure=True):
-        return False
-    return not _boards(sweep, moved & inside, poses.grid, sure=True)
+def _boards_outside(
+    source: SweepSource, chosen: Sequence[int], poses: StillPoses, region: Region, report: Callable[[], None]
+) -> list[int]:
+    """Return the sweeps in which a board by its own shape stands where the region leaves it out, and none in it."""
+    outside: list[int] = []
+    for index in chosen:
+        report()
+        sweep = source.sweep(index)
+        moved, inside = poses.background.compare(sweep).moved, region.mask(sweep.xyz)
+        beside, within = (_boards(sweep, some, poses.grid, sure=True) for some in (moved & ~inside, moved & inside))
+        if beside and not within:
+            outside.append(index)
+    return outside
 
 
 def _at_one_place(place: Floats | None, other: Floats | None) -> bool:
