@@ -138,7 +138,7 @@ def calibrate(
         of_cameras = pairs_of_files(client, pairs, vehicle, rig, cameras)
     else:
         of_cameras = pairs_of_marks(client, detection, cameras, machine_marks=machine_marks)
-    request["intrinsics"] = lenses(client, intrinsics or [], [each.camera for each in of_cameras]) or None
+    request["intrinsics"] = lenses(client, intrinsics or [], {each.camera: None for each in of_cameras}) or None
     request["publish"] = "recommended" if publish else "none"
     sets: list[SetView] = []
     with saying_what_stays(sets):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -122,6 +122,8 @@ def _files_of(files: Sequence[str], cameras: Sequence[str]) -> Iterator[tuple[st
         yield camera or cameras[0], str(path)
 
 
-def lenses(client: Client, files: Sequence[str], cameras: Sequence[str]) -> dict[str, Document]:
-    """The intrinsics of each camera that a file is given for."""
-    return {camera: read_lens(client, file, camera) for camera, file in _files_of(files, cameras)}
+def lenses(
+    client: Client, files: Sequence[str], cameras: Mapping[str, tuple[int, int] | None]
+) -> dict[str, Document]:
+    """The intrinsics of each camera that a file is given for. ``cameras``: the size of their images, if known."""
+    return {camera: read_lens(client, file, camera, cameras[camera]) for camera, file in _files_of(files, [*cameras])}

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from apexcal.client import ClientError, FailedError
-from apexcal.commands.camera_files import state_lenses
+from apexcal.commands.camera_files import lenses, state_lenses
 from apexcal.commands.named import assignments, find_recording, find_rig, find_vehicle
 from apexcal.commands.options import (
     CamerasOption,
@@ -89,6 +89,8 @@ def upload(
     reading = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings, accept=accept)
     on = find_vehicle(session.client, fleet, vehicle)
     with_rig = find_rig(session.client, on, rig)
+    # Read before the upload too: a lens that cannot be used is said at once.
+    lenses(session.client, intrinsics or [], {camera.name: camera.image_size for camera in with_rig.cameras})
     with session.progress("Uploading") as progress:
         recording = session.client.recordings.upload(
             path,

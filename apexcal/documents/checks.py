@@ -59,6 +59,13 @@ class CheckTopic:
         )
 
 
+USE_LIMIT_PX: Final = 2.0
+USE_LIMIT_RAD: Final = 1.5e-3
+"""A projected point may be off by the larger of both: two pixels are what a detection in the image is good to, and
+1.5 mrad are 3 cm at 20 m, the width of a LiDAR's beam there."""
+USE_LIMIT_M: Final = 0.0146
+"""Near the sensor it may be off by as much as a beam is wide at 5 m, which leaves it 9.5 mm wide (data sheets of OS1
+and VLP-16). No board tells more: its edges are known to 3.5 mm, its tip less well."""
 ALONE_LIMIT_DEG: Final = 0.4
 ALONE_LIMIT_MM: Final = 40.0
 """95 % half-widths that a mount may have if it is used with another lens: at 5 m 0.4 degrees are 35 mm, as much as

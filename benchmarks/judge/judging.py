@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.calibrations import CalibrationTemplate
-from apexcal.documents.checks import Check, CheckVerdict, verdict_of
+from apexcal.documents.checks import USE_LIMIT_PX, USE_LIMIT_RAD, Check, CheckVerdict, verdict_of
 from apexcal.documents.errors import DocumentError
 from apexcal.documents.results import FitResult
 from apexcal.geometry.rotations import rotation_from_vector
@@ -26,7 +26,6 @@ from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import project
 from workers.judge.calibration_checks import checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
-from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.models.summary import CameraFit, camera_summary
 from workers.simulation.camera import FRONT
 from workers.solver.outcomes import SolveError

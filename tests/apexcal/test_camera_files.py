@@ -58,5 +58,6 @@ def test_a_lens_beside_a_bag_is_taken_and_said_and_one_that_is_given_goes_before
     (camera,) = [each for each in owner.recordings.get(recording["id"]).sensors if each.kind == "camera"]
     assert camera.facts.camera_info.source == "camera_info.yaml" and camera.facts.camera_info.K[0] == 700.0
     refused, _ = uploaded("--intrinsics", str(tmp_path / "other.yaml"))
-    assert refused.returncode == 2 and f"{width + 1} x {height}" in refused.stderr
+    assert refused.returncode == 1 and f"{width + 1} x {height}" in refused.stderr
     assert uploaded("--intrinsics", "rear=x.yaml")[0].returncode == 2
+    assert len(list(owner.recordings.list(vehicle_id=recording["vehicle_id"]))) == 1, "nothing was uploaded for it"

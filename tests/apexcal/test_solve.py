@@ -16,6 +16,7 @@ import pytest
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import get_types_from_msg
 
+from apexcal.commands.solve import _left_undone
 from apexcal.geometry.frame_tree import urdf_tree
 from benchmarks.demo.truth import Truth
 from tests.apexcal.test_cli import apexcal
@@ -62,6 +63,12 @@ def test_a_person_at_the_terminal_is_asked_only_what_the_file_does_not_say(simul
         assert process.wait() == 2
     os.close(terminal)
     assert "forward" in shown and "LiDAR is" not in shown and "Which" not in shown
+
+
+def test_advice_names_only_what_was_not_done():
+    assert _left_undone(board="0.6x0.9", has_lens=True, machine_marks=False) == []
+    size, lens, person = _left_undone(board="", has_lens=False, machine_marks=True)
+    assert "--board" in size and "--intrinsics" in lens and "--machine-marks" in person
 
 
 def until(terminal: int, text: str, within_s: float = 120.0) -> str:

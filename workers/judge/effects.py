@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.judge.topics import USE_LIMIT_M, USE_LIMIT_PX, USE_LIMIT_RAD
+from apexcal.documents.checks import USE_LIMIT_M, USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.solver.estimate import Estimate
 from workers.solver.prediction import DISTANCES_M, covariances_along
 from workers.solver.residuals import predict, transform_of

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from apexcal.documents.checks import Check, CheckTopic, CheckVerdict, figure
+from apexcal.documents.checks import USE_LIMIT_PX, USE_LIMIT_RAD, Check, CheckTopic, CheckVerdict, figure
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import ModelSummary
 from apexcal.geometry.se3 import from_document
-from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD
+from workers.judge.topics import LOOK_RATE, STOP_RATE
 from workers.solver.prediction import DISTANCES_M
 
 Floats = NDArray[np.float64]

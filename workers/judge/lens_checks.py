@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from apexcal.documents.checks import Check, CheckTopic, figure
+from apexcal.documents.checks import USE_LIMIT_PX, USE_LIMIT_RAD, Check, CheckTopic, figure
 from apexcal.documents.results import FitResult
 from workers.judge.effects import moved_over_limit
 from workers.judge.residual_patterns import pattern_test
-from workers.judge.topics import LOOK_RATE, MATTERS, graded
+from workers.judge.topics import LOOK_RATE, graded
 from workers.solver.estimate import Estimate
 from workers.solver.residuals import predict, transform_of
 
@@ -41,7 +41,8 @@ def lens_model(estimate: Estimate) -> Check:
     inside = transform_of(problem, p).apply(problem.points[used])
     angles = np.degrees(np.arctan2(np.hypot(inside[:, 0], inside[:, 1]), inside[:, 2]))
     angle = float(angles[int(np.argmin(np.abs(size - largest_px)))])
-    verdict = graded(test.probability, largest_px, MATTERS * estimate.spread.sigma_px)
+    focal_px = float(np.sqrt(p[6] * p[7]))
+    verdict = graded(test.probability, largest_px, max(USE_LIMIT_PX, USE_LIMIT_RAD * focal_px))
     model = estimate.fitted.model
     sentence = (
         f"Residuals follow no pattern of a lens beyond chance; {model} fits."

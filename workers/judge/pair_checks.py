@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from apexcal.documents.checks import Check, CheckTopic, CheckVerdict, figure
+from apexcal.documents.checks import USE_LIMIT_PX, USE_LIMIT_RAD, Check, CheckTopic, CheckVerdict, figure
 from apexcal.documents.pairs import MACHINE
 from apexcal.documents.results import FitResult
 from apexcal.geometry.rotations import vector_from_rotation
-from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_RAD
+from workers.judge.topics import LOOK_RATE, STOP_RATE
 from workers.solver.estimate import Estimate
 from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
 from workers.solver.problem import FitProblem

@@ -9,10 +9,18 @@ import numpy as np
 from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
-from apexcal.documents.checks import ALONE_LIMIT_DEG, ALONE_LIMIT_MM, Check, CheckTopic, figure
+from apexcal.documents.checks import (
+    ALONE_LIMIT_DEG,
+    ALONE_LIMIT_MM,
+    USE_LIMIT_M,
+    USE_LIMIT_PX,
+    USE_LIMIT_RAD,
+    Check,
+    CheckTopic,
+    figure,
+)
 from apexcal.documents.results import FitResult
 from workers.judge.effects import MIDDLE, over_limit, worst_axis
-from workers.judge.topics import USE_LIMIT_M, USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.solver.estimate import Estimate
 from workers.solver.next_steps import sentence as next_sentence
 from workers.solver.prediction import DISTANCES_M

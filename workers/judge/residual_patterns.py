@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy import special
 
 from workers.judge.topics import LOOK_RATE
-from workers.solver.error_model import ErrorModel, weighed
+from workers.solver.error_model import ErrorModel, unweighed, weighed
 from workers.solver.estimate import Estimate
+from workers.solver.problem import FitProblem
 from workers.solver.shared_errors import shared_errors
 from workers.solver.weighting import whitened
 
@@ -26,7 +27,8 @@ class PatternTest(NamedTuple):
     """What the residuals say of further unknowns.
 
     `values` (e,) and their `deviations` (e,), infinite where the fit's own parameters do the same. `probability` of
-    such residuals without the unknowns. `pattern` (N, 2): the residuals that they explain, px.
+    such residuals without the unknowns. `pattern` (N, 2), px: by how much the pixels change with the unknowns and
+    with the parameters of the fit that change along.
     """
 
     values: Floats
@@ -51,20 +53,21 @@ def pattern_test(estimate: Estimate, columns: Floats) -> PatternTest | None:
         nothing = np.zeros(columns.shape[2])
         return PatternTest(nothing, nothing + np.inf, 1.0, np.zeros(columns.shape[:2]))
     if problem.blocks is None or not problem.blocks.over_time:
-        return _tested(estimate.errors.with_columns(rows @ combined), columns, combined)
+        return _tested(problem, estimate.errors.with_columns(rows @ combined), combined)
     wider = estimate.plain.with_columns(rows @ combined)
-    alone = _tested(wider, columns, combined)
+    alone = _tested(problem, wider, combined)
     if alone.probability >= LOOK_RATE:
         return alone
     shared = shared_errors(problem, estimate.held_at, wider)
-    return alone if shared is None else _tested(shared.errors, columns, combined)
+    return alone if shared is None else _tested(problem, shared.errors, combined)
 
 
-def _tested(errors: ErrorModel, columns: Floats, combined: Floats) -> PatternTest:
+def _tested(problem: FitProblem, errors: ErrorModel, combined: Floats) -> PatternTest:
     """The test of the last unknowns of `errors`, of which (e, k) `combined` are made of the columns."""
     count = combined.shape[1]
     # The residual is projection minus mark: the pixels move by -step to meet the marks.
-    step, covariance = errors.step()[-count:], errors.covariance()[-count:, -count:]
+    whole = errors.step()
+    step, covariance = whole[-count:], errors.covariance()[-count:, -count:]
     statistic = float(step @ np.linalg.pinv(covariance, hermitian=True) @ step) / count
     freedom = min(max(float(np.median(errors.of_pairs().freedoms()[-count:])), 1.0), 1e9)
     values = combined @ step
@@ -73,7 +76,7 @@ def _tested(errors: ErrorModel, columns: Floats, combined: Floats) -> PatternTes
         values,
         np.sqrt(np.where(variances > 0.0, variances, np.inf)),
         float(_chance_above(count, freedom, statistic)),
-        np.einsum("nce,e->nc", np.nan_to_num(columns), values),
+        unweighed(problem, errors.fit.jacobian @ (whole / errors.scale)),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from apexcal.documents.checks import CheckVerdict
+from apexcal.documents.checks import USE_LIMIT_PX, USE_LIMIT_RAD, CheckVerdict
 
 LOOK_RATE: Final = 1.0 / 200.0
 STOP_RATE: Final = 1.0 / 1000.0
@@ -13,13 +13,6 @@ that at least 0.92 of sound results pass all of them, and at most 0.015 are stop
 MATTERS: Final = 0.5
 """What a check finds matters if it is larger than this share of a mark's noise: added to the noise in squares, it
 then is an eighth of it. Half as much is worth a look."""
-USE_LIMIT_PX: Final = 2.0
-USE_LIMIT_RAD: Final = 1.5e-3
-"""A projected point may be off by the larger of both: two pixels are what a detection in the image is good to, and
-1.5 mrad are 3 cm at 20 m, the width of a LiDAR's beam there."""
-USE_LIMIT_M: Final = 0.0146
-"""Near the sensor it may be off by as much as a beam is wide at 5 m, which leaves it 9.5 mm wide (data sheets of OS1
-and VLP-16). No board tells more: its edges are known to 3.5 mm, its tip less well."""
 
 
 def graded(probability: float, size: float, limit: float) -> CheckVerdict:

@@ -180,3 +180,10 @@ def weighed(problem: FitProblem, values: Floats) -> Floats:
     """Derivatives (N, 2, q) of the pixels as they count in a whitened problem: weighted or whitened."""
     rows = values if problem.whitening is None else np.matmul(problem.whitening, values)
     return rows * np.sqrt(problem.weights)[:, None, None]
+
+
+def unweighed(problem: FitProblem, values: Floats) -> Floats:
+    """Pixels (N, 2) of such as count in a whitened problem; 0 where a pair counts nothing."""
+    root = np.sqrt(problem.weights)[:, None]
+    plain = np.divide(values, root, out=np.zeros_like(values), where=root > 0.0)
+    return plain if problem.whitening is None else np.linalg.solve(problem.whitening, plain[..., None])[..., 0]

@@ -17,15 +17,17 @@ from scipy import special
 
 from apexcal.documents.bounds import Interval, preset_bounds
 from apexcal.documents.camera_models import FOCAL_AND_CENTRE
-from apexcal.documents.checks import figure
+from apexcal.documents.checks import USE_LIMIT_M, USE_LIMIT_PX, USE_LIMIT_RAD, figure
 from apexcal.documents.results import Intrinsics, StatedLensFit
 from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
 from apexcal.geometry.se3 import to_document
 from workers.geometry.models import INTRINSICS, ModelName, parse_model
+from workers.geometry.projection import project
 from workers.solver.estimate import Estimate, estimate
 from workers.solver.outcomes import SolveError
 from workers.solver.polish import mean_and_rms, weighted_residuals
+from workers.solver.prediction import DISTANCES_M, deviations_along
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.weighting import whitened
@@ -35,8 +37,8 @@ Floats = NDArray[np.float64]
 _chance_above: Callable[[float, float, float], float] = special.fdtrc
 _CHANCE: Final = 1e-3
 """How often the pairs of a true lens speak against it."""
-_MATTERS: Final = 0.5
-"""Misfit of a lens, as a share of a mark's noise per coordinate, below which it is as good as true."""
+_SURE: Final = 2.0  # deviations of the lens of the pairs, by which points may differ without saying anything
+_FIELD: Final = 0.95  # of the marked field
 
 
 def lens_origin(problem: FitProblem) -> LensOrigin:
@@ -111,7 +113,7 @@ def _with_free_lens(problem: FitProblem, fitted: Estimate) -> Estimate | None:
 
 def _misfit(mount: Estimate, free: Estimate | None) -> dict[str, Any]:
     """Whether the pairs bear the stated lens out, and a sentence."""
-    if free is None or free.spread.freedom is None or mount.spread.freedom is None:
+    if free is None or free.errors is None or free.spread.freedom is None or mount.spread.freedom is None:
         sentence = "These pairs are too few to tell whether the stated lens is true."
         return {"explains": None, "free_lens_rms_px": None, "sentence": sentence}
     of_mount, of_free = _squares(mount), _squares(free)
@@ -119,14 +121,33 @@ def _misfit(mount: Estimate, free: Estimate | None) -> dict[str, Any]:
     more, left = max(mount.spread.freedom - free.spread.freedom, 1.0), free.spread.freedom
     noise = max(of_free / left, 1e-12)
     statistic = max(of_mount - of_free, 0.0) / (more * noise)
-    pairs = 2.0 * np.count_nonzero(mount.fitted.weights)
-    matters = of_mount - of_free > pairs * _MATTERS**2 * noise
-    explains = not (matters and _chance_above(more, left, statistic) < _CHANCE)
+    apart = _over_limit(mount, free)
+    explains = not (apart > 1.0 and _chance_above(more, left, statistic) < _CHANCE)
     sizes = f"The stated lens leaves {figure(at_px)} px RMS, the lens of these pairs {figure(free_px)} px"
     sentence = (
-        f"{sizes}: the stated lens fits them." if explains else f"{sizes}: the stated lens is not this camera's."
+        f"{sizes}: the stated lens fits them."
+        if explains
+        else f"{sizes}, and points at 5 to 50 m lie {figure(apart)} times as far apart under both as use allows: the "
+        "stated lens is not this camera's."
     )
     return {"explains": explains, "free_lens_rms_px": free_px, "sentence": sentence}
+
+
+def _over_limit(mount: Estimate, free: Estimate) -> float:
+    """How far apart two fits see points over the marked field, less what `free` may err by, over what use allows."""
+    problem, T = mount.fitted, transform_of(mount.fitted, mount.parameters)
+    rays = T.apply(problem.points[problem.weights > 0.0])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    distances = np.array(DISTANCES_M)[:, None]
+    points = T.inverse().apply((distances[:, :, None] * rays).reshape(-1, 3))
+    seen = [
+        project(fit.fitted.model, fit.parameters[6:], transform_of(fit.fitted, fit.parameters).apply(points))[0]
+        for fit in (mount, free)
+    ]
+    px = np.hypot(*(seen[0] - seen[1]).T).reshape(len(distances), -1) - _SURE * deviations_along(free, rays)[0]
+    focal_px = float(np.sqrt(mount.parameters[6] * mount.parameters[7]))
+    limit_px = np.maximum(USE_LIMIT_PX, focal_px * np.maximum(USE_LIMIT_RAD, USE_LIMIT_M / distances))
+    return float(np.max(np.nanquantile(np.maximum(px, 0.0) / limit_px, _FIELD, axis=1)))
 
 
 def _squares(fit: Estimate) -> float:
