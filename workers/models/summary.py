@@ -79,23 +79,20 @@ def recommend(fits: Sequence[CameraFit]) -> tuple[Choice, dict[str, Candidate]]:
             folds[fit.result.model][fit.heldout_fold] = fit.result
     candidates = {name: _candidate(result, folds[name]) for name, result in full.items()}
     width, height = next(iter(full.values())).intrinsics.image_size
+    area_px2 = float(width * height)
     of_stated = {name: result for name, result in full.items() if result.lens != "fitted"}
-    if not of_stated or len(of_stated) == len(full):
-        return choose(candidates, float(width * height)), candidates
-    against = [result.stated_lens.sentence for result in of_stated.values() if _is_contradicted(result)]
+    others = [name for name in full if name not in of_stated]
+    if not of_stated or not others:
+        return choose(candidates, area_px2), candidates
+    against = [fit.sentence for result in of_stated.values() if (fit := result.stated_lens) and fit.explains is False]
     if len(against) == len(of_stated):
-        choice = choose(candidates, float(width * height))
-        return replace(choice, why=f"{against[0]} So models with lenses of their own are compared. {choice.why}"), (
-            candidates
-        )
-    choice = choose({name: candidates[name] for name in of_stated}, float(width * height))
-    others = " and ".join(name for name in full if name not in of_stated)
-    words = f"{choice.why} The pairs do not contradict the stated lens, so lenses of {others} are not weighed."
-    return replace(choice, why=words), candidates
-
-
-def _is_contradicted(result: FitResult) -> bool:
-    return result.stated_lens is not None and result.stated_lens.explains is False
+        choice = choose(candidates, area_px2)
+        why = f"{against[0]} So models with lenses of their own are compared. {choice.why}"
+    else:
+        choice = choose({name: candidates[name] for name in of_stated}, area_px2)
+        other = " and ".join(others)
+        why = f"{choice.why} The pairs do not contradict the stated lens, so lenses of {other} are not weighed."
+    return replace(choice, why=why), candidates
 
 
 def _candidate(full: FitResult, folds: Mapping[int, FitResult]) -> Candidate:

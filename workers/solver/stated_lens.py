@@ -140,11 +140,11 @@ def _over_limit(mount: Estimate, free: Estimate) -> float:
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     distances = np.array(DISTANCES_M)[:, None]
     points = T.inverse().apply((distances[:, :, None] * rays).reshape(-1, 3))
-    seen = [
+    pixels = [
         project(fit.fitted.model, fit.parameters[6:], transform_of(fit.fitted, fit.parameters).apply(points))[0]
         for fit in (mount, free)
     ]
-    px = np.hypot(*(seen[0] - seen[1]).T).reshape(len(distances), -1) - _SURE * deviations_along(free, rays)[0]
+    px = np.hypot(*(pixels[0] - pixels[1]).T).reshape(len(distances), -1) - _SURE * deviations_along(free, rays)[0]
     focal_px = float(np.sqrt(mount.parameters[6] * mount.parameters[7]))
     limit_px = np.maximum(USE_LIMIT_PX, focal_px * np.maximum(USE_LIMIT_RAD, USE_LIMIT_M / distances))
     return float(np.max(np.nanquantile(np.maximum(px, 0.0) / limit_px, _FIELD, axis=1)))
