@@ -20,6 +20,7 @@ from apexcal.documents.base import visible
 from service.platform.db.revisions import is_older, newest
 from service.platform.db.session import Database
 from service.platform.jobs.messages import COURIER, Sender
+from service.platform.observability.logs import about
 from service.platform.settings import Settings, SettingsError, get_settings
 from service.platform.storage.errors import StoreFullError, StoreUnavailableError
 from service.platform.storage.store import Store, open_store
@@ -93,10 +94,13 @@ def _refuse_other_schema(database: Database) -> None:
 def spoken(command: Callable[P, Any]) -> Callable[P, None]:
     """A command whose faults are sentences on standard error, with exit code 1; 2 for wrong usage or settings."""
 
+    name = f"{command.__module__.rpartition('.')[2].removesuffix('_commands')} {command.__name__}"
+
     @wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
-            command(*args, **kwargs)
+            with about(command=name):
+                command(*args, **kwargs)
         except WrongUsageError as error:
             _complain(str(error), error.hint, WRONG_USAGE)
         except AdminError as error:

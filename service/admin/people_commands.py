@@ -18,6 +18,7 @@ from service.admin.context import AdminError, JsonOption, as_id, command, opened
 from service.platform.auth.credential_actions import end_credentials, revoke
 from service.platform.auth.session_actions import make_link
 from service.platform.db.clock import now, utc_now
+from service.platform.db.effects import entry_of_process
 from service.platform.db.fleets import Fleet
 from service.platform.db.people import ApiToken, AuditEntry, Membership, Person
 from service.platform.settings import Settings
@@ -32,7 +33,7 @@ def audit(
     days: Annotated[int, typer.Option(help="How far back.", min=1)] = 30,
     as_json: JsonOption = False,
 ) -> None:
-    """Show who downloaded, deleted or published something, or changed roles, tokens and policies."""
+    """Show who downloaded, deleted or published something, or changed roles, tokens, policies or cars' answers."""
     with opened() as service, service.database.reading() as session:
         rows = select(AuditEntry, Person.name).outerjoin(Person, Person.id == AuditEntry.person_id)
         rows = rows.where(
@@ -47,12 +48,15 @@ def audit(
                 "token": str(entry.token_id or ""),
                 "address": entry.address,
                 "what": f"{entry.method} {visible(entry.path)}",
+                "effect": visible((entry.effect or "").replace("\n", "; ")),
                 "request": entry.request_id,
             }
             for entry, name in session.execute(rows.order_by(AuditEntry.created_at, AuditEntry.id))
         ]
     print(
-        json.dumps(entries, indent=2) if as_json else table(entries, ("at", "person", "address", "what", "request"))
+        json.dumps(entries, indent=2)
+        if as_json
+        else table(entries, ("at", "person", "address", "what", "effect", "request"))
     )
 
 
@@ -89,6 +93,7 @@ def link(person: Annotated[str, typer.Argument(help="Name or id, as `users list`
         row = find_person(session, person)
         address, is_known = public_url(service.settings)
         url, until = make_link(session, row.id, address, service.settings.invitation_hours)
+        session.add(entry_of_process(f"users link {row.id}"))
         name = visible(row.name)
     print(f"{name} signs in with this link, which works once until {until:%Y-%m-%d %H:%M} UTC:\n{url}")
     if not is_known:
@@ -106,6 +111,7 @@ def shut_out(person: Annotated[str, typer.Argument(help="Name or id, as `users l
     with opened() as service, service.database.writing() as session:
         row = find_person(session, person)
         ended = end_credentials(session, row.id)
+        session.add(entry_of_process(f"users revoke {row.id}"))
         name = visible(row.name)
     print(f"{name}: {ended.sessions} sessions, {ended.links} links and {ended.tokens} tokens ended.")
 
@@ -148,6 +154,7 @@ def revoke_token(token: Annotated[str, typer.Argument(help="Id, as `tokens list`
     id = as_id(token, "token", f"{command('tokens list')} shows them.")
     with opened() as service, service.database.writing() as session:
         ended = revoke(session, ApiToken.id == id)
+        session.add(entry_of_process(f"tokens revoke {id}"))
         if not ended.tokens:
             raise AdminError(f"there is no valid token {token}", f"{command('tokens list')} shows the valid ones.")
     print("It is revoked.")

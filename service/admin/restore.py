@@ -13,6 +13,7 @@ from sqlalchemy import inspect, select, text
 from service.admin.context import AdminError
 from service.admin.manifest import KEPT, ROWS, BlobFile, Manifest, copy_rows, url_of, verify
 from service.admin.objects import retried
+from service.platform.db.effects import entry_of_process
 from service.platform.db.migrate import upgrade
 from service.platform.db.revisions import all_revisions, newest
 from service.platform.db.session import Database, open_engine
@@ -52,6 +53,10 @@ def restore(url: str, store: Store, folder: Path, *, report: Report = lambda _: 
             retried(partial(store.put_file, blob.key, blob.path(folder)))
         report(f"{len(blobs)} objects, {manifest.blob_bytes} bytes")
         _bring(database, folder / ROWS, report)
+        with database.writing() as session:
+            entry = entry_of_process(f"restore {folder}"[:500])
+            entry.effect = f"All cars are answered as on {manifest.made_at}."
+            session.add(entry)
     finally:
         database.close()
     return manifest

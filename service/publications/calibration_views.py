@@ -12,7 +12,8 @@ from apexcal.geometry.image_frames import T_images_camera, between, joint_of_ima
 from service.platform.db.base import Json
 from service.platform.db.calibrations import Result
 from service.platform.db.fleets import Vehicle
-from service.publications.camera_queries import PublishedCamera, cameras_of, next_moves, published_cameras
+from service.publications.camera_queries import PublishedCamera, next_moves, published_cameras
+from service.publications.mounted_sensors import cameras_of
 from service.publications.selection import Selection
 from service.publications.views import override_view
 

@@ -24,7 +24,7 @@ from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.platform.db.people import Person
 from service.platform.http.problems import conflict
 from service.publications.camera_rules import check_sensors, refuse_missing, refuse_nothing, refuse_swapped
-from service.publications.mounted_sensors import CalibratedSensor, swapped_sensors
+from service.publications.mounted_sensors import CalibratedSensor, mounted_cameras, swapped_sensors
 from service.publications.selection import Selection
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def published_cameras(session: Session, vehicle: Vehicle, selection: Selection) 
     newest = [PublishedCamera(*row) for row in session.execute(_newest(vehicle.id, selection))]
     if not selection.cameras and any(row.publication.result_id is None for row in newest):
         # Who asks for the vehicle is told of what it carries now.
-        mounted = _mounted(session, vehicle.id, selection.as_of)
+        mounted = mounted_cameras(session, vehicle.id, selection.as_of)
         newest = [row for row in newest if row.publication.result_id is not None or row.camera in mounted]
     led_nowhere = [(row.publication, row.published_by) for row in newest if row.publication.result_id is None]
     if led_nowhere:
@@ -99,12 +99,6 @@ def next_moves(session: Session, vehicle_id: UUID, alias: str, as_of: datetime) 
     return {row[0]: row[1] for row in rows}
 
 
-def cameras_of(session: Session, vehicle_id: UUID) -> set[str]:
-    """The names of the cameras of all its rigs."""
-    names = select(RigCamera.name).join(Rig, Rig.id == RigCamera.rig_id).where(Rig.vehicle_id == vehicle_id)
-    return set(session.scalars(names))
-
-
 def _newest(vehicle_id: UUID, selection: Selection) -> Select[*tuple[Any, ...]]:
     """All in one statement, because rows may be deleted between two. An index finds each camera's newest."""
     cameras = select(RigCamera.name).join(Rig, Rig.id == RigCamera.rig_id).where(Rig.vehicle_id == vehicle_id)
@@ -127,12 +121,3 @@ def _newest(vehicle_id: UUID, selection: Selection) -> Select[*tuple[Any, ...]]:
         .outerjoin(Person, Person.id == Publication.published_by)
         .order_by(Publication.camera)
     )
-
-
-def _mounted(session: Session, vehicle_id: UUID, as_of: datetime | None) -> set[str]:
-    """The cameras of the newest rig of each LiDAR."""
-    rigs = select(Rig.id, Rig.lidar_frame).where(Rig.vehicle_id == vehicle_id)
-    if as_of is not None:
-        rigs = rigs.where(Rig.created_at <= as_of)
-    newest = {frame: id for id, frame in session.execute(rigs.order_by(Rig.created_at, Rig.id))}
-    return set(session.scalars(select(RigCamera.name).where(RigCamera.rig_id.in_(newest.values()))))

@@ -70,7 +70,27 @@ def swapped_sensors(
 
 def carries(session: Session, vehicle_id: UUID, serial: str) -> bool:
     """Whether the vehicle carries a sensor with this serial number now, and not only once."""
-    return any(serial == mounted for stated in _mounted(session, vehicle_id, None) for mounted, _ in stated.values())
+    return serial in mounted_serials(session, vehicle_id)
+
+
+def mounted_serials(session: Session, vehicle_id: UUID) -> list[str]:
+    """The serial numbers of the sensors that the vehicle carries now."""
+    return sorted({serial for stated in _mounted(session, vehicle_id, None) for serial, _ in stated.values()})
+
+
+def cameras_of(session: Session, vehicle_id: UUID) -> set[str]:
+    """The names of the cameras of all its rigs."""
+    names = select(RigCamera.name).join(Rig, Rig.id == RigCamera.rig_id).where(Rig.vehicle_id == vehicle_id)
+    return set(session.scalars(names))
+
+
+def mounted_cameras(session: Session, vehicle_id: UUID, as_of: datetime | None = None) -> set[str]:
+    """The cameras of the newest rig of each LiDAR."""
+    rigs = select(Rig.id, Rig.lidar_frame).where(Rig.vehicle_id == vehicle_id)
+    if as_of is not None:
+        rigs = rigs.where(Rig.created_at <= as_of)
+    newest = {frame: id for id, frame in session.execute(rigs.order_by(Rig.created_at, Rig.id))}
+    return set(session.scalars(select(RigCamera.name).where(RigCamera.rig_id.in_(newest.values()))))
 
 
 _Stated = dict[str, tuple[str, str]]

@@ -65,9 +65,10 @@ class ApiToken(Dated):
 
 
 class AuditEntry(Dated):
-    """Who downloaded, deleted or published something, or changed roles and credentials, from where.
+    """Who downloaded, deleted or published something, or changed roles, credentials or what cars are answered.
 
-    Ids name rows that may be gone; ``path`` names the thing.
+    Ids name rows that may be gone; ``path`` names the thing. ``effect``: what cars were answered before and after.
+    ``method`` is JOB, ADMIN or SERVICE where it was no request.
     """
 
     person_id: Mapped[UUID | None]
@@ -76,6 +77,7 @@ class AuditEntry(Dated):
     request_id: Mapped[str | None] = mapped_column(String(64), index=True)
     method: Mapped[str] = mapped_column(String(8))
     path: Mapped[str] = mapped_column(String(500))
+    effect: Mapped[str | None]
     created_at: Mapped[Created] = mapped_column(index=True)
 
 

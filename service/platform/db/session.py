@@ -25,6 +25,7 @@ from apexcal.documents.base import not_finite
 from apexcal.documents.errors import DocumentError
 from service.platform.db.base import Base, Json
 from service.platform.db.connection import LOCK_S, connect_args
+from service.platform.db.effects import watch
 
 _WRITES = "apexcal_writes"
 _ALONE = "apexcal_alone"
@@ -192,6 +193,7 @@ class Database:
             expire_on_commit=False,
             execution_options={"synchronize_session": False},
         )
+        watch(self._writing)
         self._alone = self.engine.execution_options(**{_ALONE: True}, **_autocommit(self.engine))
         self._reading = sessionmaker(self._alone, autoflush=False, expire_on_commit=False)
 

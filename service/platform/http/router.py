@@ -22,13 +22,15 @@ from fastapi import APIRouter, Request, Response
 from fastapi.dependencies.utils import get_flat_params
 from fastapi.exceptions import ResponseValidationError
 from fastapi.params import Query
+from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.platform.db.base import Json
+from service.platform.db.effects import ENTRY, effects
 from service.platform.db.people import AuditEntry
 from service.platform.db.session import Database
-from service.platform.http.problems import Problem, check_query
+from service.platform.http.problems import Problem, check_query, unprocessable
 from service.platform.http.threads import Lane, Threads
 from service.platform.observability import logs, request_ids
 
@@ -48,7 +50,7 @@ SIGN_IN = 4 * KIB
 # What leaves the service as a whole. Frames and sweeps are read by the thousand: the log's lines have these.
 _DOWNLOADS = re.compile(r"/(original(/parts)?|analyses/{\w+}/file|correspondence-sets/{\w+})$")
 _AUDITED = re.compile(
-    r"^DELETE |^(POST|PUT|PATCH) .*/(members/{\w+}|invitations|tokens|policy|publication|withdrawal)$"
+    r"^DELETE |^(POST|PUT|PATCH) .*/(fleets/{\w+}|members/{\w+}|invitations|tokens|policy|publication|withdrawal)$"
 )
 
 CREATED = frozenset((201, 202))
@@ -63,6 +65,8 @@ _LOCATIONS = {
     "withdrawal": _LISTED,
 }
 """Where what was made is read, if its address ends otherwise than the request's. An invited person is a member."""
+DRY_RUN = "Dry-Run"
+"""The header of a request that is answered with the answers of cars that it would change, and changes nothing."""
 # Who is not known yet signs in. All of them have one person's share.
 _STRANGERS = UUID(int=0).hex
 _VERBS = {"GET": "get", "POST": "create", "PATCH": "update", "PUT": "put", "DELETE": "delete"}
@@ -76,14 +80,22 @@ class Transaction:
     writes: bool
 
 
+class _DryRun(Exception):  # noqa: N818 - an answer, not an error
+    """Ends a transaction that was only asked what it would change."""
+
+    def __init__(self, effects: list[str]) -> None:
+        super().__init__()
+        self.effects = effects
+
+
 class Route(APIRoute):
     """A route that is one call of one thread, and that knows each parameter of its query."""
 
     writers: Literal["writing", "marking"] = "writing"
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
-        is_plain = not inspect.iscoroutinefunction(endpoint)
-        super().__init__(path, self._in_one_call(endpoint) if is_plain else endpoint, **options)
+        self._is_plain = not inspect.iscoroutinefunction(endpoint)
+        super().__init__(path, self._in_one_call(endpoint) if self._is_plain else endpoint, **options)
 
     def get_route_handler(self) -> Callable[[Request], Any]:
         """FastAPI's own, behind a look at the names in the query."""
@@ -94,6 +106,8 @@ class Route(APIRoute):
 
         async def checked(request: Request) -> Response:
             check_query(request.query_params, names)
+            if DRY_RUN in request.headers and not self._is_plain:
+                raise _no_dry_run()
             answer = await handler(request)
             if is_download and answer.status_code < 300:
                 await _note_download(request)
@@ -123,8 +137,8 @@ class Route(APIRoute):
             # A POST that keeps nothing works on the bytes that came with it.
             run = threads.parse if reads and request.method not in _READS else lane.run
             caller = UUID(logs.who().get("person") or _STRANGERS)
-            entry = audit_entry(request) if _AUDITED.search(f"{request.method} {self.path}") else None
-            return await run(self._answer, endpoint, values, injected, entry, caller=caller)
+            is_dry = DRY_RUN in request.headers
+            return await run(self._answer, endpoint, values, injected, audit_entry(request), is_dry, caller=caller)
 
         called.__signature__ = signature.replace(  # pyright: ignore[reportAttributeAccessIssue]
             parameters=[*signature.parameters.values(), *more]
@@ -132,18 +146,27 @@ class Route(APIRoute):
         return called
 
     def _answer(
-        self, endpoint: Callable[..., Any], values: dict[str, Any], injected: Response, entry: Json | None
+        self, endpoint: Callable[..., Any], values: dict[str, Any], injected: Response, entry: Json, is_dry: bool
     ) -> Response:
-        with ExitStack() as stack:
-            opened = {
-                name: stack.enter_context(value.open()) if isinstance(value, Transaction) else value
-                for name, value in values.items()
-            }
-            answer = endpoint(**opened)
-            for name, value in values.items():
-                if entry and isinstance(value, Transaction) and value.writes:
-                    opened[name].session.add(AuditEntry(**entry))
-            return answer if isinstance(answer, Response) else self._rendered(answer, injected)
+        writing = [name for name, value in values.items() if isinstance(value, Transaction) and value.writes]
+        if is_dry and not writing:
+            raise _no_dry_run()
+        try:
+            with ExitStack() as stack:
+                opened = {
+                    name: stack.enter_context(value.open()) if isinstance(value, Transaction) else value
+                    for name, value in values.items()
+                }
+                answer = endpoint(**opened)
+                for session in (opened[name].session for name in writing):
+                    if is_dry:
+                        raise _DryRun(effects(session))
+                    session.info[ENTRY] = AuditEntry(**entry)
+                    if _AUDITED.search(f"{entry['method']} {self.path}"):
+                        session.add(session.info[ENTRY])
+                return answer if isinstance(answer, Response) else self._rendered(answer, injected)
+        except _DryRun as run:
+            return JSONResponse({"effects": run.effects})
 
     def _rendered(self, answer: Any, injected: Response) -> Response:
         """The answer as its model says, with the status and headers that the route set."""
@@ -165,6 +188,12 @@ def audit_entry(request: Request) -> Json:
     ids = {f"{name}_id": UUID(who[name]) if name in who else None for name in ("person", "token")}
     where = {"address": who.get("address", ""), "request_id": request_ids.current()}
     return {**ids, **where, "method": request.method, "path": request.url.path[:500]}
+
+
+def _no_dry_run() -> Problem:
+    return unprocessable(
+        "no_dry_run", "Of this request nobody can say before what it changes.", f"Send it without {DRY_RUN}."
+    )
 
 
 async def _note_download(request: Request) -> None:

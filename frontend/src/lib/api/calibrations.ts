@@ -2,7 +2,7 @@
 
 import { bodyOf, client, once, send } from "./http.ts";
 import { read, readAll } from "./reads.ts";
-import { create, post, remove } from "./writes.ts";
+import { create, post, remove, type Sending } from "./writes.ts";
 import { isUnderWay } from "./types.ts";
 import type { CalibrationFiles, CalibrationRequest, ResultView } from "./schema.ts";
 
@@ -32,8 +32,8 @@ export const calibration = (calibration_id: string) =>
 export const cancelCalibration = (calibration_id: string) =>
   post("/v1/calibrations/{calibration_id}/cancel", { calibration_id });
 
-export const deleteCalibration = (calibration_id: string) =>
-  remove("/v1/calibrations/{calibration_id}", { calibration_id });
+export const deleteCalibration = (calibration_id: string, sending?: Sending) =>
+  remove("/v1/calibrations/{calibration_id}", { calibration_id }, sending);
 
 export const result = (result_id: string) => read("/v1/results/{result_id}", { result_id });
 

@@ -2,7 +2,7 @@
 
 import type { Corner } from "../corners.ts";
 import { read, readAll } from "./reads.ts";
-import { change, create, post, remove } from "./writes.ts";
+import { change, create, post, remove, type Sending } from "./writes.ts";
 import { isUnderWay } from "./types.ts";
 import type { DetectionRequest, DetectionView } from "./schema.ts";
 
@@ -23,7 +23,8 @@ export const detection = (detection_id: string) => read("/v1/detections/{detecti
 
 export const cancelDetection = (detection_id: string) => post("/v1/detections/{detection_id}/cancel", { detection_id });
 
-export const deleteDetection = (detection_id: string) => remove("/v1/detections/{detection_id}", { detection_id });
+export const deleteDetection = (detection_id: string, sending?: Sending) =>
+  remove("/v1/detections/{detection_id}", { detection_id }, sending);
 
 /** Says which corners of the board people are to mark. */
 export const askCorners = (detection_id: string, marked_corners: Corner[]) =>

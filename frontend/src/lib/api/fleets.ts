@@ -1,7 +1,7 @@
 /** Fleets, vehicles and rigs. */
 
 import { read, readAll } from "./reads.ts";
-import { change, create, remove } from "./writes.ts";
+import { change, create, remove, type Sending } from "./writes.ts";
 import type { HealthOrder } from "./types.ts";
 import type { CameraState, NewRig, PublicationPolicy, RigOut, SensorSerials } from "./schema.ts";
 
@@ -30,20 +30,25 @@ export const rigs = (vehicleId: string) => readAll("/v1/vehicles/{id}/rigs", { i
 
 export const rig = (id: string) => read("/v1/rigs/{id}", { id });
 
-export const createRig = (id: string, body: NewRig) => create("/v1/vehicles/{id}/rigs", { id }, body);
+export const createRig = (id: string, body: NewRig, sending?: Sending) =>
+  create("/v1/vehicles/{id}/rigs", { id }, body, sending);
 
-export const deleteVehicle = (id: string) => remove("/v1/vehicles/{id}", { id });
+export const deleteVehicle = (id: string, sending?: Sending) => remove("/v1/vehicles/{id}", { id }, sending);
 
-export const deleteRig = (id: string) => remove("/v1/rigs/{id}", { id });
+export const deleteRig = (id: string, sending?: Sending) => remove("/v1/rigs/{id}", { id }, sending);
 
 /** States what results must show to be published; no limit at all states nothing. */
 export const putPolicy = (of: "fleets" | "rigs", id: string, version: number, body: PublicationPolicy) =>
   change("put", of === "fleets" ? "/v1/fleets/{id}/policy" : "/v1/rigs/{id}/policy", { id }, body, version);
 
 /** Corrects whether a camera's images are raw or rectified; null lets the next recording tell it. */
-export const patchImages = ({ id, version }: RigOut, name: string, kind: "raw" | "rectified" | null) =>
-  change("patch", "/v1/rigs/{id}/images", { id }, { cameras: { [name]: kind && { kind } } }, version);
+export const patchImages = (
+  { id, version }: RigOut,
+  name: string,
+  kind: "raw" | "rectified" | null,
+  sending?: Sending,
+) => change("patch", "/v1/rigs/{id}/images", { id }, { cameras: { [name]: kind && { kind } } }, version, sending);
 
 /** Corrects serial numbers; those left out stay. */
-export const patchSerials = ({ id, version }: RigOut, body: SensorSerials) =>
-  change("patch", "/v1/rigs/{id}/serials", { id }, body, version);
+export const patchSerials = ({ id, version }: RigOut, body: SensorSerials, sending?: Sending) =>
+  change("patch", "/v1/rigs/{id}/serials", { id }, body, version, sending);

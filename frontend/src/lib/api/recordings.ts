@@ -2,7 +2,7 @@
 
 import { bodyOf, client, send } from "./http.ts";
 import { read, readAll } from "./reads.ts";
-import { change, create, post } from "./writes.ts";
+import { change, create, post, type Sending } from "./writes.ts";
 import { isUnderWay, type ProposalRequest, type RigProposal } from "./types.ts";
 import type { CameraLens, NewRecording, Parts, RecordingEdit, RecordingView } from "./schema.ts";
 
@@ -48,8 +48,8 @@ export const stateLens = ({ id, version }: RecordingView, camera: string, body: 
 export const proposeRig = async (recording_id: string, body: ProposalRequest) =>
   (await post("/v1/recordings/{recording_id}/rig-proposals", { recording_id }, body)) as unknown as RigProposal;
 
-export const deleteRecording = (id: string, with_published: boolean): Promise<unknown> =>
-  client.DELETE("/v1/recordings/{id}", { params: { path: { id }, query: { with_published } } });
+export const deleteRecording = async (id: string, with_published: boolean, sending?: Sending): Promise<unknown> =>
+  bodyOf(client.DELETE("/v1/recordings/{id}", { params: { path: { id }, query: { with_published } }, ...sending }));
 
 export const originalUrl = (id: string): string => `/v1/recordings/${id}/original`;
 

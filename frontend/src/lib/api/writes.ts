@@ -3,6 +3,11 @@
 import { client, once } from "./http.ts";
 import type { paths } from "./schema.ts";
 
+/** How a request is sent: with other headers. */
+export interface Sending {
+  headers: Record<string, string>;
+}
+
 type Verb = "post" | "put" | "patch" | "delete";
 type Sent<P extends keyof paths, V extends Verb> = NonNullable<paths[P][V]>;
 /** The addresses that take this verb. */
@@ -34,7 +39,8 @@ export const create = <P extends Writable<"post">>(
   address: P,
   path: PathOf<P, "post">,
   body?: BodyOf<P, "post">,
-): Promise<AnswerOf<P, "post">> => write("post", address, path, body, once());
+  sending?: Sending,
+): Promise<AnswerOf<P, "post">> => write("post", address, path, body, sending ?? once());
 
 /** Has something done; `signal` ends the wait for it. */
 export const post = <P extends Writable<"post">>(
@@ -54,11 +60,15 @@ export async function change<V extends "put" | "patch", P extends Writable<V>>(
   path: PathOf<P, V>,
   body: BodyOf<P, V>,
   version?: number,
+  sending?: Sending,
 ): Promise<AnswerOf<P, V>> {
   if (version === undefined) return write(verb, address, path, body);
   const { id } = path as { id: string };
   const newest = Math.max(version, versions.get(id) ?? 0);
-  const changed = await write(verb, address, path, body, { headers: { "If-Match": `"v${newest}"` } });
+  const changed = await write(verb, address, path, body, {
+    headers: { "If-Match": `"v${newest}"`, ...sending?.headers },
+  });
+  if (sending) return changed;
   versions.set(id, (changed as { version: number }).version);
   return changed;
 }
@@ -66,4 +76,5 @@ export async function change<V extends "put" | "patch", P extends Writable<V>>(
 export const remove = <P extends Writable<"delete">>(
   address: P,
   path: PathOf<P, "delete">,
-): Promise<AnswerOf<P, "delete">> => write("delete", address, path);
+  sending?: Sending,
+): Promise<AnswerOf<P, "delete">> => write("delete", address, path, undefined, sending);
