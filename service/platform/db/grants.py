@@ -58,6 +58,8 @@ WORKERS: Mapping[str, str] = {
     "slot": _ADD,
     "result": f"{_ADD}, UPDATE (verdict, error_20m_mm, compared_with, checks)",
     "publication": _ADD,
+    # What a job publishes is a line, whose moment is read.
+    "audit_entry": "INSERT, SELECT (id, created_at)",
     "fleet_request": f"{_READ}, UPDATE (state, remaining, done, failed, cancelled, skipped, wave, finished_at)",
     "fleet_request_vehicle": f"{_READ}, UPDATE (state, problem, finished_at)",
 }
