@@ -140,9 +140,8 @@ def _counted(strong: NDArray[np.int64], sweeps: Sequence[NDArray[np.int64]]) -> 
     """
     if len(strong) < _FEWEST_STEADY:
         return np.arange(_MOST_RINGS)
-    has_id: NDArray[np.float64] = np.array([np.isin(strong, ids) for ids in sweeps], np.float64)
-    present: NDArray[np.float64] = has_id.mean(axis=0)
-    if float(np.mean(present == 1.0)) < 0.5:
+    present = np.sum([np.isin(strong, ids) for ids in sweeps], axis=0, dtype=np.float64) / len(sweeps)
+    if float(np.mean(present > 0.999)) < 0.5:
         return np.arange(_MOST_RINGS)
     step, start = int(np.gcd.reduce(np.diff(strong))), int(strong[0])
     span = (int(strong[-1]) - start) // step + 1

@@ -31,8 +31,8 @@ def camera_info(
     stamp_ns: int, frame_id: str, width: int, height: int, model: str, *dkrp: Sequence[float]
 ) -> CameraInfo:
     """A message's fields, numbers made Python's own. ``dkrp``: D, K, R and P."""
-    numbers = ([float(value) for value in matrix] for matrix in dkrp)
-    return CameraInfo(stamp_ns, frame_id, int(width), int(height), str(model), *numbers)
+    d, k, r, p = ([float(value) for value in matrix] for matrix in dkrp)
+    return CameraInfo(stamp_ns, frame_id, int(width), int(height), str(model), d, k, r, p)
 
 
 def info_document(info: CameraInfo, image_size: tuple[int, int] | None = None) -> dict[str, Any] | None:

@@ -75,10 +75,10 @@ def column_names(files: Mapping[str, bytes]) -> list[str] | None:
         whole = [data for data in files.values() if len(data) % 4 == 0]
         values = np.frombuffer(b"".join(data[:_TELLING] for data in whole), "<f4")
         width = width_of(values, [len(data) // 4 for data in whole])
-        return width and name_columns(values[: len(values) - len(values) % width].reshape(-1, width))
+        return None if width is None else name_columns(values[: len(values) // width * width].reshape(-1, width))
     if suffix == ".npy":
         array = _npy_array(data, path)
-        return None if array.dtype.names or array.ndim != 2 else name_columns(array)
+        return name_columns(array) if _is_plain(array) else None
     return name_columns(_csv_table(data, path), is_free=True) if is_bare_table(data[:_HEAD]) else None
 
 
@@ -119,6 +119,10 @@ def _npy_array(data: bytes, path: str) -> NDArray[Any]:
         raise _malformed(path, "its .npy header cannot be read", _NPY_HINT) from error
 
 
+def _is_plain(array: NDArray[Any]) -> bool:
+    return array.ndim == 2 and 3 <= array.shape[1] <= _MOST_PLAIN and array.dtype.kind in "iuf"
+
+
 def _read_npy(data: bytes, path: str, names: Sequence[str] | None) -> Arrays:
     """A structured array, or a plain one of 3 to 8 columns: x y z, intensity, then a ring and a time."""
     array = _npy_array(data, path)
@@ -128,7 +132,7 @@ def _read_npy(data: bytes, path: str, names: Sequence[str] | None) -> Arrays:
             name: values.reshape(array.size, *values.shape[array.ndim :]) for name, values in whole.items()
         }
         return {name: values for name, values in columns.items() if values.dtype.kind in "iufb"}
-    if array.ndim != 2 or not 3 <= array.shape[1] <= _MOST_PLAIN or array.dtype.kind not in "iuf":
+    if not _is_plain(array):
         raise _malformed(path, f"its shape is {array.shape} of {array.dtype}", _NPY_HINT)
     if names is None or len(names) != array.shape[1]:
         names = name_columns(array) or ()

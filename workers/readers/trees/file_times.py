@@ -14,13 +14,12 @@ from typing import Final
 import numpy as np
 
 from workers.readers.recording import ReadError
-from workers.readers.trees.series import KINDS, Series, TimesFrom, stem_and_number
+from workers.readers.trees.name_times import UNITS_BY_DIGITS, is_time, learn_fraction, time_ns
+from workers.readers.trees.series import KINDS, Series, TimesFrom, stem_and_number, stem_and_time
 
 CSV_NAME: Final = "timestamps.csv"
 KITTI_NAME: Final = "timestamps.txt"
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
-# Digits of a time since 1970 in each unit, between the years 2001 and 2286.
-_UNITS_BY_DIGITS: Final = {10: 1_000_000_000, 13: 1_000_000, 16: 1_000, 19: 1}
 _INDEX_STEP_NS: Final = 100_000_000
 # Not 0, which ROS reads as "no stamp".
 _INDEX_START_NS: Final = 1_000_000_000
@@ -40,8 +39,9 @@ def stamp_series(series: Sequence[Series], tables: Mapping[str, bytes], lines: M
         ReadError: ``timestamps_incomplete``, ``timestamps_malformed``, ``files_without_times``.
     """
     listed = listed_times(tables)
+    every = [stem_and_time(path)[1] for files in series for path in files.paths if path not in listed]
     for files in series:
-        files.times_from, stamps = _stamps(files.paths, listed, lines.get(files.name), bool(tables))
+        files.times_from, stamps = _stamps(files.paths, listed, lines.get(files.name), bool(tables), every)
         files.stamps_ns = dict(stamps)
         files.paths.sort(key=lambda path: (stamps[path], path))
     made_up = [files for files in series if files.times_from == "index"]
@@ -62,17 +62,21 @@ def strays(series: Sequence[Series], listed: Collection[str]) -> list[str]:
     most = {kind: max((len(each.paths) for each in series if each.kind == kind), default=0) for kind in KINDS}
     paths: list[str] = []
     for files in series:
-        texts = {path: stem_and_number(path)[1] for path in files.paths if path not in listed}
+        texts = {path: stem_and_time(path)[1] for path in files.paths if path not in listed}
         bare = [path for path, text in texts.items() if not text]
         if len(files.paths) == 1 < most[files.kind]:
-            paths += [path for path, text in texts.items() if "." not in text and not _is_time(text)]
+            paths += [path for path, text in texts.items() if not is_time(text)]
         elif 2 * len(bare) < len(files.paths):
             paths += bare
     return paths
 
 
 def _stamps(
-    paths: Sequence[str], listed: Mapping[str, int], lines: bytes | None, has_tables: bool
+    paths: Sequence[str],
+    listed: Mapping[str, int],
+    lines: bytes | None,
+    has_tables: bool,
+    every: Sequence[str],
 ) -> tuple[TimesFrom, Mapping[str, int]]:
     missing = [path for path in paths if path not in listed]
     if not missing:
@@ -81,16 +85,16 @@ def _stamps(
         raise _incomplete(missing, len(paths))
     if lines is not None:
         return "kitti", kitti_stamps(kitti_times(lines, KITTI_NAME), paths)
-    texts = {path: stem_and_number(path)[1] for path in paths}
-    timed = [path for path, text in texts.items() if "." in text or _is_time(text)]
+    texts = {path: stem_and_time(path)[1] for path in paths}
+    timed = [path for path, text in texts.items() if is_time(text)]
     if len(timed) == len(paths):
-        return "names", {path: _time(path, text) for path, text in texts.items()}
+        return "names", _times(texts, every)
     if has_tables:
         raise _incomplete(missing, len(paths))
     nameless = [path for path, text in texts.items() if not text and len(paths) > 1]
     if nameless:
         raise without_times(f"The name of {nameless[0]} ends in no number ({len(nameless)} of {len(paths)} files).")
-    if any("." in texts[path] for path in timed):
+    if any(not texts[path].isdigit() for path in timed):
         odd = next(path for path in paths if path not in set(timed))
         raise without_times(f"Some files are named by their time, but {odd} is not.")
     absurd = next((path for path, text in texts.items() if len(text.lstrip("0")) > 9), None)
@@ -113,9 +117,20 @@ def without_times(why: str) -> ReadError:
     )
 
 
-def _is_time(text: str) -> bool:
-    """Whether digits are a time since 1970. A leading zero is a number's, filled up: KITTI's have ten digits."""
-    return len(text) in _UNITS_BY_DIGITS and not text.startswith("0")
+def _times(texts: Mapping[str, str], every: Sequence[str]) -> Mapping[str, int]:
+    """Stamps by path, from the times in names; ``every``: those of all sensors."""
+    read = learn_fraction(list(texts.values()), every)
+    if read is None:
+        odd = min(texts, key=lambda path: len(texts[path]))
+        raise without_times(
+            f"The parts of a second in names have unequal lengths, and may be decimals or counts without leading "
+            f"zeros, as in {odd}."
+        )
+    stamps = {path: time_ns(text, read) for path, text in texts.items()}
+    late = next((path for path, stamp in stamps.items() if stamp > _MAX_NS), None)
+    if late is not None:
+        raise without_times(f"The name of {late} ends in no time: {texts[late]} lies past the year 2262.")
+    return stamps
 
 
 def _incomplete(missing: Sequence[str], count: int) -> ReadError:
@@ -124,13 +139,6 @@ def _incomplete(missing: Sequence[str], count: int) -> ReadError:
         f"{CSV_NAME} has no line for {missing[0]} ({len(missing)} of {count} files are missing).",
         f"List every file, its path relative to the folder of {CSV_NAME}.",
     )
-
-
-def _time(path: str, text: str) -> int:
-    stamp_ns = int(Decimal(text) * 1_000_000_000) if "." in text else int(text) * _UNITS_BY_DIGITS[len(text)]
-    if stamp_ns > _MAX_NS:
-        raise without_times(f"The name of {path} ends in no time: {text} lies past the year 2262.")
-    return stamp_ns
 
 
 def kitti_times(content: bytes, where: str) -> Sequence[int | None]:
@@ -155,8 +163,11 @@ def _kitti_time(text: str, where: str, number: int) -> int:
         if match is not None:
             whole = datetime.fromisoformat(f"{match.group(1)}T{match.group(2)}").replace(tzinfo=UTC)
             return int(whole.timestamp()) * 1_000_000_000 + int((match.group(3) or "").ljust(9, "0"))
-        if _NUMBER.fullmatch(text) and ("." in text or len(text) in _UNITS_BY_DIGITS):
-            return _time(where, text)
+        if _NUMBER.fullmatch(text) and ("." in text or len(text) in UNITS_BY_DIGITS):
+            unit_ns = 10**9 if "." in text else UNITS_BY_DIGITS[len(text)]
+            stamp_ns = int(Decimal(text) * unit_ns)
+            if stamp_ns <= _MAX_NS:
+                return stamp_ns
     except (ValueError, OverflowError, ReadError):
         pass
     raise ReadError(

@@ -10,6 +10,7 @@ from typing import Final, Literal
 
 from workers.readers.images.still_images import IMAGE_SUFFIXES
 from workers.readers.trees.cloud_files import CLOUD_SUFFIXES
+from workers.readers.trees.name_times import number_at_end
 
 Kind = Literal["lidar", "camera"]
 KINDS: Final[tuple[Kind, ...]] = ("lidar", "camera")
@@ -49,6 +50,13 @@ def stem_and_number(path: str) -> tuple[str, str]:
     return (stem[: match.start()], match.group(1)) if match else (stem, "")
 
 
+def stem_and_time(path: str) -> tuple[str, str]:
+    """As :func:`stem_and_number`, with a whole date, or seconds and their part, as the number."""
+    stem = PurePosixPath(path).name.rpartition(".")[0].removesuffix(".pcd")
+    text = number_at_end(stem)
+    return stem.removesuffix(text), text
+
+
 def find_series(paths: Sequence[str]) -> list[Series]:
     """Files by sensor, cameras first. Files of one kind in one folder are one sensor, unless their names before the
     number differ and each such name counts several files (``left_1.png``, ``right_1.png``).
@@ -57,7 +65,7 @@ def find_series(paths: Sequence[str]) -> list[Series]:
     for path in sorted(paths):
         kind: Kind = "camera" if PurePosixPath(path).suffix.lower() in IMAGE_SUFFIXES else "lidar"
         folder = PurePosixPath(path).parent.as_posix()
-        folders.setdefault((kind, folder), {}).setdefault(stem_and_number(path)[0], []).append(path)
+        folders.setdefault((kind, folder), {}).setdefault(stem_and_time(path)[0], []).append(path)
     series: dict[str, Series] = {}
     for (kind, folder), stems in sorted(folders.items()):
         plain = _plain_name(kind, folder, ("camera", folder) in folders and ("lidar", folder) in folders)

@@ -1,0 +1,93 @@
+"""Times in files' names as programs write them; the whole folder tells how, or its owner is asked."""
+
+from datetime import UTC, datetime
+
+import pytest
+from formats import CLOUDS, folder_of, frames_of, read, sweeps_of
+from making_recordings import png
+
+from workers.readers.recording import ReadError
+
+T0 = 1_700_000_000
+# Of twelve sweeps of 10 Hz and their frames 23 ms later; some parts of a second begin with zeros.
+SWEEPS_NS = [T0 * 10**9 + 903_000_000 + i * 100_000_000 for i in range(12)]
+FRAMES_NS = [stamp + 23_000_000 for stamp in SWEEPS_NS]
+
+
+def moment(ns):
+    return datetime.fromtimestamp(ns // 10**9, UTC)
+
+
+def seconds_and_count(unit, separator="."):
+    return lambda ns: f"{ns // 10**9}{separator}{ns % 10**9 // unit}"
+
+
+def decimals(digits, separator="."):
+    return lambda ns: f"{ns // 10**9}{separator}{ns % 10**9 // 10 ** (9 - digits):0{digits}d}"
+
+
+NAMES = {
+    "nanoseconds that were not filled up": seconds_and_count(1),
+    "microseconds that were not filled up": seconds_and_count(1000),
+    "milliseconds that were not filled up": seconds_and_count(10**6),
+    "nanoseconds behind a line": seconds_and_count(1, "_"),
+    "microseconds behind a dash": seconds_and_count(1000, "-"),
+    "decimals of one length": decimals(6),
+    "nine decimals": decimals(9),
+    "milliseconds behind a line": decimals(3, "_"),
+    "decimals that were shortened": lambda ns: repr(ns // 10**6 / 1000),
+    "a date with milliseconds": lambda ns: f"{moment(ns):%Y-%m-%d_%H-%M-%S}-{ns % 10**9 // 10**6:03d}",
+    "a date of ISO": lambda ns: f"{moment(ns):%Y-%m-%dT%H-%M-%S}.{ns % 10**9 // 1000:06d}Z",
+    "digits of a date": lambda ns: f"{moment(ns):%Y%m%d%H%M%S}{ns % 10**9 // 10**6:03d}",
+    "digits of date and time": lambda ns: f"{moment(ns):%Y%m%d_%H%M%S}_{ns % 10**9 // 10**6:03d}",
+    "a date with microseconds that were not filled up": lambda ns: f"{moment(ns):%Y%m%d-%H%M%S}.{ns % 10**9 // 1000}",
+    "a word before": lambda ns: f"cloud_{decimals(9)(ns)}",
+    "a word before a date": lambda ns: f"frame_{moment(ns):%Y_%m_%d-%H_%M_%S}_{ns % 10**9 // 10**6:03d}",
+    "nanoseconds since 1970": str,
+    "microseconds since 1970": lambda ns: str(ns // 1000),
+}
+
+
+def walk(path, name, frame_name=None):
+    files = {f"clouds/{name(ns)}.pcd": CLOUDS["binary.pcd"] for ns in SWEEPS_NS}
+    files |= {f"images/{(frame_name or name)(ns)}.png": png(8, 6, 1) for ns in FRAMES_NS}
+    assert len(files) == 24
+    return folder_of(path / "walk", files)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_give_the_moments(tmp_path, name):
+    recording, items, _ = read(walk(tmp_path, NAMES[name]))
+    assert [sensor.name for sensor in recording.sensors] == ["images", "clouds"]
+    assert [item.stamp_ns for item in sweeps_of(items)] == SWEEPS_NS
+    assert [item.stamp_ns for item in frames_of(items)] == FRAMES_NS
+
+
+def test_one_sensor_s_names_tell_what_another_s_leave_open(tmp_path):
+    """Frames at 0.1 s have parts without a zero at either end; those of the clouds end in zeros."""
+    path = walk(tmp_path, seconds_and_count(1))
+    for number, file in enumerate(sorted((path / "images").iterdir())):
+        file.rename(file.with_name(f"{T0 + number}.{(7, 300000001)[number % 2]}.png"))
+    stamps = [item.stamp_ns for item in frames_of(read(path)[1])]
+    assert stamps == [(T0 + i) * 10**9 + (7, 300000001)[i % 2] for i in range(12)]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        lambda ns: f"{ns // 10**9}.{(ns // 10**8) % 97 * 7 + 1}1",  # neither reading is even
+        lambda ns: f"{ns // 10**9}.0{ns % 10**9 // 10**7}" + "0" * (ns // 10**8 % 2),  # zeros at both ends
+        lambda ns: f"{ns // 10**9}_{(ns - SWEEPS_NS[0]) // 10**8:06d}",  # a count of the files
+    ],
+)
+def test_names_that_may_be_one_thing_or_another_are_asked_about(tmp_path, name):
+    with pytest.raises(ReadError) as caught:
+        read(walk(tmp_path, name))
+    assert caught.value.code == "files_without_times" and "timestamps.csv" in caught.value.hint
+
+
+@pytest.mark.parametrize("name", ["{:06d}", "{}", "pose{}", "2023_{:03d}"])
+def test_numbers_stay_numbers(tmp_path, name):
+    names = {ns: name.format(i) for stamps in (SWEEPS_NS, FRAMES_NS) for i, ns in enumerate(stamps)}
+    items = read(walk(tmp_path, names.__getitem__))[1]
+    assert [item.stamp_ns for item in sweeps_of(items)] == [10**9 + i * 10**8 for i in range(12)]

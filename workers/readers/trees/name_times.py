@@ -1,0 +1,133 @@
+"""Times in the names of files, as programs write them: since 1970, as a date, whole seconds with a part of one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from typing import Final
+
+import numpy as np
+
+_DATE: Final = (
+    r"(?<!\d)(?P<date>(?:19|20)\d\d[-_.]?[01]\d[-_.]?[0-3]\d[-_T ]{0,3}[0-2]\d[-_.:h]?[0-5]\d[-_.:m]?[0-6]\d)"
+    r"(?:[-_.,:s]?(?P<of_date>\d{1,9}))?Z?"
+)
+_SECONDS: Final = r"(?<!\d)(?P<seconds>\d{10})[-_](?P<of_seconds>\d{1,9})"
+_NUMBER: Final = r"(?P<number>\d+)(?:\.(?P<of_number>\d+))?"
+_AT_END: Final = re.compile(f"(?:{_DATE}|{_SECONDS}|{_NUMBER})$")
+# Digits of a time since 1970 in each unit, between the years 2001 and 2286.
+UNITS_BY_DIGITS: Final = {10: 1_000_000_000, 13: 1_000_000, 16: 1_000, 19: 1}
+_SECOND_NS: Final = 1_000_000_000
+# Mean deviation of steps between files, as a share of the usual one. Of cameras and LiDARs it is some per cent.
+_EVEN: Final = 0.2
+_LEAST_APART: Final = 0.05
+
+ReadFraction = Callable[[str], int]
+
+
+def number_at_end(stem: str) -> str:
+    """Return the time or the number with which a name without its suffix ends, or an empty text."""
+    match = _match(stem)
+    return match.group(0) if match else ""
+
+
+def is_time(text: str) -> bool:
+    """Whether a number in a name is a time. A leading zero is a number's, filled up: KITTI's have ten digits."""
+    match = _match(text)
+    if match is None:
+        return False
+    number = match["number"]
+    if number is None or match["of_number"] is not None:
+        return True
+    return len(number) in UNITS_BY_DIGITS and not number.startswith("0")
+
+
+def time_ns(text: str, read: ReadFraction) -> int:
+    """Nanoseconds since 1970 of a time in a name; dates are taken as UTC."""
+    match = _match(text)
+    assert match is not None
+    if match["date"]:
+        return _date_ns(match["date"]) + read(match["of_date"] or "")
+    if match["seconds"]:
+        return int(match["seconds"]) * _SECOND_NS + read(match["of_seconds"])
+    if match["of_number"] is None:
+        return int(match["number"]) * UNITS_BY_DIGITS[len(match["number"])]
+    return int(match["number"]) * _SECOND_NS + read(match["of_number"])
+
+
+def learn_fraction(texts: Sequence[str], every: Sequence[str]) -> ReadFraction | None:
+    """Return how the part of a second in names is read: as decimals, or as a count without leading zeros.
+
+    ``1700000000.5`` is half a second if decimals were shortened, and 5 ns if nanoseconds were not filled up. Parts of
+    equal length are decimals. Otherwise a leading zero is a decimal's, a trailing one a count's; where there is
+    neither, that holds which makes steps even.
+
+    Args:
+        texts: times in the names of one sensor's files.
+        every: those of all sensors, which tell it where ``texts`` do not.
+
+    Returns:
+        None where nothing tells it, or where names contradict each other.
+    """
+    own = [part for part in map(_part, texts) if part]
+    if _are_counted(texts):
+        return None
+    if len({len(part) for part in own}) < 2:
+        return _decimals
+    for parts in (own, [part for part in map(_part, every) if part]):
+        leads = any(part.startswith("0") and len(part) > 1 for part in parts)
+        ends = any(part.endswith("0") and len(part) > 1 for part in parts)
+        if leads != ends:
+            return _decimals if leads else _count(own)
+        if leads:
+            return None
+    spread = {read: _spread([time_ns(text, read) for text in texts]) for read in (_decimals, _count(own))}
+    best, other = sorted(spread, key=lambda read: spread[read])
+    return best if spread[best] < _EVEN and spread[other] > 2 * spread[best] + _LEAST_APART else None
+
+
+def _are_counted(texts: Sequence[str]) -> bool:
+    """Whether what stands behind whole seconds counts the files."""
+    numbers = sorted(int(match["of_seconds"]) for text in texts if (match := _match(text)) and match["of_seconds"])
+    is_whole = len(numbers) == len(texts) == len(set(numbers))
+    return is_whole and len(numbers) > 2 and numbers[-1] - numbers[0] == len(numbers) - 1
+
+
+def _match(text: str) -> re.Match[str] | None:
+    match = _AT_END.search(text)
+    if match and match["date"] and _date_ns(match["date"]) < 0:
+        match = re.search(f"(?:{_SECONDS}|(?P<date>$.)|(?P<of_date>$.)|{_NUMBER})$", text)
+    return match
+
+
+def _date_ns(text: str) -> int:
+    """Nanoseconds since 1970; -1 of what is no date."""
+    try:
+        moment = datetime.strptime("".join(filter(str.isdigit, text)), "%Y%m%d%H%M%S").replace(tzinfo=UTC)
+    except ValueError:
+        return -1
+    return int(moment.timestamp()) * _SECOND_NS
+
+
+def _part(text: str) -> str:
+    match = _match(text)
+    return (match["of_date"] or match["of_seconds"] or match["of_number"] or "") if match else ""
+
+
+def _decimals(part: str) -> int:
+    return int(part[:9].ljust(9, "0"))
+
+
+def _count(parts: Sequence[str]) -> ReadFraction:
+    """Milliseconds, microseconds or nanoseconds, by the longest of them."""
+    longest = max(map(len, parts), default=9)
+    unit_ns = 1_000_000 if longest <= 3 else 1000 if longest <= 6 else 1
+    return lambda part: int(part or "0") * unit_ns
+
+
+def _spread(stamps: Sequence[int]) -> float:
+    """Mean deviation of the steps between stamps from the usual step, as a share of it."""
+    steps = np.diff(np.sort(np.array(stamps, np.float64)))
+    usual = float(np.median(steps)) if len(steps) > 1 else 0.0
+    return float(np.mean(np.abs(steps - usual))) / usual if usual > 0 else float("inf")
