@@ -35,7 +35,7 @@ class Outcome(NamedTuple):
         """All of it in a line."""
         file = "file" if self.is_written else "no file"
         return (
-            f"{self.case.title:46} {self.vertices:16} {self.marks:36} {self.verdict:32} {file:8} {self.mount:28} "
+            f"{self.case.title:46} {self.vertices:16} {self.marks:36} {self.verdict:32} {file:8} {self.mount:44} "
             f"{self.seconds:4.0f} s  {self.why}"
         )
 
@@ -65,7 +65,9 @@ def outcome(
         why = "; ".join(f"{c['verdict']} {c['name']}" for c in summary["checks"] if c["verdict"] != "pass")
         if model:
             result = client.calibrations.result(model["result_id"])
-            mount = _apart(case, result.model_dump(mode="json"))
+            alone = next(check["figures"] for check in summary["checks"] if check["name"] == "mount_alone")
+            stated = f"(95 %: {alone['half_width_deg'] or 0:.2f} deg {alone['half_width_mm'] or 0:.0f} mm)"
+            mount = f"{_apart(case, result.model_dump(mode='json'))} {stated}".strip()
     return Outcome(case, vertices, marks, verdict, is_written, mount, why, seconds)
 
 

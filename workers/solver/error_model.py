@@ -186,4 +186,6 @@ def unweighed(problem: FitProblem, values: Floats) -> Floats:
     """Pixels (N, 2) of such as count in a whitened problem; 0 where a pair counts nothing."""
     root = np.sqrt(problem.weights)[:, None]
     plain = np.divide(values, root, out=np.zeros_like(values), where=root > 0.0)
-    return plain if problem.whitening is None else np.linalg.solve(problem.whitening, plain[..., None])[..., 0]
+    if problem.whitening is not None:
+        plain = np.asarray(np.linalg.solve(problem.whitening, plain[..., None])[..., 0], np.float64)
+    return plain
