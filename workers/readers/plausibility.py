@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from apexcal.documents.inspections import RecordingFault
 from workers.readers.recording import ReadError, Sweep
 
-_MOST_SWEEPS: Final = 32
-_POINTS: Final = 2000
+_MOST_SWEEPS: Final = 16
+_POINTS: Final = 500
 # Data sheets state 0.1 m (Livox Mid-360) to 0.5 m (Velodyne VLP-16) as the nearest range. A robot that sees itself
 # does so with some of its points.
 _NEAREST_M: Final = 0.3
@@ -37,6 +37,7 @@ _DISTINCT_SHARE: Final = 0.25
 # do not count.
 _WHOLE_SHARE: Final = 0.05
 _WALLS: Final = 6
+_HIGHEST: Final = 65_535  # of a ring or an intensity; float32 beyond a million are whole by themselves
 # Rings are ranked by elevation. Where ring numbers mean nothing, half of the steps go down.
 _FALLING_SHARE: Final = 0.25
 _FALLING_DEG: Final = 0.5
@@ -54,7 +55,7 @@ CODE: Final = "recording_implausible"
 
 @dataclass(slots=True)
 class SweepSample:
-    """Points of sweeps spread over a recording, at most 32 sweeps of 2000 points each.
+    """Points of sweeps spread over a recording, at most 16 sweeps of 500 to 1000 points each.
 
     Attributes:
         xyz: (M, 3) float32 of each sampled sweep, metres.
@@ -114,7 +115,7 @@ _Doubt = tuple[str, str] | None
 
 
 def _columns(xyz: NDArray[np.float64]) -> _Doubt:
-    is_whole = (xyz == np.rint(xyz)) & (xyz != 0.0)
+    is_whole = (xyz == np.rint(xyz)) & (xyz != 0.0) & (np.abs(xyz) <= _HIGHEST)
     counts = np.sort(np.unique(xyz[is_whole], return_counts=True)[1])
     whole = float(np.mean(is_whole))
     if counts[:-_WALLS].sum() / xyz.size < _WHOLE_SHARE or whole > 0.5:
