@@ -24,14 +24,15 @@ from workers.readers.images.still_images import image_frame
 from workers.readers.images.transcode import raw_to_png
 from workers.readers.omissions import Omissions, readable
 from workers.readers.recording import Frame, LidarFacts, MessageError, ReadError, Recording, Sensor, Sweep
-from workers.readers.ros.camera_info import image_kind, info_document, is_filled, match_infos
-from workers.readers.ros.containers import Container, SplitContainer
+from workers.readers.ros.camera_info import image_kind, info_document, match_infos
+from workers.readers.ros.containers import Container
+from workers.readers.ros.first_messages import first_message
 from workers.readers.ros.livox import LIVOX_CLOUDS
+from workers.readers.ros.message_stamps import MessageStamps
 from workers.readers.ros.packet_topics import is_stampless, packet_source, stamped_packets
 from workers.readers.ros.ros_types import full_name
 from workers.readers.ros.static_transforms import static_transforms
 from workers.readers.ros.topic_messages import (
-    BagTopic,
     CameraInfo,
     CloudMessage,
     Decoder,
@@ -49,11 +50,6 @@ if TYPE_CHECKING:
 
 _MAX_TOPICS: Final = 10_000
 _INFOS: Final = ("CameraInfo", "CameraCalibration")
-_UNFILLED: Final = MessageError(
-    "lens_not_stated",
-    "Its K is 0 or holds what is no number: the camera's driver had not loaded its calibration yet.",
-    "Begin to record after the driver has loaded it.",
-)
 _UNDECODED: Final = MessageError(
     "video_damaged",
     "Frames of video before the first key frame can never be decoded, nor those after a message that is missing.",
@@ -85,9 +81,8 @@ class TopicRecording(Recording):
         self._streams: dict[str, PacketStream] = {}
         self._cutters: dict[str, SweepCutter] = {}
         self._videos: dict[str, MessageVideo] = {}
-        self._stampless: set[str] = set()
-        self._first_stamped_ns: dict[str, int | None] = {}
         self._decoders: dict[str, Decoder] = {}
+        self._message_stamps = MessageStamps(container, self._decoders)
         self._sentences: list[str] = []
         self._omissions = Omissions()
         self._unfilled = Omissions()
@@ -102,7 +97,7 @@ class TopicRecording(Recording):
         for topic in self._container.topics[:_MAX_TOPICS]:
             try:
                 decoder = self._container.decoder(topic)
-                first = None if decoder is None else self._first(topic, decoder)
+                first = None if decoder is None else first_message(self._container, topic, decoder, self._unfilled)
                 if isinstance(first, PacketMessage):
                     source = packet_source(self._container, topic, first)
                     decoder = decoder if source else None
@@ -121,26 +116,6 @@ class TopicRecording(Recording):
             sensors.append(topic_sensor(topic, first))
         matched = match_infos({s.name: s.frame_id for s in sensors if s.kind == "camera"}, infos)
         return [_with_info(s, matched.get(s.name)) if s.kind == "camera" else s for s in sensors], others
-
-    def _first(self, topic: BagTopic, decoder: Decoder) -> Message | None:
-        """The first message that tells what the topic holds; else any. Drivers send some before they are ready."""
-        filled: Message | None = None
-        other: Message | None = None
-        for count in (1, SAMPLES):
-            total = unfilled = 0
-            for _, raw in self._container.samples(topic.name, count):
-                with suppress(MessageError):
-                    message = decoder(raw)
-                    total += 1
-                    unfilled += not is_filled(message)
-                    other = other or message
-                    filled = filled or (message if is_filled(message) else None)
-                    if filled is not None and not (unfilled and isinstance(message, CameraInfo)):
-                        return filled
-            if filled is not None and unfilled:
-                self._unfilled.add(topic.name, _UNFILLED, count=unfilled, total=total, everything=topic.count)
-                return filled
-        return other
 
     @property
     def omissions(self) -> Omissions:
@@ -170,7 +145,7 @@ class TopicRecording(Recording):
             *(line for source in sources for line in source.warnings()),
             *(
                 f"{topic}: messages have no stamp of their own; the time of recording was taken."
-                for topic in sorted(self._stampless)
+                for topic in sorted(self._message_stamps.stampless)
             ),
         ]
 
@@ -186,21 +161,14 @@ class TopicRecording(Recording):
 
     def log_and_stamp(self, sensor: Sensor, count: int) -> Iterator[tuple[int, int]]:
         """Of messages that have a stamp of their own."""
-        return self._stamps(sensor.name, count)
-
-    def _stamps(self, name: str, count: int) -> Iterator[tuple[int, int]]:
-        for log_ns, raw in self._container.samples(name, count):
-            with suppress(MessageError):
-                stamp_ns = self._decoders[name](raw).stamp_ns
-                if stamp_ns:
-                    yield log_ns, stamp_ns
+        return self._message_stamps.samples(sensor.name, count)
 
     def stamps(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, int, int]]:
         """Of messages, which are packets of a part of a sweep where a driver hands on packets."""
         by_name = {sensor.name: sensor for sensor in sensors}
         for name, log_ns, raw in self._container.messages(by_name) if by_name else ():
             with suppress(MessageError):
-                yield by_name[name], self._stamp(name, self._decoders[name](raw), log_ns), log_ns
+                yield by_name[name], self._message_stamps.of(name, self._decoders[name](raw), log_ns), log_ns
 
     def _model(self, sensor: Sensor) -> CloudModel:
         if sensor.name not in self._models:
@@ -218,7 +186,7 @@ class TopicRecording(Recording):
 
     def _columns(self, name: str, log_ns: int, raw: bytes) -> tuple[int, Columns]:
         message = self._decoders[name](raw)
-        stamp_ns = self._stamp(name, message, log_ns)
+        stamp_ns = self._message_stamps.of(name, message, log_ns)
         assert isinstance(message, CloudMessage)
         return stamp_ns, cloud_columns(message.cloud, _where(name, stamp_ns))
 
@@ -235,7 +203,7 @@ class TopicRecording(Recording):
         if not isinstance(message, PacketMessage):
             return ()
         if is_stampless(message):
-            self._stampless.add(sensor.name)
+            self._message_stamps.stampless.add(sensor.name)
         return stamped_packets(message, self._sources[sensor.name], log_ns)
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
@@ -288,7 +256,7 @@ class TopicRecording(Recording):
 
     def _stamped(self, name: str, message: Message, log_ns: int) -> Iterator[Sweep | Frame]:
         """Yield what a message holds, if it can be used. Raises MessageError if it has no stamp."""
-        stamp_ns = self._stamp(name, message, log_ns)
+        stamp_ns = self._message_stamps.of(name, message, log_ns)
         with self._omissions.leaving_out(name, stamp_ns):
             yield from self._usable(name, message, stamp_ns)
 
@@ -311,76 +279,9 @@ class TopicRecording(Recording):
             self._videos[name] = video
         return self._videos[name]
 
-    def _stamp(self, name: str, message: Message, log_ns: int) -> int:
-        """The message's stamp; the time of recording on a topic that has none.
-
-        Raises:
-            MessageError: ``stamp_missing``, other messages of the topic have stamps.
-        """
-        if message.stamp_ns:
-            return message.stamp_ns
-        if name not in self._first_stamped_ns:
-            self._first_stamped_ns[name] = self._clock_start(name)
-        first_stamped_ns = self._first_stamped_ns[name]
-        if first_stamped_ns is None:
-            self._stampless.add(name)
-            return log_ns
-        if log_ns < first_stamped_ns:
-            return 0
-        raise MessageError(
-            "stamp_missing",
-            f"The message on {name} that was recorded at {log_ns / 1e9:.3f} s has the stamp 0; others have stamps.",
-            "Look at the driver: it sends messages before its clock is set.",
-        )
-
-    def _clock_start(self, name: str) -> int | None:
-        """Time of recording, ns, before which a stamp of 0 is a simulated clock's beginning; None without stamps.
-
-        Such a clock begins at 0: its first stamp lies as far from 0 as the others lie from each other.
-        """
-        pairs = np.array(list(self._stamps(name, SAMPLES)), np.int64).reshape(-1, 2)
-        if not len(pairs):
-            return None
-        stamps = pairs[:, 1]
-        return int(pairs[:, 0].min()) if stamps.min() <= 1.5 * stamps.max() / len(stamps) else 0
-
     def close(self) -> None:
         """Close the file."""
         self._container.close()
-
-
-class SplitBag(TopicRecording):
-    """Files of one recording that was split while it was recorded, one after the other, in the given order.
-
-    Args:
-        parts: open, with the same topics; closed with this.
-    """
-
-    def __init__(self, parts: Sequence[TopicRecording], options: ReadOptions) -> None:
-        super().__init__(SplitContainer([part._container for part in parts]), options)
-        self._parts = parts
-
-    @property
-    def warnings(self) -> list[str]:
-        """Sentences about what was met, and that the files were joined."""
-        return [f"{len(self._parts)} files with the same topics were read one after the other.", *super().warnings]
-
-    def lidar_facts(self, sensor: Sensor) -> LidarFacts:
-        """See :class:`TopicRecording`.
-
-        Raises:
-            ReadError: ``parts_differ`` where the files have different rings.
-        """
-        same = [(part, s) for part in self._parts for s in part.sensors if s.name == sensor.name and s.count != 0]
-        counts = list(dict.fromkeys(part.lidar_facts(here).ring_count for part, here in same))
-        if len(counts) > 1:
-            raise ReadError(
-                "parts_differ",
-                f"The files of this recording give {sensor.name} different numbers of rings "
-                f"({', '.join(map(str, counts[:5]))}).",
-                "Upload the files one by one, or join them with a tool of the format's own.",
-            )
-        return super().lidar_facts(sensor)
 
 
 def _where(topic: str, stamp_ns: int) -> str:

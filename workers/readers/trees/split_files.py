@@ -44,7 +44,7 @@ def join_split(parts: Sequence[TreePart], options: ReadOptions) -> list[TreePart
 
 
 def _joined(group: Sequence[TreePart], options: ReadOptions) -> TreePart:
-    split = import_module("workers.readers.ros.topics").SplitBag([part.recording for part in group], options)
+    split = import_module("workers.readers.ros.split_bag").SplitBag([part.recording for part in group], options)
     return TreePart(split, group[0].label)
 
 
