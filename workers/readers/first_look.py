@@ -19,7 +19,7 @@ from workers.readers.normalised.clocks import ClockReport
 from workers.readers.normalised.mcap_files import check_item
 from workers.readers.omissions import Omissions
 from workers.readers.plausibility import SweepSample, implausible
-from workers.readers.recording import Frame, Recording, Sensor, Sweep
+from workers.readers.recording import Frame, ReadError, Recording, Sensor, Sweep
 
 # Messages of each sensor: more where none of a few can be used.
 _COUNTS: Final = (3, SAMPLES)
@@ -36,6 +36,7 @@ class FirstLook:
         clocks: what the sensors' clocks did; empty of a file without times of recording.
         omissions: what cannot be used of the messages that were read.
         doubt: what no LiDAR can have measured.
+        refusals: why nothing of a camera can be used, by its name.
     """
 
     sensors: dict[str, Sensor]
@@ -44,6 +45,7 @@ class FirstLook:
     clocks: Mapping[str, ClockReport]
     omissions: list[Omission]
     doubt: RecordingFault | None
+    refusals: Mapping[str, ReadError]
 
 
 @dataclass(slots=True)
@@ -78,8 +80,10 @@ class _Contents:
         return usual
 
 
-def look_at(recording: Recording, chosen: Mapping[str, Sensor]) -> FirstLook:
+def look_at(recording: Recording, chosen: Mapping[str, Sensor], *, are_named: bool) -> FirstLook:
     """Read the first, a middle and the last message of each sensor as ingestion does; of a file without an index all.
+
+    ``are_named``: the cameras are those of a rig, and each must serve; else those that do suffice.
 
     Raises:
         ReadError: ingestion would refuse the recording for what these show.
@@ -93,10 +97,16 @@ def look_at(recording: Recording, chosen: Mapping[str, Sensor]) -> FirstLook:
             if sensor.name not in contents.stamps:
                 contents.take((sensor, item) for item in recording.samples(sensor, count))
     contents.omissions.update(recording.omissions)
-    for sensor in chosen.values():
-        refusal = None if sensor.name in contents.stamps else contents.omissions.refusal(sensor.name)
-        if refusal is not None:
+    refusals = {
+        name: refusal
+        for name, sensor in chosen.items()
+        if sensor.name not in contents.stamps and (refusal := contents.omissions.refusal(sensor.name)) is not None
+    }
+    for name, refusal in refusals.items():
+        if name == "lidar" or are_named or len(refusals) == len(chosen) - 1:
             raise refusal
+    chosen = {name: sensor for name, sensor in chosen.items() if name not in refusals}
+    logs = {name: times for name, times in logs.items() if name in chosen}
     sized = {name: _sized(sensor, contents.leave_out_sizes(sensor.name)) for name, sensor in chosen.items()}
     stamps = {name: np.array(contents.stamps.get(sensor.name, []), np.int64) for name, sensor in chosen.items()}
     times, delays, clocks = sensor_clocks(recording, chosen, logs) if len(logs) == len(chosen) else (stamps, {}, {})
@@ -112,6 +122,7 @@ def look_at(recording: Recording, chosen: Mapping[str, Sensor]) -> FirstLook:
             {chosen[name].name: len(each) for name, each in logs.items()},
         ),
         implausible(contents.sweeps, chosen["lidar"].name, step_s),
+        refusals,
     )
 
 

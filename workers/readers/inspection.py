@@ -56,7 +56,7 @@ def inspect_recording(
     """
     with closing(open_recording(path, options)) as recording:
         chosen = choose_sensors(recording, lidar, cameras)
-        look = look_at(recording, chosen)
+        look = look_at(recording, chosen, are_named=cameras is not None)
         chosen = look.sensors
         times = look.times
         sensors = [_inspected(name, sensor, look) for name, sensor in chosen.items()]
@@ -65,6 +65,7 @@ def inspect_recording(
         options = options or ReadOptions()
         faults = [
             *_doubts(look.doubt, is_accepted=options.accept_implausible),
+            *(_stop(error.code, name, error.message, error.hint) for name, error in look.refusals.items()),
             *(fault for name, sensor in chosen.items() if sensor.kind == "camera" for fault in _lens(name, sensor)),
             *(fault for name, clock in look.clocks.items() for fault in _clock_faults(name, clock)),
             *_time_faults(sensors, times),

@@ -20,7 +20,7 @@ from making_recordings import (
     scene,
     write_bag,
 )
-from making_ros2 import INFO, rig, write_ros2
+from making_ros2 import INFO, TYPES, rig, write_ros2
 from pypcd4 import Encoding
 
 from workers.readers.inspection import inspect_recording
@@ -142,6 +142,30 @@ def test_a_raw_image_that_cannot_be_used(tmp_path, change, code, place):
             setattr(image, name, np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value)
         messages.append(("/cam/image_raw", IMAGE, START_NS + i * PERIOD_NS, image))
     agreed(write_bag(tmp_path / "a.bag", interleaved(messages)), tmp_path / "out", "/cam/image_raw", code)
+
+
+def test_a_camera_that_cannot_serve_leaves_the_others(tmp_path):
+    """A depth topic beside a colour one, which no rig names."""
+    messages = list(rig(COUNT))
+    for name, kind, at, message in list(messages):
+        if kind == COMPRESSED:
+            message.data = np.frombuffer(png(64, 48), np.uint8)
+            depth = raw_image(at, np.zeros((48, 64, 4), np.uint8), "32FC1", types=TYPES)
+            messages.append((name.replace("front/image_raw/compressed", "depth/image_raw"), IMAGE, at, depth))
+    path = write_ros2(tmp_path / "bag", messages)
+    manifest = normalise(path, tmp_path / "out")
+    assert [sensor.name for sensor in manifest.sensors] == ["lidar", "front"]
+    assert {(each.topic, each.count, each.total) for each in manifest.omissions} == {
+        ("/depth/image_raw", COUNT, COUNT)
+    }
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [
+        *("camera-front.frames.json", "camera-front.mcap", "lidar.mcap"),
+    ]
+    inspection = inspect_recording(path)
+    assert [fault.sensor for fault in inspection.faults if fault.code == "image_encoding_unsupported"] == ["depth"]
+    assert "depth" not in inspection.calibratable
+    with pytest.raises(ReadError, match="32FC1"):
+        normalise(path, tmp_path / "out", cameras=["front", "depth"])
 
 
 @pytest.mark.parametrize("zeros", [{0}, set(range(4))])

@@ -232,7 +232,7 @@ def normalise(
                 else _Camera(out, name, sensor, (sizes or {}).get(name))
                 for name, sensor in chosen.items()
             }
-            return _normalise(recording, sinks, on_progress or (lambda progress: None))
+            return _normalise(recording, sinks, cameras is not None, on_progress or (lambda progress: None))
     except BaseException:
         for file in files:
             file.unlink(missing_ok=True)
@@ -240,9 +240,12 @@ def normalise(
 
 
 def _normalise(
-    recording: Recording, sinks: Mapping[str, _Lidar | _Camera], on_progress: OnProgress
+    recording: Recording, sinks: Mapping[str, _Lidar | _Camera], are_named: bool, on_progress: OnProgress
 ) -> RecordingManifest:
-    """Read the recording into the files of its sensors, ``sinks`` by their names."""
+    """Read the recording into the files of its sensors, ``sinks`` by their names.
+
+    ``are_named``: the cameras are those of a rig, and each must serve; else those that do suffice.
+    """
     by_topic = {sink.sensor.name: sink for sink in sinks.values()}
     pace = Pace(_total([sink.sensor for sink in sinks.values()]))
     try:
@@ -259,8 +262,9 @@ def _normalise(
         on_progress(pace.at(done, 1.0))
         omissions = recording.omissions
         omissions.update(unstorable)
-        clocks = _clocks(sinks)
-        finished = [sink.finish(omissions, clocks.get(name)) for name, sink in sinks.items()]
+        serving = sinks if are_named else _serving(sinks)
+        clocks = _clocks(serving)
+        finished = [sink.finish(omissions, clocks.get(name)) for name, sink in serving.items()]
     finally:
         for sink in sinks.values():
             sink.writer.abandon()
@@ -282,6 +286,17 @@ def _normalise(
         static_transforms=list(fixed),
         omissions=omissions.documents({sensor.topic: sensor.count for sensor in sensors}),
     )
+
+
+def _serving(sinks: Mapping[str, _Lidar | _Camera]) -> Mapping[str, _Lidar | _Camera]:
+    """Those without the cameras of which no frame can be used, whose files are removed; all if no camera can."""
+    empty = {name for name, sink in sinks.items() if name != "lidar" and not sink.times.stamps}
+    if len(empty) == len(sinks) - 1:
+        return sinks
+    for name in empty:
+        sinks[name].writer.abandon()
+        sinks[name].writer.path.unlink()
+    return {name: sink for name, sink in sinks.items() if name not in empty}
 
 
 def _total(sensors: Sequence[Sensor]) -> int | None:

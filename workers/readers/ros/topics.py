@@ -264,6 +264,8 @@ class TopicRecording(Recording):
         """Yield what a message holds. Raises MessageError if it cannot be used."""
         where = _where(name, stamp_ns)
         if isinstance(message, VideoMessage):
+            if not message.data:  # which would end the decoder
+                raise MessageError("image_empty", f"{where} holds no bytes.", "Look at the camera's driver.")
             yield from self._video(name, message).add(stamp_ns, message.data)
         elif isinstance(message, CloudMessage) and name in self._models:
             yield self._models[name].sweep(stamp_ns, cloud_columns(message.cloud, where))
