@@ -54,7 +54,7 @@ test test-long: export OMP_NUM_THREADS = 1
 test test-long $(STAMPS)/collected: export PYTHONDONTWRITEBYTECODE =
 $(STAMPS)/kernels: export OPENBLAS_NUM_THREADS = 1
 
-compose-test: setup $(STAMPS)/containers  ## docker-compose.yml in real containers, by the manual's commands: start, calibrate, replace, back up, restore
+compose-test: setup frontend $(STAMPS)/containers  ## docker-compose.yml in real containers, by the manual's commands: start, calibrate, replace, back up, restore
 	$(BIN)/python -m pytest tests/containers/journey.py -q -s $(ARGS)
 
 screenshots: setup frontend  ## pictures of every page, light and dark, three widths, into docs/images/pages and var/screenshots
