@@ -16,15 +16,10 @@ from service.admin.objects import retried
 from service.platform.db.effects import entry_of_process
 from service.platform.db.migrate import upgrade
 from service.platform.db.revisions import all_revisions, newest
-from service.platform.db.session import Database, open_engine
+from service.platform.db.session import Database
 from service.platform.storage.store import Store
 
-# The owner of all tables, if there are any; else who may make them.
-_MAY_RESTORE = text(
-    "SELECT coalesce(bool_and(pg_has_role(tableowner, 'USAGE')), has_schema_privilege('public', 'CREATE'))"
-    " FROM pg_tables WHERE schemaname = 'public'"
-)
-
+_OWNS_ALL = "SELECT bool_and(pg_has_role(tableowner, 'USAGE')) FROM pg_tables WHERE schemaname = 'public'"
 Report = Callable[[str], None]
 
 
@@ -43,10 +38,10 @@ def restore(url: str, store: Store, folder: Path, *, report: Report = lambda _: 
             "Restore it with the version that made it, or a newer one.",
         )
     _refuse_unless_empty(store, blobs)
-    _refuse_other_role(url)
     upgrade(url)
     database = Database(url, patient=True)
     try:
+        _refuse_other_role(database)
         _refuse_rows(database)
         store.prepare()
         for blob in blobs:
@@ -78,18 +73,14 @@ def _bring(database: Database, file: Path, report: Report) -> None:
             rows.close()
 
 
-def _refuse_other_role(url: str) -> None:
-    """Rows of all tables, among them what no other role may write, take the role that owns the tables."""
-    engine = open_engine(url, patient=True)
-    try:
-        with engine.connect() as connection:
-            if engine.dialect.name == "postgresql" and not connection.scalar(_MAY_RESTORE):
-                raise AdminError(
-                    f"the database's role {engine.url.username} may not write all that a backup holds",
-                    "Restore with APEXCAL_DATABASE_URL of the role that migrations have.",
-                )
-    finally:
-        engine.dispose()
+def _refuse_other_role(database: Database) -> None:
+    """What a backup holds is of all tables, and no other role may write all of them."""
+    with database.reading() as session:
+        if database.engine.dialect.name == "postgresql" and not session.scalar(text(_OWNS_ALL)):
+            raise AdminError(
+                f"the database's role {database.engine.url.username} may not write all that a backup holds",
+                "Restore with APEXCAL_DATABASE_URL of the role that migrations have.",
+            )
 
 
 def _refuse_rows(database: Database) -> None:

@@ -9,7 +9,6 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 log = logging.getLogger(__name__)
-
 ItemT = TypeVar("ItemT")
 OutcomeT = TypeVar("OutcomeT")
 

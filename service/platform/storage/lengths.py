@@ -14,24 +14,21 @@ from urllib.parse import parse_qsl, quote, urlencode, urlsplit
 _ALGORITHM = "AWS4-HMAC-SHA256"
 
 
-def with_length(address: str, size: int, access_key_id: str, secret_access_key: str) -> str:
-    """The same address, for a PUT of ``size`` bytes alone; as it is where other keys signed it, such as a role's."""
-    members = dict(parse_qsl(urlsplit(address).query))
-    if members["X-Amz-Credential"].partition("/")[0] != access_key_id:
-        return address
-    headers = {"content-length": str(size), "host": urlsplit(address).netloc}
-    return signed(address, headers, secret_access_key)
+def signed(address: str, headers: Mapping[str, str], access_key_id: str, secret_access_key: str) -> str:
+    """A presigned PUT's address, signed again with these headers beside the host.
 
-
-def signed(address: str, headers: Mapping[str, str], secret_access_key: str) -> str:
-    """A presigned PUT's address, signed again for these headers: names in lower case and in order."""
+    ``headers``: names in lower case. It stays as it is where other keys signed it, such as those of a role.
+    """
     parts = urlsplit(address)
     members = {name: value for name, value in parse_qsl(parts.query) if name != "X-Amz-Signature"}
-    members["X-Amz-SignedHeaders"] = ";".join(headers)
+    access_key, _, scope = members["X-Amz-Credential"].partition("/")
+    if access_key != access_key_id:
+        return address
+    of_request = sorted([*headers.items(), ("host", parts.netloc)])
+    members["X-Amz-SignedHeaders"] = names = ";".join(name for name, _ in of_request)
     query = urlencode(sorted(members.items()), quote_via=quote, safe="")
-    lines = "".join(f"{name}:{value}\n" for name, value in headers.items())
-    request = "\n".join(["PUT", parts.path, query, lines, members["X-Amz-SignedHeaders"], "UNSIGNED-PAYLOAD"])
-    scope = members["X-Amz-Credential"].partition("/")[2]
+    lines = "".join(f"{name}:{value}\n" for name, value in of_request)
+    request = "\n".join(["PUT", parts.path, query, lines, names, "UNSIGNED-PAYLOAD"])
     digest = hashlib.sha256(request.encode()).hexdigest()
     key = f"AWS4{secret_access_key}".encode()
     for step in (*scope.split("/"), "\n".join([_ALGORITHM, members["X-Amz-Date"], scope, digest])):

@@ -26,7 +26,7 @@ from obstore.store import S3Store
 
 from service.platform.settings import MIB, S3Options, Settings
 from service.platform.storage.errors import MissingBlobError, StoreUnavailableError, translated
-from service.platform.storage.lengths import with_length
+from service.platform.storage.lengths import signed
 from service.platform.storage.urls import open_url
 
 # A disk that is unmounted under a running service leaves an empty folder, where everything would seem to be missing.
@@ -172,7 +172,7 @@ class Store:
         Another size is refused, where the settings state the keys: :mod:`service.platform.storage.lengths`.
         """
         keys = self._s3.access_key_id, self._s3.secret_access_key
-        return with_length(self._sign("PUT", key, seconds), size, *keys)
+        return signed(self._sign("PUT", key, seconds), {"content-length": str(size)}, *keys)
 
     def sign_get(self, key: str, seconds: float) -> str:
         """The address at which anyone may read this object, or ranges of it, for so long."""
