@@ -370,7 +370,7 @@ def test_it_stops_and_what_it_holds_is_there_again(
     codes = started.run("docker compose ps --all --format '{{.Service}} {{.ExitCode}}'").splitlines()
     killed = {line.partition(" ")[0] for line in codes if line.endswith(" 137")}
     if "store" in killed:
-        # Seen of SeaweedFS: it waits for connections that nobody has. Each write was flushed before it was acknowledged.
+        # Seen of SeaweedFS. Nothing is lost: it flushed each write before it acknowledged it.
         started.note("the store was killed; its log ends", started.run("docker compose logs --tail 12 store"))
     assert killed <= {"store"}, killed
     started.run("docker compose up -d")
