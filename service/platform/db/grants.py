@@ -1,8 +1,8 @@
 """What each role of PostgreSQL may do with which table: as little as its work takes.
 
 Workers decode strangers' uploads, so their role changes no people, no roles, no pairs and no figure of a result that
-is there, and moves no row to another fleet: it updates the columns that jobs write. Locking a row takes the right to update some
-column of it. What a foreign key deletes or clears is done with the rights of the tables' owner.
+is there, and moves no row to another fleet: it updates the columns that jobs write. Locking a row takes the right to
+update some column of it. What a foreign key deletes or clears is done with the rights of the tables' owner.
 """
 
 from __future__ import annotations
