@@ -138,7 +138,8 @@ def solve(
         model = summary.models.get(summary.recommended or "") if summary else None
         if summary is None or model is None:
             complain("no model is recommended", summary.why if summary else "")
-        sentences = [verdict_line(summary), *(line_of(check) for check in summary.checks if check.verdict != "pass")]
+        sentences = [*(f"Note: {each}" for each in calibration.notes)]
+        sentences += [verdict_line(summary), *(line_of(check) for check in summary.checks if check.verdict != "pass")]
         if model.verdict != "pass":
             sentences += [f"Not done yet: {each}" for each in left]
         again = f"apexcal serve --data {session.data}`, then `" if link else ""

@@ -41,7 +41,8 @@ class FitRequest(BaseModel):
     ``bounds`` replace single ones of these. ``unstated``: parameters of which nothing is said, so that weak priors
     may hold them. The search minimises ``loss``, which saturates at ``saturation_px``. ``mark_sigma_px``: noise of
     marks that state none, each coordinate. ``common_errors``: standard deviations in the units of their names.
-    ``stated_lens``: {"model", "f_x", ...}. ``folds``: into how many parts the pairs are cut; ``fold``: the part that
+    ``stated_lens``: {"model", "f_x", ...}, or {"unused": why}.
+    ``folds``: into how many parts the pairs are cut; ``fold``: the part that
     is held out, -1 for none.
     """
 

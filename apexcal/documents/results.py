@@ -189,7 +189,8 @@ class FitResult(FitPrecision):
     image. ``weak_priors`` are the deviations of priors that hold what the pairs hardly hold: distortion about
     zero, ``aspect`` (f_y / f_x) about one.
     ``lens`` says where the lens comes from. Intrinsics and transform hold together only; ``stated_lens`` has the
-    mount for who projects through the stated lens. ``common_errors`` are the deviations stated for what all pairs
+    mount for who projects through the stated lens, ``unused_lens`` why a stated lens is not used.
+    ``common_errors`` are the deviations stated for what all pairs
     share, ``person_bias`` is what was found of the people's, ``clock_offset`` the offset beyond the estimated one if
     these pairs tell it better, ``rolling_shutter`` what the residuals show beyond the stated ``line_time_us``.
 
@@ -224,6 +225,7 @@ class FitResult(FitPrecision):
     transform: SolvedTransform
     lens: LensOrigin
     stated_lens: StatedLensFit | None
+    unused_lens: str | None = None
     residuals_px: list[float] | None
     at_bounds: list[str]
     checks: list[Check]

@@ -81,8 +81,11 @@ class LensConstraints:
 
     @property
     def parameters(self) -> Json | None:
-        """The lens itself, as ``stated_lens`` of the solver's document; None where no model here is it."""
+        """The lens itself, as ``stated_lens`` of the solver's document, or why it is not used."""
         model: ModelName | None = self.stated["model"]
+        if model is None:
+            what, count = self.stated.get("distortion_model"), len(self.stated["D"])
+            return {"unused": f"no model here is {what!r} with {count} coefficients"}
         values = parameters_of(self.stated, model) if model else None
         return values and {"model": model, **values}
 

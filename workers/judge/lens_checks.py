@@ -132,6 +132,13 @@ def stated_lens(result: FitResult) -> Check:
     If they do not, a result that rests on it should not be used. One with a lens of its own holds with that lens.
     """
     stated = result.stated_lens
+    if result.unused_lens:
+        return _STATED.fails(
+            "look",
+            f"A lens is stated and not used: {result.unused_lens}.",
+            "The mount holds with the fitted lens only: load that one on the vehicle, or calibrate the lens as "
+            "plumb_bob, rational_polynomial or equidistant, and state it.",
+        )
     if not stated:
         return _STATED.passes("Neither the recording nor a file states a lens.")
     fitted = result.lens == "fitted"

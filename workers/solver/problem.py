@@ -96,6 +96,7 @@ class FitProblem:
     `people` (N, P): each person's share in the marks; without it all marks are one person's. `line_time_us`: from
     one row of the image to the next (`rolling_shutter` moves the points by it).
     `stated_lens`: the lens that somebody stated of the camera, {"model", "f_x", ...}, whatever holds this fit's.
+    `unused_lens`: why a stated lens is no such; None where it is, or none is stated.
     `unstated`: parameters of which the request says nothing, so that weak priors may hold them (`estimate`).
     `stop`: what may end the work on it; every long computation checks it within a second.
     Raises SolveError where the parts do not make a problem that can be fitted.
@@ -124,6 +125,7 @@ class FitProblem:
     camera: str
     fold: int
     noise_scale: float = 1.0
+    unused_lens: str | None = None
     covariances: Covariances | None = field(default=None, repr=False)
     whitening: NDArray[np.float64] | None = field(default=None, repr=False)
     blocks: Blocks | None = field(default=None, repr=False)
@@ -236,6 +238,7 @@ def fit_problem(
         request.bounds_preset, request.model, request.search, request.image_size, nominal, request.rotation_range_rad
     )
     marks = np.ascontiguousarray(pixels, dtype=np.float64)
+    unused_lens = (request.stated_lens or {}).get("unused")
     return FitProblem(
         model=request.model,
         search=request.search,
@@ -254,7 +257,8 @@ def fit_problem(
         mark_sigma_px=request.mark_sigma_px,
         common_errors=dict[str, float](request.common_errors.items()),
         line_time_us=request.line_time_us,
-        stated_lens=request.stated_lens,
+        stated_lens=None if unused_lens else request.stated_lens,
+        unused_lens=unused_lens,
         schedule=request.schedule,
         seed=request.seed,
         camera=request.camera,

@@ -114,6 +114,7 @@ def finished(problem: FitProblem, state: State) -> Finished:
         transform=SolvedTransform.model_validate(to_document(transform)),
         lens=lens_origin(problem),
         stated_lens=under_stated_lens(problem, best) if is_whole else None,
+        unused_lens=problem.unused_lens,
         residuals_px=distances(problem, p).tolist(),
         at_bounds=at_bounds(problem, p),
         checks=[],

@@ -112,6 +112,12 @@ def test_a_stated_lens_that_does_not_explain_the_pairs_stops_a_result_that_rests
     assert free["stated_lens"].verdict == ("pass" if factor == 1.0 else "look")
 
 
+def test_a_stated_lens_that_no_model_here_is_is_said_with_the_reason():
+    unused = {"unused": "no model here is 'plumb_bob' with 12 coefficients"}
+    check = checked(*rig("pinhole", stated_lens=unused))["stated_lens"]
+    assert check.verdict == "look" and "'plumb_bob' with 12 coefficients" in check.sentence and check.remedy
+
+
 @pytest.mark.parametrize(("share", "axis", "verdict"), [(0.5, 0, "look"), (0.3, 1, "pass"), (0.02, 1, "look")])
 def test_marks_that_fill_the_middle_only_are_looked_at(share, axis, verdict):
     """Few heights are enough if they tell the lens above and below."""
