@@ -51,7 +51,7 @@ COMMANDS = {
     "upload": Command("recordings", "Upload a recording and wait until it is ready."),
     "reread": Command("recordings", "Read again a recording that failed."),
     "suggest": Command("detect", "Suggest a region of interest from what moves."),
-    "detect": Command("detect", "Find the board's vertices in a recording."),
+    "detect": Command("detect", "Find the board's corner in each sweep of a recording."),
     "marks": Command("marks", "Have the machine mark the board's corners in the frames."),
     "clock-offset": Command("clock_offset", "Estimate how far the camera's clock is from the LiDAR's."),
     "calibrate": Command("calibrate", "Calibrate a camera from marks or from a file of pairs."),

@@ -80,20 +80,20 @@ def detect(
     interpolate: Annotated[bool | None, typer.Option("--interpolate/--nearest", show_default=False)] = None,
     preview: Annotated[bool, typer.Option("--preview")] = False,
 ) -> Reply:
-    """Find the board's tip, or an upper corner, in every sweep, inside a region of interest.
+    """Find a corner of the board in every sweep, inside a region of interest.
 
     Args:
         keep: Inequality that a point must meet, for example 'range < 9' or 'z / x > 0.2'; may be given
             several times.
         region: JSON file of a region, for trees with `or`.
-        detector: How vertices are found; docs/detecting.md compares the detectors.
+        detector: How the corner is found; docs/detecting.md compares the detectors.
         board: Size of the board in metres, as 0.61x0.91 (refined).
-        corner: Which corner the vertex is: the tip of a board with a corner up, or, of a board with level edges, an
-            upper corner as the LiDAR sees it (refined, with --board).
+        corner: Which corner: the top one of a board with a corner up (tip), or, of a board with level edges, an upper
+            corner as the LiDAR sees it (refined, with --board).
         option: An option of the detector; several times.
-        offset_ms: Camera clock minus LiDAR clock: added to a vertex's time before its frame is looked for.
-        max_gap_ms: Largest gap between a vertex and its frame.
-        interpolate: Move vertices along their track to their frames' times. Default: those that have a track.
+        offset_ms: Camera clock minus LiDAR clock: added to a corner's time before its frame is looked for.
+        max_gap_ms: Largest gap between a corner and its frame.
+        interpolate: Move corners along their track to their frames' times. Default: those that have a track.
         preview: Only say what the region keeps.
     """
     if not keep and region is None:
@@ -202,7 +202,7 @@ def _outcome(detection: DetectionView) -> str:
 def _corner(detection: DetectionView) -> str:
     """Which corner people are to mark, if it is not the tip."""
     upper = detection.options.get("upper_corner")
-    return f"\nEach vertex is the board's upper {'left' if upper > 0 else 'right'} corner." if upper else ""
+    return f"\nThe corner is the board's upper {'left' if upper > 0 else 'right'} corner." if upper else ""
 
 
 def _why(reason: str, sentences: Mapping[str, str]) -> str:
@@ -217,7 +217,7 @@ def _poses(detection: DetectionView) -> str:
         return ""
     these_are = "As you said, these are" if counts.poses_stated else "These seem to be"
     return (
-        f"\n{these_are} {counts.poses} still poses. Each gives at most one vertex. What stands still is left out. No "
+        f"\n{these_are} {counts.poses} still poses. Each gives at most one corner. What stands still is left out. No "
         f"track is used.{_WALKED if counts.poses_walked else ''}"
     )
 
@@ -260,7 +260,7 @@ def _roll(roll: RollFacts | None) -> str:
     way = "counter-clockwise" if roll.mean_deg > 0.0 else "clockwise"
     return (
         f"\nThe board was rolled by {abs(roll.mean_deg):.0f} degrees {way} as the LiDAR sees it "
-        f"(+- {roll.spread_deg:.0f} from vertex to vertex; at 0 both upper edges have the same slope)."
+        f"(+- {roll.spread_deg:.0f} from corner to corner; at 0 both upper edges have the same slope)."
     )
 
 

@@ -40,10 +40,10 @@ def marks(
 
 def _sentence(facts: MarksFacts, camera: str) -> str:
     if facts.refusal:
-        return f"The machine marks nothing in {camera}. {facts.refusal}"
+        return f"The machine cannot mark camera {camera}. {facts.refusal}"
     others = "".join(f"\n  {count}: {reason.replace('_', ' ')}" for reason, count in facts.reasons.items())
     sigma = f", with standard deviations about {facts.sigma_px:.2f} px" if facts.sigma_px else ""
-    return f"The machine marked {facts.marked} of {facts.corners} corners in {camera}{sigma}.{others}"
+    return f"The machine marked {facts.marked} of {facts.corners} corners in camera {camera}{sigma}.{others}"
 
 
 def _table(answers: Sequence[MachineMark]) -> Table:

@@ -162,7 +162,7 @@ def show(session: Session, kind: NounArgument, name: NameArgument, fleet: FleetO
         sensors = ", ".join(f"{sensor.name} {sensor.count} messages" for sensor in thing.sensors)
         omissions = [each.sentence for each in thing.facts.omissions] if thing.facts else []
         lines = [f"The recording {thing.name!r} is {thing.id}, {thing.state}. {sensors}", *omissions, *thing.warnings]
-        lines += [f"Detection {each.id}: {each.state}, {each.counts.accepted} vertices" for each in detections]
+        lines += [f"Detection {each.id}: {each.state}, {each.counts.accepted} corners" for each in detections]
         after = f"apexcal open recording {thing.id}" if detections else f"apexcal suggest {thing.id}"
         return Reply(thing, "\n".join(lines), next=after)
     health = client.vehicles.health(thing.fleet_id, name=thing.name)

@@ -66,10 +66,12 @@ def withdraw(
     on, of = find_vehicle_camera(session.client, fleet, vehicle, camera)
     newest = next(session.client.calibrations.publications(on.id, of), None)
     if newest is None or newest.result_id is None:
-        raise ClientError(f"{of} of {on.name} is given nothing", "There is nothing to withdraw.")
+        raise ClientError(f"camera {of} of {on.name} has no current calibration", "There is nothing to withdraw.")
     move = session.client.calibrations.withdraw(newest.id, reason)
     when = move.published_at.isoformat()
-    return Reply(move, f"{of} of {on.name} is given nothing now: {move.model} of {when} is withdrawn.")
+    return Reply(
+        move, f"Camera {of} of {on.name} has no current calibration now: {move.model} of {when} is withdrawn."
+    )
 
 
 def rollback(
@@ -195,4 +197,4 @@ def lines_of(publication: PublicationView) -> list[str]:
 
 def _against(publication: PublicationView) -> list[str]:
     sentences = publication.override.sentences if publication.override else []
-    return [f"  Published against: {sentence}" for sentence in sentences]
+    return [f"  Published although: {sentence}" for sentence in sentences]

@@ -179,7 +179,7 @@ def _people_mark(session: Session, detection: str, camera: str, *, is_own: bool)
             while True:
                 progress = marking.progress(detection, camera)
                 needed = max(min(_SUFFICIENT, progress.vertices), 1)
-                share, text = progress.complete / needed, f"{progress.complete} of {needed} vertices marked"
+                share, text = progress.complete / needed, f"{progress.complete} of {needed} corners marked"
                 if confirms:
                     judged = marking.crop_progress(detection, camera).judged
                     share = max(share, judged / of_machine)

@@ -32,14 +32,14 @@ class DetectorWords(NamedTuple):
 
 _UP = (
     "{axis} of the direction of up in the LiDAR's frame; all three 0: as the rig states it, else as the ground "
-    "tells. State it if the LiDAR is tilted by more than 35 degrees, or another corner is taken for the tip"
+    "tells. State it if the LiDAR is tilted by more than 35 degrees, or another corner is taken for the top one"
 )
 _NO_POINTS = "no point of the sweep lies in the region"
 # Reasons that every detector has for recordings of still poses.
 _STILL_POSES = {
     "nothing_differs": "all points in the region are at the same place in the other sweeps too: the board is outside "
     "of the region, or was not moved",
-    "same_pose": "another sweep of the same still pose carries the vertex: the mean of those that agree with it",
+    "same_pose": "another sweep of the same still pose carries the corner: the mean of those that agree with it",
 }
 
 DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
@@ -81,7 +81,7 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
                 0,
                 -1,
                 1,
-                "which corner the vertex is. 0: the tip, of a board with a corner up. Of a board with level edges 1: "
+                "which corner it is. 0: the top one, of a board with a corner up. Of a board with level edges 1: "
                 "the upper left corner, -1: the upper right one, as the LiDAR sees them; state the size with it",
             ),
             "edge_growth_mrad": NumberOption(
@@ -101,7 +101,7 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
                 0.15,
                 0.005,
                 2.0,
-                "largest standard deviation of an accepted vertex in degrees, azimuth and elevation together",
+                "largest standard deviation of an accepted corner in degrees, azimuth and elevation together",
             ),
         },
         {
@@ -124,9 +124,9 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "never_shown": "the near sweeps of this recording do not show a board, so this could be a person. State "
             "the board's size: then four rings that meet it are enough. With fewer rings, walk closer, and lower the "
             "board as little as possible",
-            "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough: walk "
+            "too_uncertain": "the rays that meet and miss the board do not determine its corner well enough: walk "
             "closer, or state the board's size",
-            "off_the_track": "the vertex lies far off the path of the sweeps before and after, so it is no board",
+            "off_the_track": "the corner lies far off the path of the sweeps before and after, so it is no board",
         }
         | _STILL_POSES,
     ),
@@ -136,7 +136,7 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
 _SIZE_STATED: Final[Mapping[str, str]] = {
     "never_shown": "the near sweeps of this recording do not show a board, so this could be a person: walk closer, "
     "and lower the board as little as possible",
-    "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough: walk closer",
+    "too_uncertain": "the rays that meet and miss the board do not determine its corner well enough: walk closer",
 }
 _UPPER_CORNER: Final[Mapping[str, str]] = {
     **_SIZE_STATED,
@@ -152,11 +152,11 @@ _UPPER_CORNER: Final[Mapping[str, str]] = {
 
 # What a person who confirms a vertex is told.
 FLAGS: Final[Mapping[str, str]] = {
-    "head_above": "something stands above the apex and behind the board, a head perhaps: check that the vertex is "
+    "head_above": "something stands above the corner and behind the board, a head perhaps: check that the corner is "
     "the board's",
     "second_board": "another object in the region looks nearly as much like the board",
     "occluded": "something stands in front of a part of the board's edges",
-    "track_jump": "the vertex lies off the path of the sweeps before and after",
+    "track_jump": "the corner lies off the path of the sweeps before and after",
 }
 
 

@@ -78,8 +78,8 @@ def _camera_and_marks(
     if not marks:
         raise conflict(
             "nothing_marked",
-            f"None of the {len(agreed)} vertices that have a frame of {camera.name} is confirmed and marked.",
-            "The offset is found from marks: mark vertices first, at least some dozens over the whole recording.",
+            f"No corner of camera {camera.name} is marked yet ({len(agreed)} have a frame).",
+            "The offset is found from marks: mark corners first, at least some dozens over the whole recording.",
         )
     # At worst it searches as a calibration does, and polishes.
     searching = run_cost(parse_model(model), len(marks), PRESETS["default"].schedule)

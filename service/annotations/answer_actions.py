@@ -45,7 +45,7 @@ def give(session: Session, subject: Subject, answer: Answer) -> AnswerView:
     verdict, mark = answer.verdict, answer.mark if answer.verdict == "confirmed" else None
     if verdict == "confirmed" and mark is None:
         raise unprocessable(
-            "mark_required", "A confirmed vertex needs its mark.", 'Send "mark": {"u": ..., "v": ...} in pixels.'
+            "mark_required", "A confirmed corner needs its mark.", 'Send "mark": {"u": ..., "v": ...} in pixels.'
         )
     if mark is not None:
         check_inside(mark.u, mark.v, subject.frame.width, subject.frame.height)
@@ -127,7 +127,7 @@ def _repeated(session: Session, subject: Subject, answer: Answer | Undo, content
     own = own_answer(subject)
     raise conflict(
         "answer_changed",
-        f"You answered this vertex elsewhere meanwhile: {_in_words(own)}. What you send now was made before that.",
+        f"You answered this corner elsewhere meanwhile: {_in_words(own)}. What you send now was made before that.",
         "Decide which of your answers holds; send this one with the version in `own` to replace that one.",
         own=own.model_dump(mode="json"),
     )
@@ -152,7 +152,7 @@ def _check_patience(session: Session, subject: Subject) -> None:
     if (session.scalar(select(func.count(AnswerRow.verdict)).filter_by(**own)) or 0) >= MOST_ANSWERS:
         raise conflict(
             "answered_too_often",
-            f"You have answered this vertex {MOST_ANSWERS} times; your last answer stays.",
+            f"You have answered this corner {MOST_ANSWERS} times; your last answer stays.",
             "Where it is wrong, ask a reviewer to look at it.",
         )
 

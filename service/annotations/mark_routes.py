@@ -104,7 +104,7 @@ def _check_no_answer(
     if any(row.verdict for row in {row.apex_id: row for row in rows}.values()):
         raise conflict(
             "answered",
-            "This is the mark of a vertex that you have answered.",
+            "This is the mark of a corner that you have answered.",
             "Answer its task again, with the answer's version: POST /v1/tasks/{id}/answer.",
         )
     if mark is not None and mark.version >= MOST_ANSWERS:

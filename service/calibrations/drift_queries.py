@@ -190,7 +190,7 @@ def _sentence(camera: str, steps: list[DriftStep]) -> str:
         when = ", ".join(f"{step.at:%Y-%m-%d}" for step in jumps)
         return f"{opening}the mount moved (at {when}). The last one differs from the first by {size}.{withdrawn}"
     if last.incomparable:
-        unsaid = f"Whether the mount moved cannot be said: {last.incomparable}."
+        unsaid = f"No drift is told: {last.incomparable}."
         return f"{opening}the last one differs from the first by {size}. {unsaid}{withdrawn}"
     if last.differs:
         return f"{opening}no step is significant, but the last one differs from the first by {size}.{withdrawn}"

@@ -58,7 +58,7 @@ def common_errors(pairs: CorrespondenceSet, deviations: Json) -> Json:
     ``deviations`` are the deviations that the request gives. Nothing is known of imported pairs.
 
     Raises:
-        Problem: 422 ``no_motion`` if a deviation in time is asked for and the pairs do not tell how the apex moved.
+        Problem: 422 ``no_motion`` if a deviation in time is asked for and the pairs do not tell how the corner moved.
     """
     _check_motion(pairs, deviations)
     defaults: Json = {}
@@ -87,6 +87,6 @@ def _check_motion(pairs: CorrespondenceSet, deviations: Json) -> None:
     if in_time and not tells_motion(pairs.columns.get("stamp_ns") or [], pairs.columns.get(CORNER)):
         raise unprocessable(
             "no_motion",
-            f"The pairs of {pairs.camera} do not say how the apex moved, so nothing follows from {in_time[0]}.",
+            f"The pairs of {pairs.camera} do not say how the corner moved, so nothing follows from {in_time[0]}.",
             f"Give stamp_ns of pairs from a walk, or leave {' and '.join(in_time)} out of common_errors.",
         )

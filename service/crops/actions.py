@@ -220,14 +220,14 @@ def _too_few(count: int) -> Problem:
     return conflict(
         "too_few_marks",
         f"The machine has {count} marks in this camera; a page of crops needs {LEAST_MARKS}.",
-        "Mark these vertices by hand: POST /v1/detections/{id}/tasks/next, or the marking page.",
+        "Mark these corners by hand: POST /v1/detections/{id}/tasks/next, or the marking page.",
     )
 
 
 def _blind_first(count: int) -> Problem:
     return conflict(
         "blind_marks_first",
-        f"{count} more of the vertices that the machine marked must be marked blind first: they show how far its "
+        f"{count} more of the corners that the machine marked must be marked blind first: they show how far its "
         "marks are off in this recording.",
         "Mark them without seeing the machine's marks: POST /v1/detections/{id}/tasks/next, or the marking page.",
         blind_needed=count,

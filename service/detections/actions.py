@@ -96,7 +96,7 @@ def _require_stated(session: Session, detection: Detection, corner: CornerName) 
     if not stated:
         raise conflict(
             "corners_not_known",
-            f"No vertex of this detection states the board's {corner} corner.",
+            f"No sweep of this detection states the board's {corner} corner.",
             "Detect again with the detector refined and the board's measured size (options board_width_m and "
             "board_height_m).",
             corner=corner,

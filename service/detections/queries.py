@@ -27,7 +27,7 @@ def done_detection(access: Access, detection_id: UUID, role: Role) -> Detection:
     waits = detection.state in UNENDED
     raise conflict(
         "detection_not_done",
-        f"The detection is {detection.state}; its vertices can be used when it is done.",
+        f"The detection is {detection.state}; its corners can be used when it is done.",
         "Wait for its job, or run another detection." if waits else "Run another detection.",
         state=detection.state,
     )

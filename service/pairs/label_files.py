@@ -46,7 +46,7 @@ def read_labels(text: str) -> Columns:
         if any(number < 1 or number != int(number) for number in (frame, image)):
             raise _refused(number, "the first two numbers must be frame numbers from 1")
         if math.hypot(*point) > _FARTHEST_M:
-            raise _refused(number, f"the vertex lies {math.hypot(*point):.0f} m away: x, y and z are metres")
+            raise _refused(number, f"the corner lies {math.hypot(*point):.0f} m away: x, y and z are metres")
         if u < _FIRST_EDGE or v < _FIRST_EDGE:
             raise _refused(number, f"the mark ({u:g}, {v:g}) lies outside of the image, whose first pixel is (1, 1)")
         for name, value in zip(("x", "y", "z"), point, strict=True):

@@ -94,8 +94,8 @@ def build(
     if not rows:
         raise conflict(
             "nothing_marked",
-            f"None of the {len(vertices)} vertices that have a frame of {camera.name} is confirmed and marked.",
-            "Mark vertices, or confirm the machine's marks, on the recording's page; or take these unseen "
+            f"No corner of camera {camera.name} is marked yet ({len(vertices)} have a frame).",
+            "Mark corners, or confirm the machine's marks, on the recording's page; or take these unseen "
             "(machine_marks; --machine-marks).",
         )
     # A column is for all pairs or for none.
@@ -118,8 +118,8 @@ def build(
     notes = _notes(consensus, per_vertex, apart_px, exclude_flagged=exclude_flagged)
     if MACHINE in columns:
         confirmed = sum(count > 0 for count in columns.get(CONFIRMED, ()))
-        of_these = f"; people confirmed {confirmed} of these marks" if confirmed else ""
-        notes.append(f"{sum(columns[MACHINE])} of {len(rows)} pairs stand on the machine's mark alone{of_these}.")
+        of_these = f"; people looked at {confirmed} of these" if confirmed else ""
+        notes.append(f"{sum(columns[MACHINE])} of {len(rows)} marks are the machine's{of_these}.")
     return Built(columns, [*notes, *_pairing_note(detection, columns), *_clock_notes(session, detection)])
 
 
@@ -247,14 +247,14 @@ def _notes(consensus: dict[UUID, Consensus], per_vertex: int, apart_px: float, *
     tied = "left out" if exclude_flagged else "kept and flagged"
     unit = "mark" if per_vertex == 1 else "marks"
     sentences = {
-        "Left out, because nobody judged them": total - len(answered),
-        f"With fewer than the {per_vertex} {unit} asked for": few,
-        "With answers of people who had seen others', which are not independent": reviewed,
-        "Removed, because most people rejected them": count[ConsensusOutcome.REMOVED],
-        f"With as many rejections as confirmations, and so {tied}": count[ConsensusOutcome.TIED],
-        f"Left out, because two marks lie more than {apart_px:.0f} px apart; have them marked once more": (
+        "are not marked, and left out": total - len(answered),
+        f"have fewer than the {per_vertex} independent {unit} asked for": few,
+        "were answered by people who had seen others' answers": reviewed,
+        "are left out, because most people rejected them": count[ConsensusOutcome.REMOVED],
+        f"have as many rejections as confirmations, and are {tied}": count[ConsensusOutcome.TIED],
+        f"are left out, because two marks lie more than {apart_px:.0f} px apart; have them marked once more": (
             count[ConsensusOutcome.APART]
         ),
-        "Left out, because people were unsure of them": count[ConsensusOutcome.UNMARKED],
+        "are left out, because people were unsure of them": count[ConsensusOutcome.UNMARKED],
     }
-    return [f"{words}: {n} of {total} vertices." for words, n in sentences.items() if n]
+    return [f"{n} of {total} corners {words}." for words, n in sentences.items() if n]

@@ -29,7 +29,7 @@ _INT64 = 2**63
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _HINT = (
     "A CSV file has a header with x,y,z (metres, LiDAR frame), u,v (pixels; (0, 0) is the centre of the top-left "
-    "one) and perhaps stamp_ns (integer nanoseconds), group, the vertex's standard deviations sigma_azimuth_rad, "
+    "one) and perhaps stamp_ns (integer nanoseconds), group, the corner's standard deviations sigma_azimuth_rad, "
     "sigma_elevation_rad, sigma_range_m, the mark's sigma_px, and the board's corner (top, left, right, bottom). "
     "JSON has the same names in each of its pairs."
 )

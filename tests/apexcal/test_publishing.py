@@ -66,7 +66,7 @@ def test_the_commands_publish_list_and_go_back(car: Car, owner: Client):
     given = car.apexcal("publish", car.edge, "--override", "--reason", "It leaves at noon.")
     assert given.exit_code == 0, given.stderr
     assert "pinhole is now the current calibration of front on Wagon." in given.stdout
-    assert "Published against: " in given.stdout
+    assert "Published although: " in given.stdout
     for result in car.good:
         published = car.apexcal("publish", result)
         assert published.exit_code == 0, published.stderr

@@ -118,7 +118,7 @@ def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, 
     assert (without.status_code, without.json()["code"]) == (409, "nothing_marked")
     made = engineer.post(sets, {"camera": "front", "machine_marks": True}).json()
     assert made["count"] == facts["marked"]
-    assert f"{made['count']} of {made['count']} pairs stand on the machine's mark alone." in made["notes"]
+    assert f"{made['count']} of {made['count']} marks are the machine's." in made["notes"]
     pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
     assert all(pair[MACHINE] and 0.0 < pair[MARK_SIGMA] < 3.0 for pair in pairs)
     assert {(pair["u"], pair["v"]) for pair in pairs} == {(mark["u"], mark["v"]) for mark in marked}

@@ -42,8 +42,8 @@ def test_two_corners_of_a_frame_are_marked_one_after_the_other(sign_in: SignIn, 
     page.goto(f"{sized.url}/recordings/{sized.recording_id}?detection={sized.detection_id}")
     panel = page.locator("section.panel", has=ida.link())
     left = panel.get_by_label("left corner")
-    expect(panel.get_by_label("top vertex")).to_be_checked()
-    expect(panel.get_by_label("top vertex")).to_be_disabled()
+    expect(panel.get_by_label("top corner")).to_be_checked()
+    expect(panel.get_by_label("top corner")).to_be_disabled()
     with page.expect_response("**/v1/detections/*") as asked:
         left.click()
     assert asked.value.ok, asked.value.json()
@@ -58,11 +58,11 @@ def test_two_corners_of_a_frame_are_marked_one_after_the_other(sign_in: SignIn, 
     for turn in range(4):
         corner = said.get_attribute("data-corner") or ""
         expect(said).to_have_text(
-            {"top": "Mark the board's top vertex", "left": "Mark the board's left corner"}[corner]
+            {"top": "Mark the board's top corner", "left": "Mark the board's left corner"}[corner]
         )
         expect(said.locator("circle.filled")).to_have_count(1)
         frame = page.get_by_role("application").get_attribute("aria-label") or ""
-        assert ("top vertex" if corner == "top" else "left corner") in frame
+        assert ("top corner" if corner == "top" else "left corner") in frame
         seen.append((frame.partition(":")[0], corner))
         clicked[ida.vertex] = ida.click(0.3 + 0.08 * turn, 0.4)
         ida.save()

@@ -83,7 +83,7 @@ def test_dragging_a_zoomed_frame_pans_and_marks_nothing(sign_in: SignIn, track: 
     dora.page.mouse.up()
     assert dora.pixel(540, 380) == pytest.approx(before, abs=0.02)
     dora.page.keyboard.press("Enter")
-    dora.page.get_by_text("Click the board's top vertex first").wait_for()
+    dora.page.get_by_text("Click the board's top corner first").wait_for()
     assert dora.own_marks() == {}
 
 
@@ -142,7 +142,7 @@ def test_the_next_frame_comes_at_once_and_the_answer_is_saved_behind_it(sign_in:
     hal = Marker(sign_in("Hal", "annotator"), track)
     hal.open()
     hal.page.keyboard.press("l")
-    expect(hal.page.get_by_role("region", name="The sweep of this vertex")).to_be_visible()
+    expect(hal.page.get_by_role("region", name="The sweep of this corner")).to_be_visible()
     hal.page.context.new_cdp_session(hal.page).send(
         "Network.emulateNetworkConditions",
         {"offline": False, "latency": LATENCY_MS, "downloadThroughput": -1, "uploadThroughput": -1},

@@ -182,7 +182,7 @@ def test_two_taps_mark_a_corner_on_a_phone(sign_in: SignIn, marked: tuple[Track,
 def test_the_sweep_stands_beside_the_frame(sign_in: SignIn, track: Track) -> None:
     kurt = Marker(sign_in("Kurt", "annotator"), track)
     kurt.open()
-    pane = kurt.page.get_by_role("region", name="The sweep of this vertex")
+    pane = kurt.page.get_by_role("region", name="The sweep of this corner")
     expect(pane).to_have_count(0)  # 1280 px are narrow
     kurt.page.keyboard.press("l")
     sweeps = {str(one.id): one.sweep_index for one in track.owner.detections.vertices(track.detection_id)}

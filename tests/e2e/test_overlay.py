@@ -73,7 +73,7 @@ def test_the_points_of_a_sweep_lie_in_its_frame(sign_in: SignIn, track: Track, c
 def test_the_board_is_where_it_was_at_the_frames_time(sign_in: SignIn, track: Track, calibration_id: str) -> None:
     page = sign_in("Uwe", "reviewer")
     overlay = open_overlay(page, track, calibration_id)
-    said = overlay.get_by_text(re.compile("points of the board and its holder are moved"))
+    said = overlay.get_by_text(re.compile("Board and holder are drawn where they were"))
     expect(said).to_be_visible()
     canvas = overlay.locator("canvas")
     frame, index = (int(canvas.get_attribute(name) or -1) for name in ("data-frame", "data-sweep"))
@@ -94,7 +94,7 @@ def test_the_board_is_where_it_was_at_the_frames_time(sign_in: SignIn, track: Tr
     above = there[:, 2] - corner[2]
     board = (np.linalg.norm(there[:, :2] - corner[:2], axis=1) <= 0.55) & (above <= 0.1) & (above >= -1.1)
     farthest = np.abs(later[board]).max() * np.linalg.norm(velocity)
-    found = re.search(r"([\d,]+) points of the board .* at most ([\d.]+) cm", said.inner_text(), re.DOTALL)
+    found = re.search(r"([\d,]+) points moved by up to\s+([\d.]+) cm", said.inner_text(), re.DOTALL)
     assert found and int(found[1].replace(",", "")) == pytest.approx(board.sum(), abs=1)
     assert float(found[2]) == pytest.approx(100 * farthest, abs=0.11)
     overlay.get_by_label(MOVE).uncheck()

@@ -105,7 +105,7 @@ def test_a_result_is_compared_with_a_file_and_given_an_alias(
     other.write_text("hello: world\n")
     page.get_by_label(re.compile("camera_info, OpenCV")).set_input_files(other)
     expect(page.get_by_role("alert")).to_be_visible()
-    page.get_by_role("button", name="Let an alias lead here…").click()
+    page.get_by_role("button", name="Set an alias…").click()
     dialog = page.get_by_role("dialog")
     dialog.get_by_label("Alias", exact=True).fill("yard")
     dialog.get_by_label(re.compile("^Why")).fill("For the yard.")

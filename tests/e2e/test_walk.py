@@ -85,8 +85,8 @@ def mark(page: Page, apexes: list[list[float]]) -> None:
         expect(stage).not_to_have_attribute("data-vertex", vertex or "")
     expect(page.get_by_test_id("mine")).to_contain_text(re.compile(rf"^{MARKS} of"))
     page.get_by_role("link", name="Back").click()
-    page.get_by_role("button", name="Build correspondences").click()
-    expect(page.get_by_text(f"{MARKS} correspondences")).to_be_visible()
+    page.get_by_role("button", name="Make pairs").click()
+    expect(page.get_by_text(f"{MARKS} pairs")).to_be_visible()
     page.get_by_text("Calibrate with other options").click()
 
 

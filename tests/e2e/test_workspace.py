@@ -30,7 +30,7 @@ def test_the_next_step_is_at_the_top_and_all_else_in_drawers(sign_in: SignIn, tr
     expect(step.get_by_role("link", name="Mark frames of front")).to_be_in_viewport()
     for name, there in (
         ("What the recording holds", page.get_by_role("heading", name="What it holds")),
-        ("It found the wrong thing", page.get_by_role("heading", name="Find vertices")),
+        ("It found the wrong thing", page.get_by_role("heading", name="Find the corners")),
         ("Calibrate with other options", page.get_by_role("heading", name="Calibrate", exact=True)),
     ):
         expect(there).to_have_count(0)

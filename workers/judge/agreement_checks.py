@@ -18,7 +18,7 @@ _OPTIMA: Final = CheckTopic("optima", "Other optima")
 _HALVES: Final = CheckTopic("halves", "Halves of the pairs")
 _SHARED: Final = CheckTopic("shared_errors", "Errors that pairs share")
 _TURN_LIMIT_RAD: Final = 1.5e-3
-_MORE: Final = "Mark vertices at other heights, distances and image regions, lock what is known"
+_MORE: Final = "Mark corners at other heights, distances and image regions, lock what is known"
 _REMEDIES: Final[dict[Status, str]] = {
     "ok": "",
     "unfinished": "Calibrate again without stopping it.",
@@ -43,7 +43,7 @@ def optima(result: FitResult) -> Check:
     return _OPTIMA.fails(
         "stop" if others else "pass",
         " ".join(others) or "Search, slots and baselines found no other optimum.",
-        "Bound or lock what is known of mount and lens, mark vertices at other places, look for marks "
+        "Bound or lock what is known of mount and lens, mark corners at other places, look for marks "
         "of another corner or frame, or run more slots.",
         others=float(len(others)),
     )
@@ -100,9 +100,8 @@ def shared_errors(estimate: Estimate, result: FitResult) -> Check:
     blocks = "group" if shared.by == "group" else "stretch of the walk"
     stretches = f"; groups near in time by {figure(over_time.shift_px)} px" if over_time else ""
     sentence = (
-        f"Pairs of one {blocks} err together, by {sizes} from one to the next{stretches}. "
-        f"{'The standard deviations count that; they' if shared.counted else 'Deviations that counted it'} "
-        f"are {shared.widening:.2f} times those of independent errors."
+        f"Pairs of one {blocks} have alike errors ({sizes}{stretches}). The stated errors "
+        f"{'include' if shared.counted else 'leave out'} this: they are {shared.widening:.2f} times as large with it."
         if sizes
         else "Pairs of one pose, or near in time, err independently."
     )

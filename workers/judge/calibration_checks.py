@@ -116,7 +116,7 @@ def _bias(offsets: Sequence[Sequence[float]]) -> str:
     values = np.asarray(offsets, np.float64)
     (u, v), (du, dv) = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(len(values))
     return (
-        f" Against {len(values)} vertices that people marked blind the machine's marks are off by {u:+.2f} ± "
+        f" Against {len(values)} corners that people marked blind the machine's marks are off by {u:+.2f} ± "
         f"{du:.2f} px in u and {v:+.2f} ± {dv:.2f} px in v on average."
     )
 

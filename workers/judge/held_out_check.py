@@ -83,7 +83,7 @@ def held_out(result: FitResult, summary: ModelSummary, pairs: HeldOutPairs | Non
     return _HELD_OUT.fails(
         verdict,
         f"{said}: {'; '.join(doubts)}." if doubts else f"{said}.",
-        "Mark more vertices and over more of the image, and look at the marks and the lens model.",
+        "Mark more corners, and over more of the image, and look at the marks and the lens model.",
         **figures,
     )
 

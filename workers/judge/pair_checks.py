@@ -176,7 +176,7 @@ def noise(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[An
         verdict = "stop" if ratio > _GROSS and chance < STOP_RATE else "look"
     apart = paired_apart_ms(pairs)
     nearest = (
-        f" Half of the vertices were paired with a frame more than {apart:.0f} ms away and not moved to its time: "
+        f" Half of the corners were paired with a frame more than {apart:.0f} ms away and not moved to its time: "
         "detect again with pairing mode auto."
         if apart
         else ""
@@ -184,9 +184,9 @@ def noise(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[An
     said = f"Residuals show a noise of {figure(sigma)} px per coordinate"
     return _NOISE.fails(
         verdict,
-        f"{said}, which marks and vertices explain."
+        f"{said}, which marks and corners explain."
         if verdict == "pass"
-        else f"{said}; what is stated of marks and vertices explains {figure(explained)} px.",
+        else f"{said}; what is stated of marks and corners explains {figure(explained)} px.",
         f"Check the marks, the times and the lens model: one of them is worse than stated.{nearest}",
         noise_px=sigma,
         explained_px=explained,

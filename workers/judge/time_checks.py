@@ -23,9 +23,7 @@ _SHUTTER: Final = CheckTopic("rolling_shutter", "Rolling shutter")
 def clock(estimate: Estimate) -> Check:
     """Whether the marks lie where the board was at another moment: the clocks' offset."""
     if estimate.holding.velocities is None:
-        return _CLOCK.passes(
-            "Not told by still poses, nor by pairs without times: they do not say how the board moved."
-        )
+        return _CLOCK.passes("Not checked: still poses, and pairs without times, do not say how the board moved.")
     moved = image_velocities(estimate)
     test = pattern_test(estimate, moved[:, :, None])
     if test is None or not np.isfinite(test.deviations[0]):
@@ -40,8 +38,8 @@ def clock(estimate: Estimate) -> Check:
         verdict,
         beside or f"The marks follow the board's motion: the clocks differ by {offset}."
         if verdict == "pass"
-        else f"The marks lie where the board was {offset} {'later' if seconds > 0 else 'earlier'} than the pairs "
-        "say: the offset between the clocks is wrong.",
+        else f"The clocks differ by {offset}: the marks lie where the board was so much "
+        f"{'later' if seconds > 0 else 'earlier'} than the pairs say.",
         "Estimate the clocks' offset, and detect again.",
         seconds=seconds,
         deviation_seconds=deviation,

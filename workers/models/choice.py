@@ -67,7 +67,7 @@ def _by_heldout(models: Mapping[str, Candidate], judged: Mapping[str, Pairs], ev
     chosen = min(alike, key=lambda name: _rank(models[name], -evidence.total[name], name))
     others = sorted(behind, key=lambda name: (-evidence.total[name], name))
     sentences = [
-        f"Held-out pairs are likeliest under {evidence.best}, with a noise of "
+        f"{evidence.best} fits pairs that were held out best, with a noise of "
         f"{evidence.sigma_px[evidence.best]:.2f} px per coordinate.",
         *(_behind(name, behind[name]) for name in others),
         *_because(chosen, evidence.best, models),
@@ -100,9 +100,11 @@ def _difference(name: str, judged: Mapping[str, Pairs], evidence: Evidence) -> B
 
 
 def _behind(name: str, gap: Behind) -> str:
-    words = f"{name} is {gap.log_likelihood:.1f} ± {gap.standard_error_log_likelihood:.1f} behind in log likelihood"
-    noise = f", which decides nothing below {_ALIKE:g}" if gap.within_noise else ""
-    return f"{words} ({gap.px:+.2f} ± {gap.standard_error_px:.2f} px){noise}."
+    words = f"{name} is off by {gap.px:+.2f} ± {gap.standard_error_px:.2f} px against it"
+    noise = f", which below {_ALIKE:g} decides nothing" if gap.within_noise else ""
+    return (
+        f"{words} (log likelihood {gap.log_likelihood:.1f} ± {gap.standard_error_log_likelihood:.1f} lower{noise})."
+    )
 
 
 def _because(chosen: str, best: str, models: Mapping[str, Candidate]) -> list[str]:

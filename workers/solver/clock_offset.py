@@ -165,8 +165,8 @@ def _enough(problem: FitProblem, on_track: NDArray[np.bool_]) -> None:
     if 2 * count < unknowns + 4:
         raise InputError(
             "offset_not_determined",
-            f"Only {count} marks lie near a vertex of the track, for {unknowns} unknowns of camera and clock.",
-            "Mark more frames, use a detector that finds more vertices, or lock intrinsics that are known.",
+            f"Only {count} marks lie near a corner of the track, for {unknowns} unknowns of camera and clock.",
+            "Mark more frames, use a detector that finds more corners, or lock intrinsics that are known.",
         )
 
 
@@ -176,12 +176,12 @@ def _refuse(estimate: OffsetEstimate, outcome: Outcome, poor: float, at_end: boo
         raise InputError(
             "offset_not_determined",
             f"No camera and no offset fits the marks: {estimate.rms_px:.0f} px are left.",
-            "Check that the marks show the board's top vertex, and the camera's model and nominal mount.",
+            "Check that the marks show the board's top corner, and the camera's model and nominal mount.",
         )
     if estimate.sigma_ns > max_sigma_ns:
         raise InputError(
             "offset_not_determined",
-            f"The marks do not tell the offset better than to {sigma_ms:.0f} ms (one standard deviation): the apex "
+            f"The marks do not tell the offset better than to {sigma_ms:.0f} ms (one standard deviation): the corner "
             f"moved by {estimate.speed_px_s:.0f} px/s in the image, in {estimate.pairs} marks.",
             "Walk across the view, to both sides, for a minute or more; mark more frames of it.",
         )

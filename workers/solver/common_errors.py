@@ -85,7 +85,7 @@ def _by_clock(problem: FitProblem, p: Floats) -> Floats:
     if problem.velocities is None:
         raise SolveError(
             "no_motion",
-            "The pairs do not say how the apex moved, so nothing follows from the clocks' deviation.",
+            "The pairs do not say how the corner moved, so nothing follows from the clocks' deviation.",
             "Give stamp_ns of pairs from a walk, or leave clock_ms and line_time_us out of common_errors.",
         )
     return -1e-3 * np.einsum("nij,nj->ni", by_point(problem, p), problem.velocities)

@@ -110,7 +110,7 @@ def next_steps(estimate: Estimate) -> NextSteps | None:
             ways.append(("lens", "give a lens file", plan.with_lens(_padded(lens, plan.errors))))
         board = {name: min(1.0, _MEASURED_MM / problem.common_errors.get(name, 1.0)) for name in _BOARD[:2]}
         if min(board.values()) < 1.0 and "board" not in done:
-            ways.append(("board", f"measure the board's edges and tip to {_MEASURED_MM:g} mm", plan.scaled(board)))
+            ways.append(("board", f"measure the board's edges and corner to {_MEASURED_MM:g} mm", plan.scaled(board)))
         if "person_px" in plan.errors.terms:
             more = plan.scaled({"person_px": float(np.sqrt(people / (people + 1.0)))})
             ways.append(("person", f"let {'a second' if people == 1 else 'another'} person mark", more))
@@ -141,13 +141,12 @@ def sentence(steps: NextSteps) -> str:
     is_turn = steps.half_width_deg / ALONE_LIMIT_DEG >= steps.half_width_mm / ALONE_LIMIT_MM
     unit = "degrees" if is_turn else "mm"
     whole = steps.half_width_deg if is_turn else steps.half_width_mm
-    parts = ", ".join(
-        f"{name} {figure(part)}" for name, part in sorted(steps.parts.items(), key=lambda part: -part[1])
-    )
+    most = max(steps.parts, key=lambda name: steps.parts[name])
     ways = "; then ".join(
         f"{step.words} (±{figure(step.half_width_deg if is_turn else step.half_width_mm)})" for step in steps.steps
     )
-    return f"Its ±{figure(whole)} {unit} come from {parts}. Next: {ways}."
+    share = f"Most of its ±{figure(whole)} {unit} comes from the {most} ({figure(steps.parts[most])})"
+    return f"{share}. Next: {ways}."
 
 
 def _planned(problem: FitProblem, p: Floats, estimate: Estimate) -> _Plan:

@@ -132,7 +132,7 @@ def _reason(problem: FitProblem, pixels: Floats, violation: Floats, i: int, scor
     off = problem.pixels[i] - pixels[i]
     words = (
         f"The mark lies {abs(off[0]):.1f} px {'right' if off[0] > 0 else 'left'} and {abs(off[1]):.1f} px "
-        f"{'below' if off[1] > 0 else 'above'} of where the vertex projects, {score:.1f} standard deviations"
+        f"{'below' if off[1] > 0 else 'above'} of where the corner projects, {score:.1f} standard deviations"
     )
     gaps = np.hypot(*(pixels - problem.pixels[i]).T)
     gaps[violation > 0.0] = np.inf
@@ -142,5 +142,5 @@ def _reason(problem: FitProblem, pixels: Floats, violation: Floats, i: int, scor
         back = np.hypot(*(problem.pixels[nearest] - pixels[i]))
         if back < 3.0 * sigma:
             return f"{words}: it and the mark of pair {nearest} look swapped."
-        return f"{words}: it lies where the vertex of pair {nearest} projects."
+        return f"{words}: it lies where the corner of pair {nearest} projects."
     return f"{words}."

@@ -150,7 +150,7 @@ class FitProblem:
             raise SolveError(
                 "too_few_pairs",
                 f"There are {pairs} pairs for {free} free parameters of {self.model}.",
-                "Mark more vertices, or lock what is known (intrinsics, lever arm), or choose a smaller model.",
+                "Mark more corners, or lock what is known (intrinsics, lever arm), or choose a smaller model.",
             )
 
     @cached_property

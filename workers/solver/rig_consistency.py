@@ -167,7 +167,7 @@ def _deviation_sentence(name: str, stated: StatedTransform, against: Deviation) 
 
 
 def _vertices(count: int) -> str:
-    return "1 vertex was" if count == 1 else f"{count} vertices were"
+    return "1 corner was" if count == 1 else f"{count} corners were"
 
 
 def _shared(a: SolvedCamera, b: SolvedCamera, pair: CameraPair) -> SharedVertices | None:
@@ -175,7 +175,7 @@ def _shared(a: SolvedCamera, b: SolvedCamera, pair: CameraPair) -> SharedVertice
     rows = shared_rows(vertex_keys(a.pairs, one_detection), vertex_keys(b.pairs, one_detection))
     both = f"{a.name} and {b.name}"
     if len(rows) == 0:
-        pair.sentences.append(f"No vertex was marked in both {both}.")
+        pair.sentences.append(f"No corner was marked in both {both}.")
         return None
     shared = agreement(a.view, b.view, rows)
     if shared is None:

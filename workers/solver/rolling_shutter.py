@@ -31,21 +31,21 @@ _FALSE_ALARMS: Final = 0.005
 def at_their_rows(problem: FitProblem) -> FitProblem:
     """The problem with each point (N, 3) where the apex was when its mark's row was read.
 
-    Raises SolveError `no_motion` if a line time is stated and the pairs do not say how the apex moved.
+    Raises SolveError `no_motion` if a line time is stated and the pairs do not say how the corner moved.
     """
     if problem.line_time_us == 0.0:
         return problem
     if problem.velocities is None:
         raise SolveError(
             "no_motion",
-            "The pairs do not say how the apex moved, so nothing follows from line_time_us.",
+            "The pairs do not say how the corner moved, so nothing follows from line_time_us.",
             "Give stamp_ns of pairs from a walk, or leave line_time_us out.",
         )
     return problem.moved_by(1e-6 * problem.line_time_us * problem.rows_below)
 
 
 def rolling_shutter(estimate: Estimate) -> RollingShutter | None:
-    """What the residuals show. None if the pairs do not say how the apex moved, or do not determine it.
+    """What the residuals show. None if the pairs do not say how the corner moved, or do not determine it.
 
     What time blocks share, and an estimated clock offset, are estimated beside the line time, because they would
     absorb it otherwise. The offset comes from the same marks, so that its own deviation says nothing here.

@@ -235,7 +235,7 @@ def _status(state: State, best: Estimate, unexplained: str | None) -> tuple[Stat
     if unexplained:
         return "not_explained", unexplained
     reasons = {
-        "agreed": f"{problem.schedule.agreeing} slots ended in the same optimum",
+        "agreed": f"{problem.schedule.agreeing} searches found the same result",
         "converged": "no iteration brought a relative decrease above the tolerance any more",
         "goal": "the goal was reached",
         "iterations": "the number of iterations was reached",

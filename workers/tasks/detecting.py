@@ -71,7 +71,7 @@ def detect(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
         def report(index: int) -> None:
             lease.check()
             if (index - shard.start) % _REPORT_EVERY == 0:
-                lease.report((index - shard.start) / max(len(shard), 1), "looking for vertices")
+                lease.report((index - shard.start) / max(len(shard), 1), "looking for the board's corner")
 
         margin = 0 if run.pairing["mode"] == "nearest" else MARGIN_SWEEPS
         batch = detect_range(
@@ -284,7 +284,7 @@ def _nothing_found(session: Session, row: Detection, counts: Json) -> Json | Non
     x, y, z = fixed_xyz
     return {
         "code": "fixed_object",
-        "detail": f"The vertex stands at one place in nearly all of {len(rows)} sweeps: x {x:.2f}, y {y:.2f}, "
+        "detail": f"The corner stands at one place in nearly all of {len(rows)} sweeps: x {x:.2f}, y {y:.2f}, "
         f"z {z:.2f} m. That is an object of the surroundings, not a board that somebody moves.",
         "hint": "Leave that place out of the region. If the board itself stood there, upload with --still.",
     }

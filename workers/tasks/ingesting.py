@@ -42,7 +42,7 @@ def ingest(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
     with context.scratch() as folder:
         source = join_parts(context, recording, folder, lease)
         out = folder / "normalised"
-        terms = watching(context, recording, lease, "{done} messages normalised")
+        terms = watching(context, recording, lease, "reading: {done} messages")
         manifest = ingest_limited(source, out, request, **terms)
         frames = {sensor.name: _frames(out, sensor) for sensor in manifest.sensors}
         for name, size in image_sizes.items():

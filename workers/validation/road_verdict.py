@@ -77,8 +77,9 @@ def judge(watched: ScoredDrive) -> dict[str, Any]:
         "sigma_pitch_deg": peak.sigma_pitch_deg,
     }
     where = (
-        f"{watched.parts} {noun} in {watched.frames} frames fit best {abs(peak.yaw_deg):.2f} degrees of yaw "
-        f"(+-{peak.sigma_yaw_deg:.2f}) and {abs(peak.pitch_deg):.2f} of pitch (+-{peak.sigma_pitch_deg:.2f}) away"
+        f"{watched.parts} {noun} in {watched.frames} frames fit best with the camera turned by "
+        f"{abs(peak.yaw_deg):.2f} +- {peak.sigma_yaw_deg:.2f} degrees of yaw and "
+        f"{abs(peak.pitch_deg):.2f} +- {peak.sigma_pitch_deg:.2f} of pitch"
     )
     if sigma > _VAGUE_DEG:
         return document | {"verdict": "unknown", "sentence": f"{where}, which is too uncertain to judge the mount."}
@@ -127,6 +128,6 @@ def _judged(axis: TurnAxis, turn_deg: float, own_sigma_deg: float, groups: int) 
     elif look_deg + _NINE_OF_TEN * sigma_deg > _MUST_SHOW_DEG:
         verdict = "not_told"
     sentence = (
-        f"{_SAYS[verdict]}: the frames fit best {abs(turn_deg):.2f} degrees of {axis} (+-{sigma_deg:.2f}) away."
+        f"{_SAYS[verdict]}: the frames fit best with {abs(turn_deg):.2f} +- {sigma_deg:.2f} degrees more {axis}."
     )
     return AxisCheck(axis=axis, verdict=verdict, sentence=sentence, turn_deg=turn_deg, sigma_deg=sigma_deg)

@@ -172,7 +172,7 @@ def _look(xyz: Floats, model: BoardModel, options: Options, index: int, stamp_ns
     if not is_board(fix, model, LEAST_POINTS):
         return refused("not_a_board", fix, no_board(fix, model, LEAST_POINTS))
     if math.degrees(fix.sigma) > options["max_sigma_deg"]:
-        return refused("too_uncertain", fix, f"its tip is known to {math.degrees(fix.sigma):.2f} degrees")
+        return refused("too_uncertain", fix, f"its corner is known to {math.degrees(fix.sigma):.2f} degrees")
     return vertex_of(index, stamp_ns, fix, (), options, model)
 
 

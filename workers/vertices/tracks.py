@@ -110,7 +110,7 @@ class Track:
             InputError: ``track_empty``, there is no vertex.
         """
         if not len(self.times_ns):
-            raise InputError("track_empty", "There is no vertex to lay a track through.", "Widen the region.")
+            raise InputError("track_empty", "There is no corner to lay a track through.", "Widen the region.")
         times = np.asarray(times_ns, np.int64).reshape(-1)
         nearest = self._nearest(times)
         about = nearest if centre is None else np.asarray(centre, np.int64).reshape(-1)

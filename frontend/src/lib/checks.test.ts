@@ -43,6 +43,6 @@ test("a fit says how good it is, and how many marks are enough", () => {
       " (±0.20°, ±9 mm). 12 more marks are enough.",
   );
   assert.match(fitInWords(of([lens])), /More marks narrow it little\.$/);
-  assert.match(fitInWords(of([])), /That is enough/);
+  assert.match(fitInWords(of([])), /More marks will not help/);
   assert.match(fitInWords({ ...fit, next_steps: null }), /do not determine the mount yet\.$/);
 });

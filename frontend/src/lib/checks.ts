@@ -27,7 +27,7 @@ export function fitInWords({ pairs, error_20m_mm, next_steps }: MarkingPrecision
   const { half_width_deg, half_width_mm, steps } = next_steps;
   const now = `From ${counted(pairs, "pair")}:${far} mount ${size(half_width_deg, half_width_mm)} (95 %).`;
   const marks = steps.filter(({ kind }) => kind === "marks").length * STEP_MARKS;
-  if (steps.length === 0) return `${now} That is enough: nothing narrows it by more than a twentieth.`;
+  if (steps.length === 0) return `${now} More marks will not help: none narrows it by more than 5 %.`;
   const ways = steps.map((step) => `${step.words} (${size(step.half_width_deg, step.half_width_mm)})`);
   const enough = marks > 0 ? ` ${counted(marks, "more mark")} are enough.` : " More marks narrow it little.";
   return `${now} Next: ${ways.join("; then ")}.${enough}`;

@@ -9,7 +9,7 @@ export const CORNERS: readonly Corner[] = ["top", "left", "right", "bottom"];
 
 /** Clockwise. */
 const AROUND: readonly Corner[] = ["top", "right", "bottom", "left"];
-const TURNED = ["top vertex", "right corner", "bottom corner", "left corner"];
+const TURNED = ["top corner", "right corner", "bottom corner", "left corner"];
 const LEVEL = ["upper left corner", "upper right corner", "lower right corner", "lower left corner"];
 
 /** Which corner of a board with level edges is `top`: 1 the upper left one, -1 the upper right one; 0: a corner is up. */

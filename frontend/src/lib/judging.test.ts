@@ -136,7 +136,7 @@ test("the board is drawn between the corners that are known", () => {
 test("the corners of a board with level edges have names and places of their own", () => {
   const words = (upper: number): string[] =>
     (["top", "left", "right", "bottom"] as const).map((corner) => cornerWords(corner, upper));
-  assert.deepEqual(words(0), ["top vertex", "left corner", "right corner", "bottom corner"]);
+  assert.deepEqual(words(0), ["top corner", "left corner", "right corner", "bottom corner"]);
   assert.deepEqual(words(1), ["upper left corner", "lower left corner", "upper right corner", "lower right corner"]);
   assert.deepEqual(words(-1), ["upper right corner", "upper left corner", "lower right corner", "lower left corner"]);
   const signs = (upper: number): number[] => cornerPlace("top", upper).map((value) => Math.sign(Math.round(9 * value)));

@@ -146,7 +146,7 @@ export class Marking {
     if (!task || !this.takes(at)) return;
     const mark = verdict === "confirmed" ? this.mark : null;
     if (verdict === "confirmed" && !mark) {
-      this.advice = `Click the board's ${cornerWords(task.vertex.corner, this.upper)} first, or press R where this is no vertex.`;
+      this.advice = `Click the board's ${cornerWords(task.vertex.corner, this.upper)} first, or press R where it is no such corner.`;
       return;
     }
     if (mark && !sure && this.asksAbout(mark)) return;
@@ -256,7 +256,7 @@ export class Marking {
     this.forget(last.taskId);
     if (this.task && this.task.task_id !== task.task_id) this.ahead = [this.task, ...this.ahead];
     await this.show(task);
-    this.advice = `Your answer "${last.verdict}" was taken back. Answer this vertex again.`;
+    this.advice = `Your answer "${last.verdict}" was taken back. Answer this corner again.`;
   }
 
   /** Goes on after a problem: with the vertex that is shown, else with the next one. */
@@ -268,7 +268,7 @@ export class Marking {
 
   /** Whether what the person did at this moment was meant for the vertex that is shown. Says so where it was not. */
   private takes(at: number): boolean {
-    if (this.waiting) this.advice = "The service does not have your answer to this vertex yet. Z takes it back.";
+    if (this.waiting) this.advice = "Your answers wait here until the service has them. Z takes the last one back.";
     else if (this.busy) this.advice = "Your last key or click came while your answer was on its way. It was not used.";
     else if (at < this.seenFrom)
       this.advice = "Your last key or click came as the frame changed. It was not used: do it again.";

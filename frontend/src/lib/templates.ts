@@ -6,11 +6,11 @@ import { counted, words } from "./format.ts";
 
 /** What a fit makes of a lens that the recording states. */
 export const LENS_USES: Record<NonNullable<CalibrationTemplate["intrinsics_as"]>, string> = {
-  auto: "refined, or locked if pairs are few",
-  prior: "refined",
-  locked: "locked",
-  bounds: "looked for near it",
-  free: "fitted without it",
+  auto: "may change a little, or not at all if pairs are few",
+  prior: "may change a little",
+  locked: "does not change",
+  bounds: "only bounds the search",
+  free: "is not used",
 };
 
 /** Where a skew is looked for if it is fitted. */

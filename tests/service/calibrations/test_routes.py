@@ -454,10 +454,10 @@ def test_what_a_set_said_of_itself_is_said_of_the_calibration_to_reviewers(api, 
     one = add_set(engineer, rig)
     with api.database.writing() as session:
         session.query(CorrespondenceSet).update(
-            {"notes": ["With fewer than the 3 marks asked for: 31 of 222 vertices."]}
+            {"notes": ["31 of 222 corners have fewer than the 3 independent marks asked for."]}
         )
     made = ask(engineer, rig, one).json()
-    assert "front: With fewer than the 3 marks asked for: 31 of 222 vertices." in made["notes"]
+    assert "front: 31 of 222 corners have fewer than the 3 independent marks asked for." in made["notes"]
     addresses = (f"/calibrations/{made['id']}", f"/vehicles/{rig.vehicle_id}/calibrations")
     for role, sees in (("annotator", False), ("reviewer", True)):
         reader = api.member(fleet, role)

@@ -64,7 +64,7 @@ def test_an_honest_person_comes_to_the_end_and_what_they_confirm_counts(api, fle
     assert progress(ida, seed)["judged"] == 60
     made = engineer.post(f"/detections/{seed.detection_id}/correspondence-sets", {"camera": "front"}).json()
     assert made["count"] == 60
-    assert "55 of 60 pairs stand on the machine's mark alone; people confirmed 55 of these marks." in made["notes"]
+    assert "55 of 60 marks are the machine's; people looked at 55 of these." in made["notes"]
 
 
 def test_whoever_accepts_everything_is_told_so_and_confirms_nothing(api, fleet, ida, engineer):

@@ -33,7 +33,7 @@ def test_what_has_not_seven_numbers_in_a_line_is_no_labels(text):
         ("74 98 4 0 nan 320 200", "line 3: 'nan' is no number"),
         ("0 98 4 0 1 320 200", "line 3: the first two numbers must be frame numbers from 1"),
         ("74.5 98 4 0 1 320 200", "line 3: the first two numbers must be frame numbers from 1"),
-        ("74 98 4123 0 1 320 200", "line 3: the vertex lies 4123 m away"),
+        ("74 98 4123 0 1 320 200", "line 3: the corner lies 4123 m away"),
         ("74 98 4 0 1 320 0", "line 3: the mark (320, 0) lies outside of the image"),
     ],
 )

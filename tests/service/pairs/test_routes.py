@@ -55,11 +55,11 @@ def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
     made = answer.json()
     assert (made["count"], made["source"], made["flagged"], made["camera"]) == (3, "annotations", 1, "front")
     assert made["notes"] == [
-        "Left out, because nobody judged them: 1 of 6 vertices.",
-        "With fewer than the 3 marks asked for: 3 of 6 vertices.",
-        "Removed, because most people rejected them: 1 of 6 vertices.",
-        "With as many rejections as confirmations, and so kept and flagged: 1 of 6 vertices.",
-        "Left out, because people were unsure of them: 1 of 6 vertices.",
+        "1 of 6 corners are not marked, and left out.",
+        "3 of 6 corners have fewer than the 3 independent marks asked for.",
+        "1 of 6 corners are left out, because most people rejected them.",
+        "1 of 6 corners have as many rejections as confirmations, and are kept and flagged.",
+        "1 of 6 corners are left out, because people were unsure of them.",
     ]
     pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
     assert [(pair["u"], pair["v"], pair["marks"], pair["flagged"]) for pair in pairs] == [
@@ -74,7 +74,7 @@ def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
     assert "sigma_clock_ms" not in pairs[0] or pairs[0]["sigma_clock_ms"] is None
     strict = build(engineer, seed, exclude_flagged=True).json()
     assert (strict["count"], strict["flagged"]) == (2, 0)
-    assert "and so left out" in strict["notes"][3]
+    assert "and are left out" in strict["notes"][3]
 
 
 def test_pairs_state_the_deviation_of_the_clock_offset_that_they_were_made_with(api, fleet, engineer):
@@ -120,7 +120,7 @@ def test_the_machine_counts_as_one_more_person_and_what_it_marked_alone_is_said(
         session.add(Analysis(**of, asked={"camera": "rear"}, result={"marks": marks | {"u": [1.0, 1.0, None]}}))
     assert build(engineer, seed).json()["count"] == 2
     made = build(engineer, seed, machine_marks=True).json()
-    assert made["notes"][-1] == "1 of 3 pairs stand on the machine's mark alone."
+    assert made["notes"][-1] == "1 of 3 marks are the machine's."
     pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
     told = [(pair["u"], pair["v"], pair["marks"], pair["machine"]) for pair in pairs]
     assert told == [(100.0, 50.0, 1, False), (101.0, 50.0, 2, False), (60.0, 61.0, 1, True)]
@@ -232,7 +232,7 @@ def test_what_is_said_of_a_set_is_never_of_another_time(api, fleet, engineer):
         session.get_one(Recording, seed.recording_id).marks_per_vertex = 3
     second = build(engineer, seed)
     assert (second.status_code, first["notes"]) == (201, [])
-    assert second.json()["notes"] == ["With fewer than the 3 marks asked for: 1 of 1 vertices."]
+    assert second.json()["notes"] == ["1 of 1 corners have fewer than the 3 independent marks asked for."]
 
 
 def test_who_marks_does_not_read_the_pairs_made_of_marks(api, fleet, engineer, reviewer):

@@ -148,7 +148,7 @@ def test_marks_of_the_machine_that_people_confirmed_pass_and_their_bias_is_said(
     check = judged(columns=columns | {"confirmed": [0, 0, 0, 1, 1, 1, 2]})["marks_confirmed"]
     assert (check.verdict, check.figures) == ("pass", {"machine": 0.0, "confirmed": 4.0})
     assert check.sentence == (
-        "People confirmed 4 of 7 marks, which are the machine's. Against 3 vertices that people marked blind the "
+        "People confirmed 4 of 7 marks, which are the machine's. Against 3 corners that people marked blind the "
         "machine's marks are off by +0.60 ± 0.06 px in u and +0.00 ± 0.06 px in v on average."
     )
     some = judged(columns=columns | {"confirmed": [0, 0, 0, 0, 1, 1, 1]})["marks_confirmed"]

@@ -165,7 +165,7 @@ def moving(problem, seed=5):
 def test_late_clocks_stop_with_their_offset():
     problem, start = rig("pinhole")
     assert checked(problem, start)["clock"].sentence == (
-        "Not told by still poses, nor by pairs without times: they do not say how the board moved."
+        "Not checked: still poses, and pairs without times, do not say how the board moved."
     )
     problem = moving(problem)
     sound = checked(problem, start)["clock"]
@@ -202,7 +202,7 @@ def test_large_shared_errors_are_looked_at_and_small_ones_are_counted():
 
     assert check(0.0).verdict == "pass"
     small, large = check(0.004), check(0.05)
-    assert small.verdict == "pass" and "The standard deviations count that" in small.sentence
+    assert small.verdict == "pass" and "The stated errors include this" in small.sentence
     assert large.verdict == "look" and large.figures["noise_px"] < 1.0
 
 

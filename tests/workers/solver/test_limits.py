@@ -50,7 +50,7 @@ CASES = {
     "one plane to a millimetre": (lambda x: in_a_plane(x, 1e-3), None, "one plane"),
     "nearly one plane": (lambda x: in_a_plane(x, 0.02), None, "do not determine"),
     "behind the camera": (np.negative, np.copy, "behind the camera"),
-    "one frame's vertices again and again": (four, four, "different vertices only"),
+    "one frame's vertices again and again": (four, four, "different corners only"),
 }
 
 

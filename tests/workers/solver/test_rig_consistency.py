@@ -142,7 +142,7 @@ def test_vertices_are_told_by_sweep_in_one_detection_and_by_point_else():
     late = [stamp + 7 for stamp in range(40)]
     moved = points + np.array([0.02, 0.0, 0.0])
     apart = compared([solved(FRONT, points, pixels[0]), solved(LEFT, moved, pixels[1])])
-    assert apart["shared"] is None and apart["sentences"][-1] == "No vertex was marked in both front and left."
+    assert apart["shared"] is None and apart["sentences"][-1] == "No corner was marked in both front and left."
     together = compared(
         [solved(FRONT, points, pixels[0], detection="d"), solved(LEFT, moved, pixels[1], detection="d")]
     )

@@ -201,7 +201,7 @@ def test_common_errors_that_are_none_are_refused(stated):
 
 def test_the_clocks_deviation_needs_motion():
     problem, truth = simulated("pinhole", 3, common_errors={"clock_ms": 2.0})
-    with pytest.raises(SolveError, match="how the apex moved"):
+    with pytest.raises(SolveError, match="how the corner moved"):
         estimate(problem, truth)
     velocities = np.tile([0.0, 1.2, 0.0], (len(problem.points), 1))
     moving = replace(problem, velocities=velocities)

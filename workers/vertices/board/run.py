@@ -258,7 +258,7 @@ def _settle(
         return refused("never_shown", fix)
     sigma_deg = math.degrees(fix.sigma)
     if sigma_deg > options["max_sigma_deg"]:
-        return refused("too_uncertain", fix, f"its tip is known to {sigma_deg:.2f} degrees")
+        return refused("too_uncertain", fix, f"its corner is known to {sigma_deg:.2f} degrees")
     if beside >= _FAR_OFF_PATH:
         return refused("off_the_track", fix, f"{beside:.0f} deviations off the path")
     if beside >= _OFF_PATH:
