@@ -16,7 +16,7 @@ from workers.readers.limited import isolation_here
 
 ROOT = Path(__file__).parents[4]
 PROBE = Path(__file__).with_name("probe.py")
-REFUSED = {"EACCES", "EPERM", "ENOENT", "ENETUNREACH", "ESRCH"}
+REFUSED = {"EACCES", "EPERM", "ENOENT", "ENETUNREACH", "ESRCH", "ENOSYS"}
 NEEDED = ("source read", "own folder", "python")
 NAMESPACES = ["unshare", "setns"]
 LANDLOCK = ["landlock_create_ruleset"]
