@@ -49,6 +49,7 @@ _PARTS: Final = {
     **dict.fromkeys(("milliseconds", "millisecs", "millisec", "msecs", "msec", "ms"), 1e6),
 }
 _MOST_LISTED: Final = 20
+_MOST_TRIED: Final = 8  # columns of one meaning
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +113,8 @@ class CloudFields:
                 "call them x, y and z, metres.",
             )
         x, y, z = (str(name) for name in axes)
-        rings, intensities = _named(plain, _RING), _named(plain, _INTENSITY)
-        times = _times(plain)
+        rings, intensities = _named(plain, _RING)[:_MOST_TRIED], _named(plain, _INTENSITY)[:_MOST_TRIED]
+        times = _times(plain)[:_MOST_TRIED]
         taken = {x, y, z, *rings, *intensities, *(name for time in times for name in time.names)}
         return cls(where, (x, y, z), rings, intensities, times, tuple(name for name in columns if name not in taken))
 
@@ -198,20 +199,20 @@ def _times(plain: Mapping[str, str]) -> tuple[TimeField, ...]:
             if word.endswith(ending) and word.removesuffix(ending) in _TIME:
                 ranked.append((_TIME.index(word.removesuffix(ending)), TimeField((name,), unit_ns)))
                 break
-    pairs = [pair for name, word in plain.items() if (pair := _with_part(name, word, plain)) is not None]
+    by_word = {word: name for name, word in plain.items()}
+    pairs = [pair for name, word in plain.items() if (pair := _with_part(name, word, by_word)) is not None]
     inside = {name for pair in pairs for name in pair.names}
     single = [time for _, time in sorted(ranked, key=lambda each: each[0]) if time.names[0] not in inside]
     return (*single, *pairs)
 
 
-def _with_part(name: str, word: str, plain: Mapping[str, str]) -> TimeField | None:
+def _with_part(name: str, word: str, by_word: Mapping[str, str]) -> TimeField | None:
     """Whole seconds with their part, as ``lidar_sec`` and ``lidar_nsec``."""
     for ending in _SECONDS:
         stem = word.removesuffix(ending)
         if stem == word or (ending == "s" and stem not in _TIME):
             continue
         for part, unit_ns in _PARTS.items():
-            beside = next((other for other, plain_other in plain.items() if plain_other == stem + part), None)
-            if beside is not None:
-                return TimeField((name, beside), unit_ns)
+            if stem + part in by_word:
+                return TimeField((name, by_word[stem + part]), unit_ns)
     return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -96,7 +97,7 @@ def cloud_columns(cloud: PointCloud2 | Columns, where: str) -> dict[str, NDArray
                 where,
                 f"field {field.name!r} at byte {field.offset} does not fit in {step} bytes per point (point_step)",
             )
-        end = next(end for end in ends if end > field.offset)
+        end = ends[bisect_right(ends, field.offset)]
         is_array = 1 < field.count <= (end - field.offset) // kind.itemsize
         if field.name not in layout:
             layout[field.name] = ((kind, (field.count,)) if is_array else kind, field.offset)

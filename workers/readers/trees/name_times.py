@@ -19,6 +19,7 @@ _AT_END: Final = re.compile(f"(?:{_DATE}|{_SECONDS}|{_NUMBER})$")
 # Digits of a time since 1970 in each unit, between the years 2001 and 2286.
 UNITS_BY_DIGITS: Final = {10: 1_000_000_000, 13: 1_000_000, 16: 1_000, 19: 1}
 _SECOND_NS: Final = 1_000_000_000
+_LONGEST: Final = 80  # letters of a name in which its time stands
 # Mean deviation of steps between files, as a share of the usual one. Of cameras and LiDARs it is some per cent.
 _EVEN: Final = 0.2
 _LEAST_APART: Final = 0.05
@@ -28,7 +29,7 @@ ReadFraction = Callable[[str], int]
 
 def number_at_end(stem: str) -> str:
     """Return the time or the number with which a name without its suffix ends, or an empty text."""
-    match = _match(stem)
+    match = _match(stem[-_LONGEST:])
     return match.group(0) if match else ""
 
 

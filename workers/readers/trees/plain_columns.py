@@ -77,6 +77,7 @@ def name_columns(table: Table, *, is_free: bool = False) -> list[str] | None:
     Returns:
         None where the content of a free order does not tell which columns are the coordinates.
     """
+    table = table[: _MOST_VALUES // table.shape[1]]
     x = 1 if is_free and table.shape[1] > 3 and (_is_whole(table[:, 0]) or _is_in_order(table[:, 0])) else 0
     xyz = table[:, x : x + 3].astype(np.float32)
     free = [index for index in range(table.shape[1]) if not x <= index < x + 3]

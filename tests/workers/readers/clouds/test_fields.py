@@ -1,5 +1,7 @@
 """Columns under the names that drivers, converters and formats write, in every format; what is not known is named."""
 
+import time
+
 import numpy as np
 import pytest
 from formats import folder_of, npy, read, sweeps_of
@@ -162,3 +164,12 @@ def test_points_without_a_return_that_a_transform_has_moved_are_none(away):
     sweep = model.sweep(STAMP, cloud)
     assert len(sweep.xyz) == np.count_nonzero(~lost) and model.facts.ring_count == 16
     assert sweep.ring.tolist() == dense["ring"][~lost].tolist()
+
+
+def test_thousands_of_fields_take_no_time():
+    """The names are a stranger's: those of one meaning that are tried are few."""
+    names = {f"{'_' * i}ring": SCENE["ring"] for i in range(2000)} | {f"a{i}_sec": NS for i in range(2000)}
+    began = time.process_time()
+    fields = CloudFields.of(columns(**names, **{f"{'_' * i}t": NS for i in range(2000)}), "/points")
+    assert time.process_time() - began < 2.0
+    assert len(fields.rings) == 8 and len(fields.times) == 8 and len(fields.unused) < 5000
