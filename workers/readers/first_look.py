@@ -109,7 +109,9 @@ def look_at(recording: Recording, chosen: Mapping[str, Sensor], *, are_named: bo
     logs = {name: times for name, times in logs.items() if name in chosen}
     sized = {name: _sized(sensor, contents.leave_out_sizes(sensor.name)) for name, sensor in chosen.items()}
     stamps = {name: np.array(contents.stamps.get(sensor.name, []), np.int64) for name, sensor in chosen.items()}
-    times, delays, clocks = sensor_clocks(recording, chosen, logs) if len(logs) == len(chosen) else (stamps, {}, {})
+    times, delays, clocks = stamps, dict[str, float](), dict[str, ClockReport]()
+    if len(logs) == len(chosen):
+        times, delays, clocks = sensor_clocks(recording, chosen, logs)
     steps = np.diff(np.unique(times["lidar"]))
     step_s = float(np.median(steps)) / 1e9 if len(steps) else None
     return FirstLook(

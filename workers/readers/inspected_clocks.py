@@ -18,7 +18,7 @@ _SAMPLES: Final = 9
 
 def sensor_clocks(
     recording: Recording, chosen: Mapping[str, Sensor], logs: Mapping[str, NDArray[np.int64]]
-) -> tuple[dict[str, NDArray[np.int64]], dict[str, float], Mapping[str, ClockReport]]:
+) -> tuple[dict[str, NDArray[np.int64]], dict[str, float], dict[str, ClockReport]]:
     """Look at the clocks of sensors, the LiDAR first.
 
     Args:

@@ -156,7 +156,13 @@ def _described(
     name: str, sensor: Sensor, file: Path, report: StampReport, clock: ClockReport | None, **facts: Any
 ) -> SensorManifest:
     """Return a sensor's manifest with what is told of a LiDAR or of a camera alone."""
-    own = {"kind": sensor.kind, "topic": sensor.name, "frame_id": sensor.frame_id, "name": name, "file": file.name}
+    own: dict[str, Any] = {
+        "kind": sensor.kind,
+        "topic": sensor.name,
+        "frame_id": sensor.frame_id,
+        "name": name,
+        "file": file.name,
+    }
     if clock is not None:
         own["jumps"] = [*clock.steps, *report.facts.jumps]
         own |= {} if clock.offset is None else clock.offset._asdict()
