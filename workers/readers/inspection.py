@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
@@ -20,11 +20,12 @@ from apexcal.documents.rig_proposals import RigAnswers, RigProposal
 from apexcal.geometry.frame_tree import FrameTree, recorded_tree, urdf_tree
 from apexcal.geometry.rig_proposal import RecordedSensor, propose_rig
 from workers.readers.choose import CameraChoice, choose_sensors
+from workers.readers.clouds.ring_spread import RINGLESS
 from workers.readers.detect import open_recording
 from workers.readers.first_look import FirstLook, look_at
 from workers.readers.normalised.clocks import ClockReport, offset_sentence
 from workers.readers.normalised.stamps import overlap_warning, report_stamps, shared_time
-from workers.readers.recording import ReadError, Sensor
+from workers.readers.recording import ReadError, Recording, Sensor
 
 # A fit needs marks in six places that are 1.5 m apart (`workers/judge/pair_checks.py`). A slow walk is 1 m/s.
 _FEWEST_PLACES: Final = 6
@@ -63,13 +64,15 @@ def inspect_recording(
         transforms = recording.static_transforms if transforms is None else transforms
         proposal = _proposal(chosen, transforms, answers or RigAnswers.model_validate({}), urdf)
         options = options or ReadOptions()
+        is_still = options.point_times == "stamp_only"
         faults = [
             *_doubts(look.doubt, is_accepted=options.accept_implausible),
             *(_stop(error.code, name, error.message, error.hint) for name, error in look.refusals.items()),
             *(fault for name, sensor in chosen.items() if sensor.kind == "camera" for fault in _lens(name, sensor)),
             *(fault for name, clock in look.clocks.items() for fault in _clock_faults(name, clock)),
             *_time_faults(sensors, times),
-            *_length_faults(sensors, is_still=options.point_times == "stamp_only"),
+            *_ring_faults(recording, chosen["lidar"], look.refusals, is_still=is_still),
+            *_length_faults(sensors, is_still=is_still),
             *_frame_faults(sensors, transforms, proposal),
         ]
     lidar_stops = any(fault.verdict == "stop" and fault.sensor in ("", "lidar") for fault in faults)
@@ -227,6 +230,13 @@ def _time_faults(
             yield fault("no_overlap" if seconds == 0.0 else "little_overlap", camera.name, sentences[0], remedy)
     for camera in cameras[:1]:
         yield from _pauses(lidar, camera, times)
+
+
+def _ring_faults(
+    recording: Recording, lidar: Sensor, refusals: Collection[str], *, is_still: bool
+) -> Iterator[RecordingFault]:
+    if "lidar" not in refusals and not is_still and recording.lidar_facts(lidar).ring_count == 1:
+        yield _look("no_rings", "lidar", f"{lidar.name} has no rings.", RINGLESS)
 
 
 def _length_faults(sensors: Sequence[InspectedSensor], *, is_still: bool) -> Iterator[RecordingFault]:

@@ -17,6 +17,7 @@ _DERIVED: Final = frozenset(
         *("preview", "registered", "segmentation", "segmented", "theora", "thumbnail", "visualization"),
     )
 )
+_TRANSPORTS: Final = ("/compressed", "/ffmpeg")
 # Words of topics that say how their images were made.
 _FORMS: Final = frozenset(("mono", "rect", "rectified", "undistorted"))
 # Of one camera's topics the one without corrections comes first: the lens is to be fitted, not its correction.
@@ -29,9 +30,14 @@ def short_name(topic: str) -> str:
     return "_".join(parts) if any(map(str.isalpha, "".join(parts))) else slug(topic)
 
 
+def bare_topic(topic: str) -> str:
+    """An image topic without the name that image_transport puts behind it for the form of its messages."""
+    return next((topic.removesuffix(form) for form in _TRANSPORTS if topic.endswith(form)), topic)
+
+
 def slug(topic: str) -> str:
     """A topic or path as a name of lower-case words joined by ``_``, at most 64 characters."""
-    parts = [part for part in re.split(r"[^A-Za-z0-9]+", topic.removesuffix("/compressed")) if part]
+    parts = [part for part in re.split(r"[^A-Za-z0-9]+", bare_topic(topic)) if part]
     return "_".join(parts).lower()[:64] or "camera"
 
 
@@ -41,7 +47,7 @@ def primary(topics: Sequence[Sensor]) -> list[Sensor]:
     Where nothing but such topics is there, they stay.
     """
     names = {topic.name for topic in topics}
-    left = [topic for topic in topics if f"{topic.name}/compressed" not in names]
+    left = [topic for topic in topics if names.isdisjoint(topic.name + form for form in _TRANSPORTS)]
     left = [topic for topic in left if _DERIVED.isdisjoint(words(topic.name))] or left
     most = max((topic.count or 0 for topic in left), default=0)
     left = [topic for topic in left if topic.count is None or topic.count * 20 >= most]
@@ -53,7 +59,7 @@ def primary(topics: Sequence[Sensor]) -> list[Sensor]:
 
 def _split(topic: Sensor) -> tuple[str, str]:
     """Namespace and last word of an image topic; a topic that is no such is its own namespace."""
-    parent, _, last = topic.name.removesuffix("/compressed").rpartition("/")
+    parent, _, last = bare_topic(topic.name).rpartition("/")
     return (parent, last) if last in _IMAGE_ORDER else (topic.name, "")
 
 

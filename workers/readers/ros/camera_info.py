@@ -15,6 +15,7 @@ from apexcal.documents.name_words import words
 from apexcal.documents.readings import ImageKind
 from workers.readers.clouds.pointcloud2 import PointCloud2
 from workers.readers.ros.topic_messages import CameraInfo, CloudMessage, Message, PacketMessage, RawImage
+from workers.readers.topic_words import bare_topic
 
 _RECTIFIED: Final = frozenset(("rect", "rectified", "undistorted"))
 # image_proc's names of images that it did not rectify.
@@ -130,7 +131,7 @@ def image_kind(topic: str, info: Mapping[str, Any] | None) -> ImageKind | None:
 
 def without_transport(topic: str) -> str:
     """An image topic without the name that image_transport puts behind it."""
-    return topic.removesuffix("/compressed").removesuffix("/raw")
+    return bare_topic(topic).removesuffix("/raw")
 
 
 def match_infos(cameras: Mapping[str, str], infos: Mapping[str, CameraInfo]) -> dict[str, CameraInfo]:

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from formats import read, sweeps_of
-from making_recordings import START_NS, TYPES, header, images, interleaved, write_bag
+from making_recordings import START_NS, TYPES, header, images, interleaved, png, write_bag
 from making_ros2 import TYPES as ROS2
 from making_ros2 import as_cdr, rig, write_mcap, write_ros2
 from rosbags.typesys import get_types_from_msg
 
 from apexcal.documents.readings import ReadOptions
+from workers.readers.inspection import inspect_recording
 from workers.readers.recording import ReadError
 from workers.readers.ros.livox import read_livox_cloud
 
@@ -59,6 +60,8 @@ def written(folder, form, package, base_ns=lambda stamp: stamp, count=3):
     if form == "rosbag1":
         return write_bag(folder / "walk.bag", interleaved(clouds, images(count)))
     cameras = [message for message in rig(count) if message[0] != "/points"]
+    for *_, message in (each for each in cameras if each[0].endswith("compressed")):
+        message.data = np.frombuffer(png(64, 48), np.uint8)
     if form == "mcap":
         return write_mcap(folder / "walk.mcap", as_cdr(interleaved(clouds, cameras)))
     return write_ros2(folder / "walk", interleaved(clouds, cameras))
@@ -80,6 +83,14 @@ def test_points_times_and_reflectivity_are_read_without_noise(tmp_path, form, pa
     facts = recording.lidar_facts(lidar)
     assert facts.ring_count == 1 and lidar.frame_id == "livox_frame"
     assert any("--still" in note for note in facts.notes)
+
+
+def test_inspect_says_what_a_sensor_without_rings_needs(tmp_path):
+    path = written(tmp_path, "mcap", "livox_ros_driver2", count=8)
+    (fault,) = [fault for fault in inspect_recording(path).faults if fault.code == "no_rings"]
+    assert fault.verdict == "look" and "--still" in fault.remedy
+    still = inspect_recording(path, options=ReadOptions(point_times="stamp_only"))
+    assert not any(fault.code == "no_rings" for fault in still.faults)
 
 
 @pytest.mark.parametrize("base", [0, 77_000_000_000])
