@@ -6,6 +6,7 @@ from what any does; its reason stands beside its constant.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -16,7 +17,7 @@ from apexcal.documents.inspections import RecordingFault
 from workers.readers.recording import ReadError, Sweep
 
 _MOST_SWEEPS: Final = 16
-_POINTS: Final = 500
+_RUNS, _RUN = 25, 40
 # Data sheets state 0.1 m (Livox Mid-360) to 0.5 m (Velodyne VLP-16) as the nearest range. A robot that sees itself
 # does so with some of its points.
 _NEAREST_M: Final = 0.3
@@ -55,7 +56,7 @@ CODE: Final = "recording_implausible"
 
 @dataclass(slots=True)
 class SweepSample:
-    """Points of sweeps spread over a recording, at most 16 sweeps of 500 to 1000 points each.
+    """Points of sweeps spread over a recording, at most 16 sweeps of 1000 points each.
 
     Attributes:
         xyz: (M, 3) float32 of each sampled sweep, metres.
@@ -72,14 +73,22 @@ class SweepSample:
     def add(self, sweep: Sweep) -> None:
         """Take every n-th sweep; n doubles when there are too many."""
         if self._read % self._step == 0:
-            stride = max(1, len(sweep.xyz) // _POINTS)
-            self.xyz.append(sweep.xyz[::stride].copy())
-            self.rings.append(sweep.ring[::stride].copy())
+            some = _runs(len(sweep.xyz))
+            self.xyz.append(sweep.xyz[some])
+            self.rings.append(sweep.ring[some])
             self.counts.append(len(sweep.xyz))
         self._read += 1
         if len(self.xyz) > _MOST_SWEEPS:
             self._step *= 2
             self.xyz, self.rings, self.counts = self.xyz[::2], self.rings[::2], self.counts[::2]
+
+
+def _runs(count: int) -> NDArray[np.intp]:
+    """Indices of points: runs of neighbours, which show what repeats, spread over a sweep."""
+    if count <= _RUNS * _RUN:
+        return np.arange(count)
+    starts = np.linspace(0, count - _RUN, _RUNS).astype(np.intp)
+    return (starts[:, None] + np.arange(_RUN)).reshape(-1)
 
 
 def implausible(sample: SweepSample, topic: str, step_s: float | None) -> RecordingFault | None:
@@ -116,9 +125,9 @@ _Doubt = tuple[str, str] | None
 
 def _columns(xyz: NDArray[np.float64]) -> _Doubt:
     is_whole = (xyz == np.rint(xyz)) & (xyz != 0.0) & (np.abs(xyz) <= _HIGHEST)
-    counts = np.sort(np.unique(xyz[is_whole], return_counts=True)[1])
-    whole = float(np.mean(is_whole))
-    if counts[:-_WALLS].sum() / xyz.size < _WHOLE_SHARE or whole > 0.5:
+    counts: NDArray[np.intp] = np.sort(np.unique(xyz[is_whole], return_counts=True)[1])
+    whole = np.count_nonzero(is_whole) / xyz.size
+    if int(counts[:-_WALLS].sum()) / xyz.size < _WHOLE_SHARE or whole > 0.5:
         return None
     return (
         f"{100 * whole:.0f} % of the coordinates are whole numbers, as rings and intensities are: are there five "
@@ -140,10 +149,11 @@ def _mapped(xyz: NDArray[np.float64]) -> _Doubt:
 
 
 def _far(xyz: NDArray[np.float64]) -> _Doubt:
-    next_m, median_m = np.quantile(np.linalg.norm(xyz, axis=1), (_NEXT_SHARE, 0.5)).tolist()
+    range_m: NDArray[np.float64] = np.linalg.norm(xyz, axis=1)
+    next_m, median_m = float(np.quantile(range_m, _NEXT_SHARE)), float(np.median(range_m))
     if median_m <= _FARTHEST_MEDIAN_M and next_m <= _NEXT_M:
         return None
-    unit = min(_UNITS, key=lambda name: abs(np.log(median_m / _UNITS[name] / _USUAL_M)))
+    unit = min(_UNITS, key=lambda name: abs(math.log(median_m / _UNITS[name] / _USUAL_M)))
     return (
         f"half of its points lie farther than {median_m:,.0f} m: coordinates are probably {unit}.",
         f"Write them in metres (divided by {_UNITS[unit]:.0f}).",
@@ -151,7 +161,7 @@ def _far(xyz: NDArray[np.float64]) -> _Doubt:
 
 
 def _near(xyz: NDArray[np.float64]) -> _Doubt:
-    range_m = np.linalg.norm(xyz, axis=1)
+    range_m: NDArray[np.float64] = np.linalg.norm(xyz, axis=1)
     share, farthest_m = float(np.mean(range_m < _NEAREST_M)), float(np.quantile(range_m, 0.99))
     if share <= _NEAR_SHARE and farthest_m >= _SMALLEST_M:
         return None
@@ -176,10 +186,12 @@ def _alike(sweeps: list[NDArray[np.float32]]) -> _Doubt:
 
 def _flat(xyz: NDArray[np.float64]) -> _Doubt:
     """Fit a plane to all points, twice more to those nearest to it: a few damaged points turn it."""
-    inside = xyz
+    inside, centre, normal = xyz, np.zeros(3), np.zeros(3)
+    distance_m = np.zeros(len(xyz))
     for _ in range(3):
         centre = np.median(inside, axis=0)
-        normal = np.linalg.eigh((inside - centre).T @ (inside - centre))[1][:, 0]
+        scatter: NDArray[np.float64] = (inside - centre).T @ (inside - centre)
+        normal = np.linalg.eigh(scatter).eigenvectors[:, 0]
         distance_m = np.abs((xyz - centre) @ normal)
         inside = xyz[distance_m <= np.quantile(distance_m, _FLAT_SHARE)]
     if len(inside) < 3 or float(np.quantile(distance_m, _FLAT_SHARE)) >= _FLAT_M:
