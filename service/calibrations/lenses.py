@@ -125,7 +125,7 @@ def lens_notes(lens: LensConstraints, models: Sequence[ModelName], settled: Coll
         return ["the lens is fitted, and compared with the stated one."]
     locks = lens.use_as == "locked"
     rest = [model for model in models if lens.by_model.get(model, Known()) == Known()]
-    notes = [f"the intrinsics are {'locked at' if locks else 'drawn to'} those stated."] if rest != models else []
+    notes = [f"the lens {'is' if locks else 'stays near'} the stated one."] if rest != models else []
     if rest:
         verb, ways = ("is", "its own lens") if len(rest) == 1 else ("are", "their own lenses")
         what = f"{verb} left out" if locks else f"{verb} fitted with {ways}"
