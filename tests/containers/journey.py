@@ -178,7 +178,17 @@ def answers(path: str = "/readyz") -> bool:
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated recording."""
     folder = tmp_path_factory.mktemp("walk") / "walk"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", str(SECONDS)]
+    command = [
+        sys.executable,
+        "-m",
+        "workers.simulation",
+        "--out",
+        str(folder),
+        "--seconds",
+        str(SECONDS),
+        "--camera-info",
+        "raw",
+    ]
     subprocess.run(command, check=True, capture_output=True)
     return folder
 

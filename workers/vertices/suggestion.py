@@ -220,7 +220,7 @@ def _around_poses(
     first = poses.grouped(source, region, report).first
     places = [some[0].middle if board else None for some, board in zip(scene.things, boards, strict=True)]
     pairs = zip(pairwise(chosen), pairwise(places), strict=True)
-    count = 1 + sum(first[a] != first[b] and not _at_one_place(*of_boards) for (a, b), of_boards in pairs)
+    count = 1 + sum(first[a] != first[b] and not _stand_together(*of_boards) for (a, b), of_boards in pairs)
     outside = [] if poses.single else _boards_outside(source, chosen, poses, region, report)
     if outside:
         sentence = "something outside of the region looks like the board: widen it there if it is."
@@ -247,9 +247,9 @@ def _boards_outside(
     return outside
 
 
-def _at_one_place(place: Floats | None, other: Floats | None) -> bool:
-    """Whether two boards stand at one place (2,): then whatever else moves makes no other pose."""
-    return place is not None and other is not None and float(np.hypot(*(place - other))) < SAME_PLACE_M
+def _stand_together(first: Floats | None, second: Floats | None) -> bool:
+    """Whether two boards have the same place (2,): then whatever else moves makes no other pose."""
+    return first is not None and second is not None and float(np.hypot(*(first - second))) < SAME_PLACE_M
 
 
 def _is_among(middle: Floats, places: Floats) -> bool:

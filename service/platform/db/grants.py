@@ -68,7 +68,7 @@ WORKERS: Mapping[str, str] = {
 API: Mapping[str, str] = dict.fromkeys(Base.metadata.tables, _CHANGE) | {
     "alembic_version": _READ,
     "person": f"{_ADD}, UPDATE (name)",
-    "audit_entry": f"{_ADD}, DELETE",
+    "audit_entry": f"{_ADD}, UPDATE (effect), DELETE",
     "publication": _ADD,
     "result": f"{_READ}, UPDATE (verdict, checks), DELETE",
     "slot": f"{_READ}, DELETE",

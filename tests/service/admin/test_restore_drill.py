@@ -192,7 +192,7 @@ def test_what_was_published_marked_and_recorded_is_served_again_with_the_same_by
             # Deleted after the snapshot, so it is there, and whole; what was asked for later is not.
             assert engineer.get(f"/recordings/{doomed}/cameras/{site.camera}/frames/0").content == frame
             assert len(engineer.get(f"/vehicles/{site.vehicle}/calibrations").json()["items"]) == 1
-            _goes_on(Api(app, client), there, engineer, on_its_way, bag)
+            _goes_on(Api(app, client, app.state.database), there, engineer, on_its_way, bag)
 
 
 def _goes_on(api: Api, there: Settings, engineer: Actor, on_its_way: str, bag: Path) -> None:

@@ -7,7 +7,7 @@ from uuid import UUID
 from sqlalchemy import delete, select
 
 from service.platform.db.calibrations import Calibration, Publication, Result
-from service.platform.db.fleets import Rig, RigCamera
+from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.publications import routes
 from tests.service.calibrations.test_results import FOUND, NEWER, current_address, failed, seed_results
 from tests.service.publications.given import history, publish, same_moment, withdraw
@@ -130,7 +130,7 @@ def test_what_is_deleted_at_this_moment_is_not_found(api, rig, reviewer, monkeyp
     given = publish(api, rig, reviewer)
 
     def hold(session, vehicle_id):
-        session.execute(delete(Publication).execution_options(synchronize_session=False))
+        session.execute(delete(Vehicle).where(Vehicle.id == vehicle_id).execution_options(synchronize_session=False))
 
     monkeypatch.setattr(routes, "hold_publications", hold)
     answer = reviewer.post(f"/publications/{given['id']}/withdrawal", {"reason": "x"})

@@ -51,6 +51,6 @@ def _decoded(data: bytes, stamp_ns: int, where: str, encoding: str) -> Frame:
         raise damaged(where, "its pixels cannot be decoded as 8 or 16 bits")
     conversion = bayer_conversion(encoding)
     if conversion is not None and pixels.ndim == 2:
-        colour: Any = cv2.cvtColor(pixels, conversion)
-        return png_frame(colour, stamp_ns, where, BAYER)
+        convert: Any = cv2.cvtColor
+        return png_frame(convert(pixels, conversion), stamp_ns, where, BAYER)
     return png_frame(pixels, stamp_ns, where)
