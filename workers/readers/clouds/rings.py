@@ -86,8 +86,9 @@ def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]],
         ReadError: ``rings_too_many`` where more ids than any sensor has rest on more than damage.
     """
     ids, elevation, counts = _median_elevations(clouds)
-    strong = ids[counts >= max(_HARDLY_ANY, _HARDLY_ANY_PART * int(counts.max(initial=0)))]
-    counted = _counted(strong, [np.unique(ring) for _, ring in clouds if len(ring)])
+    is_strong = counts >= max(_HARDLY_ANY, _HARDLY_ANY_PART * int(counts.max(initial=0)))
+    strong = ids[is_strong]
+    counted = _counted(strong, ids[~is_strong], [np.unique(ring) for _, ring in clouds if len(ring)])
     if len(strong) and strong[-1] > counted[-1]:
         raise ReadError(
             "rings_too_many",
@@ -127,15 +128,19 @@ def _numbered(
     return numbers, "ring ids do not follow elevation; rings were renumbered, 0 the lowest."
 
 
-def _counted(strong: NDArray[np.int64], sweeps: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+def _counted(
+    strong: NDArray[np.int64], weak: NDArray[np.int64], sweeps: Sequence[NDArray[np.int64]]
+) -> NDArray[np.int64]:
     """Return the ascending ids that count as a ring each: 0 to 255, unless the file counts otherwise.
 
     Equal steps between ids are steps of one ring. The count begins at the lowest id if the ids are then as many as
-    some sensor has, and at 0 if not, for the lowest rings may see nothing. Both ask that sweeps have the same ids: in
-    a cropped cloud rings come and go. If they do, what is missing here and there is no ring either.
+    some sensor has and no lower id has a point, and at 0 if not, for the lowest rings may see nothing. Both ask that
+    sweeps have the same ids: in a cropped cloud rings come and go. If they do, what is missing here and there is no
+    ring either.
 
     Args:
         strong: ascending ids on which more than damage rests.
+        weak: ascending ids on which hardly any points rest.
         sweeps: ids of each sweep.
     """
     if len(strong) < _FEWEST_STEADY:
@@ -147,7 +152,8 @@ def _counted(strong: NDArray[np.int64], sweeps: Sequence[NDArray[np.int64]]) -> 
     span = (int(strong[-1]) - start) // step + 1
     if len(sweeps) >= _FEWEST_STEADY and float(np.mean(present)) > 0.9 and len(strong) < _LEAST_FILLED * span:
         return strong[:_MOST_RINGS]
-    is_whole = span == len(strong) and span in LINE_COUNTS
+    is_lowest = not bool(((weak < start) & ((start - weak) % step == 0)).any())
+    is_whole = is_lowest and span == len(strong) and span in LINE_COUNTS
     return (start if is_whole or start >= _MOST_RINGS * step else start % step) + step * np.arange(_MOST_RINGS)
 
 

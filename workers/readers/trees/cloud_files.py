@@ -24,7 +24,7 @@ UNNAMED: Final = frozenset({".bin", ".npy", ".csv"})
 _MOST_PLAIN: Final = 8
 _TELLING: Final = 672_000  # bytes that tell the columns; whole rows of every width from 3 to 8
 _HEAD: Final = 65_536
-_NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?|nan", re.IGNORECASE)
+_NUMBER: Final = re.compile(r"[+-]?(?:(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
 _NPY_HINT: Final = (
     "Save a structured array with fields x, y, z, intensity, ring, or a plain one of shape (N, 4) to (N, 8) with x, "
     "y, z, intensity, ring, time in this order."

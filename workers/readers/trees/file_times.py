@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from workers.readers.recording import ReadError
-from workers.readers.trees.name_times import UNITS_BY_DIGITS, is_time, learn_fraction, time_ns
+from workers.readers.trees.name_times import UNITS_BY_DIGITS, is_time, learn_fraction, time_ns, without_date
 from workers.readers.trees.series import KINDS, Series, TimesFrom, stem_and_number, stem_and_time
 
 CSV_NAME: Final = "timestamps.csv"
@@ -85,7 +85,7 @@ def _stamps(
         raise _incomplete(missing, len(paths))
     if lines is not None:
         return "kitti", kitti_stamps(kitti_times(lines, KITTI_NAME), paths)
-    texts = {path: stem_and_time(path)[1] for path in paths}
+    texts = dict(zip(paths, without_date([stem_and_time(path)[1] for path in paths]), strict=True))
     timed = [path for path, text in texts.items() if is_time(text)]
     if len(timed) == len(paths):
         return "names", _times(texts, every)

@@ -44,6 +44,18 @@ def is_time(text: str) -> bool:
     return len(number) in UNITS_BY_DIGITS and not number.startswith("0")
 
 
+def without_date(texts: Sequence[str]) -> Sequence[str]:
+    """Return what stands behind a date that all names of a sensor share, if it counts the files; else ``texts``.
+
+    No sensor is so fast that its times mostly differ by the last digit.
+    """
+    matches = [match for text in texts if (match := _match(text)) and match["date"] and match["of_date"]]
+    if len(matches) < max(2, len(texts)) or len({match["date"] for match in matches}) > 1:
+        return texts
+    parts = [match["of_date"] for match in matches]
+    return parts if np.median(np.diff(sorted(map(int, parts)))) == 1 else texts
+
+
 def time_ns(text: str, read: ReadFraction) -> int:
     """Nanoseconds since 1970 of a time in a name; dates are taken as UTC."""
     match = _match(text)

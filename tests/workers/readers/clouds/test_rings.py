@@ -82,6 +82,18 @@ def test_ids_count_by_what_is_there(ids, count, down):
     assert order.number(np.array([5000])).tolist() == [-1]
 
 
+@pytest.mark.parametrize("down", [False, True])
+def test_lowest_ids_of_hardly_any_points_stay_rings(down):
+    """Of 40 lasers those that look at the sky see a wire now and then; 32 others are as many as some sensor has."""
+    clouds = []
+    for xyz, ring in steady(range(40), down, sweeps=4):
+        rare = np.array([np.flatnonzero(ring == number)[0] for number in range(8)])
+        seen = np.union1d(np.flatnonzero(ring >= 8), rare[len(clouds) :: 4])
+        clouds.append((xyz[seen], ring[seen]))
+    numbers = learned(*clouds).number(np.arange(40)).tolist()
+    assert min(numbers) >= 0 and numbers == sorted(set(numbers), reverse=down)
+
+
 def test_rings_that_come_and_go_in_cropped_clouds_keep_their_ids():
     clouds = [points(EVEN, ids, 400, seed) for seed, ids in enumerate(([4, 5, 8], [5, 6], [8, 9, 10], [4, 12]))]
     order = learned(*clouds)

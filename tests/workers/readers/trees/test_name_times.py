@@ -86,8 +86,25 @@ def test_names_that_may_be_one_thing_or_another_are_asked_about(tmp_path, name):
     assert caught.value.code == "files_without_times" and "timestamps.csv" in caught.value.hint
 
 
-@pytest.mark.parametrize("name", ["{:06d}", "{}", "pose{}", "2023_{:03d}"])
+SESSION = "2024-05-01-10-00-00"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("{:06d}", "{}", "pose{}", "2023_{:03d}"),
+        *(f"{SESSION}_{{:04d}}", f"{SESSION}_{{:02d}}", f"{SESSION}_{{}}", "walk_20240501_100000-{:06d}"),
+    ],
+)
 def test_numbers_stay_numbers(tmp_path, name):
     names = {ns: name.format(i) for stamps in (SWEEPS_NS, FRAMES_NS) for i, ns in enumerate(stamps)}
     items = read(walk(tmp_path, names.__getitem__))[1]
     assert [item.stamp_ns for item in sweeps_of(items)] == [10**9 + i * 10**8 for i in range(12)]
+
+
+def test_a_lost_file_makes_no_times_of_numbers(tmp_path):
+    names = {ns: f"{SESSION}_{i:04d}" for stamps in (SWEEPS_NS, FRAMES_NS) for i, ns in enumerate(stamps)}
+    path = walk(tmp_path, names.__getitem__)
+    (path / "clouds" / f"{SESSION}_0005.pcd").unlink()
+    stamps = [item.stamp_ns for item in sweeps_of(read(path)[1])]
+    assert stamps == [10**9 + i * 10**8 for i in range(12) if i != 5]

@@ -126,6 +126,53 @@ def test_a_table_of_numbers_beside_clouds_is_none(tmp_path):
     assert len(sweeps_of(items)) == COUNT and "poses.csv (not read)" in recording.other_topics
 
 
+@pytest.mark.parametrize("names", [LAYOUTS["x y z"], LAYOUTS["KITTI"]])
+@pytest.mark.parametrize(
+    ("far", "near"),
+    [([5, 3, 1.8], [-4, -3.5, -1.2]), ([20, 12, 6], [-15, -9, -1.5]), ([60, 12, 25], [-60, -8, -1.8])],
+)
+def test_two_lasers_in_turn_are_two_points(tmp_path, names, far, near):
+    """A VLP-16 fires -15, 1, -13, 3 ... degrees: every other point lies below the sensor."""
+    elevation = np.radians(np.tile([-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15], 600))
+    azimuth = np.repeat(np.arange(600) * 2 * np.pi / 600, 16)
+    ray = np.column_stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
+    walls = np.where(ray > 0, far, near) / np.where(ray, ray, 1e-9)
+    xyz = ray * walls.min(axis=1)[:, None]
+    cloud = dict(zip("xyz", xyz.T, strict=True)) | {"unit": np.arange(len(xyz)) * 7 % 101 / 101}
+    rows = np.column_stack([cloud[name] for name in names]).astype("<f4")
+    first = sweeps_of(read(walk(tmp_path, "bin", lambda _: rows.tobytes()))[1])[0]
+    np.testing.assert_array_equal(first.xyz, rows[:, :3])
+
+
+@pytest.mark.parametrize("missing", [np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize("suffix", ["bin", "csv"])
+def test_a_missing_return_may_be_infinite(tmp_path, suffix, missing):
+    def write(cloud):
+        rows = table(cloud, LAYOUTS["nuScenes"])
+        rows[1::3, :3] = missing
+        return (
+            rows.astype("<f4").tobytes()
+            if suffix == "bin"
+            else "\n".join(",".join(map(repr, row)) for row in rows.tolist()).encode()
+        )
+
+    first = sweeps_of(read(walk(tmp_path, suffix, write))[1])[0]
+    is_return = np.arange(len(sweep(0)["x"])) % 3 != 1
+    np.testing.assert_allclose(first.xyz[:, 0], sweep(0)["x"][is_return], rtol=1e-6)
+    assert first.ring.tolist() == sweep(0)["ring"][is_return].tolist()
+
+
+def test_normals_are_no_points(tmp_path):
+    def write(cloud):
+        xyz = np.column_stack([cloud[axis] for axis in "xyz"])
+        return np.column_stack([xyz, -np.sign(xyz) * (np.abs(xyz) == np.abs(xyz).max(axis=1)[:, None])]).astype("<f4")
+
+    first = sweeps_of(read(walk(tmp_path, "bin", lambda cloud: write(cloud).tobytes()))[1])[0]
+    np.testing.assert_array_equal(first.xyz, write(sweep(0))[:, :3])
+
+
 def test_doubles_are_said_to_be_that(tmp_path):
     with pytest.raises(ReadError, match="its values are float64"):
         read(walk(tmp_path, "bin", lambda cloud: table(cloud, LAYOUTS["KITTI"]).astype("<f8").tobytes()))
