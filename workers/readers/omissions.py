@@ -100,7 +100,9 @@ class Omissions:
     def update(self, other: Omissions, names: Mapping[str, str] | None = None) -> None:
         """Add those of a part; ``names``: what its topics are called here."""
         for (topic, code), tally in other._tallies.items():
-            self._tallies[names.get(topic, topic) if names else topic, code] = tally
+            name = names.get(topic, topic) if names else topic
+            self.add(name, tally.error, count=tally.count, total=tally.total, everything=tally.everything)
+            self._tallies[name, code].stamps.extend(tally.stamps)
 
     def count(self, topic: str, code: str) -> int:
         """How many messages of a topic were left out for this reason."""

@@ -31,6 +31,9 @@ _NEXT_SHARE, _NEXT_M = 0.05, 40.0
 # Data sheets state a noise (one sigma) of 5 mm and more; two rings meet a wall at different heights.
 _FLAT_M: Final = 0.005
 _FLAT_SHARE: Final = 0.95
+# Rays of one elevation, zero, lie in a plane through their origin; it is 36 mm above an Ouster's base. A flat floor
+# lies farther below any sensor.
+_ORIGIN_M: Final = 0.1
 # Two returns of a ray may be the same point; more never are.
 _DISTINCT_SHARE: Final = 0.25
 # Range times a sine is a whole number of metres by chance only. Where five columns are read as four, a fifth of the
@@ -197,6 +200,8 @@ def _flat(xyz: NDArray[np.float64]) -> _Doubt:
     if len(inside) < 3 or float(np.quantile(distance_m, _FLAT_SHARE)) >= _FLAT_M:
         return None
     if float(np.max(np.ptp(inside, axis=0))) < _FLAT_M:  # no plane, but one point
+        return None
+    if abs(float(normal @ centre)) >= _ORIGIN_M:
         return None
     is_level = abs(float(normal[2])) > np.cos(np.radians(0.5))
     where = f"z is {float(centre[2]):.2f} m in all its points" if is_level else "all its points lie in one plane"

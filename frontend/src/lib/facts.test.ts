@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { factsOf, instant, utc } from "./facts.ts";
+import { clockOffsetNs, clocksDiffer, factsOf, instant, utc } from "./facts.ts";
 
 test("a moment is said in UTC with milliseconds", () => {
   assert.equal(utc(1_700_000_000_123_456_768), "2023-11-14 22:13:20.123 UTC");
@@ -50,4 +50,24 @@ test("stated intrinsics are said by their names", () => {
     "f 500, 510; centre 320.500, 240 pixels",
     "distortion 0.1000, 0",
   ]);
+});
+
+test("an offset is proposed where the clocks of all cameras agree on it", () => {
+  const of = (...offsets: (number | null)[]) => [
+    { kind: "lidar", facts: { offset_ns: null } },
+    ...offsets.map((offset_ns) => ({ kind: "camera", facts: { offset_ns } })),
+  ];
+  for (const [offsets, proposed, differ] of [
+    [[], 0, false],
+    [[null, null], 0, false],
+    [[37e9], 37e9, false],
+    [[37e9, 37.04e9], 37e9, false],
+    [[37e9, 37.06e9], 0, true],
+    [[37e9, null], 0, true],
+    [[null, -1.2e9], 0, true],
+    [[37e9, -37e9], 0, true],
+  ] as [(number | null)[], number, boolean][]) {
+    assert.equal(clockOffsetNs(of(...offsets)), proposed);
+    assert.equal(clocksDiffer(of(...offsets)), differ);
+  }
 });

@@ -93,6 +93,23 @@ function intrinsics(info: Record<string, unknown>): string[] {
   return [`${sentence(info.model)}, ${sentence(info.width)} × ${sentence(info.height)}`, matrix, ...lens];
 }
 
-/** The first camera's clock minus the LiDAR's, ns, as the times of recording tell it; 0 where they tell nothing. */
-export const clockOffsetNs = (sensors: { facts: { offset_ns?: number | null } }[]): number =>
-  sensors.map(({ facts }) => facts.offset_ns ?? 0).find((offset) => offset !== 0) ?? 0;
+type Clocked = { kind: string; facts: { offset_ns?: number | null } };
+
+/** Clocks nearer to each other than the largest gap of a pair need no detection of their own. */
+const ALIKE_NS = 50e6;
+
+const offsetsOf = (sensors: Clocked[]): number[] =>
+  sensors.filter(({ kind }) => kind === "camera").map(({ facts }) => facts.offset_ns ?? 0);
+
+/** Whether the cameras' clocks are apart from each other, as the times of recording tell it. */
+export function clocksDiffer(sensors: Clocked[]): boolean {
+  const offsets = offsetsOf(sensors);
+  return Math.max(...offsets) - Math.min(...offsets) > ALIKE_NS;
+}
+
+/**
+ * The cameras' clock minus the LiDAR's, ns, as the times of recording tell it; 0 where they tell nothing, and where the
+ * cameras' clocks differ: a detection pairs all cameras with one offset.
+ */
+export const clockOffsetNs = (sensors: Clocked[]): number =>
+  clocksDiffer(sensors) ? 0 : (offsetsOf(sensors).find((offset) => offset !== 0) ?? 0);

@@ -25,7 +25,8 @@ from pypcd4 import Encoding
 
 from workers.readers.inspection import inspect_recording
 from workers.readers.normalised.normalise import normalise
-from workers.readers.recording import ReadError
+from workers.readers.omissions import Omissions
+from workers.readers.recording import MessageError, ReadError
 
 COUNT = 7
 PICTURE = cv2.resize(np.random.default_rng(1).integers(0, 255, (6, 8, 3), np.uint8), (64, 48))
@@ -238,3 +239,16 @@ def test_what_is_left_decides(tmp_path, share):
         with pytest.raises(ReadError) as caught:
             look()
         assert caught.value.code == "cloud_empty" and "/points" in caught.value.message
+
+
+def test_what_two_found_is_added():
+    """A reader and the writer leave out messages of one topic for one reason; what a reader counts stays its own."""
+    error = MessageError("cloud_empty", "Empty.", "Look.")
+    reader, writer, every = Omissions(), Omissions(), Omissions()
+    for stamp_ns in (1, 2):
+        reader.add("/points", error, stamp_ns)
+    writer.add("/points", error, 3)
+    every.update(reader)
+    every.update(writer)
+    assert every.count("/points", "cloud_empty") == 3 and every.stamps("/points").tolist() == [1, 2, 3]
+    assert reader.count("/points", "cloud_empty") == 2 and reader.stamps("/points").tolist() == [1, 2]

@@ -29,6 +29,18 @@ def hall(rings=16, columns=360, half_m=(6.0, 4.5), floor_m=1.6):
     return (ray * range_m[..., None]).reshape(-1, 3), np.tile(np.arange(rings), columns)
 
 
+def empty_world(height_m=1.0):
+    """A VLP-16 above a simulator's flat floor: half of its rays meet nothing; 3 % of the points are a board's."""
+    azimuth, elevation = np.meshgrid(np.linspace(-np.pi, np.pi, 900), np.radians(np.arange(-15, 0, 2)), indexing="ij")
+    range_m = height_m / np.sin(-elevation)
+    xyz = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], -1)
+    xyz = (xyz * range_m[..., None]).reshape(-1, 3)
+    xyz[:, 2] += RNG.normal(0, 0.002, len(xyz))
+    board = RNG.random(len(xyz)) < 0.03
+    xyz[board] = np.array([3.0, 0.0, 0.0]) + RNG.uniform(-0.5, 0.5, (int(board.sum()), 3)) * [0.01, 1.0, 1.0]
+    return xyz
+
+
 def five_as_four(xyz, ring):
     """Rows of x, y, z, intensity and ring, read as rows of four values."""
     rows = np.column_stack([xyz, RNG.uniform(0, 1, len(xyz)), ring]).astype(np.float32)
@@ -56,6 +68,7 @@ CASES = {
     "a robot that sees itself": (robot, ""),
     "each point twice": (lambda xyz, ring: np.repeat(xyz[::2], 2, axis=0), ""),
     "tilted by 30 degrees": (lambda xyz, ring: tilted(xyz, 30), ""),
+    "a flat floor and a board": (lambda xyz, ring: empty_world(), ""),
     "a small cabin": (lambda xyz, ring: xyz * 0.25, ""),
     "a street": (lambda xyz, ring: xyz * 8.0, ""),
     "millimetres": (lambda xyz, ring: xyz * 1000, "probably millimetres"),
@@ -70,6 +83,7 @@ CASES = {
         lambda xyz, ring: np.where(RNG.random((len(xyz), 1)) < 0.01, xyz, xyz * PLANE),
         "z is",
     ),
+    "z is the height of the lens above the base": (lambda xyz, ring: xyz * PLANE + [0, 0, 0.036], "z is 0.04 m"),
     "x = y": (lambda xyz, ring: xyz[:, [0, 0, 2]], "one plane"),
     "a plane that leans": (lambda xyz, ring: tilted(xyz * PLANE, 40), "one plane"),
     "all points alike": (lambda xyz, ring: np.broadcast_to([3.0, 1.0, 0.5], xyz.shape) + 0.0, "same points"),

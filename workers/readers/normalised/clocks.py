@@ -170,7 +170,10 @@ def _without_recorder_steps(sensors: Mapping[str, Times]) -> dict[str, Integers]
                 steps.setdefault(int(first + np.argmax(np.abs(progress[first:last]))), size)
     # Where a file holds one sensor's messages after another's, only the order goes back in time.
     moved = np.diff(lidar.log)
-    for before in np.flatnonzero((moved < -_LEAST_STEP_NS) | (moved > _LONGEST_PAUSE_NS)).tolist():
+    moves = np.flatnonzero((moved < -_LEAST_STEP_NS) | (moved > _LONGEST_PAUSE_NS))
+    for before in moves[:_MOST_CHANGES].tolist():
+        if len(steps) >= _MOST_STEPS:
+            break
         first, last = np.searchsorted(number, lidar.number[[before, before + 1]])
         index = int(first + np.argmax(np.abs(progress[first:last])))
         if not any(abs(index - other) < _AROUND for other in steps):
@@ -213,11 +216,18 @@ def _level_shift(delay: Integers, index: int) -> int:
 
 
 def _offset(lidar_number: Integers, lidar: Integers, number: Integers, camera: Integers) -> Offset | None:
-    """A camera's clock minus the LiDAR's, if they are apart: each frame's delay and that of the sweep before it."""
-    before = np.clip(np.searchsorted(lidar_number, number) - 1, 0, len(lidar) - 1)
-    apart = lidar[before] - camera
+    """A camera's clock minus the LiDAR's, if they are apart: each frame's delay and that of a sweep beside it.
+
+    Delays grow from tick to tick where a simulator is slower than the clock on the wall. Which of the two sweeps is
+    of the frame's tick depends on who is written first: the nearer delay counts.
+    """
+    behind = np.searchsorted(lidar_number, number)
+    before = lidar[np.maximum(behind - 1, 0)] - camera
+    after = lidar[np.minimum(behind, len(lidar) - 1)] - camera
+    apart: Integers = np.where(np.abs(after) < np.abs(before), after, before)
     offset = Offset(int(np.median(apart)), int(_spread(apart)))
-    return offset if abs(offset.offset_ns) > CLOCKS_APART_NS else None
+    is_apart = abs(offset.offset_ns) > max(CLOCKS_APART_NS, _BY_CHANCE * offset.spread_ns)
+    return offset if is_apart else None
 
 
 def _spread(values: Integers) -> float:

@@ -217,16 +217,18 @@ class TopicRecording(Recording):
                 self._cutters[sensor.name] = self._stream(sensor).cutter()
             elif sensor.kind == "lidar":
                 self._model(sensor)
+        last_ns: dict[str, int] = {}
         for name, log_ns, raw in self._container.messages(by_name) if by_name else ():
+            last_ns[name] = log_ns
             with self._omissions.leaving_out(name):
                 for item in self._items(by_name[name], log_ns, raw):
                     yield by_name[name], replace(item, log_ns=log_ns)
         for name, cutter in self._cutters.items():
             for sweep in filter(None, [cutter.finish()]):
-                yield by_name[name], sweep
+                yield by_name[name], replace(sweep, log_ns=last_ns[name])
         for name, video in self._videos.items():
             for frame in video.finish():
-                yield by_name[name], frame
+                yield by_name[name], replace(frame, log_ns=last_ns[name])
             if video.missing:
                 self._omissions.add(name, _UNDECODED, count=video.missing)
 

@@ -1,11 +1,14 @@
 """Clocks that are apart or step, as the times of recording tell it. Truth is in the simulated clocks alone."""
 
+from time import process_time
+
 import numpy as np
 import pytest
+from making_packets import packets
 from making_recordings import CLOUD, COMPRESSED, cloud, compressed, png, scene
-from making_ros2 import TYPES, as_cdr, write_mcap, write_ros2
+from making_ros2 import SCAN, TYPES, as_cdr, scan, write_mcap, write_ros2
 
-from workers.readers.normalised.clocks import Times, offset_sentence, report_clocks
+from workers.readers.normalised.clocks import Times, offset_reports, offset_sentence, report_clocks
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import read_table
 from workers.readers.normalised.normalise import normalise
@@ -81,6 +84,39 @@ def test_delays_are_no_other_clock(apart_ms):
     times = recorded({"lidar": unix, "front": lambda t: T0 + t + apart_ms * 10**6}, delay={"lidar": (105, 5)})
     report = report_clocks(times)["front"]
     assert report.offset is None and not report.step_sentences and not report.added_ns.any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_simulated_time_slower_than_the_clock_on_the_wall(seed):
+    """A tick of 0.05 s takes 1.4 s; in each the camera is written before the LiDAR, with the same stamp."""
+    random = np.random.default_rng(seed)
+    tick = np.arange(200)
+    stamp, log = tick * S // 20, T0 + np.cumsum(random.normal(1.4, 0.05, 200) * S).astype(np.int64)
+    times = {"lidar": Times(2 * tick + 1, stamp, log + 50_000_000), "front": Times(2 * tick, stamp, log)}
+    for sensors in (
+        times,
+        {"lidar": Times(2 * tick, stamp, log), "front": Times(2 * tick + 1, stamp, log + S // 20)},
+    ):
+        assert report_clocks(sensors)["front"].offset is None
+        assert offset_reports(sensors)["front"].offset is None
+
+
+def test_an_offset_within_its_spread_is_chance():
+    random = np.random.default_rng(2)
+    number, stamp = np.arange(200), T0 + np.arange(200) * S // 10
+    late = (random.exponential(3.0, 200) * S).astype(np.int64)
+    times = {"lidar": Times(2 * number, stamp, stamp), "front": Times(2 * number + 1, stamp, stamp + late)}
+    assert offset_reports(times)["front"].offset is None
+
+
+def test_clouds_whose_clock_goes_to_and_fro_take_no_time():
+    count = 1_000_000
+    number, stamp = np.arange(count), T0 + np.arange(count) * S // 10
+    log = stamp - np.where(number % 2, 7200 * S, 0)
+    camera = Times(number[:50] * 2, stamp[:50], log[:50])
+    begin = process_time()
+    report_clocks({"lidar": Times(2 * number + 1, stamp, log), "front": camera})
+    assert process_time() - begin < 20  # a half; it was over 40
 
 
 # (LiDAR, camera, recorder, who steps, at, by)
@@ -242,3 +278,20 @@ def test_a_step_is_taken_out_of_the_stamps(tmp_path, of_lidar):
     assert lidar.missing == camera.missing == 0
     assert any("steps by" in sentence and "30 messages" in sentence for sentence in manifest.warnings)
     assert not any("missing" in sentence for sentence in manifest.warnings)
+
+
+@pytest.mark.parametrize("mcap", [False, True])
+def test_packets_of_a_lidar_whose_camera_is_by_another_clock(tmp_path, mcap):
+    """The last turn ends without a message of its own."""
+    stream = list(packets(turns=12.3))
+    rows = []
+    for start in range(0, len(stream), 76):
+        part = stream[start : start + 76]
+        rows.append(("/velodyne_packets", SCAN, part[-1][0] + 2_000_000, scan(part[-1][0], part)))
+    for k in range(12):
+        at = stream[0][0] + k * S // 10
+        rows.append(("/front/compressed", COMPRESSED, at, compressed(at + 37 * S, png(8, 6, k), TYPES)))
+    rows.sort(key=lambda row: row[2])
+    path = write_mcap(tmp_path / "walk.mcap", as_cdr(rows)) if mcap else write_ros2(tmp_path / "walk", rows)
+    _, camera = normalise(path, tmp_path / "out", cameras=["front"]).sensors
+    assert abs(camera.offset_ns - 37 * S) < 0.3 * S
