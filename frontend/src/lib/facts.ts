@@ -93,7 +93,10 @@ function intrinsics(info: Record<string, unknown>): string[] {
   return [`${sentence(info.model)}, ${sentence(info.width)} × ${sentence(info.height)}`, matrix, ...lens];
 }
 
-type Clocked = { kind: string; facts: { offset_ns?: number | null } };
+interface Clocked {
+  kind: string;
+  facts: { offset_ns?: number | null };
+}
 
 /** Clocks nearer to each other than the largest gap of a pair need no detection of their own. */
 const ALIKE_NS = 50e6;
