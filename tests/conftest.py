@@ -15,7 +15,6 @@ import uvicorn
 
 from service.app import create_app
 from service.platform.db.fleets import Rig
-from service.platform.db.grants import OF_API
 from service.platform.db.migrate import upgrade
 from service.platform.db.models import Base
 from service.platform.db.session import Database
@@ -25,7 +24,7 @@ from service.platform.storage.store import open_store
 from tests.service.detections.seeding import seed_rig
 from tests.support.broker import Broker
 from tests.support.people import Actor, Api, TestClient
-from tests.support.postgres import Postgres, as_role
+from tests.support.postgres import Postgres
 from tests.support.processes import wait_until
 from tests.support.s3 import S3Server
 from tests.support.side_by_side import pytest_collection_modifyitems, pytest_xdist_make_scheduler  # noqa: F401
@@ -144,19 +143,17 @@ def database(settings: Settings) -> Iterator[Database]:
 def make_api(settings: Settings) -> Iterator[Callable[..., Api]]:
     """Serve the application, with some settings changed."""
     served: list[TestClient] = []
-    owning = Database(settings.database)
 
     def make(**changed: object) -> Api:
-        app = create_app(settings.model_copy(update={"database_url": as_role(settings.database, OF_API), **changed}))
+        app = create_app(settings.model_copy(update=changed))
         client = TestClient(app, base_url="http://127.0.0.1:8000", raise_server_exceptions=False)
         client.__enter__()
         served.append(client)
-        return Api(app, client, owning)
+        return Api(app, client)
 
     yield make
     for client in served:
         client.__exit__(None, None, None)
-    owning.close()
 
 
 @pytest.fixture

@@ -8,12 +8,9 @@ from apexcal.documents.base import Document
 class Omission(Document):
     """Messages of one topic that were left out for one reason.
 
-    Attributes:
-        topic: topic, folder or file, as the recording names it.
-        code: the reason, for programs, for example ``cloud_empty``.
-        count: how many were left out of ``total`` that were read.
-        sentence: the same for people.
-        example: what is wrong with the first of them, and where it stands.
+    ``topic`` is a topic, folder or file, as the recording names it. ``code`` is the reason, for programs, such as
+    "cloud_empty". ``count`` were left out of ``total`` that were read. ``sentence`` says the same for people.
+    ``example`` says what is wrong with the first of them, and where it stands.
     """
 
     topic: str

@@ -249,6 +249,8 @@ NOT_RUN = {
     ("README.md", "make demo"): "these make the environment and run these tests",
     ("docs/judging.md", "curl"): "needs a recording; tests/contract/test_pixel_points.py asks the same",
     ("docs/operators.md", "aws s3api"): "needs a bucket at a provider",
+    ("docs/operators.md", "make env"): "needs Docker; `make compose-test` runs it",
+    ("docs/operators.md", "docker compose down"): "needs Docker; `make compose-test` runs it",
 }
 _PROGRAMS = ("sh", "python", "")
 

@@ -65,9 +65,12 @@ class Api:
 
     app: FastAPI
     client: TestClient
-    # As the owner of its tables; the application has the role that a fleet's APIs have.
-    database: Database
     _fleets: int = field(default=0)
+
+    @property
+    def database(self) -> Database:
+        """The application's database."""
+        return self.app.state.database
 
     def fleet(self, name: str | None = None) -> UUID:
         """Make a fleet."""

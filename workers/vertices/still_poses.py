@@ -22,6 +22,7 @@ Mask = NDArray[np.bool_]
 
 _NOTICED_UP_TO: Final = 64  # sweeps; who walks records more than six seconds
 _FEWEST_OF_A_WALK: Final = 4
+_FEWEST_JUMPS: Final = 8  # fewer may be a board that is split where sweeps begin
 _SAME_POSE: Final = 0.9
 _GRID_SWEEPS: Final = 8
 _PAIRS: Final = 4
@@ -142,7 +143,7 @@ def _noticed(source: SweepSource, background: StaticBackground) -> bool:
     places = _places(source, background, range(len(source)))
     steps = count_steps(places)
     # Somebody may stand about between two jumps, or walk a little behind the stand.
-    if 2 * steps.jumps > len(places) - 2:
+    if steps.jumps >= _FEWEST_JUMPS and 2 * steps.jumps > len(places) - 2:
         return True
     # Nothing moves in a single pose. Who walks slowly hardly moves from sweep to sweep, but does over the recording.
     return steps.jumps >= steps.walks and steps.way_m < STANDS_M

@@ -18,7 +18,7 @@ test("what was chosen is said", () => {
   };
   assert.equal(
     templateInWords(asked),
-    "pinhole; preset paper; euler; a stated lens locked; c_x locked at 960; skew fitted; mean loss; outliers kept; rolling shutter of 29.4 µs a row; nothing held out; seed 0; publish what is recommended",
+    "pinhole; preset paper; euler; a stated lens does not change; c_x locked at 960; skew fitted; mean loss; outliers kept; rolling shutter of 29.4 µs a row; nothing held out; seed 0; publish what is recommended",
   );
 });
 

@@ -108,6 +108,11 @@ class Access:
             self._replay()
         return self._session
 
+    @property
+    def opened_session(self) -> Session:
+        """The session, which this does not use yet: a route may have needed no writer."""
+        return self._session
+
     def role(self, fleet_id: UUID) -> Role | None:
         """The person's role in a fleet, or None."""
         return self.identity.role(fleet_id)

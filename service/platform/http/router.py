@@ -158,7 +158,7 @@ class Route(APIRoute):
                     for name, value in values.items()
                 }
                 answer = endpoint(**opened)
-                for session in (opened[name].session for name in writing):
+                for session in (opened[name].opened_session for name in writing):
                     if is_dry:
                         raise _DryRun(effects(session))
                     session.info[ENTRY] = AuditEntry(**entry)

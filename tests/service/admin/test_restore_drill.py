@@ -26,7 +26,7 @@ from service.admin.manifest import BLOB_LIST, BLOBS, ROWS, verify
 from service.admin.restore import restore
 from service.app import create_app
 from service.platform.db.grants import OF_API
-from service.platform.db.migrate import upgrade
+from service.platform.db.migrate import make_roles, upgrade
 from service.platform.db.models import Base, Blob, Job
 from service.platform.db.session import Database
 from service.platform.jobs.sweep import sweep
@@ -36,7 +36,7 @@ from service.platform.storage.store import Store, open_store
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
 from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.people import Actor, Api, TestClient
-from tests.support.postgres import Postgres, as_role
+from tests.support.postgres import OF_WORKERS, Postgres, as_role
 from tests.support.s3 import S3Server
 from tests.support.uploads import put_part
 from tests.support.work import work
@@ -185,6 +185,8 @@ def test_what_was_published_marked_and_recorded_is_served_again_with_the_same_by
     for kind in ("postgresql", "sqlite") if settings.database.startswith("sqlite") else ("sqlite",):
         there = elsewhere(kind)
         restore(there.database, open_store(there), tmp_path / "backup")
+        if kind == "postgresql":
+            make_roles(there.database, {OF_API: "of-the-api", OF_WORKERS: "of-workers"})
         app = create_app(there)
         with TestClient(app, base_url="http://127.0.0.1:8000") as client:
             engineer = Actor(site.engineer.person_id, site.engineer.token, client)
@@ -192,7 +194,7 @@ def test_what_was_published_marked_and_recorded_is_served_again_with_the_same_by
             # Deleted after the snapshot, so it is there, and whole; what was asked for later is not.
             assert engineer.get(f"/recordings/{doomed}/cameras/{site.camera}/frames/0").content == frame
             assert len(engineer.get(f"/vehicles/{site.vehicle}/calibrations").json()["items"]) == 1
-            _goes_on(Api(app, client, app.state.database), there, engineer, on_its_way, bag)
+            _goes_on(Api(app, client), there, engineer, on_its_way, bag)
 
 
 def _goes_on(api: Api, there: Settings, engineer: Actor, on_its_way: str, bag: Path) -> None:

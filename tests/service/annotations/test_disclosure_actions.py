@@ -242,5 +242,5 @@ def test_a_reviewed_answer_is_no_independent_mark_of_a_set(api, fleet, seed, one
     (pair,) = engineer.get(f"/correspondence-sets/{built['id']}").json()["pairs"]
     assert (pair["u"], pair["v"]) == (SECRET[0] + 1.0, SECRET[1]), "it counts"
     assert (pair["marks"], pair["spread_px"], pair["reviewed"]) == (1, 0.0, 1), "and is no second opinion"
-    assert any("not independent" in note for note in built["notes"])
-    assert any("fewer than the 2 marks" in note for note in built["notes"])
+    assert any("seen others' answers" in note for note in built["notes"])
+    assert any("fewer than the 2 independent marks" in note for note in built["notes"])

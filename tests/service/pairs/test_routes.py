@@ -258,7 +258,7 @@ def test_two_marks_far_apart_give_no_pair_and_that_is_said(api, fleet, engineer)
     made = build(engineer, seed).json()
     assert made["count"] == 1
     (note,) = (note for note in made["notes"] if "two marks lie more than" in note)
-    assert note.startswith("Left out") and note.endswith("1 of 2 vertices.")
+    assert note.startswith("1 of 2 corners are left out")
 
 
 def test_vertices_that_stayed_where_they_were_measured_and_a_clock_that_was_set_back_are_said(api, fleet, engineer):

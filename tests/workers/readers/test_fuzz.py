@@ -167,7 +167,9 @@ def test_damaged_files_are_read_or_refused(runner, seeds, numbers):
 
 
 ONCE = {
-    "a PNG that ends inside its header": lambda: tar_of(members() | {"images/0.png": png(8, 6)[:25]}),
+    "a PNG that ends inside its header": lambda: tar_of(
+        members() | {name: png(8, 6)[:25] for name in members() if name.endswith(".png")}
+    ),
     "a zip with a file without a name": lambda: zip_of({"": b"nothing"}),
     "a zip whose directory points before its beginning": lambda: zip_of(members())[40:],
 }

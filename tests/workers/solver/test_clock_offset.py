@@ -126,7 +126,7 @@ def test_marks_without_vertices_nearby_are_counted_out():
     found = estimate_offset(track, later, np.concatenate([pixels, pixels[:30]]), request)
     assert found.unseen == 30
     assert abs(found.offset_ns - 15 * MS) < 3 * found.sigma_ns
-    assert "near a vertex" in refusal(track, stamps + 70_000 * MS, pixels, request)
+    assert "near a corner" in refusal(track, stamps + 70_000 * MS, pixels, request)
 
 
 def test_a_fit_that_does_not_converge_is_refused(monkeypatch):
