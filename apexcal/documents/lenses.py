@@ -40,6 +40,9 @@ def model_of_lens(distortion_model: str, D: Sequence[float]) -> ModelOfLens:
     name = distortion_model.strip().lower()
     named: list[ModelName] = [model for model in MODELS if name in CAMERA_MODELS[model].stated_as]
     for model in named:
+        # OpenCV has 4, 5 or 8 of them, never 6 or 7.
+        if model == "rational_polynomial" and 5 < len(D) < 8:
+            continue
         if (coefficients := coefficients_of(model, D)) is not None:
             return ModelOfLens(model, coefficients)
     return ModelOfLens(named[-1] if named else None, None)

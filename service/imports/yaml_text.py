@@ -70,7 +70,18 @@ def read_yaml(name: str, text: str) -> Mapping[str, Any]:
         document = {str(index): each for index, each in enumerate(document)}
     if not isinstance(document, dict) or not document or not all(isinstance(key, str) for key in document):
         raise refused(f"{name} holds no named values.{_first_line(text)}", AS_CAMERA_INFO)
-    return nested(document)
+    return nested(_with_text_keys(document))
+
+
+def _with_text_keys(value: Any) -> Any:
+    """The same with text as keys at every depth: YAML reads `1:` as a number, and `on:` as a truth."""
+    if isinstance(value, dict):
+        members: dict[Any, Any] = value
+        return {str(key): _with_text_keys(each) for key, each in members.items()}
+    if isinstance(value, list):
+        items: list[Any] = value
+        return [_with_text_keys(each) for each in items]
+    return value
 
 
 def _first_line(text: str) -> str:

@@ -8,7 +8,7 @@ from itertools import groupby
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import and_, or_, select
+from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
@@ -86,10 +86,8 @@ def _of_alias(session: Session, vehicle_id: UUID, moves: Sequence[Any]) -> dict[
 
 def _is_elsewhere(session: Session, vehicle: Vehicle, serial: str) -> bool:
     """Whether another vehicle of the fleet carries a sensor with this serial number too."""
-    others = (
-        select(Rig.vehicle_id)
-        .outerjoin(RigCamera, RigCamera.rig_id == Rig.id)
-        .where(Rig.fleet_id == vehicle.fleet_id, Rig.vehicle_id != vehicle.id)
-        .where(or_(Rig.lidar_serial == serial, RigCamera.serial == serial))
-    )
-    return any(carries(session, other, serial) for other in session.scalars(others.distinct()))
+    others = select(Rig.vehicle_id).where(Rig.fleet_id == vehicle.fleet_id, Rig.vehicle_id != vehicle.id)
+    # Each by its own index: a fleet has thousands of rigs.
+    of_lidars = others.where(Rig.lidar_serial == serial)
+    of_cameras = others.join(RigCamera, RigCamera.rig_id == Rig.id).where(RigCamera.serial == serial)
+    return any(carries(session, other, serial) for other in session.scalars(of_lidars.union(of_cameras)))

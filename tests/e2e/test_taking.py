@@ -33,12 +33,12 @@ class Given:
     results: list[str]
 
 
-@pytest.fixture(scope="module")
 def is_dry(answer: Response) -> bool:
     """Whether it only says what cars would get."""
     return "dry-run" in answer.request.headers
 
 
+@pytest.fixture(scope="module")
 def given(track: Track, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Given]:
     vehicle, pairs = add_cart(track, "Coach", 60)
     wanted = {"folds": 3, "publish": "recommended", "schedule": SHORT}

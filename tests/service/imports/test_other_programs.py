@@ -528,3 +528,8 @@ def test_a_mount_that_leads_the_other_way_or_into_the_body_is_doubted(R):
     rows = np.hstack([R, np.full((3, 1), 0.1)])
     (doubt,) = only({"a.yaml": f"T_camera_lidar: {rows.tolist()}\n"}).doubts
     assert "does the transform lead the other way" in doubt
+
+
+@pytest.mark.parametrize("text", ["cam:\n  1: 2\n", "cam:\n  on: 2\n  fx: 500\n", "- {1: 2}\n- {b: 2}\n"])
+def test_keys_that_are_no_text_are_refused_in_words(text):
+    assert "holds" in refusal(text)

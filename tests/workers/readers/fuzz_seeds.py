@@ -112,7 +112,7 @@ def archives(folder):
 
 def kitti_members():
     """KITTI's raw layout."""
-    moments = [f"2011-09-26 13:02:25.{964389445 + i * 103000:09d}" for i in range(3)]
+    moments = [f"2011-09-26 13:02:25.{64389445 + i * 103000000:09d}" for i in range(3)]
     cloud = table(scene(columns=60), ("x", "y", "z", "intensity")).astype("<f4").tobytes()
     files = {f"drive/velodyne_points/data/{i:010d}.bin": cloud for i in range(3)}
     files |= {f"drive/image_02/data/{i:010d}.png": png(8, 6, i) for i in range(3)}

@@ -167,15 +167,13 @@ def test_damaged_files_are_read_or_refused(runner, seeds, numbers):
 
 
 ONCE = {
-    "a PNG that ends inside its header": lambda: tar_of(
-        members() | {name: png(8, 6)[:25] for name in members() if name.endswith(".png")}
-    ),
+    "a PNG that ends inside its header": lambda: tar_of(members() | {"images/0.png": png(8, 6)[:25]}),
     "a zip with a file without a name": lambda: zip_of({"": b"nothing"}),
     "a zip whose directory points before its beginning": lambda: zip_of(members())[40:],
 }
 
 
 @pytest.mark.parametrize("kind", ONCE)
-def test_what_once_crashed_is_refused(runner, kind):
+def test_what_once_crashed_is_refused_or_left_out(runner, kind):
     result = runner(ONCE[kind]())
-    assert (result["code"], complaint(result, runner)) == (1, None), result
+    assert (result["code"], complaint(result, runner)) == (0 if "PNG" in kind else 1, None), result
