@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
@@ -21,6 +22,10 @@ class DocumentError(ValueError):
         self.message = message
         self.hint = hint
         self.fields = fields
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """An error's own would call the constructor with the message alone."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def chosen(name: object, choices: Iterable[Choice], what: str) -> Choice:

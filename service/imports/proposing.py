@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -15,12 +17,15 @@ from service.platform.db.fleets import Rig
 from service.platform.db.recordings import Recording, Sensor
 
 
-def recorded_proposal(session: Session, recording: Recording, request: ProposalRequest) -> RigProposal:
-    """Return the rig of a recording that was read.
+class ReadFrames(NamedTuple):
+    """What a recording tells of a rig: its sensors, the LiDAR first, and the fixed transforms that it holds."""
 
-    Raises:
-        InputError: ``not_read``, ``urdf_not_read``, ``frames_not_usable``.
-    """
+    sensors: list[RecordedSensor]
+    static_transforms: Any
+
+
+def read_frames(session: Session, recording: Recording) -> ReadFrames:
+    """Return them of a recording that was read. Raises InputError ``not_read``."""
     rows = session.scalars(select(Sensor).where(Sensor.recording_id == recording.id).order_by(Sensor.id)).all()
     if LIDAR not in {row.name for row in rows}:
         raise InputError(
@@ -28,13 +33,18 @@ def recorded_proposal(session: Session, recording: Recording, request: ProposalR
             f"The recording {recording.name!r} is {recording.state}: its sensors are known once it is ready.",
             "Wait until it is, or read it again.",
         )
+    sensors = [_sensor(row) for row in sorted(rows, key=lambda row: row.name != LIDAR)]
+    return ReadFrames(sensors, (recording.facts or {}).get("static_transforms"))
+
+
+def proposed(frames: ReadFrames, request: ProposalRequest) -> RigProposal:
+    """Return the rig that they propose. Raises InputError ``urdf_not_read``, ``frames_not_usable``."""
     trees: dict[str, FrameTree] = {}
     if request.urdf is not None:
         trees["the URDF"] = urdf_tree(request.urdf.encode())
-    if fixed := (recording.facts or {}).get("static_transforms"):
-        trees["the recording"] = recorded_tree(fixed)
-    sensors = [_sensor(row) for row in sorted(rows, key=lambda row: row.name != LIDAR)]
-    return propose_rig(sensors, trees, request, request.name)
+    if frames.static_transforms:
+        trees["the recording"] = recorded_tree(frames.static_transforms)
+    return propose_rig(frames.sensors, trees, request, request.name)
 
 
 def describe_empty_rig(session: Session, recording: Recording) -> None:
@@ -43,7 +53,7 @@ def describe_empty_rig(session: Session, recording: Recording) -> None:
     if rig.cameras:
         return
     try:
-        proposal = recorded_proposal(session, recording, ProposalRequest.model_validate({"name": rig.name}))
+        proposal = proposed(read_frames(session, recording), ProposalRequest.model_validate({"name": rig.name}))
     except InputError as error:
         recording.warnings = [*recording.warnings, f"The rig is not described. {error.message}"]
         return

@@ -9,6 +9,7 @@ from apexcal.documents.rig_proposals import ProposalRequest, RigProposal
 from service.platform.auth.access import ReadAccess
 from service.platform.db.calibrations import Result
 from service.platform.db.recordings import Recording
+from service.platform.http.processes import in_process
 from service.platform.http.router import DOCUMENT, Router
 
 router = Router(tags=["imports"])
@@ -20,7 +21,7 @@ def read_calibration_files(body: CalibrationFiles, access: ReadAccess) -> ReadFi
     # Imported here, as below: it needs NumPy and YAML, which take a twentieth of the start.
     from service.imports.formats import files_view
 
-    return files_view(body)
+    return in_process(files_view, body)
 
 
 @router.post("/results/{result_id}/comparison")
@@ -29,12 +30,13 @@ def compare_with_stated(result_id: UUID, body: ComparisonRequest, access: ReadAc
     from service.imports.comparing import stated_comparison
 
     result = access.find(Result, result_id)
-    return stated_comparison(body, result.published)
+    return in_process(stated_comparison, body, result.published)
 
 
 @router.post("/recordings/{recording_id}/rig-proposals", max_body_size=DOCUMENT)
 def propose_rig_of_recording(recording_id: UUID, body: ProposalRequest, access: ReadAccess) -> RigProposal:
     """A rig from a recording's sensors and fixed frames, from a URDF, and from what a person answers."""
-    from service.imports.proposing import recorded_proposal
+    from service.imports.proposing import proposed, read_frames
 
-    return recorded_proposal(access.session, access.find(Recording, recording_id), body)
+    frames = read_frames(access.session, access.find(Recording, recording_id))
+    return in_process(proposed, frames, body)

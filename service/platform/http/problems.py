@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import json
 import logging
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,6 +49,10 @@ class Problem(Exception):  # noqa: N818 - it is the document, not only an error
         self.hint = hint
         self.headers = headers
         self.fields = fields
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """An error's own would call the constructor with the message alone."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # pyright: ignore[reportAttributeAccessIssue]
 
     def document(self) -> dict[str, Any]:
         """The problem document."""

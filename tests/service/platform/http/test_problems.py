@@ -1,10 +1,14 @@
 """Whatever goes wrong is a problem document that says what to do."""
 
+import pickle
 import re
 
 import pytest
 from sqlalchemy import text
 
+from apexcal.documents.errors import InputError
+from service.platform.http.limits import BusyProblem
+from service.platform.http.problems import Problem
 from service.platform.http.web import Pages
 from tests.service.platform.auth.test_every_route import document
 from tests.support.people import Api
@@ -157,3 +161,12 @@ def test_no_route_overlooks_a_misspelt_parameter(api: Api) -> None:
                 assert fields == [f"query {name}"], (method, path, fields)
                 nearest = name.removesuffix("s")
                 assert nearest not in known or f"`{nearest}`" in answer.json()["detail"], (method, path, name)
+
+
+def test_a_refusal_comes_from_another_process_as_it_was():
+    for error in (Problem(422, "wrong", "It is.", "Mend it.", headers={"A": "b"}, names=["x"]), BusyProblem(2.0)):
+        again = pickle.loads(pickle.dumps(error))
+        assert (type(again), str(again), again.__dict__) == (type(error), str(error), error.__dict__)
+    error = InputError("wrong", "It is.", "Mend it.", names=["x"])
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), again.__dict__) == (InputError, str(error), error.__dict__)

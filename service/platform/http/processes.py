@@ -1,0 +1,42 @@
+"""A process beside an API process, for what a stranger's bytes may make long.
+
+In a thread, such work would hold the interpreter between all others' steps: a request comes back to it some 25 times.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import partial
+from typing import Any, TypeVar
+
+from anyio import BrokenWorkerProcess, from_thread, to_process
+
+from service.platform.http.problems import Problem
+
+ValueT = TypeVar("ValueT")
+
+
+def in_process(call: Callable[..., ValueT], *args: Any) -> ValueT:
+    """Return what ``call`` returns in another process. Arguments, result and errors are pickled.
+
+    It is called in one of the API's threads.
+
+    Raises:
+        Problem: 503 ``reading_ended`` where the process ended; or what ``call`` raises.
+    """
+    try:
+        return from_thread.run(partial(to_process.run_sync, _quietly, call, *args))
+    except BrokenWorkerProcess:
+        raise Problem(
+            503,
+            "reading_ended",
+            "The process that reads files ended before it had read these.",
+            "Send them again. If it ends again, they are what ends it: send fewer of them.",
+            headers={"Retry-After": "2"},
+        ) from None
+
+
+def _quietly(call: Callable[..., ValueT], *args: Any) -> ValueT:
+    os.nice(19)
+    return call(*args)
