@@ -1,11 +1,11 @@
-"""What a vehicle's cars are answered, a sentence for each question that they may ask."""
+"""What cars are answered, a sentence for each question that they may ask, and which of these change."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 from uuid import UUID
 
 from sqlalchemy import and_, select
@@ -13,42 +13,76 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
 from service.platform.db.calibrations import Calibration, Publication, Result
-from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.publications.mounted_sensors import (
     CalibratedSensor,
     cameras_of,
-    carries,
     mounted_cameras,
     mounted_serials,
     swapped_sensors,
 )
 from service.publications.queries import is_newest
 
+_NOTHING, _SEVERAL = "nothing", "nothing, several vehicles have it (409)"
 _WITHDRAWN, _DELETED = "nothing, it was withdrawn (410)", "nothing, it was deleted (410)"
 _SWAPPED = "nothing, a sensor was swapped (409)"
 
 
-def car_answers(session: Session, vehicle_id: UUID) -> tuple[str, dict[str, str]]:
-    """The vehicle's name, and by question the answer: for each camera and all of them, the name, each serial number.
+class CarAnswers(NamedTuple):
+    """A vehicle, what its cars are answered by question, and the serial numbers of the sensors that it carries.
 
-    A question that is not there is answered 404. Without publications there is none but for a serial number that
-    two vehicles of the fleet carry.
+    A question that is not there is answered 404; without publications there is none.
     """
+
+    name: str = ""
+    fleet_id: UUID | None = None
+    answers: Mapping[str, str] = {}
+    serials: Set[str] = frozenset()
+
+
+def car_answers(session: Session, vehicle_id: UUID) -> CarAnswers:
+    """The answers for each camera, for all of them, and by the vehicle's name; empty where the vehicle is gone."""
     vehicle = session.get(Vehicle, vehicle_id)
     if vehicle is None:
-        return "", {}
+        return CarAnswers()
     answers: dict[str, str] = {}
     for alias, moves in groupby(_moves(session, vehicle_id), lambda move: move[0].alias):
         whose = "" if alias == CURRENT else f" as {alias}"
         answers |= {f"{what}{whose}": answer for what, answer in _of_alias(session, vehicle_id, list(moves)).items()}
     if answers:
         answers["by its name"] = vehicle.name
-    for serial in mounted_serials(session, vehicle_id):
-        if _is_elsewhere(session, vehicle, serial):
-            answers[f"by the sensor {serial}"] = "nothing, several vehicles have it (409)"
-        elif answers:
-            answers[f"by the sensor {serial}"] = "this vehicle"
-    return vehicle.name, answers
+    return CarAnswers(vehicle.name, vehicle.fleet_id, answers, {*mounted_serials(session, vehicle_id)})
+
+
+def changed_answers(session: Session, before: Mapping[UUID, CarAnswers], fleets: Mapping[UUID, str]) -> list[str]:
+    """Each answer that is not what it was ``before``, a sentence each. ``fleets``: the renamed ones' names before."""
+    after = {vehicle_id: car_answers(session, vehicle_id) for vehicle_id in before}
+    lines: list[str] = []
+    serials: set[tuple[str, UUID | None]] = set()
+    for old, new in zip(before.values(), after.values(), strict=True):
+        lines += [
+            f"{old.name or new.name}, {question}: {was} -> {is_now}"
+            for question in {**old.answers, **new.answers}
+            if (was := old.answers.get(question, _NOTHING)) != (is_now := new.answers.get(question, _NOTHING))
+        ]
+        both = old.serials ^ new.serials if bool(old.answers) == bool(new.answers) else old.serials | new.serials
+        serials |= {(serial, new.fleet_id or old.fleet_id) for serial in both}
+    for serial, fleet_id in sorted(serials, key=str):
+        others = {id: car_answers(session, id) for id in _carriers(session, fleet_id, serial) if id not in before}
+        was, is_now = (_of_sensor(serial, {**others, **vehicles}.values()) for vehicles in (before, after))
+        if was != is_now:
+            lines.append(f"by the sensor {serial}: {was} -> {is_now}")
+    for fleet_id, name in fleets.items():
+        fleet = session.get(Fleet, fleet_id)
+        any_move = select(Publication.id).where(Publication.fleet_id == fleet_id).limit(1)
+        if fleet is not None and fleet.name != name and session.scalar(any_move) is not None:
+            lines.append(f"by the fleet's name: {name} -> {fleet.name}")
+    return lines
+
+
+def _of_sensor(serial: str, vehicles: Iterable[CarAnswers]) -> str:
+    names = [vehicle.name if vehicle.answers else _NOTHING for vehicle in vehicles if serial in vehicle.serials]
+    return _SEVERAL if len(names) > 1 else (names or [_NOTHING])[0]
 
 
 def _moves(session: Session, vehicle_id: UUID) -> Sequence[Any]:
@@ -84,10 +118,11 @@ def _of_alias(session: Session, vehicle_id: UUID, moves: Sequence[Any]) -> dict[
     return {**cameras, **every}
 
 
-def _is_elsewhere(session: Session, vehicle: Vehicle, serial: str) -> bool:
-    """Whether another vehicle of the fleet carries a sensor with this serial number too."""
-    others = select(Rig.vehicle_id).where(Rig.fleet_id == vehicle.fleet_id, Rig.vehicle_id != vehicle.id)
+def _carriers(session: Session, fleet_id: UUID | None, serial: str) -> Sequence[UUID]:
+    """The vehicles of the fleet that carry or carried a sensor with this serial number."""
+    rigs = select(Rig.vehicle_id).where(Rig.fleet_id == fleet_id)
     # Each by its own index: a fleet has thousands of rigs.
-    of_lidars = others.where(Rig.lidar_serial == serial)
-    of_cameras = others.join(RigCamera, RigCamera.rig_id == Rig.id).where(RigCamera.serial == serial)
-    return any(carries(session, other, serial) for other in session.scalars(of_lidars.union(of_cameras)))
+    of_lidars = rigs.where(Rig.lidar_serial == serial)
+    return session.scalars(
+        of_lidars.union(rigs.join(RigCamera, RigCamera.rig_id == Rig.id).where(RigCamera.serial == serial))
+    ).all()

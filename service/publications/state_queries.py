@@ -22,10 +22,11 @@ def state_of_vehicle(dialect: str) -> Select[str]:
     It takes ``vehicle`` and ``alias``. The database makes the text, so that each driver reads the same.
     """
     publisher, newest = aliased(Person), newest_move(Vehicle.id, RigCamera.name, bindparam("alias"))
-    # A result that is deleted leaves its publication. A calibration's figures are known since its end.
+    # A result that is deleted leaves its publication. A calibration's figures are known since its end; a validation
+    # may change the verdict at any time.
     state = (
         *(Vehicle.id, Vehicle.version, Rig.id, Rig.version, RigCamera.name),
-        *(Publication.id, Publication.result_id, Calibration.finished_at, publisher.name),
+        *(Publication.id, Publication.result_id, Result.verdict, Calibration.finished_at, publisher.name),
     )
     text = func.json_array(*state) if dialect == "sqlite" else cast(func.json_build_array(*state), String)
     return (

@@ -129,15 +129,17 @@ def delete_detection(session: Session, detection: Detection, vehicle_id: UUID) -
         session.execute(delete(Detection).where(Detection.id == id_))
 
 
-def delete_set(session: Session, row: CorrespondenceSet) -> None:
-    """Delete a correspondence set with its selections and calibrations.
+def delete_set(session: Session, row: CorrespondenceSet, is_due: Callable[[], bool]) -> bool:
+    """Delete a correspondence set with its selections and calibrations; whether it was due still once it was locked.
 
     Raises :class:`Problem` 409 ``calibration_in_use``.
     """
     own = or_(CorrespondenceSet.id == row.id, CorrespondenceSet.whole_id == row.id)
     origin = _Origin("set of pairs", row.vehicle_id, own, false(), lambda session: [], false())
-    _delete_descent(session, origin)
+    if not _delete_descent(session, origin, is_due=is_due):
+        return False
     session.execute(delete(CorrespondenceSet).where(CorrespondenceSet.id == row.id))
+    return True
 
 
 def delete_calibration(session: Session, calibration: Calibration) -> None:
@@ -189,8 +191,13 @@ def delete_vehicle(session: Session, vehicle: Vehicle) -> None:
     session.execute(delete(Vehicle).where(Vehicle.id == id_))
 
 
-def _delete_descent(session: Session, origin: _Origin, *, with_published: bool = False) -> None:
-    """Delete the calibrations that come from the origin, and condemn the files of all its analyses."""
+def _delete_descent(
+    session: Session, origin: _Origin, *, with_published: bool = False, is_due: Callable[[], bool] = lambda: True
+) -> bool:
+    """Delete the calibrations that come from the origin, and condemn the files of all its analyses.
+
+    Nothing, and it returns False, where it is not due any more once its sets are locked.
+    """
     # A retry of a fleet request holds its failed vehicles, then the sets; a cancel holds only the keys of these.
     failed = select(FleetRequestVehicle.id).where(
         FleetRequestVehicle.calibration_id.in_(_calibrations(session, origin)),
@@ -199,6 +206,8 @@ def _delete_descent(session: Session, origin: _Origin, *, with_published: bool =
     session.execute(failed.order_by(FleetRequestVehicle.id).with_for_update(key_share=True)).all()
     # A calibration being asked for holds its sets, not what they come from: wait for it, so that its runs are seen.
     session.execute(select(CorrespondenceSet.id).where(origin.sets).with_for_update()).all()
+    if not is_due():
+        return False
     abandon(session, _subjects(session, origin))
     calibrations = _calibrations(session, origin)
     # In one order: two recordings of one vehicle share calibrations, and may be deleted at the same moment.
@@ -213,6 +222,7 @@ def _delete_descent(session: Session, origin: _Origin, *, with_published: bool =
     condemn(session, session.scalars(files.where(_goes_with(origin, calibrations))).all())
     drop_calibrations(session, calibrations)
     session.execute(delete(Calibration).where(Calibration.id.in_(calibrations)))
+    return True
 
 
 def _calibrations(session: Session, origin: _Origin) -> Sequence[UUID]:

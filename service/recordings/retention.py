@@ -120,13 +120,12 @@ def delete_old_imports(database: Database) -> int:
 
 
 def _delete_import(database: Database, set_id: UUID) -> bool:
+    own = CorrespondenceSet.id == set_id
     with database.writing() as session:
-        row = session.get(CorrespondenceSet, set_id, with_for_update=True)
-        own = CorrespondenceSet.id == set_id
-        if row is None or session.scalar(_old_imports(session, row.fleet_id).where(own)) is None:
-            return False
-        delete_set(session, row)
-    return True
+        row = session.get(CorrespondenceSet, set_id)
+        return row is not None and delete_set(
+            session, row, lambda: session.scalar(_old_imports(session, row.fleet_id).where(own)) is not None
+        )
 
 
 def _old_imports(session: Session, fleet_id: UUID) -> Select[UUID]:

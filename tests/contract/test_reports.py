@@ -82,8 +82,13 @@ def test_a_fleet_without_room_for_a_report_hears_why(api, context, engineer, res
 
 
 @one_database
-def test_a_report_shows_what_other_data_say(context, engineer, rig, result):
+def test_a_report_and_cars_are_given_what_other_data_say(context, engineer, rig, result):
     found = engineer.get(f"/results/{result}").json()
+    made = engineer.post(f"/results/{result}/publication", {"override": {"reason": "Measured by hand."}})
+    assert made.status_code == 201, made.text
+    of_car = f"/vehicles/{rig.vehicle_id}/calibration"
+    first = engineer.get(of_car)
+    assert first.json()["cameras"]["front"]["quality"]["verdict"] == found["verdict"] != "stop"
     turned = [pair | {"u": pair["u"] + 30.0} for pair in pairs_of_a_pinhole()]
     others = [bring_pairs(engineer, rig.id, pairs) for pairs in (pairs_of_a_pinhole()[:60], turned)]
     for one in (found["set_id"], *others):
@@ -101,6 +106,8 @@ def test_a_report_shows_what_other_data_say(context, engineer, rig, result):
     check = next(one for one in data["result"]["checks"] if one["name"] == "elsewhere")
     assert check["verdict"] == "stop"
     assert data["result"]["verdict"] == "stop"
+    again = engineer.get(of_car, headers={"If-None-Match": first.headers["etag"]})
+    assert again.status_code == 200 and again.json()["cameras"]["front"]["quality"]["verdict"] == "stop"
 
 
 @one_database

@@ -141,10 +141,10 @@ def test_one_that_cannot_go_keeps_no_other_fleets_from_it(context, api, monkeypa
         session.execute(update(CorrespondenceSet).values(created_at=now(-40 * _DAY_S)))
         first = session.scalars(select(CorrespondenceSet.id).order_by(CorrespondenceSet.fleet_id)).first()
 
-    def refuse_first(session, row):
+    def refuse_first(session, row, is_due):
         if row.id == first:
             raise conflict("calibration_in_use", "It is in use.", "")
-        delete_set(session, row)
+        return delete_set(session, row, is_due)
 
     monkeypatch.setattr(retention, "delete_set", refuse_first)
     assert delete_old_imports(context.database) == 1

@@ -13,15 +13,17 @@ from uuid import UUID
 
 from sqlalchemy import event, select
 from sqlalchemy.orm import ORMExecuteState, Session, sessionmaker
+from sqlalchemy.orm.attributes import get_history
 
 from service.platform.db.calibrations import Calibration, Publication
-from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.platform.db.people import AuditEntry
 from service.platform.observability import logs, request_ids
 
 ENTRY: Final = "apexcal_audit_entry"
 """Under this name ``session.info`` has the line of the request that a transaction is of."""
 _BEFORE: Final = "apexcal_answers_before"
+_NAMES: Final = "apexcal_fleet_names_before"
 _VEHICLES: Final[dict[type, Any]] = {Calibration: Calibration.vehicle_id, Rig: Rig.vehicle_id, Vehicle: Vehicle.id}
 """Which vehicles the rows of a bulk statement are of. What belongs to them goes with them."""
 
@@ -36,16 +38,8 @@ def watch(writing: sessionmaker[Session]) -> None:
 def effects(session: Session) -> list[str]:
     """Which answers of cars this transaction changes, a sentence each: `van, front: result 1 -> result 2`."""
     session.flush()
-    before = session.info.pop(_BEFORE, {})
-    lines: list[str] = []
-    for vehicle_id, (name, old) in before.items():
-        name_now, new = _answers(session, vehicle_id)
-        questions = [question for question in {**old, **new} if old.get(question) != new.get(question)]
-        lines += [
-            f"{name or name_now}, {each}: {old.get(each, _NOTHING)} -> {new.get(each, _NOTHING)}"
-            for each in questions
-        ]
-    return lines
+    vehicles, fleets = session.info.pop(_BEFORE, {}), session.info.pop(_NAMES, {})
+    return _of_cars(session, "changed_answers", vehicles, fleets) if vehicles or fleets else []
 
 
 def entry_of_process(words: str = "") -> AuditEntry:
@@ -59,9 +53,6 @@ def entry_of_process(words: str = "") -> AuditEntry:
     return AuditEntry(address="", request_id=request_ids.current(), method=method, path=path)
 
 
-_NOTHING: Final = "nothing"
-
-
 def _look_before_rows(session: Session, *_: object) -> None:
     for row in (*session.new, *session.dirty, *session.deleted):
         if isinstance(row, Publication | Rig):
@@ -70,6 +61,8 @@ def _look_before_rows(session: Session, *_: object) -> None:
             _look(session, [row.id])
         elif isinstance(row, RigCamera) and row not in session.new:
             _look(session, [session.get_one(Rig, row.rig_id).vehicle_id])
+        elif isinstance(row, Fleet) and (names := get_history(row, "name").deleted):
+            session.info.setdefault(_NAMES, {}).setdefault(row.id, names[0])
 
 
 def _look_before_statement(state: ORMExecuteState) -> None:
@@ -84,14 +77,14 @@ def _look(session: Session, vehicle_ids: Iterable[UUID]) -> None:
     before = session.info.setdefault(_BEFORE, {})
     for vehicle_id in vehicle_ids:
         if vehicle_id not in before:
-            before[vehicle_id] = _answers(session, vehicle_id)
+            before[vehicle_id] = _of_cars(session, "car_answers", vehicle_id)
 
 
-def _answers(session: Session, vehicle_id: UUID) -> tuple[str, dict[str, str]]:
+def _of_cars(session: Session, function: str, *arguments: Any) -> Any:
     # By name: what cars are answered is above the platform. In a session of its own: rows of this one may differ
     # already from the database's.
     with Session(session.connection()) as rows:
-        return import_module("service.publications.car_answers").car_answers(rows, vehicle_id)
+        return getattr(import_module("service.publications.car_answers"), function)(rows, *arguments)
 
 
 def _note_effects(session: Session) -> None:

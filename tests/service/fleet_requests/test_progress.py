@@ -11,10 +11,12 @@ from service.calibration_runs.actions import end_run
 from service.calibration_runs.conclusion import drop_calibrations
 from service.fleet_requests import actions
 from service.fleet_requests.actions import ask_all_to_end, retry_failed
+from service.platform.db.clock import now
 from service.platform.db.models import (
     Calibration,
     CalibrationRun,
     CorrespondenceSet,
+    Fleet,
     FleetRequest,
     FleetRequestVehicle,
     Job,
@@ -24,6 +26,7 @@ from service.platform.db.models import (
 from service.platform.jobs.claims import claim, finishing
 from service.platform.jobs.sweep import sweep
 from service.recordings.actions import delete_recording
+from service.recordings.retention import delete_old_imports
 from tests.service.platform.jobs.support import statements
 from tests.support.databases import wait_until_one_waits
 from tests.support.work import lose_every_worker, work
@@ -211,6 +214,33 @@ def test_a_recording_is_deleted_beside_a_retry_of_its_vehicle(vans: Vans, contex
         session.commit()
         deleting[0].result(timeout=120)
     assert vans.states(asked) == {"van": "cancelled", "other": "queued"}
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_old_pairs_that_a_retry_calibrates_again_stay(vans: Vans, context, monkeypatch, caplog):
+    """The round of retention holds the pairs, the retry the vehicle: in one order neither waits for the other."""
+    van = vans.add("van")
+    asked = vans.ask().json()
+    lose_every_worker(context.database, job_of(context, van))
+    sweep(context.database, context.store)
+    with context.database.writing() as session:
+        session.execute(update(Fleet).values(retention={"pairs": 30}))
+        for table in (CorrespondenceSet, CalibrationRun):
+            session.execute(update(table).values(created_at=now(-40 * 86400.0)))
+    plan = actions.plan_vehicles
+    with ThreadPoolExecutor() as pool, context.database.writing() as session:
+
+        def plan_while_a_round_goes(*given):
+            rounds.append(pool.submit(delete_old_imports, context.database))
+            wait_until_one_waits(context.database)
+            return plan(*given)
+
+        rounds = []
+        monkeypatch.setattr(actions, "plan_vehicles", plan_while_a_round_goes)
+        retry_failed(session, session.get_one(FleetRequest, UUID(asked["id"])))
+        session.commit()
+        assert rounds[0].result(timeout=120) == 0 and "next round" not in caplog.text
+    assert vans.states(asked) == {"van": "queued"}
 
 
 def test_a_large_request_is_made_in_parts_between_which_others_write(api, vans: Vans, context, monkeypatch):

@@ -14,7 +14,7 @@ from service.fleets.actions import empty_rig
 from service.platform.db.calibrations import Result
 from service.platform.db.clock import utc_now
 from service.platform.db.effects import effects
-from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.platform.db.models import Base
 from service.platform.db.people import AuditEntry
 from service.platform.db.recordings import Recording
@@ -28,6 +28,7 @@ from tests.service.platform.auth.test_every_route import fill, routes, send
 from tests.service.publications.given import another_rig, publish, withdraw
 from tests.service.publications.test_actions import of_recording
 from tests.support.databases import one_database
+from tests.support.rows import add
 from tests.support.uploads import RIG
 
 DRY = {DRY_RUN: "true"}
@@ -56,7 +57,7 @@ def lines(api):
     with api.database.reading() as session:
         rows = session.scalars(select(AuditEntry).order_by(AuditEntry.id)).all()
     return [
-        (row.method, row.path, sorted(line.partition(", ")[2] for line in (row.effect or "").splitlines()))
+        (row.method, row.path, sorted(line.removeprefix("car, ") for line in (row.effect or "").splitlines()))
         for row in rows
     ]
 
@@ -72,12 +73,12 @@ def test_a_serial_number_takes_it_away_and_says_so_before(api, rig, engineer, pu
     newest = f"/rigs/{list(engineer.get(f'/vehicles/{rig.vehicle_id}/rigs').json()['items'])[-1]['id']}/serials"
     forget(api)
     expected = [
-        f"all cameras: front -> {SWAPPED}", "by the sensor C-1: this vehicle -> nothing",
-        "by the sensor C-2: nothing -> this vehicle", f"front: result {published['result_id']} -> {SWAPPED}",
+        f"all cameras: front -> {SWAPPED}", "by the sensor C-1: car -> nothing",
+        "by the sensor C-2: nothing -> car", f"front: result {published['result_id']} -> {SWAPPED}",
     ]  # fmt: skip
     asked = patched(engineer, newest, body, **DRY)
     assert asked.status_code == 200, asked.text
-    assert sorted(line.partition(", ")[2] for line in asked.json()["effects"]) == expected
+    assert sorted(line.removeprefix("car, ") for line in asked.json()["effects"]) == expected
     assert engineer.get(current_address(rig)).status_code == 200 and lines(api) == []
     assert patched(engineer, newest, body).status_code == 200
     assert engineer.get(current_address(rig)).status_code == 409
@@ -142,18 +143,65 @@ def test_images_and_names(api, rig, engineer, published):
     assert len(images) == 1 and 'for images {"' in images[0] and '"raw"' in images[0]
     assert name == ["by its name: car -> lorry"]
     assert patched(api.owner(), f"/fleets/{rig.fleet_id}", {"name": "south"}).status_code == 200
-    assert [line[:2] for line in lines(api)[2:]] == [("PATCH", f"/v1/fleets/{rig.fleet_id}")]
+
+
+def test_cars_that_ask_by_the_fleets_name(api, rig, published):
+    owner, path = api.owner(), f"/fleets/{rig.fleet_id}"
+    name = owner.get(path).json()["name"]
+    question = {"vehicle": "car", "fleet": name}
+    assert owner.get("/calibration", params=question).status_code == 200
+    expected = [f"by the fleet's name: {name} -> south"]
+    assert patched(owner, path, {"name": "south"}, **DRY).json()["effects"] == expected
+    assert patched(owner, path, {"name": "south"}).status_code == 200
+    assert lines(api) == [("PATCH", f"/v1{path}", expected)]
+    assert owner.get("/calibration", params=question).status_code == 404
+    # Of another fleet nothing was published.
+    assert patched(owner, f"/fleets/{api.fleet()}", {"name": "west"}).status_code == 200
+    assert lines(api)[1][2] == []
+
+
+SEVERAL = "nothing, several vehicles have it (409)"
 
 
 def test_a_serial_number_of_two_vehicles(api, fleet, rig, engineer, published):
-    assert engineer.get("/calibration", params={"sensor": "L-1"}).status_code == 200
+    """Each line says what cars are answered before and after, by whichever vehicle."""
+
+    def answer():
+        got = engineer.get("/calibration", params={"sensor": "L-1"}).json()
+        return got.get("vehicle") or got["code"]
+
+    assert answer() == "car"
     other = engineer.post(f"/fleets/{fleet}/vehicles", {"name": "other"}).json()["id"]
     body = {**RIG, "lidar": {**RIG["lidar"], "serial": "L-1"}}
-    assert engineer.post(f"/vehicles/{other}/rigs", body).status_code == 201
-    assert engineer.get("/calibration", params={"sensor": "L-1"}).json()["code"] == "several_vehicles"
-    assert [effect for *_, effect in lines(api)] == [
-        ["by the sensor L-1: nothing -> nothing, several vehicles have it (409)"]
+    made = engineer.post(f"/vehicles/{other}/rigs", body)
+    assert made.status_code == 201 and answer() == "several_vehicles"
+    # The car's own sensor is corrected, so the other vehicle has it alone; nothing is published for that one.
+    own, others = (f"/rigs/{id}/serials" for id in (rig.id, made.json()["id"]))
+    assert patched(engineer, own, {"lidar": "L-2"}).status_code == 200 and answer() == "no_calibration_yet"
+    assert patched(engineer, own, {"lidar": "L-1"}).status_code == 200
+    asked = patched(engineer, others, {"lidar": None}, **DRY)
+    assert asked.json()["effects"] == [f"by the sensor L-1: {SEVERAL} -> car"]
+    assert engineer.delete(f"/vehicles/{other}").status_code == 204 and answer() == "car"
+    assert [[line for line in effect if "L-1" in line] for *_, effect in lines(api)] == [
+        [f"by the sensor L-1: car -> {SEVERAL}"],
+        [f"by the sensor L-1: {SEVERAL} -> nothing"],
+        [f"by the sensor L-1: nothing -> {SEVERAL}"],
+        [f"by the sensor L-1: {SEVERAL} -> car"],
     ]
+
+
+def test_a_sensor_moves_from_one_vehicle_to_another(api, fleet, rig, engineer, published):
+    """In one transaction: neither vehicle had it alone before and after, and it is one line."""
+    with api.database.writing() as session:
+        other = add(session, Vehicle, session.get_one(Fleet, fleet), name="other")
+        add(session, RigCamera, add(session, Rig, other), serial="C-9")
+    with api.database.writing() as session:
+        for camera in session.scalars(select(RigCamera)):
+            camera.serial = {"C-1": "C-9", "C-9": "C-1"}[camera.serial]
+    (line,) = lines(api)
+    assert {each for each in line[2] if "sensor" in each} == {
+        "by the sensor C-1: car -> nothing", "by the sensor C-9: nothing -> car",
+    }  # fmt: skip
 
 
 def test_a_job_publishes(api, rig, published):
