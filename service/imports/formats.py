@@ -24,7 +24,7 @@ from service.imports.lidar_tools import (
     read_sensors_calibration,
 )
 from service.imports.members import AS_CAMERA_INFO, blocks, listed
-from service.imports.mounts import AS_MOUNT, with_mounts
+from service.imports.mounts import AS_MOUNT, is_pose, with_mounts
 from service.imports.named_lens import named_cameras
 from service.imports.opencv import is_opencv_stereo, read_opencv_stereo
 from service.imports.ost import is_ost, read_ost
@@ -103,7 +103,8 @@ def read_files(sent: CalibrationFiles) -> Read:
         elif numbers := bare_matrix(text):
             documents[name] = {PurePath(name).stem: numbers}
         else:
-            documents[name] = read_yaml(name, text)
+            document = read_yaml(name, text)
+            documents[name] = {PurePath(name).stem: document} if is_pose(document) else document
     together: dict[str, Any] = {}
     for document in documents.values():
         together |= document

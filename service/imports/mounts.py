@@ -119,7 +119,9 @@ def with_mounts(contents: Contents, document: Block) -> Contents:
                 if name != _OURS:
                     points, end = ("LiDAR", "camera") if into_camera else ("camera", "LiDAR")
                     notes.append(f"{name} maps {points} points into the {end}'s frame, as its name says.")
-            elif name in _UNDIRECTED or (pose is not None and len(vector(value) or ()) == 16):
+            elif (
+                name in _UNDIRECTED or (pose and len(vector(value) or ()) == 16) or _is_turn_beside_shift(name, block)
+            ):
                 undirected.append(name)
     if undirected:
         notes.append(
@@ -127,6 +129,19 @@ def with_mounts(contents: Contents, document: Block) -> Contents:
             "left out."
         )
     return Contents(_joined(contents.cameras, mounts, notes), contents.camera_transforms, notes)
+
+
+def is_pose(document: Block) -> bool:
+    """Whether a whole document is one transform, whose direction its file's name may state."""
+    return _pose(document) is not None
+
+
+def _is_turn_beside_shift(name: str, block: Block) -> bool:
+    """Whether a member is a rotation with a translation beside it, as R3LIVE's ``camera_ext_R``, ``camera_ext_t``."""
+    turn = np.reshape(numbers, (3, 3)) if len(numbers := vector(block[name]) or ()) == 9 else np.zeros((3, 3))
+    is_turn = np.allclose(turn @ turn.T, np.eye(3), atol=1e-2) and name not in ("Rcl", "R")
+    shifts = (other for other in block if other[:-1] == name[:-1] and len(vector(block[other]) or ()) == 3)
+    return bool(is_turn) and any(shifts)
 
 
 def _joined(cameras: Sequence[FileCamera], mounts: Mapping[str, SE3], notes: list[str]) -> list[FileCamera]:
@@ -140,7 +155,9 @@ def _joined(cameras: Sequence[FileCamera], mounts: Mapping[str, SE3], notes: lis
         of = [name for name in rest if len(cameras) == len(mounts) == 1 or words(camera.name) <= words(name)]
         joined.append(replace(camera, T_camera_lidar=rest.pop(of[0])) if len(of) == 1 else camera)
     if rest:
-        notes.append(f"{', '.join(rest)}: the name says none of the cameras {', '.join(c.name for c in cameras)}.")
+        notes.append(
+            f"{', '.join(rest)} is left out: it names none of the cameras {', '.join(c.name for c in cameras)}."
+        )
     return joined
 
 

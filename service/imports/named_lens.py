@@ -70,7 +70,9 @@ _OTHER: Final = re.compile(
 )
 # Told by calibrateCamera: 4, 5, 8, 12 or 14 coefficients.
 _RATIONAL_FROM: Final = 8
-_BY_COUNT: Final = "{} does not say its distortion model, so it is OpenCV's (k1 k2 p1 p2 ...) and not cv2.fisheye's."
+_BY_COUNT: Final = (
+    "{} does not say its distortion model. It is read as OpenCV's (k1 k2 p1 p2 ...), not as cv2.fisheye's."
+)
 
 
 def named_cameras(name: str, document: Block) -> tuple[list[FileCamera], list[str]]:
@@ -137,6 +139,8 @@ class _Reading:
         if bare(model or "") in _PROJECTIONS:
             notes.append(_BY_COUNT.format(self.where))
         ours = _TERMS[bare(model or "")][0] if bare(model or "") in _TERMS else str(model)
+        if "brown" in bare(ours) and not any(D):  # RealSense's ways of Brown's model are a pinhole then
+            ours = "plumb_bob"
         if ours == "plumb_bob" and len(D) >= _RATIONAL_FROM:
             ours = "rational_polynomial"
         return FileLens(ours[:64], K, D, self._size())
@@ -155,7 +159,7 @@ class _Reading:
         if len({tuple(K) for K in matrices.values()}) > 1:
             raise refused(
                 f"{self.where} has several camera matrices: {', '.join(matrices)}.",
-                "Leave the one that the images and the distortion belong to, and take the others out.",
+                "Keep the matrix that belongs to the images and the distortion. Remove the others.",
             )
         if matrices:
             return next(iter(matrices.values()))
@@ -192,8 +196,8 @@ class _Reading:
         ]
         if further or not set(needed) <= set(self.terms):
             raise refused(
-                f"{self.where} has the coefficients {', '.join(filter(_TERM.fullmatch, self.terms))}, and those of "
-                f"{model or ours} are {', '.join(names) or 'none'}.",
+                f"{self.where} has the coefficients {', '.join(filter(_TERM.fullmatch, self.terms))}; the "
+                f"model {model or ours} takes {', '.join(names) or 'none'}.",
                 AS_CAMERA_INFO,
             )
         return FileLens(ours, K, [self.terms.get(name, 0.0) for name in names], self._size())
@@ -205,7 +209,7 @@ class _Reading:
         if K is None and focal and centre and len(focal) == len(centre) == 2:
             K = camera_matrix(*focal, *centre)
         if K is None or not 2 <= len(radial) <= 3:
-            raise refused(f"{self.where} has RadialDistortion, and no K or no two or three numbers.", AS_CAMERA_INFO)
+            raise refused(f"{self.where} has RadialDistortion without K, or not two or three in it.", AS_CAMERA_INFO)
         tangential = vector(member(self.block, ("tangentialdistortion",))) or [0.0, 0.0]
         size = vector(member(self.block, ("imagesize",)))
         size = image_size(f"The images of {self.where}", *size[::-1]) if size and len(size) == 2 else None

@@ -147,8 +147,8 @@ def _clock_faults(name: str, clock: ClockReport) -> Iterator[RecordingFault]:
         yield _look("clock_steps", name, sentence, remedy)
     if clock.offset is not None:
         remedy = (
-            "`apexcal solve` uses this offset after a question; without it say "
-            f"`apexcal detect --offset-ms {clock.offset_ns / 1e6:.0f}`. Marks of a walk measure it "
+            "`apexcal solve` asks, then pairs with this offset. To `apexcal detect` say "
+            f"`--offset-ms {clock.offset_ns / 1e6:.0f}`. Marks of a walk measure it "
             "(`apexcal clock-offset`). Synchronise the clocks (PTP, or stamps of one host) to need none."
         )
         yield _look("clocks_apart", name, offset_sentence(name, clock.offset), remedy)
@@ -187,7 +187,7 @@ def _lens(name: str, sensor: Sensor) -> list[RecordingFault]:
     )
     stated, size = sensor.camera_info, sensor.image_size
     if stated is None and sensor.notes.get("camera_info") == "unusable":
-        sentence = f"The CameraInfo of {name} states no lens: its K is 0 or holds what is no number."
+        sentence = f"The CameraInfo of {name} states no lens: its K is 0 or the identity, or holds what is no number."
         return [_look("lens_not_stated", name, sentence, advice)]
     if stated is None:
         return [_look("no_camera_info", name, f"No CameraInfo was recorded for {name}.", advice)]

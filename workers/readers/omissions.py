@@ -19,7 +19,7 @@ from workers.readers.recording import MessageError, ReadError, legible
 # its first message alone.
 _REASONS: Final[Mapping[str, tuple[str, str, str]]] = {
     "cloud_empty": ("clouds", "is empty", "are empty"),
-    "cloud_malformed": ("clouds", "contradicts itself", "contradict themselves"),
+    "cloud_malformed": ("clouds", "is no valid cloud", "are no valid clouds"),
     "cloud_truncated": ("clouds", "is cut short", "are cut short"),
     "cloud_without_xyz": ("clouds", "has no x, y and z", "have no x, y and z"),
     "cloud_fields_differ": ("clouds", "lacks fields of the others", "lack fields of the others"),
@@ -59,9 +59,10 @@ class Omissions:
     def __init__(self) -> None:
         self._tallies: dict[tuple[str, str], _Tally] = {}
 
-    def clear(self) -> None:
-        """Forget all: the recording is read from its beginning."""
-        self._tallies.clear()
+    def clear(self, topics: Iterable[str]) -> None:
+        """Forget what was left out of these topics: they are read from their beginning."""
+        names = set(topics)
+        self._tallies = {key: tally for key, tally in self._tallies.items() if key[0] not in names}
 
     def add(
         self,

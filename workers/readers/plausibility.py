@@ -18,8 +18,8 @@ from workers.readers.recording import ReadError, Sweep
 
 _MOST_SWEEPS: Final = 16
 _RUNS, _RUN = 25, 40
-# Data sheets state 0.1 m (Livox Mid-360) to 0.5 m (Velodyne VLP-16) as the nearest range. A robot that sees itself
-# does so with some of its points.
+# Makers state 0.1 m (Livox Mid-360) to 1 m (Velodyne VLP-16) as the nearest range. A robot that sees itself does so
+# with some of its points. docs/constants.md lists the sources.
 _NEAREST_M: Final = 0.3
 _NEAR_SHARE: Final = 0.5
 # The farthest of all points lies beyond this, in the smallest room that a board fits into.
@@ -133,8 +133,8 @@ def _columns(xyz: NDArray[np.float64]) -> _Doubt:
     if int(counts[:-_WALLS].sum()) / xyz.size < _WHOLE_SHARE or whole > 0.5:
         return None
     return (
-        f"{100 * whole:.0f} % of the coordinates are whole numbers, as rings and intensities are: are there five "
-        "values a point, or six, where another number was read?",
+        f"{100 * whole:.0f} % of the coordinates are whole numbers, as rings and intensities are: the columns were "
+        "probably counted wrongly (five values a point, or six?).",
         "Write the clouds with names of their columns, as .pcd, .npy or .csv.",
     )
 
@@ -183,7 +183,8 @@ def _alike(sweeps: list[NDArray[np.float32]]) -> _Doubt:
         return None
     return (
         f"its sweeps repeat the same points: only {100 * float(np.median(shares)):.0f} % are distinct.",
-        "Look at the driver, or at the program that wrote the clouds: it may leave its buffer as it was.",
+        "Look at the driver, or at the program that wrote the clouds: it may leave its buffer as it was, or write "
+        "other columns before x, y and z.",
     )
 
 
@@ -232,7 +233,7 @@ def _few(counts: list[int]) -> _Doubt:
     if usual >= _FEWEST_POINTS:
         return None
     return (
-        f"a usual sweep has {usual:.0f} points: a radar, or a part of the cloud.",
+        f"a usual sweep has {usual:.0f} points: it is perhaps of a radar, or a part of the cloud.",
         "Record all points of the LiDAR.",
     )
 

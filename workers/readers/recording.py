@@ -209,7 +209,7 @@ class Recording:
     def samples(self, sensor: Sensor, count: int) -> Iterator[Sweep | Frame]:
         """Some sweeps or frames of a sensor, as ``messages`` gives them: the first ones where no others can be read.
 
-        What it leaves out is added to ``omissions``.
+        ``omissions`` then has what it left out of this sensor.
         """
         return (item for _, item in islice(self.messages([sensor]), count))
 

@@ -94,7 +94,8 @@ def _drive(session: Session, row: Analysis, calibration: KnownCalibration) -> _D
         select(CameraFrame).where(CameraFrame.sensor_id == camera.id).order_by(CameraFrame.index)
     ).all()
     fitting = check_image_size(camera, frames, calibration)
-    places = spread([(frame.stamp_ns, frame.offset, frame.length) for frame in fitting])
+    apart_ns = camera.facts.get("offset_ns") or 0
+    places = spread([(frame.stamp_ns - apart_ns, frame.offset, frame.length) for frame in fitting])
     return _Drive(lidar_key(session, row.recording_id), camera.blob_key, places)
 
 

@@ -35,7 +35,7 @@ from workers.validation.edge_check import EdgeCheck
 from workers.validation.lane_check import LaneCheck
 
 DriveFrame = tuple[int, int, int]
-"""A frame's stamp, ns, and its offset and length in the camera's file."""
+"""A frame's stamp by the LiDAR's clock, ns, and its offset and length in the camera's file."""
 FRAMES: Final = 30
 """Frames of a recording that are looked at."""
 _PICTURES: Final = 3
@@ -137,7 +137,12 @@ def _checked(
     assert sensor.frames is not None  # a camera's
     table = read_table(folder / sensor.frames)
     rows = zip(table.stamp_ns, table.offset, table.length, table.width, table.height, strict=True)
-    frames = [(stamp, offset, length) for stamp, offset, length, *size in rows if (*size,) == calibration.image_size]
+    apart_ns = sensor.offset_ns or 0
+    frames = [
+        (stamp - apart_ns, offset, length)
+        for stamp, offset, length, *size in rows
+        if (*size,) == calibration.image_size
+    ]
     if not frames:
         width, height = calibration.image_size
         why = f"No frame has {width} x {height} pixels, as its CameraInfo says."

@@ -50,6 +50,7 @@ FOCALS = "  fx: 500.0\n  fy: 510.0\n  cx: 320.0\n  cy: 240.0\n"
 PLUMB = {"k1": -0.1, "k2": 0.02, "p1": 0.001, "p2": 0.002}
 FOUR = {"k1": 0.1, "k2": 0.02, "k3": 0.003, "k4": 0.0004}
 PINHOLE = {"fx": 500.0, "fy": 510.0, "cx": 320.0, "cy": 240.0}
+WIDE = {"width": 640, "height": 480}
 SHARED = "Camera.width: 640\nCamera.height: 480\n"
 
 
@@ -257,6 +258,10 @@ LENSES = {
         f"front:\n  {SIZE.replace(chr(10), chr(10) + '  ')}camera_matrix: {PINHOLE}\n  distortion: {PLUMB}\n",
         RADTAN,
     ),
+    "RealSense, without distortion": (
+        json.dumps({"color": {**PINHOLE, "model": "distortion.inverse_brown_conrady", "coeffs": [0.0] * 5, **WIDE}}),
+        ("brown_conrady", K, [0.0] * 5, (640, 480)),
+    ),
     "FAST-LIVO2 for ROS 2": (
         "/**:\n  ros__parameters:\n    cam_model: Pinhole\n    cam_width: 640\n    cam_height: 480\n    scale: 0.5\n"
         "    cam_fx: 500.0\n    cam_fy: 510.0\n    cam_cx: 320.0\n    cam_cy: 240.0\n    cam_d0: -0.1\n    "
@@ -325,6 +330,15 @@ MOUNTS = {
         "a.yaml",
         f"cam_to_lidar:\n  rotation: {T_LIDAR_CAMERA[:3, :3].tolist()}\n  translation: "
         f"{flow(T_LIDAR_CAMERA[:3, 3])}\n",
+    ),
+    "a pose in a file whose name has its direction": (
+        "lidar_to_camera.json",
+        json.dumps(
+            {
+                "translation": dict(zip("xyz", T_CAMERA_LIDAR[:3, 3].tolist(), strict=True)),
+                "rotation": TURN.tolist(),
+            }
+        ),
     ),
     "Apollo": ("front_6mm_extrinsics.yaml", ros_transform("velodyne128", "front_6mm", T_LIDAR_CAMERA)),
     "tf2's echo": (
@@ -518,6 +532,9 @@ def test_long_names_take_no_time():
 def test_a_mount_whose_direction_nobody_states_is_asked_for():
     refused = refusal({"extrinsic.txt": "\n".join(ROWS)})
     assert "no direction between LiDAR and camera is stated" in refused and "T_camera_lidar" in refused
+    parts = f"camera_ext_R: {flow(TURN)}\ncamera_ext_t: {flow(T_CAMERA_LIDAR[:3, 3])}\n"
+    contents = read({"r3live.yaml": CALIBRATED + parts})
+    assert contents.cameras[0].T_camera_lidar is None and "camera_ext_R: no direction" in " ".join(contents.notes)
     # Autoware's camera calibration writes the identity.
     contents = read({"a.yaml": LENSES["Autoware, a fisheye"][0]})
     assert contents.cameras[0].T_camera_lidar is None and "is the identity" in " ".join(contents.notes)

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 from altered_recordings import answers
+from formats import CLOUDS as FILES
 from formats import folder_of, pcd
 from making_recordings import (
     CLOUD,
@@ -57,6 +58,11 @@ FRAMES = {
     "no image": (b"no image at all", "image_unsupported"),
     "half a JPEG": (half(".jpg"), "image_damaged"),
     "a JPEG of zeros from the middle on": (half(".jpg") + bytes(1000), "image_damaged"),
+    "a JPEG with zeros in the middle": (half(".jpg") + bytes(300) + encoded(".jpg")[-400:], "image_damaged"),
+    "a JPEG with another's bytes in the middle": (
+        half(".jpg") + b"\xff\xc8 and so on" + encoded(".jpg")[-400:],
+        "image_damaged",
+    ),
     "half a PNG": (half(".png"), "image_damaged"),
     "a PNG with a changed byte": (
         half(".png")[:-1] + b"\x55" + encoded(".png")[len(half(".png")) :],
@@ -252,3 +258,25 @@ def test_what_two_found_is_added():
     every.update(writer)
     assert every.count("/points", "cloud_empty") == 3 and every.stamps("/points").tolist() == [1, 2, 3]
     assert reader.count("/points", "cloud_empty") == 2 and reader.stamps("/points").tolist() == [1, 2]
+
+
+def test_a_refusal_counts_each_message_once(tmp_path):
+    """A few messages are looked at, and more if none of them can be used."""
+    messages = [m for m in rig(COUNT) if m[1] != COMPRESSED]
+    messages += [
+        ("/cam/compressed", COMPRESSED, START_NS + i, compressed(START_NS + i, b"x", TYPES)) for i in range(12)
+    ]
+    path = write_ros2(tmp_path / "bag", messages)
+    with pytest.raises(ReadError) as caught:
+        inspect_recording(path)
+    assert caught.value.message.startswith("None of the 12 messages of /cam/compressed can be used. ")
+
+
+def test_empty_files_of_a_folder(tmp_path):
+    files = {f"clouds/{i}.pcd": b"" if i == 2 else FILES["binary.pcd"] for i in range(COUNT)}
+    files |= {f"images/{i}.png": b"" if i == 4 else png(64, 48) for i in range(COUNT)}
+    manifest = normalise(folder_of(tmp_path / "walk", files), tmp_path / "out")
+    assert {(each.topic, each.code, each.count) for each in manifest.omissions} == {
+        ("clouds", "cloud_empty", 1),
+        ("images", "image_empty", 1),
+    }

@@ -63,7 +63,7 @@ OF_CLOUDS = [
     ("1.npy", npy(table()).replace(b"'<f8'", b"'<Q9'"), CLOUD, "header cannot be read"),
     ("1.npy", b"\x93NUMPY\x01\x00\xff\xff" + b"(" * 3000, CLOUD, "header cannot be read"),
     ("1.npy", b"", CLOUD, "header cannot be read"),
-    ("1.bin", NOISE, CLOUD, "past 2000 m"),
+    ("1.bin", NOISE, CLOUD, "beyond 2000 m"),
     ("1.bin", NOISE[:30], CLOUD, "3 to 8 values of 4 bytes"),
     ("1.csv", b"x,y,z\n1,2\n", CLOUD, "2 values for 3 names"),
     ("1.csv", b"x,y,z\n1,2,oops\n", CLOUD, "oops"),

@@ -147,8 +147,8 @@ class CloudFields:
         if not lacking or not self.others:
             return ""
         return (
-            f"No field is known as {' or '.join(lacking)}; not used: {listed(self.others)}. If one of them is, call "
-            f"it {' or '.join(lacking)}."
+            f"These fields were not used: {listed(self.others)}. If one of them is the {' or the '.join(lacking)}, "
+            f"call it {' or '.join(lacking)}."
         )
 
 

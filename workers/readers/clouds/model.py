@@ -7,7 +7,7 @@ over it, so that a ring keeps its number although it may be empty in one sweep.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -194,7 +194,8 @@ def _rings_of(
             return name, learn_rings(numbered, where)
     try:
         if refusal is None or refusal.code != "cloud_merged":
-            return None, learn_missing_rings([cloud.xyz for cloud in clouds], where, expected)
+            rings = learn_missing_rings([cloud.xyz for cloud in clouds], where, expected)
+            return None, rings if refusal is None else replace(rings, note=f"{rings.note} {refusal.message}")
     except ReadError as error:
         refusal = refusal or error
     if refusal.code in _NO_RINGS and fields.unused:

@@ -154,8 +154,8 @@ def learn_point_times(
         return PointTimes("stamp_only", sweep_ns, stated, notes=notes)
     if stated == "unknown":
         notes.append(
-            f"{where}: points have no times; they were derived from the azimuth, a turn of {sweep_ns / 1e6:.1f} ms, "
-            "and the stamp taken as the sweep's start, since the file does not say which it is."
+            f"{where}: points have no times. They were derived from the azimuth, with a turn of {sweep_ns / 1e6:.1f} "
+            "ms from the stamp on; whether the stamp is the sweep's start, the file does not say."
         )
     return PointTimes("derived_from_azimuth", sweep_ns, stated, direction=direction, notes=notes)
 

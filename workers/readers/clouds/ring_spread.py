@@ -48,8 +48,8 @@ def check_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]],
     if is_near and (more > _ALTERNATING or typical_deg >= _NEIGHBOURS_DEG):
         raise ReadError(
             "cloud_merged",
-            f"{where} holds the points of several LiDARs in one cloud: points of equal {field} lie at two elevations "
-            "or more side by side, seen from two places.",
+            f"{where} holds the points of several LiDARs in one cloud: points of one {field} lie side by side at "
+            "several elevations, as seen from several places.",
             "Record the topic that each LiDAR's own driver publishes, in the LiDAR's own frame and before the clouds "
             "are merged, and choose one of them.",
         )

@@ -19,6 +19,7 @@ _ENOUGH_POINTS: Final = 20
 _CLEAR_STEP_DEG: Final = 0.1
 # Damaged points carry ring ids at random. A sensor's own uppermost rings may see little, but lie among the others.
 _MOST_RINGS: Final = LINE_COUNTS[-1]
+_NO_ID: Final = -(2**40)
 _HARDLY_ANY: Final = 3
 _HARDLY_ANY_PART: Final = 0.01
 _FEWEST_STEADY: Final = 4  # rings, and sweeps, from which a rule can be told
@@ -47,15 +48,17 @@ class RingOrder:
         table: (largest id + 1,) int32, number of each id, -1 for an id that is not known.
         count: number of rings; numbers are 0 to count - 1.
         note: a sentence where the numbers differ from the file's, else empty.
+        first: the id of the table's first number: 0, or the lowest of ids below 0.
     """
 
     table: NDArray[np.int32]
     count: int
     note: str
+    first: int = 0
 
     def number(self, ids: NDArray[np.generic]) -> NDArray[np.int32]:
         """(N,) int32 numbers of (N,) ids, -1 where an id is not known."""
-        index = ring_ids(ids)
+        index = ring_ids(ids) - self.first
         in_table = (index >= 0) & (index < len(self.table))
         if in_table.all():
             return self.table[index]
@@ -63,11 +66,11 @@ class RingOrder:
 
 
 def ring_ids(values: NDArray[np.generic]) -> NDArray[np.int64]:
-    """(N,) ids as integers, -1 for values that are none: damaged files have NaN and 1e30 in a column of floats."""
+    """(N,) ids as integers, :data:`_NO_ID` for values that are none: damaged files have NaN and 1e30 among floats."""
     if values.dtype.kind != "f":
         return values.astype(np.int64)
     numbers = values.astype(np.float64)
-    return np.where(np.abs(numbers) < 2.0**31, numbers, -1.0).astype(np.int64)
+    return np.where(np.abs(numbers) < 2.0**31, numbers, _NO_ID).astype(np.int64)
 
 
 def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]], where: str) -> RingOrder:
@@ -87,12 +90,14 @@ def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]],
     """
     ids, elevation, counts = _median_elevations(clouds)
     is_strong = counts >= max(_HARDLY_ANY, _HARDLY_ANY_PART * int(counts.max(initial=0)))
+    first = min(0, int(ids[is_strong].min(initial=0)))
+    ids = ids - first
     strong = ids[is_strong]
-    counted = _counted(strong, ids[~is_strong], [np.unique(ring) for _, ring in clouds if len(ring)])
+    counted = _counted(strong, ids[~is_strong], [np.unique(ring) - first for _, ring in clouds if len(ring)])
     if len(strong) and strong[-1] > counted[-1]:
         raise ReadError(
             "rings_too_many",
-            f"{where} has ring ids up to {strong[-1]}; sensors have at most {_MOST_RINGS} rings.",
+            f"{where} has ring ids up to {strong[-1] + first}; sensors have at most {_MOST_RINGS} rings.",
             "Record the driver's own ring field, or leave the field out so that rings are computed from the points. "
             "If the file may be damaged, copy it again.",
         )
@@ -102,13 +107,12 @@ def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]],
     enough = (counts >= min(_ENOUGH_POINTS, int(counts.max(initial=1))))[is_sound]
     numbers, note = _numbered(places[is_sound], elevation[is_sound], enough, min(lines, len(counted)))
     named = counted[: len(numbers)]
-    if not note and named[-1] >= len(named):
-        note = (
-            f"ring ids {', '.join(map(str, named[:3].tolist()))} ... {named[-1]} were counted as {len(named)} rings."
-        )
+    if not note and (named[-1] >= len(named) or first):
+        some = ", ".join(map(str, (named[:3] + first).tolist()))
+        note = f"ring ids {some} ... {named[-1] + first} were counted as {len(named)} rings."
     table = np.full(int(named.max(initial=-1)) + 1, -1, np.int32)
     table[named] = numbers
-    return RingOrder(table, int(numbers.max(initial=-1)) + 1, note)
+    return RingOrder(table, int(numbers.max(initial=-1)) + 1, note, first)
 
 
 def _numbered(
@@ -163,7 +167,7 @@ def _median_elevations(
     """Ids of rings, ascending; median elevation of each in degrees; on how many points it rests."""
     xyz = np.concatenate([np.zeros((0, 3)), *(xyz.astype(np.float64) for xyz, _ in clouds)])
     ring = np.concatenate([np.zeros(0, np.int64), *(ring for _, ring in clouds)])
-    usable = (ring >= 0) & (ring < 65536)
+    usable = np.abs(ring) < 65536
     xyz, ring = xyz[usable], ring[usable]
     elevation = np.degrees(np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1])))
     order = np.argsort(ring, kind="stable")
@@ -254,7 +258,7 @@ def learn_missing_rings(
         centres,
         focus_m,
         max(len(centres), expected or 0),
-        f"the file has no rings; {len(centres)} were computed from the points' elevations "
+        f"the file states no rings; {len(centres)} were computed from the points' elevations "
         f"({centres[0]:.2f} to {centres[-1]:.2f} degrees{how}).",
     )
 
@@ -265,7 +269,7 @@ def _by_order(runs: RunOrder) -> ComputedRings:
         centres,
         0.0,
         len(centres),
-        f"the file has no rings; {len(centres)} were told by the order of its points, which lists ring after ring.",
+        f"the file states no rings; its points are listed ring after ring, which tells {len(centres)}.",
         runs,
     )
 
@@ -292,7 +296,7 @@ def _complete(centres: NDArray[np.float64], elevation: NDArray[np.float64]) -> t
     high = filled[-1] + step * np.arange(1, above + 1)
     whole = np.concatenate([low, filled, high])
     added = len(whole) - len(centres)
-    return whole, f", {added} of few points or none put in on their even grid" if added else ""
+    return whole, f"; {added} with few points or none were added on the even grid of the others" if added else ""
 
 
 def _further(beyond: NDArray[np.float64], step: float) -> int:
@@ -304,8 +308,8 @@ def _further(beyond: NDArray[np.float64], step: float) -> int:
 
 def _not_separable(where: str, count: int, gap_deg: float, spread_deg: float, between: float) -> ReadError:
     measured = (
-        f"the nearest to rings are {count} elevations with gaps down to {gap_deg:.3f} degrees, of points that spread "
-        f"over up to {spread_deg:.3f}, and {100 * between:.0f} % of the points between them"
+        f"at best they crowd at {count} elevations, with gaps down to {gap_deg:.3f} degrees, spreads up to "
+        f"{spread_deg:.3f} degrees, and {100 * between:.0f} % of the points between them"
         if count > 1
         else "the points' elevations do not crowd anywhere"
     )

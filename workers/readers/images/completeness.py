@@ -1,4 +1,5 @@
-"""Whether an encoded image reaches its end, by its structure: to decode every frame would take longer than to read.
+"""Whether an encoded image is whole, by its structure: to decode every frame would take longer than to read. A JPEG
+that looks spoilt is decoded.
 
 Sources: JPEG, ITU-T T.81 annex B; PNG, third edition, 5; WebP, RFC 9649.
 """
@@ -16,6 +17,8 @@ from workers.readers.images.headers import damaged
 # In coded data a byte 0xFF is followed by 0 or a restart marker; fill bytes are 0xFF.
 _MARKER: Final = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 _START_OF_SCAN, _END_OF_IMAGE = 0xDA, 0xD9
+# Between scans of a JPEG stand tables, further scans, comments and a count of lines; in a scan none of these.
+_BETWEEN_SCANS: Final = frozenset((0xC4, 0xCC, 0xDA, 0xDB, 0xDC, 0xDD, 0xFE, *range(0xE0, 0xF0)))
 _MOST_PARTS: Final = 10_000
 _PNG_SIGNATURE: Final = 8
 # A file that was written to a full disk, or copied halfway, often keeps its size and ends in zeros; compressed data
@@ -38,27 +41,30 @@ def check_complete(data: bytes, media_type: str, where: str) -> None:
 
 
 def _jpeg(data: bytes) -> bool:
-    return _reaches_end(data) or _is_whole_without_end(data)
+    scans = _scans(data)
+    return (scans is not None and data.find(_ZEROS, *scans) < 0) or is_sound_jpeg(data)
 
 
-def _reaches_end(data: bytes) -> bool:
-    at = 2
+def _scans(data: bytes) -> tuple[int, int] | None:
+    """Where the scans of a JPEG begin and end; None where its markers do not lead to its end in their order."""
+    at, start = 2, 0
     for _ in range(_MOST_PARTS):
         marker = _MARKER.search(data, at)
         if marker is None:
-            return False
+            return None
         at, kind = marker.end(), data[marker.end() - 1]
         if kind == _END_OF_IMAGE:
-            return True
-        if kind < 0xC0 or at + 2 > len(data):  # no marker of JPEG
-            return False
+            return start, at
+        if kind < 0xC0 or at + 2 > len(data) or (start and kind not in _BETWEEN_SCANS):
+            return None
+        start = start or (at if kind == _START_OF_SCAN else 0)
         (length,) = struct.unpack_from(">H", data, at)
         at += length
-    return False
+    return None
 
 
-def _is_whole_without_end(data: bytes) -> bool:
-    """Some cameras leave out the marker at the end. Then every row must decode, and the decoder forgive nothing."""
+def is_sound_jpeg(data: bytes) -> bool:
+    """Whether every row decodes, and the decoder has nothing to forgive. Some cameras leave out the last marker."""
     if data.endswith(_ZEROS):
         return False
     av: Any = import_module("av")

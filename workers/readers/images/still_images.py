@@ -41,7 +41,7 @@ def _decoded(data: bytes, stamp_ns: int, where: str, encoding: str) -> Frame:
     import cv2  # only here: most recordings need none of it, and a child starts 60 ms sooner without
     import numpy as np
 
-    from workers.readers.images.transcode import BAYER, bayer_conversion, png_frame
+    from workers.readers.images.transcode import BAYER, STRETCHED, bayer_conversion, png_frame
 
     try:
         pixels: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -52,5 +52,6 @@ def _decoded(data: bytes, stamp_ns: int, where: str, encoding: str) -> Frame:
     conversion = bayer_conversion(encoding)
     if conversion is not None and pixels.ndim == 2:
         convert: Any = cv2.cvtColor
-        return png_frame(convert(pixels, conversion), stamp_ns, where, BAYER)
+        sentence = f"{BAYER} {STRETCHED}" if pixels.dtype == np.uint16 else BAYER
+        return png_frame(convert(pixels, conversion), stamp_ns, where, sentence)
     return png_frame(pixels, stamp_ns, where)

@@ -128,6 +128,7 @@ def raw_to_png(raw: RawImage, stamp_ns: int, where: str) -> Frame:
     rows = height + height // 2 if how.layout == "planes" else height
     row_bytes = width * how.channels * how.depth
     odd = (how.layout != "pixels" and width % 2 == 1) or (how.layout == "planes" and height % 2 == 1)
+    step = step or row_bytes  # some drivers leave it at 0
     if step < row_bytes or len(pixels) < step * rows or odd:
         raise MessageError(
             "image_damaged",

@@ -114,7 +114,7 @@ class VideoRecording(Recording):
         """The frames in the order in which they are shown."""
         number = -1
         left_out = 0
-        self._omissions.clear()
+        self._omissions.clear([sensor.name])
         with self._opened() as container:
             stream = self._stream(container)
             for number, frame in enumerate(self._decoded(container, stream)):

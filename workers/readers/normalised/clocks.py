@@ -31,6 +31,13 @@ _MOST_CHANGES: Final = 1000  # each is looked at
 _LONGEST_PAUSE_NS: Final = 3600 * 10**9
 _BY_CHANCE: Final = 6.0  # times the spread
 _NORMAL: Final = 1.4826  # of a median absolute deviation
+# Seconds between TAI, GPS time and UTC since 2017 (IERS Bulletin C). Delays differ by less than a quarter.
+_TIME_SCALES: Final = {
+    37: "TAI is 37 s ahead of UTC",
+    18: "GPS time is 18 s ahead of UTC",
+    19: "TAI is 19 s ahead of GPS time",
+}
+_NEAR_NS: Final = 250_000_000
 
 
 class Times(NamedTuple):
@@ -70,6 +77,15 @@ class ClockReport:
         """All of them, of a camera of this name, for the recording's page."""
         remedy = "Detect with this offset (`--offset-ms`) to get pairs."
         return self.step_sentences + ([f"{offset_sentence(name, self.offset)} {remedy}"] if self.offset else [])
+
+    def moved(self, omitted_ns: Integers, stamps_ns: Integers) -> Integers:
+        """(M,) stamps of messages that were left out, each moved as the nearest of the (N,) ``stamps_ns`` as read."""
+        if not self.steps:
+            return omitted_ns
+        order = np.argsort(stamps_ns, kind="stable")
+        behind = np.clip(np.searchsorted(stamps_ns[order], omitted_ns), 1, len(order) - 1)
+        is_before = omitted_ns - stamps_ns[order[behind - 1]] < stamps_ns[order[behind]] - omitted_ns
+        return omitted_ns + self.added_ns[order[np.where(is_before, behind - 1, behind)]]
 
     @property
     def offset_ns(self) -> int:
@@ -122,7 +138,8 @@ def offset_reports(samples: Mapping[str, Times]) -> dict[str, ClockReport]:
 def offset_sentence(name: str, offset: Offset) -> str:
     """How far a camera's clock is from the LiDAR's, and what it may be."""
     seconds = offset.offset_ns / 1e9
-    usual = {37: " (TAI is 37 s ahead of UTC)", 18: " (GPS time is 18 s ahead of UTC)"}.get(abs(round(seconds)), "")
+    scales = _TIME_SCALES.get(abs(offset.offset_ns) // 10**9) if offset.offset_ns % 10**9 == 0 else None
+    usual = f" ({scales})" if scales else ""
     return (
         f"The clock of {name} is {abs(seconds):.3f} s {'ahead of' if seconds > 0 else 'behind'} the LiDAR's, by the "
         f"times of recording, which spread by {offset.spread_ns / 1e9:.3f} s{usual}."
@@ -225,7 +242,9 @@ def _offset(lidar_number: Integers, lidar: Integers, number: Integers, camera: I
     before = lidar[np.maximum(behind - 1, 0)] - camera
     after = lidar[np.minimum(behind, len(lidar) - 1)] - camera
     apart: Integers = np.where(np.abs(after) < np.abs(before), after, before)
-    offset = Offset(int(np.median(apart)), int(_spread(apart)))
+    apart_ns = int(np.median(apart))
+    scale_ns = next((size * 10**9 for size in _TIME_SCALES if abs(abs(apart_ns) - size * 10**9) < _NEAR_NS), None)
+    offset = Offset(apart_ns if scale_ns is None else scale_ns * (1 if apart_ns > 0 else -1), int(_spread(apart)))
     is_apart = abs(offset.offset_ns) > max(CLOCKS_APART_NS, _BY_CHANCE * offset.spread_ns)
     return offset if is_apart else None
 

@@ -75,7 +75,8 @@ class _Lidar:
         facts = self.facts
         stamps = _by_one_clock(self, omissions, clock)
         self.writer.finish(facts, stamps if clock and clock.steps else None)
-        report = report_stamps(stamps, "lidar", omissions.stamps(self.sensor.name), has_times=self.sensor.has_times)
+        omitted_ns = _omitted_by_one_clock(self, omissions, clock)
+        report = report_stamps(stamps, "lidar", omitted_ns, has_times=self.sensor.has_times)
         points = np.array(self.points, np.int64)[report.order]
         rate_hz = report.facts.rate_hz
         fault = implausible(self.sample, self.sensor.name, 1.0 / rate_hz if rate_hz else None)
@@ -121,11 +122,11 @@ class _Camera:
         counts = Counter((width, height) for _, width, height in self.rows)
         usual = usual_size(counts, self.size)
         is_usual = np.array([row[1:] == usual for row in self.rows])
+        omitted_ns = np.concatenate([_omitted_by_one_clock(self, omissions, clock), stamps[~is_usual]])
         for i in np.flatnonzero(~is_usual).tolist():
             stamp_ns = int(stamps[i])
             omissions.add(self.sensor.name, other_size(self.rows[i][1:], usual, stamp_ns), stamp_ns)
-        omitted_ns, has_times = omissions.stamps(self.sensor.name), self.sensor.has_times
-        report = report_stamps(stamps[is_usual], self.name, omitted_ns, has_times=has_times)
+        report = report_stamps(stamps[is_usual], self.name, omitted_ns, has_times=self.sensor.has_times)
         order: list[int] = np.flatnonzero(is_usual)[report.order].tolist()
         table = FrameTable(
             stamp_ns=stamps[order].tolist(),
@@ -192,6 +193,14 @@ def _by_one_clock(
         )
     stamps = np.array(sink.times.stamps, np.int64)
     return stamps if clock is None else stamps + clock.added_ns
+
+
+def _omitted_by_one_clock(
+    sink: _Lidar | _Camera, omissions: Omissions, clock: ClockReport | None
+) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """(M,) stamps of what was left out while reading, with the steps of the sensor's clock taken out."""
+    omitted_ns = omissions.stamps(sink.sensor.name)
+    return omitted_ns if clock is None else clock.moved(omitted_ns, np.array(sink.times.stamps, np.int64))
 
 
 def _clocks(sinks: Mapping[str, _Lidar | _Camera]) -> dict[str, ClockReport]:

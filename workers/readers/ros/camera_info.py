@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.lenses import lens_of_images, model_of_lens
 from apexcal.documents.name_words import words
 from apexcal.documents.readings import ImageKind
@@ -48,7 +49,7 @@ def info_document(info: CameraInfo, image_size: tuple[int, int] | None = None) -
     """
     if len(info.k) != 9 or not all(math.isfinite(value) for value in (*info.k, *info.d)):
         return None
-    if info.k[0] <= 0 or info.k[4] <= 0:
+    if min(info.k[0], info.k[4]) <= LEAST_FOCAL_PX:  # 0, or the identity, before a driver has its calibration
         return None
     info = _of_images(info, image_size)
     model, D = model_of_lens(info.distortion_model, info.d)

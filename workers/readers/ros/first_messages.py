@@ -14,7 +14,7 @@ from workers.readers.ros.topic_messages import BagTopic, CameraInfo, Decoder, Me
 
 _UNFILLED: Final = MessageError(
     "lens_not_stated",
-    "Its K is 0 or holds what is no number: the camera's driver had not loaded its calibration yet.",
+    "Its K is 0 or the identity, or holds what is no number: the camera's driver had not loaded its calibration yet.",
     "Begin to record after the driver has loaded it.",
 )
 

@@ -52,7 +52,7 @@ def static_transforms(container: Container, warnings: list[str]) -> list[FixedFr
                 warnings.append(f"{topic.name} was left out: {error.message}")
     if len(by_child) > _MOST:
         warnings.append(
-            f"{len(by_child)} frames are stated to be fixed; they were left out, for at most {_MOST} are."
+            f"{len(by_child)} frames are stated to be fixed; at most {_MOST} are read, so they were left out."
         )
         return []
     return list(by_child.values())

@@ -211,7 +211,7 @@ class TopicRecording(Recording):
         by_name = {sensor.name: sensor for sensor in sensors}
         self._videos.clear()
         self._cutters.clear()
-        self._omissions.clear()
+        self._omissions.clear(by_name)
         for sensor in sensors:  # what is not usable is said before anything is read
             if sensor.name in self._sources:
                 self._cutters[sensor.name] = self._stream(sensor).cutter()
@@ -239,6 +239,7 @@ class TopicRecording(Recording):
             return
         if sensor.kind == "lidar":
             self._model(sensor)
+        self._omissions.clear([sensor.name])
         for log_ns, raw in self._container.samples(sensor.name, count):
             with self._omissions.leaving_out(sensor.name):
                 message = self._decoders[sensor.name](raw)

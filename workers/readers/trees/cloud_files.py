@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.clouds.fields import is_point_table
-from workers.readers.clouds.pointcloud2 import MAX_POINTS
+from workers.readers.clouds.pointcloud2 import MAX_POINTS, empty_cloud
 from workers.readers.recording import MessageError
 from workers.readers.trees.plain_columns import are_coordinates, name_columns, width_of
 from workers.readers.trees.ply import read_ply, truncated_cloud
@@ -46,9 +46,11 @@ def read_cloud(data: bytes, path: str, names: Sequence[str] | None = None) -> Ar
         names: of the columns, where the file does not name them; None: its own content tells.
 
     Raises:
-        MessageError: ``cloud_malformed``, ``cloud_truncated``.
+        MessageError: ``cloud_empty``, ``cloud_malformed``, ``cloud_truncated``.
     """
     suffix = PurePosixPath(path).suffix.lower()
+    if not data:
+        raise empty_cloud(path)
     if suffix == ".pcd":
         from workers.readers.trees.pcd import read_pcd  # its library takes 0.13 s to import
 
@@ -105,8 +107,8 @@ def _read_bin(data: bytes, path: str, names: Sequence[str] | None) -> Arrays:
     points = np.frombuffer(data, "<f4").reshape(-1, len(names))
     if not are_coordinates(points[:, :3]):
         doubles = np.frombuffer(data[: len(data) // 8 * 8], "<f8")
-        why = "its values are float64" if are_coordinates(doubles[:, None]) else "many coordinates lie past 2000 m"
-        raise _malformed(path, f"as {len(names)} float32 a point, {why}", hint)
+        why = "its values are float64" if are_coordinates(doubles[:, None]) else "many coordinates lie beyond 2000 m"
+        raise _malformed(path, f"read as {len(names)} float32 values a point, {why}", hint)
     return {name: points[:, i] for i, name in enumerate(names)}
 
 

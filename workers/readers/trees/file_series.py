@@ -86,7 +86,7 @@ class FileSeries(Recording):
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """The sweeps or frames by stamp, if the sensor was chosen."""
-        self._omissions.clear()
+        self._omissions.clear(sensor.name for sensor in sensors)
         for sensor in sensors:
             for path in self._series.paths:
                 with self._omissions.leaving_out(sensor.name, self._series.stamps_ns[path]):

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 
 from workers.readers.recording import ReadError
-from workers.readers.trees.name_times import UNITS_BY_DIGITS, is_time, learn_fraction, time_ns, without_date
-from workers.readers.trees.series import KINDS, Series, TimesFrom, stem_and_number, stem_and_time
+from workers.readers.trees.name_times import UNITS_BY_DIGITS, is_time, learn_fraction, time_ns
+from workers.readers.trees.series import KINDS, Series, TimesFrom, stem_and_number
 
 CSV_NAME: Final = "timestamps.csv"
 KITTI_NAME: Final = "timestamps.txt"
@@ -39,9 +39,9 @@ def stamp_series(series: Sequence[Series], tables: Mapping[str, bytes], lines: M
         ReadError: ``timestamps_incomplete``, ``timestamps_malformed``, ``files_without_times``.
     """
     listed = listed_times(tables)
-    every = [stem_and_time(path)[1] for files in series for path in files.paths if path not in listed]
+    every = [text for files in series for path, text in files.texts.items() if path not in listed]
     for files in series:
-        files.times_from, stamps = _stamps(files.paths, listed, lines.get(files.name), bool(tables), every)
+        files.times_from, stamps = _stamps(files, listed, lines.get(files.name), bool(tables), every)
         files.stamps_ns = dict(stamps)
         files.paths.sort(key=lambda path: (stamps[path], path))
     made_up = [files for files in series if files.times_from == "index"]
@@ -62,7 +62,7 @@ def strays(series: Sequence[Series], listed: Collection[str]) -> list[str]:
     most = {kind: max((len(each.paths) for each in series if each.kind == kind), default=0) for kind in KINDS}
     paths: list[str] = []
     for files in series:
-        texts = {path: stem_and_time(path)[1] for path in files.paths if path not in listed}
+        texts = {path: text for path, text in files.texts.items() if path not in listed}
         bare = [path for path, text in texts.items() if not text]
         if len(files.paths) == 1 < most[files.kind]:
             paths += [path for path, text in texts.items() if not is_time(text)]
@@ -72,12 +72,13 @@ def strays(series: Sequence[Series], listed: Collection[str]) -> list[str]:
 
 
 def _stamps(
-    paths: Sequence[str],
+    files: Series,
     listed: Mapping[str, int],
     lines: bytes | None,
     has_tables: bool,
     every: Sequence[str],
 ) -> tuple[TimesFrom, Mapping[str, int]]:
+    paths, texts = files.paths, files.texts
     missing = [path for path in paths if path not in listed]
     if not missing:
         return "csv", {path: listed[path] for path in paths}
@@ -85,7 +86,6 @@ def _stamps(
         raise _incomplete(missing, len(paths))
     if lines is not None:
         return "kitti", kitti_stamps(kitti_times(lines, KITTI_NAME), paths)
-    texts = dict(zip(paths, without_date([stem_and_time(path)[1] for path in paths]), strict=True))
     timed = [path for path, text in texts.items() if is_time(text)]
     if len(timed) == len(paths):
         return "names", _times(texts, every)

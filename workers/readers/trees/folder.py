@@ -202,7 +202,7 @@ def _open_parts(
             [path for files in contents.series for path in files.paths if path not in beside]
         )
         listed = ", ".join(beside[:_MAX_LISTED])
-        warnings.append(f"{listed}: no sweep or frame by its name, beside the files of a sensor; left out.")
+        warnings.append(f"{listed}: left out, because the name is not like those of the sweeps or frames beside it.")
     top = _common_top([*contents.sources, *(f"{series.folder}/file" for series in contents.series)])
     for path, format_ in contents.sources.items():
         if format_.module == _VIDEO:
@@ -236,8 +236,8 @@ def _open_series(
         stamp_series(every, tables, {name: read_file(tree, path) for name, path in kitti.items()})
         if parts and any(series.times_from == "index" for series in every):
             raise without_times(
-                f"The files of {every[0].name} have no times, and {parts[0].label} has: which belong together is "
-                "not said."
+                f"The files of {every[0].name} have no times, and {parts[0].label} has: nothing says which belong "
+                "together."
             )
     except ReadError as error:
         kinds = {sensor.kind for part in parts for sensor in part.recording.sensors}
@@ -303,7 +303,7 @@ def _empty(tree: FileTree, contents: TreeContents) -> ReadError:
     if packed is not None:
         return ReadError(
             "folder_empty",
-            f"{tree.name} holds nothing but {packed}, an archive in its turn.",
+            f"{tree.name} holds only {packed}, another archive.",
             f"Unpack it once and upload {posixpath.basename(packed)}, or the folder that is in it.",
         )
     return ReadError(

@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-_DATE: Final = (
-    r"(?<!\d)(?P<date>(?:19|20)\d\d[-_.]?[01]\d[-_.]?[0-3]\d[-_T ]{0,3}[0-2]\d[-_.:h]?[0-5]\d[-_.:m]?[0-6]\d)"
-    r"(?:[-_.,:s]?(?P<of_date>\d{1,9}))?Z?"
-)
+_DAY: Final = r"(?<!\d)(?P<date>(?:19|20)\d\d[-_.]?[01]\d[-_.]?[0-3]\d"
+_MOMENT: Final = _DAY + r"[-_T ]{0,3}[0-2]\d[-_.:h]?[0-5]\d[-_.:m]?[0-6]\d)"
+_DATE: Final = _MOMENT + r"(?:[-_.,:s]?(?P<of_date>\d{1,9}))?Z?"
+_OF_SESSION: Final = re.compile(_MOMENT + r"[-_.,:s]?(?P<count>\d{1,9})$")
+_OF_DAY: Final = re.compile(_DAY + r")[-_.]?(?P<count>\d{1,9})$")
 _SECONDS: Final = r"(?<!\d)(?P<seconds>\d{10})[-_](?P<of_seconds>\d{1,9})"
 _NUMBER: Final = r"(?P<number>\d+)(?:\.(?P<of_number>\d+))?"
 _AT_END: Final = re.compile(f"(?:{_DATE}|{_SECONDS}|{_NUMBER})$")
@@ -25,6 +26,14 @@ _EVEN: Final = 0.2
 _LEAST_APART: Final = 0.05
 
 ReadFraction = Callable[[str], int]
+
+
+class SessionNumber(NamedTuple):
+    """Of a file: its name before the date of its session, the date's digits, and the digits that count files."""
+
+    name: str
+    date: str
+    count: str
 
 
 def number_at_end(stem: str) -> str:
@@ -44,16 +53,34 @@ def is_time(text: str) -> bool:
     return len(number) in UNITS_BY_DIGITS and not number.startswith("0")
 
 
-def without_date(texts: Sequence[str]) -> Sequence[str]:
-    """Return what stands behind a date that all names of a sensor share, if it counts the files; else ``texts``.
+def session_numbers(stems: Sequence[str]) -> dict[str, SessionNumber]:
+    """Split names that are the date of a session and a number that counts its files; those of one folder.
 
-    No sensor is so fast that its times mostly differ by the last digit.
+    Numbers count where most follow each other. No sensor is so fast that its times mostly differ by the last digit.
+    Behind a date alone stands the time of day, unless it begins with 0 or 1, as a count does.
+
+    Returns:
+        By name; empty where most names are something else.
     """
-    matches = [match for text in texts if (match := _match(text)) and match["date"] and match["of_date"]]
-    if len(matches) < max(2, len(texts)) or len({match["date"] for match in matches}) > 1:
-        return texts
-    parts = [match["of_date"] for match in matches]
-    return parts if np.median(np.diff(sorted(map(int, parts)))) == 1 else texts
+    for pattern, highest_first in ((_OF_SESSION, None), (_OF_DAY, 1)):
+        numbers = {stem: number for stem in stems if (number := _session_number(pattern, stem)) is not None}
+        counts: dict[tuple[str, str], list[int]] = {}
+        for name, date, count in numbers.values():
+            counts.setdefault((name, date), []).append(int(count))
+        steps = [step for each in counts.values() for step in np.diff(sorted(each)).tolist()]
+        if 2 * len(numbers) <= len(stems) or not steps or np.median(steps) != 1:
+            continue
+        if highest_first is None or min(map(min, counts.values())) <= highest_first:
+            return numbers
+    return {}
+
+
+def _session_number(pattern: re.Pattern[str], stem: str) -> SessionNumber | None:
+    match = pattern.search(stem, max(0, len(stem) - _LONGEST))
+    digits = "".join(filter(str.isdigit, match["date"])) if match else ""
+    if match is None or _date_ns(digits.ljust(14, "0")) < 0:
+        return None
+    return SessionNumber(stem[: match.start()], digits, match["count"])
 
 
 def time_ns(text: str, read: ReadFraction) -> int:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import Final, Literal
 
 from workers.readers.images.still_images import IMAGE_SUFFIXES
 from workers.readers.trees.cloud_files import CLOUD_SUFFIXES
-from workers.readers.trees.name_times import number_at_end
+from workers.readers.trees.name_times import SessionNumber, number_at_end, session_numbers
 
 Kind = Literal["lidar", "camera"]
 KINDS: Final[tuple[Kind, ...]] = ("lidar", "camera")
@@ -26,6 +26,7 @@ class Series:
     Attributes:
         folder: in which they lie.
         paths: sorted by name; once stamped, by stamp.
+        texts: by path, the time or the number with which a name ends.
         stamps_ns: by path, nanoseconds; empty until :func:`workers.readers.trees.file_times.stamp_series`.
         times_from: where the stamps come from.
     """
@@ -34,8 +35,13 @@ class Series:
     name: str
     folder: str
     paths: list[str]
+    texts: dict[str, str] = field(default_factory=dict[str, str])
     stamps_ns: dict[str, int] = field(default_factory=dict[str, int])
     times_from: TimesFrom = "names"
+
+    def __post_init__(self) -> None:
+        """Read the end of each name by itself, where nobody has looked at all of them."""
+        self.texts = self.texts or {path: number_at_end(_stem(path)) for path in self.paths}
 
 
 def is_sensor_file(path: str) -> bool:
@@ -45,29 +51,51 @@ def is_sensor_file(path: str) -> bool:
 
 def stem_and_number(path: str) -> tuple[str, str]:
     """A file's name split before the number at its end: ``a/pose12.pcd`` gives (``pose``, ``12``)."""
-    stem = PurePosixPath(path).name.rpartition(".")[0].removesuffix(".pcd")
+    stem = _stem(path)
     match = _NUMBER_AT_END.search(stem)
     return (stem[: match.start()], match.group(1)) if match else (stem, "")
 
 
-def stem_and_time(path: str) -> tuple[str, str]:
-    """As :func:`stem_and_number`, with a whole date, or seconds and their part, as the number."""
-    stem = PurePosixPath(path).name.rpartition(".")[0].removesuffix(".pcd")
-    text = number_at_end(stem)
-    return stem.removesuffix(text), text
+def _stem(path: str) -> str:
+    return PurePosixPath(path).name.rpartition(".")[0].removesuffix(".pcd")
+
+
+def _split_names(folders: Iterable[Sequence[str]]) -> dict[str, tuple[str, str]]:
+    """Names of files, folder by folder, split before the time or the number at their end.
+
+    Numbers that count the files of sessions go on from session to session, by the sessions' dates.
+    """
+    split: dict[str, tuple[str, str]] = {}
+    counted: dict[str, SessionNumber] = {}
+    for paths in folders:
+        numbers = session_numbers([_stem(path) for path in paths])
+        for path in paths:
+            stem = _stem(path)
+            text = number_at_end(stem)
+            split[path] = (stem.removesuffix(text), text)
+            if stem in numbers:
+                counted[path] = numbers[stem]
+    dates = sorted({number.date for number in counted.values()})
+    width = max((len(number.count) for number in counted.values()), default=0)
+    for path, (name, date, count) in counted.items():
+        split[path] = (name, count if len(dates) == 1 else f"{dates.index(date)}{count:0>{width}}")
+    return split
 
 
 def find_series(paths: Sequence[str]) -> list[Series]:
     """Files by sensor, cameras first. Files of one kind in one folder are one sensor, unless their names before the
     number differ and each such name counts several files (``left_1.png``, ``right_1.png``).
     """
-    folders: dict[tuple[Kind, str], dict[str, list[str]]] = {}
+    folders: dict[tuple[Kind, str], list[str]] = {}
     for path in sorted(paths):
         kind: Kind = "camera" if PurePosixPath(path).suffix.lower() in IMAGE_SUFFIXES else "lidar"
-        folder = PurePosixPath(path).parent.as_posix()
-        folders.setdefault((kind, folder), {}).setdefault(stem_and_time(path)[0], []).append(path)
+        folders.setdefault((kind, PurePosixPath(path).parent.as_posix()), []).append(path)
+    split = _split_names(folders.values())
     series: dict[str, Series] = {}
-    for (kind, folder), stems in sorted(folders.items()):
+    for (kind, folder), files_of_kind in sorted(folders.items()):
+        stems: dict[str, list[str]] = {}
+        for path in files_of_kind:
+            stems.setdefault(split[path][0], []).append(path)
         plain = _plain_name(kind, folder, ("camera", folder) in folders and ("lidar", folder) in folders)
         by_name: dict[str, list[str]] = {}
         is_counted = len(stems) > 1 and all(stem and len(files) > 1 for stem, files in stems.items())
@@ -79,7 +107,8 @@ def find_series(paths: Sequence[str]) -> list[Series]:
             unique, number = name, 1
             while unique in series:  # files beside a folder `clouds` have its name, too
                 unique, number = f"{name}_{number + 1}", number + 1
-            series[unique] = Series(kind, unique, folder, sorted(files))
+            texts = {path: split[path][1] for path in files}
+            series[unique] = Series(kind, unique, folder, sorted(files), texts)
     return list(series.values())
 
 

@@ -104,3 +104,13 @@ def test_ids_that_no_sensor_has_are_refused():
     with pytest.raises(ReadError, match="ring ids up to 299") as caught:
         learned(*steady(range(300), sweeps=1)[:1], *steady(range(300)))
     assert caught.value.code == "rings_too_many" and caught.value.hint
+
+
+def test_ids_below_0_are_ids():
+    """A simulator counts channels from the horizon."""
+    clouds = steady(range(-8, 8))
+    order = learned(*clouds)
+    assert order.count == 16 and "-8, -7, -6 ... 7 were counted as 16 rings" in order.note
+    np.testing.assert_array_equal(
+        order.number(np.array([-8, 0, 7, -9, 8, np.nan], np.float32)), [0, 8, 15, -1, -1, -1]
+    )

@@ -36,6 +36,11 @@ def test_every_pixel_survives(encoding, stored, bgr, padding):
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR), bgr)
 
 
+def test_rows_without_a_step_follow_each_other():
+    frame = png_of(RGB.reshape(-1), 7, 5, 0, "bgr8")
+    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR), RGB)
+
+
 @pytest.mark.parametrize(
     ("change", "code"),
     [
@@ -43,6 +48,7 @@ def test_every_pixel_survives(encoding, stored, bgr, padding):
         ({"width": 60000, "height": 60000}, "image_too_large"),
         ({"step": 20}, "image_damaged"),
         ({"height": 6}, "image_damaged"),
+        ({"height": 6, "step": 0}, "image_damaged"),
         ({"width": 0}, "image_empty"),
     ],
 )

@@ -77,6 +77,8 @@ def test_clocks_that_are_apart(lidar, camera, offset_s):
     assert not reports["front"].steps and not reports["lidar"].steps
     sentence = offset_sentence("front", offset)
     assert ("ahead of" if offset_s > 0 else "behind") in sentence and ("TAI" in sentence) == (abs(offset_s) == 37)
+    if abs(offset_s) in (18, 37):  # of time scales: exact
+        assert offset.offset_ns == offset_s * S
 
 
 @pytest.mark.parametrize("apart_ms", [0, 40, -80, 300, 800])
@@ -222,14 +224,14 @@ def test_a_file_that_holds_one_sensor_after_the_other():
     assert not any(report.steps or report.offset or report.added_ns.any() for report in reports.values())
 
 
-def written(folder, lidar, camera, recorder=lambda t: T0 + t, *, mcap=False, seconds=6.0):
+def written(folder, lidar, camera, recorder=lambda t: T0 + t, *, mcap=False, seconds=6.0, empty=()):
     """A bag of two sensors whose stamps are by clocks of their own."""
 
     def messages():
         for k in range(int(seconds * 10)):
             t = k * S // 10
             yield "/points", CLOUD, recorder(t + 5_000_000), cloud(lidar(t), scene(columns=30), types=TYPES)
-            image = compressed(camera(t + 20_000_000), png(8, 6, k), TYPES)
+            image = compressed(camera(t + 20_000_000), b"" if k in empty else png(8, 6, k), TYPES)
             yield "/front/compressed", COMPRESSED, recorder(t + 26_000_000), image
 
     return write_mcap(folder / "walk.mcap", as_cdr(messages())) if mcap else write_ros2(folder / "walk", messages())
@@ -278,6 +280,13 @@ def test_a_step_is_taken_out_of_the_stamps(tmp_path, of_lidar):
     assert lidar.missing == camera.missing == 0
     assert any("steps by" in sentence and "30 messages" in sentence for sentence in manifest.warnings)
     assert not any("missing" in sentence for sentence in manifest.warnings)
+
+
+def test_messages_that_are_left_out_beside_a_step_are_no_gap(tmp_path):
+    path = written(tmp_path, unix, step(3, 37), step(3, 37), empty=(27, 33, 34))
+    manifest, _, frames = stamps_in(path, tmp_path / "out")
+    assert frames.tolist() == [T0 + k * S // 10 + 20_000_000 for k in range(60) if k not in (27, 33, 34)]
+    assert manifest.sensors[1].missing == 0 and not any("missing" in sentence for sentence in manifest.warnings)
 
 
 @pytest.mark.parametrize("mcap", [False, True])

@@ -7,6 +7,8 @@ from formats import CLOUDS, folder_of, frames_of, read, sweeps_of
 from making_recordings import png
 
 from workers.readers.recording import ReadError
+from workers.readers.trees.file_times import stamp_series
+from workers.readers.trees.series import find_series
 
 T0 = 1_700_000_000
 # Of twelve sweeps of 10 Hz and their frames 23 ms later; some parts of a second begin with zeros.
@@ -100,6 +102,25 @@ def test_numbers_stay_numbers(tmp_path, name):
     names = {ns: name.format(i) for stamps in (SWEEPS_NS, FRAMES_NS) for i, ns in enumerate(stamps)}
     items = read(walk(tmp_path, names.__getitem__))[1]
     assert [item.stamp_ns for item in sweeps_of(items)] == [10**9 + i * 10**8 for i in range(12)]
+
+
+@pytest.mark.parametrize("date", ["{}", "cam_{}", "{}_102030", "walk-{}T10-20-30"])
+@pytest.mark.parametrize("number", ["_{:06d}", "-{}", "_{:04d}"])
+def test_numbers_behind_the_dates_of_several_sessions_go_on(date, number):
+    """Of more than 60 files some numbers are no seconds."""
+    days = [f"{date.format(day)}{number.format(i)}" for day in (20240501, 20240503) for i in range(70)]
+    series = find_series([*(f"clouds/{name}.pcd" for name in days), *(f"images/{name}.png" for name in days)])
+    assert [each.name for each in series] == ["images", "clouds"]
+    stamp_series(series, {}, {})
+    stamps = [[each.stamps_ns[path] for path in each.paths] for each in series]
+    assert stamps[0] == stamps[1] == sorted(set(stamps[0])) and len(stamps[0]) == 140
+    assert {each.times_from for each in series} == {"index"}
+
+
+def test_seconds_of_a_day_are_times(tmp_path):
+    names = [f"{moment((T0 + i) * 10**9):%Y%m%d_%H%M%S}" for i in range(8)]
+    path = folder_of(tmp_path / "walk", {f"{name}.png": png(8, 6, 1) for name in names})
+    assert [item.stamp_ns for item in frames_of(read(path)[1])] == [(T0 + i) * 10**9 for i in range(8)]
 
 
 def test_a_lost_file_makes_no_times_of_numbers(tmp_path):
