@@ -58,7 +58,10 @@ FRAMES = {
     "no image": (b"no image at all", "image_unsupported"),
     "half a JPEG": (half(".jpg"), "image_damaged"),
     "a JPEG of zeros from the middle on": (half(".jpg") + bytes(1000), "image_damaged"),
-    "a JPEG with zeros in the middle": (half(".jpg") + bytes(300) + encoded(".jpg")[-400:], "image_damaged"),
+    "a JPEG with zeros in the middle": (
+        half(".jpg") + bytes(600) + encoded(".jpg")[len(half(".jpg")) :],
+        "image_damaged",
+    ),
     "a JPEG with another's bytes in the middle": (
         half(".jpg") + b"\xff\xc8 and so on" + encoded(".jpg")[-400:],
         "image_damaged",

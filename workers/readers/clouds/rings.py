@@ -269,7 +269,7 @@ def _by_order(runs: RunOrder) -> ComputedRings:
         centres,
         0.0,
         len(centres),
-        f"the file states no rings; its points are listed ring after ring, which tells {len(centres)}.",
+        f"the file states no rings; the order of its points, ring after ring, tells {len(centres)}.",
         runs,
     )
 

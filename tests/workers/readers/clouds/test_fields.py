@@ -92,7 +92,7 @@ def test_a_channel_of_returns_is_no_ring_where_nothing_else_is():
 def test_fields_whose_names_are_not_known_are_named(name):
     cloud = columns(intensity=SCENE["intensity"], t=NS) | {name: SCENE["ring"]}
     (note,) = [note for note in learned(cloud).notes if "not used" in note]
-    assert f"known as ring; not used: {name}." in note
+    assert f"These fields were not used: {name}. If one of them is the ring," in note
     flat = cloud | {"z": np.random.default_rng(0).normal(size=1440)}  # no elevations to tell rings by
     with pytest.raises(ReadError, match=name) as caught:
         learned(flat)

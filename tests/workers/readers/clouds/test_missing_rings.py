@@ -54,7 +54,7 @@ def test_an_empty_ring_of_an_even_grid_keeps_its_number():
     elevations = np.linspace(-22.5, 22.5, 64)
     xyz, ring = cloud(elevations, 1, rings=np.delete(np.arange(64), [3, 17, 18, 40]))
     rings = learn_missing_rings([xyz], "lidar")
-    assert rings.count == 64 and "4 of few points or none" in rings.note
+    assert rings.count == 64 and "4 with few points or none" in rings.note
     np.testing.assert_array_equal(rings.number(xyz), ring)
     partial, ring = cloud(elevations, 2, rings=np.arange(10, 20), count=200)
     np.testing.assert_array_equal(rings.number(partial), ring)
