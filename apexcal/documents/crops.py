@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+from collections.abc import Mapping
+from math import cos, sin, sqrt, tau
+from random import Random
+from typing import Annotated, Any, Final
 from uuid import UUID
 
 from pydantic import Field
@@ -18,18 +21,30 @@ LEAST_SHIFTED: Final = 3
 LEAST_MARKS: Final = 2 * LEAST_SHIFTED
 """With fewer marks of the machine most crops of a page would be shifted."""
 LEAST_SIDE_PX: Final = 48.0
-"""Side of the smallest crop: an eighth of it is 6 px, and `make bench-marks` counts marks beyond 5 px as wrong."""
+"""Side of the smallest crop: its shifts are 5 to 12 px."""
 MOST_SIDE_PX: Final = 96.0
 """Side of the largest crop: drawn 115 CSS px wide (three beside each other on a screen of 390) 5 px are still 6."""
-SHIFT_SHARES: Final = (1 / 8, 1 / 4)
-"""Least and largest shift over the crop's side. An eighth of 115 CSS px is 14, as long as an arm of the drawn cross:
-the corner lies at its end or beyond. A quarter leaves the corner in the middle half of the crop.
-"""
+LEAST_SHIFT_PX: Final = 5.0
+"""`make bench-marks` counts marks beyond this as wrong: the least shift is as small as the machine's gross errors."""
+MOST_SHIFT_SHARE: Final = 1 / 4
+"""Largest shift over the crop's side. It leaves the corner in the middle half of the crop."""
 
 
 def side_of(edge_px: float | None) -> float:
     """Return the side of a crop (px) that shows half of the board's shorter edge on each side of the corner."""
     return min(max(edge_px or LEAST_SIDE_PX, LEAST_SIDE_PX), MOST_SIDE_PX)
+
+
+def expected_pixel(mark: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the pixel (u, v) about which a mark of the machine is expected: an eighth to a quarter of a side off it.
+
+    It is always the same, in any direction. Crops show a shifted mark turned about it, as far off as the true one.
+    Whoever does not know all of the mark's digits, its deviations among them, cannot undo it.
+    """
+    random = Random(" ".join(str(mark[name]) for name in ("vertex_id", "u", "v", "sigma_u", "sigma_v", "edge_px")))
+    most = MOST_SHIFT_SHARE * side_of(mark["edge_px"])
+    length, angle = most * sqrt(random.uniform(0.25, 1.0)), tau * random.random()
+    return mark["u"] + length * cos(angle), mark["v"] + length * sin(angle)
 
 
 class NextCrops(Received):
@@ -118,7 +133,8 @@ class CropVerdict(Sent):
 class ExpectedCorner(Sent):
     """Where to look for a vertex in its frame: the corner lies within ``within_px`` of (``u``, ``v``), pixels.
 
-    It is the machine's mark, moved at random by up to a quarter of a crop's side: it says where, not what to mark.
+    It is the machine's mark, moved at random by an eighth to a quarter of a crop's side: it says where, not what to
+    mark.
     """
 
     vertex_id: UUID

@@ -107,12 +107,14 @@ class Progress(Sent):
     """How far the marking of a detection is, in one camera. It says nothing of what anybody answered.
 
     ``vertices`` have a frame of the camera; ``answered`` of them have at least one answer, ``complete`` of them as
-    many as wanted (``marks_wanted`` people), ``mine`` of them the asker's.
+    many as wanted (``marks_wanted`` people), ``mine`` of them the asker's. An answer is one by hand, or a confirmed
+    mark of the machine. ``by_machine`` of the answered have no answer by hand.
     """
 
     vertices: int
     marks_wanted: int
     answered: int
+    by_machine: int
     mine: int
     complete: int
 
@@ -132,7 +134,7 @@ class PersonAnswers(Sent):
 
 
 class Tally(Sent):
-    """What people said, in numbers: ``answers`` (people times vertices) and its parts; ``marks`` of the confirmed.
+    """What people said, in numbers: ``answers`` (people times vertices) and its parts; ``marks`` are those by hand.
 
     ``reviewed`` of the answers were given after something of others' answers had been told to their person.
     """
@@ -164,7 +166,8 @@ class GivenMark(Sent):
     """An answer on a vertex, as far as the asker may see it.
 
     ``told_at`` is when something of others' answers on the vertex was first told to this person. ``reviewed``: what
-    they say now they said after that, so it is no independent answer.
+    they say now they said after that, so it is no independent answer. ``is_machine``: they confirmed the machine's
+    mark, whose pixel is for reviewers.
     """
 
     vertex_id: UUID
@@ -175,4 +178,5 @@ class GivenMark(Sent):
     mark: MarkView | None
     reviewed: bool
     told_at: datetime | None
+    is_machine: bool
     corner: CornerName = TOP

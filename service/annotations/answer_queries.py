@@ -1,7 +1,8 @@
 """Who has answered a vertex, derived from the marks and verdicts that stand, not from tasks.
 
 A person has answered a vertex for a camera when their verdict on its apex exists and, where that verdict is
-``confirmed``, their mark in the paired frame too. So answers survive another detection run or another pairing.
+``confirmed``, their mark in the paired frame too: one by hand, or the machine's that they confirmed. So answers
+survive another detection run or another pairing.
 """
 
 from __future__ import annotations
@@ -73,6 +74,12 @@ def leases_of_others(camera_id: Any, person_id: Any) -> CTE:
         .group_by(Vertex.apex_id)
         .cte("lease")
     )
+
+
+def has_machine_mark() -> ColumnElement[bool]:
+    """Whether somebody's mark of the enclosing query's ``Vertex`` is the machine's, which they confirmed."""
+    is_machine = _mark.machine_sigma_px.is_not(None)
+    return exists().where(is_paired(_mark), is_machine).correlate_except(_mark)
 
 
 def _is_complete() -> ColumnElement[bool]:

@@ -18,6 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 from uuid import UUID
 
 Pixel = tuple[float, float]
@@ -33,17 +34,30 @@ class ConsensusOutcome(StrEnum):
     APART = "apart"  # two marks that cannot both be of this vertex
 
 
+class MachineShare(NamedTuple):
+    """Deviation of the machine's mark (px per coordinate), and the side of the crop on which it is shown (px)."""
+
+    sigma_px: float
+    side_px: float
+
+
+# The machine is one person, whose marks are all off by one shift.
+MACHINE = UUID(int=0)
+
+
 @dataclass(frozen=True, slots=True)
 class Opinion:
     """One person's verdict on a vertex, and the mark (u, v) in pixels that belongs to it, if there is one.
 
     ``reviewed``: the person knew something of others' answers. ``person``: whose verdict it is.
+    ``machine``: the mark is the machine's.
     """
 
     verdict: str
     mark: Pixel | None = None
     reviewed: bool = False
     person: UUID | None = None
+    machine: MachineShare | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from service.annotations.disclosure_actions import is_told
 from service.annotations.locks import lock_person
 from service.annotations.mark_actions import check_inside, find_mark, write_answer
 from service.annotations.progress_actions import counted
-from service.annotations.views import mark_view
+from service.annotations.views import is_machine, mark_view
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.db.annotations import Answer
 from service.platform.db.base import new_id
@@ -47,7 +47,7 @@ def read_mark(
     """Your own mark of a corner in a frame."""
     sensor, frame = _frame(access, recording_id, camera, index, "viewer")
     mark = find_mark(access.session, access.person.id, sensor.id, frame.index, corner)
-    if mark is None:
+    if mark is None or is_machine(mark):
         raise not_found("not_marked", "You have not marked this frame.", "PUT the mark with If-None-Match: *.")
     return _answer(mark_view(mark), conditions)
 

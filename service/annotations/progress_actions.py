@@ -1,4 +1,4 @@
-"""Progress of the marking as counters: an answer changes them, and nobody counts all vertices again.
+"""Progress of the marking as counters: an answer by hand changes them, and nobody counts all vertices again.
 
 Whatever else changes the vertices that are to be marked deletes the rows: the next look counts anew.
 """
@@ -12,12 +12,19 @@ from functools import cache
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Select, Uuid, bindparam, case, delete, func, insert, select
+from sqlalchemy import Select, Uuid, and_, bindparam, case, delete, func, insert, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.marking import Progress
 from apexcal.documents.states import WorkState
-from service.annotations.answer_queries import VERDICT, answers_of, answers_of_others, has_answered
+from service.annotations.answer_queries import (
+    MARK,
+    VERDICT,
+    answers_of,
+    answers_of_others,
+    has_answered,
+    has_machine_mark,
+)
 from service.platform.auth.access import Access
 from service.platform.db.annotations import MarkingProgress
 from service.platform.db.base import lasting_alias
@@ -52,16 +59,19 @@ def counted(
     there is neither a mark nor a verdict yet.
     """
     whose = (session, person_id, sensor_id, frame_index, corner, apex_id)
-    before = set() if is_first else {row[:2] for row in _touched(*whose) if row.answered}
+    rows = [] if is_first else _touched(*whose)
+    before = {row[:2] for row in rows if row.answered}
+    confirmed = {row[:2] for row in rows if row.confirmed}
     yield
     changes: dict[tuple[UUID, UUID], Counter[str]] = {}
     for row in _touched(*whose):
         sign = row.answered - (row[:2] in before)
-        if not sign or row.corner not in marked_corners(row):
+        of_machine = row.confirmed or row[:2] in confirmed
+        if not (sign or of_machine) or row.corner not in marked_corners(row):
             continue
         key = (row.detection_id, row.sensor_id)
-        if row.apex_id != apex_id:
-            # Others may answer on that apex now, so their number is not known.
+        if of_machine or row.apex_id != apex_id:
+            # Others may answer on that apex now, so their number is not known; nor is what the machine's mark counts.
             session.execute(delete(MarkingProgress).where(_of(*key)))
             continue
         change = changes.setdefault(key, Counter(dict.fromkeys(_COUNTERS, 0)))
@@ -94,13 +104,13 @@ def read_progress(access: Access, database: Database, detection: Detection, came
         counts, people = _count(writing, detection, camera, person_id, wanted_now)
         if not is_alone:
             return _progress(*counts)
-        counters = (*counts[:3], counts[4])
+        counters = (*counts[:4], counts[5])
         writing.execute(delete(MarkingProgress).where(_of(detection.id, camera.id)))
         own, names = (detection.id, camera.id), [column.key for column in MarkingProgress.__table__.columns]
         people.setdefault(person_id, 0)
         # The counters of all stand in the asker's row.
         rows = [
-            (*own, person, *(counters if person == person_id else (None, None, 0, 0)), mine)
+            (*own, person, *(counters if person == person_id else (None, None, None, 0, 0)), mine)
             for person, mine in people.items()
         ]
         writing.execute(insert(MarkingProgress), [dict(zip(names, row, strict=True)) for row in rows])
@@ -119,12 +129,14 @@ def _sums() -> Select[*tuple[Any, ...]]:
     """The counters' sums with a person's own, and how many marks of each vertex are wanted now."""
     row, total = MarkingProgress, func.sum
     mine = total(case((row.person_id == bindparam("person"), row.mine), else_=0))
-    sums = (total(row.vertices), total(row.marks_wanted), total(row.answered), mine, total(row.complete))
+    stated = (total(row.vertices), total(row.marks_wanted), total(row.by_machine))
+    sums = (*stated, total(row.answered), mine, total(row.complete))
     return select(*sums, _WANTED.scalar_subquery()).where(_of(bindparam("detection"), bindparam("sensor")))
 
 
-def _progress(vertices: int, marks_wanted: int, answered: int, mine: int, complete: int) -> Progress:
-    return Progress(vertices=vertices, marks_wanted=marks_wanted, answered=answered, mine=mine, complete=complete)
+def _progress(vertices: int, marks_wanted: int, by_machine: int, answered: int, mine: int, complete: int) -> Progress:
+    counts = {"answered": answered, "by_machine": by_machine, "mine": mine, "complete": complete}
+    return Progress(vertices=vertices, marks_wanted=marks_wanted, **counts)
 
 
 def _of(detection_id: Any, sensor_id: Any) -> Any:
@@ -154,6 +166,7 @@ def _touched_statement() -> Select[*tuple[Any, ...]]:
             *(Vertex.id, VertexFrame.sensor_id, Vertex.detection_id, Vertex.apex_id, Vertex.corner),
             *(Recording.marks_per_vertex, Detection.marked_corners),
             has_answered(person).label("answered"),
+            has_machine_mark().label("confirmed"),
             answers_of_others(person).label("others"),
         )
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
@@ -172,8 +185,8 @@ def _changing(dialect: str) -> Any:
 
 def _count(
     session: Session, detection: Detection, camera: Sensor, person_id: UUID, per_vertex: int
-) -> tuple[tuple[int, int, int, int, int], Counter[UUID]]:
-    """The progress (vertices, marks wanted, answered, mine, complete) of all rows, and the answers of each person."""
+) -> tuple[tuple[int, int, int, int, int, int], Counter[UUID]]:
+    """The progress (`_progress`) of all rows, and the answers of each person."""
     is_asked = Vertex.corner.in_(marked_corners(detection))
     vertices = session.scalar(
         select(func.count())
@@ -181,7 +194,10 @@ def _count(
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
         .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id, is_asked)
     )
-    rows = session.execute(answers_of(detection.id, camera.id, Vertex.id, VERDICT.person_id).where(is_asked)).all()
+    by_machine = and_(VERDICT.verdict == "confirmed", MARK.machine_sigma_px.is_not(None))
+    columns = (Vertex.id, VERDICT.person_id, case((by_machine, 1), else_=0))
+    rows = session.execute(answers_of(detection.id, camera.id, *columns).where(is_asked)).all()
     of_vertex, people = Counter(row[0] for row in rows), Counter(row[1] for row in rows)
     complete = sum(count >= per_vertex for count in of_vertex.values())
-    return (vertices or 0, per_vertex, len(of_vertex), people[person_id], complete), people
+    confirmed = len(of_vertex) - len({row[0] for row in rows if not row[2]})
+    return (vertices or 0, per_vertex, confirmed, len(of_vertex), people[person_id], complete), people

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.marking import AnsweredSweeps, PersonAnswers, Tally
 from service.annotations.answer_queries import MARK, VERDICT, answers_of, answers_of_others, has_answered
-from service.annotations.consensus import Opinion
+from service.annotations.consensus import MACHINE, MachineShare, Opinion
 from service.platform.db.annotations import Disclosure
 from service.platform.db.detections import Vertex, VertexFrame
 from service.platform.db.people import Person
@@ -20,14 +20,13 @@ from service.platform.db.people import Person
 def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
     """What people said of a detection's vertices in one camera, in numbers."""
     reviewed = func.sum(case((is_reviewed(), 1), else_=0))
-    answers = session.execute(
-        answers_of(detection_id, camera_id, VERDICT.person_id, VERDICT.verdict, func.count(), reviewed).group_by(
-            VERDICT.person_id, VERDICT.verdict
-        )
-    ).all()
+    by_machine = func.sum(case((MARK.machine_sigma_px.is_not(None), 1), else_=0))
+    columns = (VERDICT.person_id, VERDICT.verdict, func.count(), reviewed, by_machine)
+    statement = answers_of(detection_id, camera_id, *columns).group_by(VERDICT.person_id, VERDICT.verdict)
+    answers = session.execute(statement).all()
     verdicts: Counter[str] = Counter()
     people: Counter[UUID] = Counter()
-    for person, verdict, count, _ in answers:
+    for person, verdict, count, *_ in answers:
         verdicts[verdict] += count
         people[person] += count
     names = session.execute(select(Person.id, Person.name).where(Person.id.in_(list(people))).order_by(Person.name))
@@ -36,7 +35,7 @@ def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
         confirmed=verdicts["confirmed"],
         rejected=verdicts["rejected"],
         unsure=verdicts["unsure"],
-        marks=verdicts["confirmed"],
+        marks=verdicts["confirmed"] - sum(int(row[4]) for row in answers if row[1] == "confirmed"),
         reviewed=sum(int(row[3]) for row in answers),
         people=[PersonAnswers(name=name, answers=people[person]) for person, name in names],
     )
@@ -54,14 +53,25 @@ def answered_sweeps(session: Session, detection_id: UUID, camera_id: UUID, perso
 
 
 def opinions_of(session: Session, detection_id: UUID, camera_id: UUID) -> dict[UUID, list[Opinion]]:
-    """Everybody's opinions on each vertex of a detection, in one camera."""
+    """Everybody's opinions on each judged vertex of a detection, in one camera.
+
+    Whoever confirmed the machine's mark has an opinion without a mark: the mark is the machine's opinion, one of a
+    vertex, however many confirmed it.
+    """
     opinions: dict[UUID, list[Opinion]] = defaultdict(list)
-    statement = answers_of(
-        *(detection_id, camera_id, Vertex.id, VERDICT.verdict, MARK.u, MARK.v, is_reviewed(), VERDICT.person_id)
-    )
-    for vertex_id, verdict, u, v, reviewed, person in session.execute(statement):
+    columns = (Vertex.id, VERDICT.verdict, MARK.u, MARK.v, MARK.machine_sigma_px, MARK.crop_side_px)
+    # The newest of the machine's marks last: another run of it may have moved one.
+    statement = answers_of(detection_id, camera_id, *columns, is_reviewed(), VERDICT.person_id).order_by(MARK.id)
+    machine: dict[UUID, Opinion] = {}
+    for vertex_id, verdict, u, v, sigma_px, side_px, reviewed, person in session.execute(statement):
         mark = (u, v) if verdict == "confirmed" else None
+        if mark and sigma_px is not None:
+            share = MachineShare(sigma_px, side_px)
+            machine[vertex_id] = Opinion(verdict, mark, person=MACHINE, machine=share)
+            mark = None
         opinions[vertex_id].append(Opinion(verdict, mark, reviewed=bool(reviewed), person=person))
+    for vertex_id, opinion in machine.items():
+        opinions[vertex_id].append(opinion)
     return opinions
 
 

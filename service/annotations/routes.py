@@ -26,7 +26,7 @@ from service.annotations.locks import lock_person
 from service.annotations.progress_actions import read_progress
 from service.annotations.progress_queries import answered_sweeps, tally, visible_answers
 from service.annotations.task_actions import next_tasks
-from service.annotations.views import Subject, find_subject, mark_view, task_view
+from service.annotations.views import Subject, find_subject, is_machine, mark_view, task_view
 from service.detections.queries import done_detection
 from service.platform.auth.access import Access, ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
@@ -133,9 +133,10 @@ def list_marks(
             own=verdict.person_id == access.person.id,
             verdict=verdict.verdict,
             frame_index=frame_index,
-            mark=mark_view(mark) if verdict.verdict == "confirmed" else None,
+            mark=mark_view(mark) if verdict.verdict == "confirmed" and (everyone or not is_machine(mark)) else None,
             reviewed=reviewed,
             told_at=told_at,
+            is_machine=verdict.verdict == "confirmed" and is_machine(mark),
             corner=corner,
         )
         for verdict, vertex_id, frame_index, mark, name, reviewed, told_at, _, corner in rows

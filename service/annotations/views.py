@@ -36,6 +36,7 @@ class Said(NamedTuple):
     v: float | None
     sensor_id: UUID
     frame_index: int
+    machine_sigma_px: float | None
 
 
 class FrameFacts(NamedTuple):
@@ -170,6 +171,11 @@ def mark_view(mark: Answer) -> MarkView:
     return MarkView(u=mark.u, v=mark.v, version=mark.version)
 
 
+def is_machine(answer: Answer | Said) -> bool:
+    """Whether an answer's mark is the machine's, which the person confirmed."""
+    return answer.machine_sigma_px is not None
+
+
 def task_view(subject: Subject) -> TaskView:
     """A person's task, with all that is needed to judge it and nothing of what others said."""
     frame, address = subject.frame, f"/v1/recordings/{subject.recording_id}/cameras/{quote(subject.camera, safe='')}"
@@ -192,6 +198,8 @@ def own_answer(subject: Subject) -> Own:
     last, mark = subject.last, subject.mark
     if mark is None and last is not None and last.frame_index == subject.frame.frame_index:
         mark = last
+    if mark is not None and is_machine(mark):
+        mark = None  # its pixel would tell which crops are shifted
     # Without a version: the verdict of an answer in another camera.
     answer = last or subject.verdict
     u, v = (mark.u, mark.v) if mark else (None, None)

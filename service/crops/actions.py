@@ -7,7 +7,7 @@ same moment come one after the other too, and get other marks.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import timedelta
+from datetime import datetime, timedelta
 from random import SystemRandom
 from uuid import UUID
 
@@ -15,13 +15,22 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import CornerName
-from apexcal.documents.crops import LEAST_MARKS, CropAnswer, CropSheet, CropVerdict, CropView, side_of
+from apexcal.documents.crops import LEAST_MARKS, CropAnswer, CropSheet, CropVerdict, CropView, expected_pixel, side_of
 from apexcal.documents.machine_marks import TILE_COLUMNS
 from service.annotations.disclosure_actions import DisclosureKey, keep
 from service.annotations.locks import lock_person
 from service.annotations.progress_queries import opinions_of
+from service.crops.confirmation_actions import keep_outcome
 from service.crops.pictures import image_of, room_in, tile_of
-from service.crops.queries import PageOutcome, judgements, marks_of, newest_marks, outcome_of, progress_of
+from service.crops.queries import (
+    PageOutcome,
+    has_hand_answer,
+    judgements,
+    marks_of,
+    newest_marks,
+    outcome_of,
+    progress_of,
+)
 from service.crops.shifts import DrawnCrop, ShownMark, draw_page
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis
@@ -60,17 +69,9 @@ def next_page(session: Session, detection: Detection, camera: Sensor, person_id:
         raise _too_few(progress.marks)
     if progress.blind_needed:
         raise _blind_first(progress.blind_needed)
-    others = session.scalars(unanswered.where(CropPage.created_at > clock - _AWAY))
-    elsewhere = {UUID(crop["vertex_id"]) for page in others for crop in page.crops}
-    rows = {UUID(row["vertex_id"]): row for row in marks_of(analysis) if row["reason"] is None}
-    drawn = _draw(session, analysis, camera, {key: row for key, row in rows.items() if key not in elsewhere})
-    if not drawn:
+    crops = _failed(session, analysis, person_id) or _new_crops(session, analysis, camera, clock - _AWAY)
+    if not crops:
         return None
-    crops: list[Json] = [
-        {"vertex_id": str(mark.vertex_id), "u": u, "v": v, "side_px": mark.side_px, "shifted": shifted}
-        | {name: rows[mark.vertex_id].get(name) for name in TILE_COLUMNS}
-        for mark, u, v, shifted in drawn
-    ]
     of = {"detection_id": detection.id, "analysis_id": analysis.id, "sensor_id": camera.id, "person_id": person_id}
     page = CropPage(**of, crops=crops)
     session.add(page)
@@ -78,20 +79,49 @@ def next_page(session: Session, detection: Detection, camera: Sensor, person_id:
     return page
 
 
+def _failed(session: Session, analysis: Analysis, person_id: UUID) -> list[Json]:
+    """The crops of the person's last page, if it was not accepted, in another order.
+
+    They are drawn where they were: of a crop that moved, everybody would know that one of both is shifted.
+    """
+    own = select(CropPage).where(CropPage.analysis_id == analysis.id, CropPage.person_id == person_id)
+    last = session.scalar(own.order_by(CropPage.answered_at.desc(), CropPage.id.desc()).limit(1))
+    if last is None or outcome_of(last).accepted:
+        return []
+    return SystemRandom().sample(last.crops, len(last.crops))
+
+
+def _new_crops(session: Session, analysis: Analysis, camera: Sensor, away: datetime) -> list[Json]:
+    """Crops of a page that nobody has now; of those who got one before ``away`` nobody waits for the answer."""
+    unanswered = select(CropPage).where(CropPage.analysis_id == analysis.id, CropPage.answered_at.is_(None))
+    others = session.scalars(unanswered.where(CropPage.created_at > away))
+    elsewhere = {UUID(crop["vertex_id"]) for page in others for crop in page.crops}
+    rows = {UUID(row["vertex_id"]): row for row in marks_of(analysis) if row["reason"] is None}
+    drawn = _draw(session, analysis, camera, {key: row for key, row in rows.items() if key not in elsewhere})
+    return [
+        # The digits of both alike: those of the machine's own could be fewer.
+        {"vertex_id": str(mark.vertex_id), "side_px": mark.side_px, "shifted": shifted}
+        | {"u": round(u, 3), "v": round(v, 3)}
+        | {name: rows[mark.vertex_id].get(name) for name in TILE_COLUMNS}
+        for mark, u, v, shifted in drawn
+    ]
+
+
 def _draw(session: Session, analysis: Analysis, camera: Sensor, marks: dict[UUID, Json]) -> list[DrawnCrop]:
     assert analysis.detection_id is not None
-    judged = judgements(session, analysis.id)
+    judged = judgements(session, camera.id, analysis.id)
     answered = opinions_of(session, analysis.detection_id, camera.id)
     unjudged: list[ShownMark] = []
     confirmed: list[ShownMark] = []
     for vertex_id, (_, _, width, height) in _frames(session, camera, list(marks)).items():
-        if vertex_id in answered or judged.is_rejected(vertex_id):
+        opinions = answered.get(vertex_id, [])
+        if has_hand_answer(opinions) or (not opinions and judged.is_rejected(vertex_id)):
             continue
         mark = marks[vertex_id]
         side_px = side_of(mark["edge_px"])
         room = room_in(tile_of(mark), side_px, width, height)
-        shown = ShownMark(vertex_id, mark["u"], mark["v"], side_px, room)
-        (confirmed if judged.is_confirmed(vertex_id) else unjudged).append(shown)
+        shown = ShownMark(vertex_id, mark["u"], mark["v"], side_px, *expected_pixel(mark), room)
+        (confirmed if opinions else unjudged).append(shown)
     return draw_page(unjudged, confirmed, SystemRandom()) if unjudged else []
 
 
@@ -161,10 +191,13 @@ def judge(session: Session, page: CropPage, answer: CropAnswer) -> CropVerdict:
         raise unprocessable(
             "not_on_page", f"The vertex {min(strange)} is not on this page.", "Name vertices of the page's own crops."
         )
+    camera, analysis = session.get_one(Sensor, page.sensor_id), session.get_one(Analysis, page.analysis_id)
     if page.answered_at is None:
         page.answer_id, page.wrong = answer.id, wrong
         page.answered_at = lock_person(session, page.person_id)
         session.flush()
+        if outcome_of(page).accepted:
+            keep_outcome(session, page, outcome_of(page), camera)
     elif page.answer_id != answer.id:
         raise conflict(
             "page_answered",
@@ -178,7 +211,6 @@ def judge(session: Session, page: CropPage, answer: CropAnswer) -> CropVerdict:
             "Make a new random id for each answer; send the same id only with the same answer.",
         )
     outcome = outcome_of(page)
-    camera, analysis = session.get_one(Sensor, page.sensor_id), session.get_one(Analysis, page.analysis_id)
     return CropVerdict(
         id=answer.id,
         accepted=outcome.accepted,
@@ -197,7 +229,7 @@ def _sentence(outcome: PageOutcome, *, accepts_all: bool) -> str:
         how = "You accepted every mark of the page" if accepts_all else f"You accepted {missed} wrong marks"
         return (
             f"{how}, but the service had shifted {shifted} of them on purpose. Nothing was confirmed. Look at each "
-            "crop: the page comes again with other shifts."
+            "crop: the page comes again."
         )
     rejected = f", {len(outcome.rejected)} rejected" if outcome.rejected else ""
     if missed:

@@ -7,14 +7,14 @@ from typing import Final
 from urllib.parse import quote
 from uuid import UUID
 
-from apexcal.documents.crops import SHIFT_SHARES, CropImage
+from apexcal.documents.crops import CropImage
 from apexcal.documents.machine_marks import TILE_COLUMNS
 from service.crops.shifts import Room
 from service.platform.db.base import Json
 from service.platform.db.recordings import Sensor
 
 # A crop about a mark at the edge of the room reaches so many sides into the tile.
-_INSIDE: Final = 0.5 + SHIFT_SHARES[1]
+_INSIDE: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)

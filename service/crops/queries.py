@@ -5,13 +5,19 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from dataclasses import dataclass
-from random import Random
 from uuid import UUID
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.crops import LEAST_MARKS, SHIFT_SHARES, CropProgress, ExpectedCorner, side_of
+from apexcal.documents.crops import (
+    LEAST_MARKS,
+    MOST_SHIFT_SHARE,
+    CropProgress,
+    ExpectedCorner,
+    expected_pixel,
+    side_of,
+)
 from service.annotations.consensus import Opinion
 from service.annotations.progress_queries import opinions_of
 from service.crops.shifts import MOST_MISSED
@@ -52,17 +58,15 @@ def expected_corners(session: Session, detection_id: UUID, camera: str) -> list[
 
 
 def _expected(mark: Json) -> ExpectedCorner:
-    # Who does not know the mark cannot undo what its own digits make.
-    random = Random(str(mark))
-    most_px = SHIFT_SHARES[1] * side_of(mark["edge_px"])
-    length, angle = most_px * math.sqrt(random.random()), math.tau * random.random()
+    u, v = expected_pixel(mark)
     sigma_px = math.hypot(_LEAST_SIGMA_PX, max(mark["sigma_u"], mark["sigma_v"]))
-    return ExpectedCorner(
-        vertex_id=mark["vertex_id"],
-        u=mark["u"] + length * math.cos(angle),
-        v=mark["v"] + length * math.sin(angle),
-        within_px=most_px + _ONCE_IN_A_THOUSAND * sigma_px,
-    )
+    within_px = MOST_SHIFT_SHARE * side_of(mark["edge_px"]) + _ONCE_IN_A_THOUSAND * sigma_px
+    return ExpectedCorner(vertex_id=mark["vertex_id"], u=u, v=v, within_px=within_px)
+
+
+def mean_sigma_px(mark: Json) -> float:
+    """Deviation of a coordinate (px), the root mean square of both."""
+    return (0.5 * (mark["sigma_u"] ** 2 + mark["sigma_v"] ** 2)) ** 0.5
 
 
 @dataclass(frozen=True)
@@ -114,11 +118,16 @@ class Judgements:
         return wrong_rate(sum(map(self.is_rejected, judged)), len(judged), self.counts.values())
 
 
-def judgements(session: Session, analysis_id: UUID) -> Judgements:
-    """What people said of an analysis's marks; of two answers of a person the later one counts."""
+def judgements(session: Session, camera_id: UUID, analysis_id: UUID | None = None) -> Judgements:
+    """What people said on a camera's pages of crops, of all its marks or of an analysis's.
+
+    Of two answers of a person the later one counts.
+    """
     says: dict[UUID, dict[UUID, bool]] = defaultdict(dict)
     counts: defaultdict[UUID, ShiftCount] = defaultdict(ShiftCount)
-    answered = select(CropPage).where(CropPage.analysis_id == analysis_id, CropPage.answered_at.is_not(None))
+    answered = select(CropPage).where(CropPage.sensor_id == camera_id, CropPage.answered_at.is_not(None))
+    if analysis_id is not None:
+        answered = answered.where(CropPage.analysis_id == analysis_id)
     for page in session.scalars(answered.order_by(CropPage.answered_at, CropPage.id)):
         outcome, before = outcome_of(page), counts[page.person_id]
         counts[page.person_id] = ShiftCount(
@@ -138,10 +147,15 @@ def _saying(by: dict[UUID, bool], side: bool) -> set[UUID]:
 
 
 def blind_opinions(opinions: list[Opinion]) -> list[Opinion]:
-    """Those with a mark whose person knew nothing of others'."""
-    return [
-        opinion for opinion in opinions if opinion.verdict == "confirmed" and opinion.mark and not opinion.reviewed
-    ]
+    """Those with a mark by hand whose person knew nothing of others'."""
+    by_hand = [opinion for opinion in opinions if opinion.verdict == "confirmed" and not opinion.machine]
+    return [opinion for opinion in by_hand if opinion.mark and not opinion.reviewed]
+
+
+def has_hand_answer(opinions: list[Opinion]) -> bool:
+    """Whether somebody judged the vertex by hand; without, whoever has an opinion confirmed the machine's mark."""
+    by_hand = [opinion for opinion in opinions if not opinion.machine]
+    return any(opinion.mark or opinion.verdict != "confirmed" for opinion in by_hand)
 
 
 def progress_of(session: Session, analysis: Analysis | None, camera: Sensor) -> CropProgress:
@@ -149,21 +163,18 @@ def progress_of(session: Session, analysis: Analysis | None, camera: Sensor) -> 
     if analysis is None or analysis.detection_id is None:
         return CropProgress(marks=0, judged=0, blind_needed=0, next_blind=None, unmarked=0, next_unmarked=None)
     opinions = opinions_of(session, analysis.detection_id, camera.id)
-    by_people = judgements(session, analysis.id)
+    by_people = judgements(session, camera.id, analysis.id)
     marked: list[UUID] = []
     others: list[UUID] = []
     for mark in marks_of(analysis):
         (marked if mark["reason"] is None else others).append(UUID(mark["vertex_id"]))
-    rejected = [vertex_id for vertex_id in marked if by_people.is_rejected(vertex_id)]
-    unmarked = [vertex_id for vertex_id in [*rejected, *others] if vertex_id not in opinions]
+    rejected = [vertex_id for vertex_id in marked if by_people.is_rejected(vertex_id) and vertex_id not in opinions]
+    unmarked = [*rejected, *(vertex_id for vertex_id in others if vertex_id not in opinions)]
     blind = sum(bool(blind_opinions(opinions.get(vertex_id, []))) for vertex_id in marked)
     enough = min(LEAST_BLIND, len(marked)) if len(marked) >= LEAST_MARKS else 0
     return CropProgress(
         marks=len(marked),
-        judged=sum(
-            vertex_id in opinions or by_people.is_confirmed(vertex_id) or by_people.is_rejected(vertex_id)
-            for vertex_id in marked
-        ),
+        judged=sum(vertex_id in opinions for vertex_id in marked) + len(rejected),
         blind_needed=max(0, enough - blind),
         next_blind=next((vertex_id for vertex_id in marked if vertex_id not in opinions), None),
         unmarked=len(unmarked),

@@ -5,6 +5,7 @@ Whoever accepts all marks without a look accepts the shifted ones too, and is to
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,14 +13,17 @@ from random import Random
 from typing import Final, NamedTuple
 from uuid import UUID
 
-from apexcal.documents.crops import CROPS_PER_PAGE, LEAST_SHIFTED, SHIFT_SHARES
+from apexcal.documents.crops import CROPS_PER_PAGE, LEAST_SHIFT_PX, LEAST_SHIFTED, MOST_SHIFT_SHARE
 
 _MORE_SHIFTED: Final = 4  # so many numbers are alike likely: whoever has seen three cannot stop looking
 MOST_MISSED: Final = 2  # a page on which so many were missed is asked again
-_LEAST_SHARE, _MOST_SHARE = SHIFT_SHARES
-MISSED_SHARE: Final = math.sqrt((_MOST_SHARE**3 - _LEAST_SHARE**3) / (6.0 * (_MOST_SHARE - _LEAST_SHARE)))
-"""Root mean square of a shift's coordinate over the crop's side: E[s^2] / 2 of lengths alike likely in between."""
-_TRIES: Final = 64  # an eighth of the shifts stays within the room even from its corner
+_TRIES: Final = 64  # of the lengths and both turns, where the frame's edge is near
+
+
+def shift_px(side_px: float) -> float:
+    """Return the root mean square of a shift's coordinate (px): E[s^2] / 2 of lengths alike likely in between."""
+    least, most = LEAST_SHIFT_PX, MOST_SHIFT_SHARE * side_px
+    return math.sqrt((most**3 - least**3) / (6.0 * (most - least)))
 
 
 Room = tuple[tuple[float, float], tuple[float, float]]
@@ -29,13 +33,16 @@ Room = tuple[tuple[float, float], tuple[float, float]]
 class ShownMark:
     """A mark of the machine as a crop may show it: its pixel and the crop's side.
 
-    ``room``: least and largest u, then v, at which its picture can show a mark. The true one too lies anywhere in it.
+    ``expected_u``, ``expected_v``: the pixel about which it is expected, which people may know.
+    ``room``: least and largest u, then v, at which its picture can show a mark.
     """
 
     vertex_id: UUID
     u: float
     v: float
     side_px: float
+    expected_u: float
+    expected_v: float
     room: Room
 
 
@@ -52,26 +59,33 @@ def draw_page(unjudged: Sequence[ShownMark], confirmed: Sequence[ShownMark], ran
     """Return the crops of a page in random order, at least `LEAST_SHIFTED` of them shifted.
 
     ``unjudged`` marks need a look, and a shifted one needs another one later. If they do not fill a page,
-    ``confirmed`` ones do, and these are shifted first, so that the last page is the last.
+    ``confirmed`` ones do. Each is shifted alike often: who knows which were confirmed knows nothing.
     """
-    chosen = random.sample(unjudged, min(len(unjudged), CROPS_PER_PAGE))
-    fillers = random.sample(confirmed, min(len(confirmed), CROPS_PER_PAGE - len(chosen)))
-    count = min(
-        LEAST_SHIFTED + random.randrange(_MORE_SHIFTED), max(LEAST_SHIFTED, (len(chosen) + len(fillers)) // 2)
-    )
-    controls = [*fillers, *chosen][:count]
-    drawn = [_shifted(mark, random) for mark in controls]
-    drawn += [DrawnCrop(mark, mark.u, mark.v, shifted=False) for mark in [*fillers, *chosen][count:]]
+    marks = random.sample(unjudged, min(len(unjudged), CROPS_PER_PAGE))
+    marks += random.sample(confirmed, min(len(confirmed), CROPS_PER_PAGE - len(marks)))
+    count = min(LEAST_SHIFTED + random.randrange(_MORE_SHIFTED), max(LEAST_SHIFTED, len(marks) // 2))
+    random.shuffle(marks)
+    drawn: list[DrawnCrop] = []
+    for mark in marks:
+        shifted = _shifted(mark, random) if sum(crop.shifted for crop in drawn) < count else None
+        drawn.append(shifted or DrawnCrop(mark, mark.u, mark.v, shifted=False))
     random.shuffle(drawn)
     return drawn
 
 
-def _shifted(mark: ShownMark, random: Random) -> DrawnCrop:
+def _shifted(mark: ShownMark, random: Random) -> DrawnCrop | None:
+    """Turn the mark about the pixel where it is expected; None where all that is left is outside of the frame.
+
+    A turn about a point, by any angle, of points in all directions of it gives points in all directions of it: where
+    it is drawn says nothing of whether it was turned.
+    """
     (left, right), (top, bottom) = mark.room
-    u, v = mark.u, mark.v
+    centre = complex(mark.expected_u, mark.expected_v)
+    arm = complex(mark.u, mark.v) - centre
     for _ in range(_TRIES):
-        angle, length = random.uniform(0.0, math.tau), mark.side_px * random.uniform(*SHIFT_SHARES)
-        u, v = mark.u + length * math.cos(angle), mark.v + length * math.sin(angle)
-        if left <= u <= right and top <= v <= bottom:
-            break
-    return DrawnCrop(mark, u, v, shifted=True)
+        length = random.uniform(LEAST_SHIFT_PX, MOST_SHIFT_SHARE * mark.side_px)
+        angle = random.choice((-2.0, 2.0)) * math.asin(min(1.0, 0.5 * length / abs(arm)))
+        drawn = centre + arm * cmath.rect(1.0, angle)
+        if left <= drawn.real <= right and top <= drawn.imag <= bottom:
+            return DrawnCrop(mark, drawn.real, drawn.imag, shifted=True)
+    return None

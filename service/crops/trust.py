@@ -15,7 +15,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from service.crops.shifts import MISSED_SHARE
+from service.crops.shifts import shift_px
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,4 +49,4 @@ def wrong_rate(rejected: int, judged: int, counts: Iterable[ShiftCount]) -> floa
 def widened_px(sigma_px: float, side_px: float, wrong: float, miss_rates: Iterable[float]) -> float:
     """Return the deviation (px per coordinate) of a mark that people of these miss rates confirmed."""
     missed = wrong * math.prod(miss_rates)
-    return math.hypot(sigma_px, math.sqrt(missed / (missed + 1.0 - wrong)) * MISSED_SHARE * side_px)
+    return math.hypot(sigma_px, math.sqrt(missed / (missed + 1.0 - wrong)) * shift_px(side_px))

@@ -65,13 +65,11 @@ def build(
     """
     per_vertex = session.get_one(Recording, detection.recording_id).marks_per_vertex
     opinions = opinions_of(session, detection.id, camera.id)
-    machine = machine_opinions(session, detection.id, camera.name, unconfirmed=machine_marks)
+    machine = machine_opinions(session, detection.id, camera, opinions)
     of_machine = {vertex_id: _of_machine(mark, opinions.get(vertex_id, [])) for vertex_id, mark in machine.items()}
     for vertex_id, mark in machine.items():
-        if mark.is_counted:
-            of_people = opinions.setdefault(vertex_id, [])
-            who = {opinion.person for opinion in of_people}
-            of_people += [mark.opinion, *(extra for extra in mark.confirmations if extra.person not in who)]
+        if machine_marks and not mark.confirmations:
+            opinions.setdefault(vertex_id, []).append(mark.opinion)
     everything = session.execute(
         select(Vertex, VertexFrame)
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
@@ -127,10 +125,10 @@ _NOT_OF_MACHINE: dict[str, Any] = {MACHINE: False, CONFIRMED: 0, MARK_SIGMA: Non
 
 
 def _of_machine(mark: MachineOpinion, of_people: list[Opinion]) -> dict[str, Any]:
-    """The columns of a pair that has a mark of the machine; ``of_people``: people's opinions of its vertex."""
+    """The columns of a pair that has a mark of the machine; ``of_people``: all opinions of its vertex."""
     columns = dict(_NOT_OF_MACHINE)
-    if not any(opinion.mark for opinion in of_people):
-        columns |= {MACHINE: True, CONFIRMED: len(mark.confirmations), MARK_SIGMA: mark.sigma_px}
+    if not any(opinion.mark for opinion in of_people if not opinion.machine):
+        columns |= {MACHINE: True, CONFIRMED: mark.confirmations, MARK_SIGMA: mark.sigma_px}
     blind = [opinion.mark for opinion in blind_opinions(of_people) if opinion.mark]
     if blind and mark.opinion.mark:
         columns[MACHINE_OFF] = [a - b for a, b in zip(mark.opinion.mark, combine(blind), strict=True)]

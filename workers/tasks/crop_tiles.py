@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -10,15 +9,13 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from apexcal.documents.crops import SHIFT_SHARES, side_of
+from apexcal.documents.crops import MOST_SHIFT_SHARE, expected_pixel, side_of
 from apexcal.documents.machine_marks import TILE_COLUMNS
 from workers.marks.sights import Image
 from workers.readers.images.deep_images import shown_levels
 
-_REACH: Final = SHIFT_SHARES[1]
-"""The tile's middle is off the mark by up to so many sides, like a shifted mark is: the middle tells nothing."""
-_HALF: Final = 0.5 + 2.0 * _REACH
-"""Half of a tile over the crop's side: half a crop about a mark that is shifted in a tile that is off."""
+_HALF: Final = 0.5 + MOST_SHIFT_SHARE
+"""Half of a tile over the crop's side: half a crop about a mark, shifted or not, that is off the tile's middle."""
 
 
 def write_tiles(
@@ -38,9 +35,8 @@ def write_tiles(
             if image.dtype == np.uint16:
                 image = shown_levels(image.astype(np.uint16, copy=False))
             side = side_of(row["edge_px"])
-            (left, right), (top, bottom) = (
-                _span(row[axis], side, size) for axis, size in (("u", image.shape[1]), ("v", image.shape[0]))
-            )
+            u, v = expected_pixel(row)
+            (left, right), (top, bottom) = (_span(u, side, image.shape[1]), _span(v, side, image.shape[0]))
             data = cv2.imencode(".png", np.ascontiguousarray(image[top:bottom, left:right]))[1].tobytes()
             out.write(data)
             span = (left, top, right - left, bottom - top, offset, len(data))
@@ -48,7 +44,6 @@ def write_tiles(
             offset += len(data)
 
 
-def _span(mark: float, side: float, size: int) -> tuple[int, int]:
-    """The first pixel of a tile along one axis, and the one behind its last. Nobody can guess where its middle is."""
-    middle = mark + side * _REACH * secrets.SystemRandom().uniform(-1.0, 1.0)
+def _span(middle: float, side: float, size: int) -> tuple[int, int]:
+    """The first pixel of a tile along one axis, and the one behind its last."""
     return max(0, int(middle - _HALF * side)), min(size, int(np.ceil(middle + _HALF * side)) + 1)

@@ -20,6 +20,9 @@ class Answer(Dated):
     The client makes an answer's ``id``: one that is sent twice is one. ``version`` grows with what the person says
     there. ``reviewed``: something of others' answers had been told to the person before.
 
+    A mark with ``machine_sigma_px`` is the machine's, which the person confirmed on a page of crops: its deviation
+    (px per coordinate), and the side of the crop that they saw (``crop_side_px``).
+
     ``is_mark`` and ``is_verdict`` are what changes: which row's pixel is the person's mark of the corner in the frame
     now, and which row's verdict is theirs on the apex, in all cameras.
     """
@@ -45,6 +48,8 @@ class Answer(Dated):
     verdict: Mapped[str | None] = mapped_column(String(20))
     u: Mapped[float | None]
     v: Mapped[float | None]
+    machine_sigma_px: Mapped[float | None]
+    crop_side_px: Mapped[float | None]
     reviewed: Mapped[bool] = mapped_column(insert_default=False)
     is_mark: Mapped[bool] = mapped_column(insert_default=False)
     is_verdict: Mapped[bool] = mapped_column(insert_default=False)
@@ -105,6 +110,7 @@ class MarkingProgress(Base):
     """Counters of a detection's marking in one camera; its progress is the sum of its rows.
 
     Each person has a row, so that two who answer never wait for each other. ``mine`` counts the person's vertices.
+    ``by_machine`` stands beside ``vertices``: whatever changes it removes the rows.
     ``answered`` and ``complete`` are what was counted when ``vertices`` was set, in one of the rows, plus what each
     person's answers changed since. Without a row that has ``vertices``, and ``marks_wanted`` as the recording has it
     now, everything is counted again.
@@ -115,6 +121,7 @@ class MarkingProgress(Base):
     person_id: Mapped[UUID] = belongs_to("person.id", primary_key=True)
     vertices: Mapped[int | None]
     marks_wanted: Mapped[int | None]
+    by_machine: Mapped[int | None]
     answered: Mapped[int]
     complete: Mapped[int]
     mine: Mapped[int]

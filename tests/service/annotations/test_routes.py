@@ -185,7 +185,7 @@ def test_progress_counts_vertices_and_answers(api, fleet):
     for person, number, verdict, mark in said:
         seed_answer(api.database, seed, person.person_id, number, verdict, mark)
     progress = one.get(f"/detections/{seed.detection_id}/progress?camera=front").json()
-    assert progress == {"vertices": 4, "marks_wanted": 2, "answered": 3, "mine": 3, "complete": 1}
+    assert progress == {"vertices": 4, "marks_wanted": 2, "answered": 3, "by_machine": 0, "mine": 3, "complete": 1}
     answered = two.get(f"/detections/{seed.detection_id}/answered?camera=front").json()
     assert [len(sweeps) for sweeps in answered.values()] == [3, 1] and set(answered["mine"]) < set(answered["sweeps"])
     tally = api.member(fleet, "reviewer").get(f"/detections/{seed.detection_id}/tally?camera=front").json()
@@ -199,7 +199,7 @@ def test_progress_counts_vertices_and_answers(api, fleet):
         "people": [{"name": "one", "answers": 3}, {"name": "two", "answers": 1}],
     }
     told = reply(one, ask(one, seed)).json()["progress"]
-    assert told == {"vertices": 4, "marks_wanted": 2, "answered": 4, "mine": 4, "complete": 1}
+    assert told == {"vertices": 4, "marks_wanted": 2, "answered": 4, "by_machine": 0, "mine": 4, "complete": 1}
     assert told == one.get(f"/detections/{seed.detection_id}/progress?camera=front").json()
 
 

@@ -35,10 +35,11 @@ def test_they_lie_about_the_machines_marks_always_alike_and_tell_nothing_of_peop
         # A good mark with a deviation of a pixel lies outside once in a thousand.
         beside = 3.717 * math.hypot(1.0, SIGMA_PX)
         assert math.hypot(*offsets[-1]) + beside <= one["within_px"] + 1e-3
-    # Everywhere alike likely in a disc of a quarter of the crop's side, 15 px: so are areas and directions.
-    assert all(math.hypot(*one) <= 15.0 for one in offsets)
+    # Alike likely anywhere in a ring of an eighth to a quarter of the crop's side, 7.5 to 15 px.
     areas, turns = [(math.hypot(*one) / 15.0) ** 2 for one in offsets], [math.atan2(*one) for one in offsets]
-    assert off_uniform(areas) < ONCE_IN_TEN_MILLION / math.sqrt(300), "the machine's mark is told or all too far"
+    assert all(0.25 - 1e-9 <= area <= 1.0 + 1e-9 for area in areas)
+    shares = [(area - 0.25) / 0.75 for area in areas]
+    assert off_uniform(shares) < ONCE_IN_TEN_MILLION / math.sqrt(300), "the machine's mark is told or all too far"
     assert off_uniform([turn / math.tau + 0.5 for turn in turns]) < ONCE_IN_TEN_MILLION / math.sqrt(300)
     # Within a millionth of a pixel of one another by chance: once in 10^11 runs.
     assert all(math.dist(a, b) > 1e-6 for a, b in pairwise(offsets))

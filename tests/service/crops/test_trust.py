@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from service.crops.shifts import MISSED_SHARE
+from service.crops.shifts import shift_px
 from service.crops.trust import ShiftCount, widened_px, wrong_rate
 
 
@@ -24,7 +24,7 @@ def test_the_deviation_is_that_of_marks_of_which_some_are_wrong_and_were_accepte
         is_wrong = draw.random() < p
         if is_wrong and draw.random() >= m:
             continue  # seen and rejected
-        squares.append((draw.gauss(0.0, sigma) + (draw.gauss(0.0, MISSED_SHARE * side) if is_wrong else 0.0)) ** 2)
+        squares.append((draw.gauss(0.0, sigma) + (draw.gauss(0.0, shift_px(side)) if is_wrong else 0.0)) ** 2)
     root = (sum(squares) / len(squares)) ** 0.5
     assert widened_px(sigma, side, p, [m]) == pytest.approx(root, rel=0.02)
 
