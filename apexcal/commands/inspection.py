@@ -27,9 +27,12 @@ from apexcal.commands.recordings import (
     reading_of,
 )
 from apexcal.commands.session import Reply
+from apexcal.commands.stated_files import lens_files
 from apexcal.commands.terminal import FAILED, USAGE, check_target, note, write_content
 from apexcal.documents.inspections import InspectedSensor, Inspection
 from apexcal.documents.rig_proposals import RigProposal
+
+_OF_LENSES = ("no_camera_info", "lens_not_stated", "lens_not_used", "lens_not_plausible")
 
 
 def inspect(
@@ -64,12 +67,24 @@ def inspect(
     inspection = inspect_file(path, reading, answers_of(frame, looks, joint), urdf)
     if not isinstance(inspection, Inspection):
         refuse(inspection, f"apexcal inspect {path}")
+    inspection = _with_lens_files(inspection, path)
     Reply(inspection, _text(inspection)).print(as_json=as_json)
     if rig_out and inspection.proposal:
         rig = inspection.proposal.rig.model_dump(mode="json", exclude_none=True)
         write_content(rig_out, json.dumps(rig, indent=2, ensure_ascii=False) + "\n")
         note(f"Wrote {rig_out}. Give it with --rig, or add it with `apexcal rig {rig_out}`.")
     raise typer.Exit(USAGE if not inspection.calibratable else FAILED if inspection.faults else 0)
+
+
+def _with_lens_files(inspection: Inspection, path: Path) -> Inspection:
+    """Say of a lens that the recording does not state which files may state it: the service reads them."""
+    listed = ", ".join(file.name for file in lens_files(path))
+    remedy = f"`apexcal upload` and `apexcal solve` read {listed}: is the lens of this camera in it?"
+    faults = [
+        fault.model_copy(update={"remedy": remedy}) if listed and fault.code in _OF_LENSES else fault
+        for fault in inspection.faults
+    ]
+    return inspection.model_copy(update={"faults": faults})
 
 
 def _text(inspection: Inspection) -> str:

@@ -152,6 +152,14 @@ def test_a_good_walk_lacks_nothing_and_is_told_as_it_is(walk, tmp_path):
     assert shown.returncode == 0 and f"It can calibrate {camera.name}." in shown.stdout
 
 
+def test_a_file_beside_that_may_state_the_lens_is_named(walk, tmp_path):
+    path = write(tmp_path / "walk.bag", [message for message in walk if message[1] != INFO])
+    (tmp_path / "camera_info.yaml").write_text("image_width: 640\n")
+    told = Inspection.model_validate_json(apexcal("inspect", path, "--json").stdout)
+    assert [fault.code for fault in told.faults] == ["no_camera_info"]
+    assert "read camera_info.yaml" in told.faults[0].remedy
+
+
 def rig_of(path: Path, **request: object):
     """The proposed rig and what it leaves open."""
     proposal = inspected(path, **request).proposal
