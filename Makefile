@@ -29,7 +29,7 @@ setup: $(STAMPS)/installed $(STAMPS)/compiled  ## make the environment in .venv
 env:  ## write .env and store-identities.json for docker-compose.yml, never over existing ones; ADDRESS=https://NAME
 	@$(PYTHON) -m service.environment_file $(if $(ADDRESS),--address $(ADDRESS))
 
-demo: setup frontend  ## start the service and drive the whole job through its API (under two minutes)
+demo: setup $(STAMPS)/kernels frontend  ## start the service and drive the whole job through its API (under two minutes)
 	$(BIN)/python -m benchmarks.demo
 
 serve: setup frontend  ## leave the service up, with the demo's data where there is some; ARGS="--port 8001"

@@ -23,7 +23,7 @@ from benchmarks.demo.steps import DemoSession, DemoSteps
 from benchmarks.demo.truth import Truth
 
 CAMERA = "front"
-SECONDS = 90
+SECONDS = 60
 # As the simulated walker carries it (`apexcal simulate --help`).
 BOARD = "0.6096x0.9144"
 FOLDS = 5

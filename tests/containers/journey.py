@@ -44,7 +44,7 @@ QUICK = {"slots": 2, "population": 300, "generations": 20, "max_iterations": 3}
 # A loaded machine may need this long for what an idle one does in a tenth of it.
 PATIENCE_S = 600
 WORKERS = ("worker-ingest", "worker-detect", "worker-solve", "worker-report")
-RUNNING = ("api", "api-2", "sweeper", *WORKERS, "proxy", "postgres", "valkey", "store", "filer", "s3")
+RUNNING = ("api", "api-2", "sweeper", *WORKERS, "proxy", "postgres", "valkey", "store", "s3")
 T = TypeVar("T")
 
 pytestmark = pytest.mark.timeout(5000)

@@ -122,7 +122,7 @@ def test_only_the_doors_are_open(document: dict, services: dict[str, dict]) -> N
     outside = {name for name, service in services.items() if "outside" in service["networks"]}
     assert outside == {name for name, service in services.items() if "ports" in service} == {"proxy"}
     members = {network: {name for name, one in services.items() if network in one["networks"]} for network in closed}
-    assert members["store"] == {"store", "filer", "s3", "durable"}, "its own ports ask for no password"
+    assert members["store"] == {"store", "s3", "durable"}, "its own ports ask for no password"
     assert members["door"] == {"proxy", "api", "api-2", "s3"}
     for service in services.values():
         for port in service.get("ports", []):
