@@ -28,6 +28,7 @@ _SMALLEST_M: Final = 1.0
 # below the horizon has 29 m, one degree 170 m.
 _FARTHEST_MEDIAN_M: Final = 150.0
 _NEXT_SHARE, _NEXT_M = 0.05, 40.0
+_FARTHEST_MISREAD_M: Final = 1e7  # in millimetres 10 km, in no unit of LiDARs less
 # Data sheets state a noise (one sigma) of 5 mm and more; two rings meet a wall at different heights.
 _FLAT_M: Final = 0.005
 _FLAT_SHARE: Final = 0.95
@@ -156,6 +157,11 @@ def _far(xyz: NDArray[np.float64]) -> _Doubt:
     next_m, median_m = float(np.quantile(range_m, _NEXT_SHARE)), float(np.median(range_m))
     if median_m <= _FARTHEST_MEDIAN_M and next_m <= _NEXT_M:
         return None
+    if median_m > _FARTHEST_MISREAD_M:
+        what = (
+            f"half of its points lie farther than {median_m:.0e} m: their layout or byte order is probably misstated."
+        )
+        return what, "Look at the program that wrote the clouds."
     unit = min(_UNITS, key=lambda name: abs(math.log(median_m / _UNITS[name] / _USUAL_M)))
     return (
         f"half of its points lie farther than {median_m:,.0f} m: coordinates are probably {unit}.",

@@ -263,6 +263,15 @@ def test_what_two_found_is_added():
     assert reader.count("/points", "cloud_empty") == 2 and reader.stamps("/points").tolist() == [1, 2]
 
 
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_the_first_filled_camera_info_counts(tmp_path, storage):
+    messages = list(rig(COUNT))
+    infos = [message for _, kind, _, message in messages if kind == INFO]
+    infos[0].k, infos[-1].width = np.eye(3).ravel(), 17  # the identity, before a driver has its calibration
+    camera = normalise(write_ros2(tmp_path / "bag", messages, storage), tmp_path / "out").sensors[1]
+    assert (camera.camera_info.width, camera.camera_info.K[0]) == (1920, 1176.9)
+
+
 def test_a_refusal_counts_each_message_once(tmp_path):
     """A few messages are looked at, and more if none of them can be used."""
     messages = [m for m in rig(COUNT) if m[1] != COMPRESSED]

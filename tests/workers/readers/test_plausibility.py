@@ -89,6 +89,7 @@ CASES = {
     "all points alike": (lambda xyz, ring: np.broadcast_to([3.0, 1.0, 0.5], xyz.shape) + 0.0, "same points"),
     "a buffer filled tenfold": (lambda xyz, ring: np.repeat(xyz[::10], 10, axis=0), "same points"),
     "five values read as four": (five_as_four, "five values a point"),
+    "another byte order": (lambda xyz, ring: xyz * 1e20, "byte order"),
     "a radar's few": (lambda xyz, ring: xyz[::90], "64 points"),
 }
 

@@ -219,7 +219,7 @@ class McapBag(Container):
                 parts = [part for kind, part in self._records(*head) if kind == Opcode.MESSAGE]
                 ours = [part for part in parts if _CHANNEL.unpack_from(part)[0] in numbers]
                 share = (number + 1) * count // len(chosen) - number * count // len(chosen)
-                is_end = share == 1 and number == count - 1
+                is_end = share == 1 and number == count - 1 > 0
                 yield from (message_of(part)[1:] for part in (ours[-1:] if is_end else spread(ours, share)))
 
     def times(self, name: str) -> NDArray[np.int64]:
