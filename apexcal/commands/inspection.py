@@ -98,6 +98,7 @@ def _text(inspection: Inspection) -> str:
         for line in (f"{fault.verdict} ({fault.code}): {fault.sentence}", f"  {fault.remedy}")
     ]
     lines += [line for omission in inspection.omissions for line in (omission.sentence, f"  {omission.example}")]
+    lines += [f"note: {note}" for note in inspection.notes]
     lines += _rig_lines(inspection.proposal) if inspection.proposal else []
     cameras = ", ".join(inspection.calibratable) or "no camera"
     return "\n".join([*lines, f"It can calibrate {cameras}."])

@@ -55,8 +55,8 @@ class Inspection(Document):
     """A recording's format, length, sensors (the LiDAR first) and faults, and the cameras that it can calibrate.
 
     ``is_connected``: whether its ``/tf_static`` leads from the LiDAR to every camera; null if it states no frames.
-    ``omissions``: messages that ingestion leaves out, of those that were looked at. ``proposal``: a rig for it; null
-    without cameras.
+    ``omissions``: messages that ingestion leaves out, of those that were looked at. ``notes``: what was learned and
+    assumed of its files and of the LiDAR, as ingestion says it. ``proposal``: a rig for it; null without cameras.
     """
 
     format: str
@@ -66,5 +66,6 @@ class Inspection(Document):
     is_connected: bool | None
     faults: list[RecordingFault]
     omissions: list[Omission] = []
+    notes: list[str] = []
     calibratable: list[str]
     proposal: RigProposal | None = None

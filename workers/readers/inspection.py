@@ -25,7 +25,7 @@ from workers.readers.detect import open_recording
 from workers.readers.first_look import FirstLook, look_at
 from workers.readers.normalised.clocks import ClockReport, offset_sentence
 from workers.readers.normalised.stamps import overlap_warning, report_stamps, shared_time
-from workers.readers.recording import ReadError, Recording, Sensor
+from workers.readers.recording import ReadError, Recording, Sensor, legible
 
 # A fit needs marks in six places that are 1.5 m apart (`workers/judge/pair_checks.py`). A slow walk is 1 m/s.
 _FEWEST_PLACES: Final = 6
@@ -57,6 +57,7 @@ def inspect_recording(
     """
     with closing(open_recording(path, options)) as recording:
         chosen = choose_sensors(recording, lidar, cameras)
+        notes = recording.warnings  # of its files; of what is read, ingestion counts all
         look = look_at(recording, chosen, are_named=cameras is not None)
         chosen = look.sensors
         times = look.times
@@ -75,6 +76,7 @@ def inspect_recording(
             *_length_faults(sensors, is_still=is_still),
             *_frame_faults(sensors, transforms, proposal),
         ]
+        notes += [note for note in recording.lidar_facts(chosen["lidar"]).notes if RINGLESS not in note]
     lidar_stops = any(fault.verdict == "stop" and fault.sensor in ("", "lidar") for fault in faults)
     stopped = {fault.sensor for fault in faults if fault.verdict == "stop"}
     names = [name for name in chosen if name != "lidar"]
@@ -86,6 +88,7 @@ def inspect_recording(
         is_connected=not any(fault.code == "frames_not_connected" for fault in faults) if transforms else None,
         faults=faults,
         omissions=look.omissions,
+        notes=[legible(note) for note in notes],
         calibratable=[] if lidar_stops else [name for name in names if name not in stopped],
         proposal=proposal,
     )

@@ -292,3 +292,16 @@ def test_empty_files_of_a_folder(tmp_path):
         ("clouds", "cloud_empty", 1),
         ("images", "image_empty", 1),
     }
+
+
+def test_inspect_notes_what_ingestion_notes_of_the_lidar(tmp_path):
+    columns = {name: values for name, values in scene().items() if name != "ring"} | {"diode": scene()["ring"]}
+    messages = [("/cam/compressed", COMPRESSED, START_NS, compressed(START_NS, png(64, 48), TYPES))]
+    for i in range(COUNT):
+        at = START_NS + i * PERIOD_NS
+        message = cloud(at, columns, dict.fromkeys(columns, "f4"), types=TYPES)
+        messages.append(("/points", CLOUD, at, message))
+    path = write_ros2(tmp_path / "bag", messages)
+    notes = inspect_recording(path).notes
+    assert notes == normalise(path, tmp_path / "out").sensors[0].notes
+    assert any("not used: diode" in note for note in notes)
