@@ -20,7 +20,7 @@ def tables(calibration: CalibrationView) -> list[RenderableType]:
         parts.append(table_of(name, camera))
         parts += [f"* {camera.why}"] if camera.why else []
         parts += [lens_of(camera), verdict_line(camera)]
-        parts += [f"  {line_of(check)}" for check in camera.checks if check.verdict != "pass"]
+        parts += [f"  {line}" for line in doubts(camera)]
     if summary.rig:
         parts += [sentence for pair in summary.rig.pairs for sentence in pair.sentences]
         parts += [f"Warning: {alarm}" for alarm in summary.rig.alarms]
@@ -55,6 +55,13 @@ def verdict_line(camera: CameraSummary) -> str:
         return "Verdict: none, because no model is recommended."
     alone = "" if model.verdict_alone == model.verdict else f"; {model.verdict_alone} for the mount with another lens"
     return f"Verdict on {camera.recommended}: {verdict_of(camera.checks, 'mount_with_lens')}{alone}."
+
+
+def doubts(camera: CameraSummary) -> list[str]:
+    """What speaks against the recommended result, a line each, and what was not checked."""
+    open_titles = [check.title for check in camera.checks if check.verdict == "not_checked"]
+    lines = [line_of(check) for check in camera.checks if check.is_doubt]
+    return lines + ([f"Not checked: {', '.join(open_titles)}."] if open_titles else [])
 
 
 def line_of(check: Check) -> str:

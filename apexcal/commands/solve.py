@@ -13,7 +13,7 @@ from urllib.parse import quote
 import typer
 
 from apexcal.commands import calibrate, detect, recordings
-from apexcal.commands.calibrated import line_of, verdict_line
+from apexcal.commands.calibrated import doubts, verdict_line
 from apexcal.commands.export import FormatOption, export
 from apexcal.commands.marks import marks
 from apexcal.commands.named import find_camera
@@ -139,7 +139,7 @@ def solve(
         if summary is None or model is None:
             complain("no model is recommended", summary.why if summary else "")
         sentences = [*(f"Note: {each}" for each in calibration.notes)]
-        sentences += [verdict_line(summary), *(line_of(check) for check in summary.checks if check.verdict != "pass")]
+        sentences += [verdict_line(summary), *doubts(summary)]
         if model.verdict != "pass":
             sentences += [f"Not done yet: {each}" for each in left]
         again = f"apexcal serve --data {session.data}`, then `" if link else ""

@@ -10,28 +10,39 @@ from typing import Final, Literal
 from apexcal.documents.base import Document
 
 CheckVerdict = Literal["pass", "look", "stop"]
+CheckOutcome = Literal["pass", "not_checked", "look", "stop"]
 CheckScope = Literal["mount_with_lens", "mount_alone"]
+RequiredCheck = Literal[
+    "clock", "rolling_shutter", "stated_lens", "shared_errors", "halves", "models", "rig", "elsewhere", "sensors"
+]
+"""Checks that a publication policy may require to have been made."""
 
-_GRAVITY: Final[dict[CheckVerdict, int]] = {"pass": 0, "look": 1, "stop": 2}
+_DOUBTS: Final[tuple[CheckVerdict, ...]] = ("stop", "look")
 
 
 class Check(Document):
     """One check of a result.
 
     ``verdict``: ``pass``; ``look`` if a person should look before the result is used; ``stop`` if it should not be
-    used. ``sentence`` says what was found, ``figures`` are its numbers by name (unit in the name: ``_px``, ``_deg``),
-    null where the pairs do not tell them. ``remedy`` says what to do and is empty where the check passes. What could
-    not be looked at passes, and its sentence says so. ``scope``: ``mount_alone`` concerns only those who use the
-    mount with another lens than the result's.
+    used; ``not_checked`` if there was nothing to test it by, which speaks neither for nor against the result.
+    ``sentence`` says what was found, ``figures`` are its numbers by name (unit in the name: ``_px``, ``_deg``), null
+    where the pairs do not tell them. ``remedy`` says what to do, of ``not_checked`` what would check it, and is empty
+    where the check passes. ``scope``: ``mount_alone`` concerns only those who use the mount with another lens than
+    the result's.
     """
 
     name: str
     title: str
-    verdict: CheckVerdict
+    verdict: CheckOutcome
     sentence: str
     remedy: str
     figures: dict[str, float | None]
     scope: CheckScope
+
+    @property
+    def is_doubt(self) -> bool:
+        """Whether it speaks against the result: ``look`` or ``stop``."""
+        return self.verdict in _DOUBTS
 
 
 @dataclass(frozen=True)
@@ -43,10 +54,14 @@ class CheckTopic:
     scope: CheckScope = "mount_with_lens"
 
     def passes(self, sentence: str, **figures: float | None) -> Check:
-        """Return the check with nothing to do. ``sentence``: what is, or why it could not be looked at."""
+        """Return the check with nothing to do. ``sentence``: what is."""
         return self.fails("pass", sentence, "", **figures)
 
-    def fails(self, verdict: CheckVerdict, sentence: str, remedy: str, **figures: float | None) -> Check:
+    def not_checked(self, sentence: str, would_check: str, **figures: float | None) -> Check:
+        """Return the check that was not made. ``sentence``: why not; ``would_check``: what it takes."""
+        return self.fails("not_checked", sentence, would_check, **figures)
+
+    def fails(self, verdict: CheckOutcome, sentence: str, remedy: str, **figures: float | None) -> Check:
         """Return the check with a remedy, which a verdict of ``pass`` drops."""
         return Check(
             name=self.name,
@@ -85,10 +100,16 @@ def later_checks(checks: Sequence[Check], later: Sequence[Check]) -> list[Check]
     return [*(check for check in checks if check.name not in names), *later]
 
 
+def doubts_of(checks: Iterable[Check]) -> list[Check]:
+    """Return the checks of `look` and `stop`, the gravest first; those of the mount alone are left out."""
+    of_use = [check for check in checks if check.scope == "mount_with_lens" and check.is_doubt]
+    return sorted(of_use, key=lambda check: check.verdict != "stop")
+
+
 def verdict_of(checks: Iterable[Check], scope: CheckScope) -> CheckVerdict:
-    """Return the gravest verdict of the checks that concern this use: all of them for the mount alone."""
-    gravest: CheckVerdict = "pass"
-    for check in checks:
-        if (scope == "mount_alone" or check.scope == scope) and _GRAVITY[check.verdict] > _GRAVITY[gravest]:
-            gravest = check.verdict
-    return gravest
+    """Return the gravest verdict of the checks that concern this use: all of them for the mount alone.
+
+    What was not checked is no doubt.
+    """
+    verdicts = {check.verdict for check in checks if scope == "mount_alone" or check.scope == scope}
+    return next((verdict for verdict in _DOUBTS if verdict in verdicts), "pass")

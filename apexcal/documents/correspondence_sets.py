@@ -53,6 +53,7 @@ class PairView(Document):
 
     Without ``corner`` it is of the board's tip. ``machine``: no person marked it; ``confirmed`` people accepted the
     machine's mark after they saw it. ``machine_off_px``: the machine's mark minus people's blind ones.
+    ``velocity_m_s``: how the corner moved then.
     """
 
     x: float
@@ -78,6 +79,7 @@ class PairView(Document):
     confirmed: int | None = None
     machine_off_px: list[float] | None = None
     sigma_clock_ms: float | None = None
+    velocity_m_s: list[float] | None = None
     corner: CornerName | None = None
 
 

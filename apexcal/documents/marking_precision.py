@@ -9,6 +9,7 @@ from pydantic import Field
 
 from apexcal.documents.analyses import AnalysisView
 from apexcal.documents.base import Document, Received, Stored
+from apexcal.documents.checks import Check
 from apexcal.documents.precision import NextSteps
 
 
@@ -23,12 +24,14 @@ class PrecisionRequest(Received):
 class MarkingPrecision(Document):
     """What a fit to the ``pairs`` of so many ``answered`` vertices states, and what would narrow it.
 
-    ``error_20m_mm``: one standard deviation 20 m away in the middle of the image.
+    ``error_20m_mm``: one standard deviation 20 m away in the middle of the image. ``doubts``: the checks of the fit
+    that say ``look`` or ``stop``, the gravest first; if there is none, the marks are enough.
     """
 
     answered: int
     pairs: int
     error_20m_mm: float | None
+    doubts: list[Check]
     next_steps: NextSteps | None
 
 

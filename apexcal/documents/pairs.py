@@ -18,6 +18,9 @@ CLOCK_SIGMA: Final = "sigma_clock_ms"
 MACHINE: Final = "machine"
 CONFIRMED: Final = "confirmed"
 MACHINE_OFF: Final = "machine_off_px"
+# How the corner moved at the vertex's time, m/s in the LiDAR's frame (x, y, z), by all vertices near in time, marked
+# or not. Where the column is missing, pairs near in time tell it.
+VELOCITY: Final = "velocity_m_s"
 # Which corner of the board a pair is of; all are of the tip where the column is missing.
 CORNER: Final = "corner"
 # How far to look from a pair for others that tell its velocity: in nanoseconds, and in pairs on either side. A sensor

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from typing import Annotated
+from typing import Annotated, get_args
 from uuid import UUID
 
 from pydantic import AfterValidator, Field, StringConstraints
 
 from apexcal.documents.base import Received, Sent, legible_text
-from apexcal.documents.checks import MARKS_CONFIRMED, Check, verdict_of
+from apexcal.documents.checks import MARKS_CONFIRMED, Check, RequiredCheck, verdict_of
 
 _Most = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 _Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
@@ -25,6 +25,7 @@ class PublicationPolicy(Received):
     a pair. ``publish_looks``: whether a result with a check of ``look`` is published by itself too, where that was
     asked for; otherwise only one that passes all checks. ``publish_unattended``: whether nobody needs to have looked
     at the machine's marks, and no earlier result to confirm them; ``publish_looks`` alone does not publish these.
+    ``required_checks``: names of checks that must have been made; by default one that was not speaks against nothing.
     """
 
     heldout_mean_px: _Most | None = None
@@ -34,6 +35,7 @@ class PublicationPolicy(Received):
     coverage: _Share | None = None
     publish_looks: bool | None = None
     publish_unattended: bool | None = None
+    required_checks: Annotated[list[RequiredCheck], Field(max_length=len(get_args(RequiredCheck)))] | None = None
 
     def publishes(self, checks: Sequence[Check]) -> bool:
         """Whether a recommended result with these checks is published by itself."""

@@ -9,7 +9,7 @@ from uuid import UUID
 from apexcal.documents.base import Document, Sent, Stored
 from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.jobs import ProblemView
-from apexcal.documents.precision import Deviations, Prediction
+from apexcal.documents.precision import Covariance, Deviations, Prediction
 from apexcal.documents.publications import OverrideView
 from apexcal.documents.results import Errors, Intrinsics, Status, Stopped
 from apexcal.documents.rules import LensOrigin
@@ -32,11 +32,15 @@ class Behind(Document):
 
 
 class BetweenModels(Document):
-    """What a result states with the spread of the models added, and the models' weights by held-out pairs."""
+    """What a result states with the spread of the models added, and the models' weights by held-out pairs.
+
+    ``std`` are the roots of the covariance's diagonal.
+    """
 
     weights: dict[str, float]
     std: Deviations
     interval95_half_width: Deviations
+    covariance: Covariance
     prediction: Prediction | None
 
     def members(self) -> dict[str, Any]:

@@ -10,11 +10,11 @@ import numpy as np
 
 from apexcal.documents.camera_models import DEFAULT_MODELS as MODELS
 from apexcal.documents.camera_models import ModelName
-from apexcal.documents.pairs import CLOCK_SIGMA
+from apexcal.documents.pairs import CLOCK_SIGMA, VELOCITY
 from benchmarks.coverage.marks import Errors, columns
 from benchmarks.coverage.poses import still
 from benchmarks.coverage.walks import Paired
-from benchmarks.judge.pairs import CLOCK_SIGMA_MS, draw_pairs
+from benchmarks.judge.pairs import CLOCK_SIGMA_MS, draw_pairs, track_velocities
 from workers.simulation.camera import FRONT
 
 Random = np.random.Generator
@@ -48,6 +48,7 @@ def drawn(paired: Paired, errors: Errors, random: Random, model: str | None = No
     known.pop("sigma_px", None)  # people do not state how well they mark
     if not paired.is_still:
         known[CLOCK_SIGMA] = [CLOCK_SIGMA_MS] * len(known["x"])
+        known[VELOCITY] = track_velocities(paired, random).tolist()
     return Draw(paired, known, {"models": [model or paired.camera.model], **request})
 
 

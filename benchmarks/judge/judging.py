@@ -65,7 +65,7 @@ def outcome(case: Case, seed: int, with_folds: bool = True) -> Outcome:
         result, checks = calibrated(draw, with_folds)
     except (DocumentError, Problem, SolveError):
         return Outcome(case.name, "refused", np.nan, False, {})
-    failed = {check.name: check.verdict for check in checks if check.verdict != "pass"}
+    failed = {check.name: check.verdict for check in checks if check.is_doubt}
     error_px, is_wrong = error_of(draw, result)
     return Outcome(case.name, verdict_of(checks, "mount_with_lens"), error_px, is_wrong, failed)
 

@@ -26,6 +26,8 @@ _RANGE_M: Final = (0.004, 0.010)
 _LAG: Final = 0.94
 _LASTING: Final = 0.5
 _SWEEP_NS: Final = 100_000_000
+_REACH: Final = 5  # sweeps
+_TRACK_M: Final = 0.007  # a vertex's own error, per coordinate (SPEC: 6.6 to 14 mm)
 CLOCK_SIGMA_MS: Final = 1.5
 """What an estimated clock offset is good to (SPEC: 1.0 to 1.2 ms)."""
 
@@ -79,6 +81,15 @@ def draw_pairs(
         np.zeros(count, np.int64),
         np.arange(count),
     )
+
+
+def track_velocities(paired: Paired, random: np.random.Generator) -> Floats:
+    """(N, 3) m/s: slopes of the detection's track, a vertex at each sweep within half a second of the pair."""
+    steps = np.arange(-_REACH, _REACH + 1)
+    places = np.stack([paired.places(paired.stamps_ns + step * _SWEEP_NS) for step in steps])
+    places = places + random.normal(0.0, _TRACK_M, places.shape)
+    seconds = 1e-9 * _SWEEP_NS * steps
+    return np.tensordot(seconds, places, axes=1) / float(np.sum(seconds**2))
 
 
 def _camera(rig: SimulatedRig, lens: ModelName, random: np.random.Generator, decentring: float) -> SimulatedCamera:

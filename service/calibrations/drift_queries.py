@@ -110,7 +110,7 @@ def _recommended(session: Session, camera: str, dated: list[tuple[Json | None, d
     for result_id, (at, spread) in chosen.items():
         if result_id in rows:
             _, calibration_id, name, verdict, *parts = rows[result_id]
-            published = {"std": spread.std} if spread else {}
+            published = {"std": spread.std, "covariance": spread.covariance} if spread else {}
             result = ComparedResult.model_validate(dict(zip(_COMPARED, parts, strict=True)) | published)
             results.append(
                 _Recommended(result_id, calibration_id, name, verdict, result, at, withdrawn.get(result_id))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import select
 from sqlalchemy.orm import object_session
 
-from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MARK_SIGMA, SIGMAS, states_errors, tells_motion
+from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MARK_SIGMA, SIGMAS, VELOCITY, states_errors, tells_motion
 from apexcal.documents.rules import WeightRule, Weights
 from service.platform.db.base import Json
 from service.platform.db.calibrations import CorrespondenceSet
@@ -84,7 +84,8 @@ def _check_motion(pairs: CorrespondenceSet, deviations: Json) -> None:
     # Pairs that state the clocks' deviation themselves are solved without it if the board stood still.
     names = ["line_time_us"] if CLOCK_SIGMA in pairs.columns else ["clock_ms", "line_time_us"]
     in_time = [name for name in names if deviations.get(name)]
-    if in_time and not tells_motion(pairs.columns.get("stamp_ns") or [], pairs.columns.get(CORNER)):
+    tells = VELOCITY in pairs.columns or tells_motion(pairs.columns.get("stamp_ns") or [], pairs.columns.get(CORNER))
+    if in_time and not tells:
         raise unprocessable(
             "no_motion",
             f"The pairs of {pairs.camera} do not say how the corner moved, so nothing follows from {in_time[0]}.",

@@ -88,5 +88,5 @@ def _camera(result: Result, rig: Rig, camera: RigCamera, marked: Floats) -> Cali
         is_rectified=(camera.images or {}).get("kind") == "rectified",
         T_own_camera=from_document(turn).inverse(),
         stated=fit.stated_lens,
-        mount_checks=[check.sentence for check in result.stored_checks if check.verdict != "pass"],
+        mount_checks=[check.sentence for check in result.stored_checks if check.is_doubt],
     )

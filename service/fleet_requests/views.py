@@ -10,7 +10,7 @@ from sqlalchemy import ColumnElement, Select, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.calibrations import ProgressView
-from apexcal.documents.checks import verdict_of
+from apexcal.documents.checks import doubts_of, verdict_of
 from apexcal.documents.fleet_requests import CameraOutcome, Counts, FleetRequestView, RequestVehicleView
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import VehicleState, WorkState
@@ -22,7 +22,6 @@ from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Vehicle
 from service.platform.db.jobs import Job
 from service.platform.db.people import Person
-from service.publications.check_queries import failing
 
 # Before this many vehicles have ended, their pace tells too little.
 _LEAST_ENDED = 3
@@ -154,6 +153,6 @@ def _outcome(camera: CameraSummary) -> CameraOutcome:
         heldout_mean_px=model and model.heldout_mean_px,
         status=model and model.status,
         verdict=verdict_of(camera.checks, "mount_with_lens") if camera.checks else None,
-        checks=failing(camera.checks),
+        checks=doubts_of(camera.checks),
         published=camera.published,
     )

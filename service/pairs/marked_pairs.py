@@ -21,7 +21,9 @@ from apexcal.documents.pairs import (
     MARK_SIGMA,
     MARKED_BY,
     SIGMAS,
+    VELOCITY,
 )
+from apexcal.geometry.motion import velocities_of
 from service.annotations.consensus import Consensus, ConsensusOutcome, Opinion, agree, combine, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.crops.queries import blind_opinions
@@ -56,7 +58,8 @@ def build(
     answers were given after something of others' was told; where there are such), marked_by (the people's numbers,
     from 0), machine (nobody but the machine marked it; where there are such), confirmed (how many people accepted
     that mark after they saw it), sigma_px (of such a mark, else None), machine_off_px (the machine's mark minus
-    people's blind ones, where there are both), sigma_clock_ms (of the clocks' offset, if it was estimated), and
+    people's blind ones, where there are both), sigma_clock_ms (of the clocks' offset, if it was estimated),
+    velocity_m_s (of the corner, by the detection's vertices near in time, if these are of a moving board), and
     sigma_azimuth_rad, sigma_elevation_rad, sigma_range_m where all vertices state a covariance. Where pairs are of
     other corners than the tip: corner, and group, because the corners of one sweep err together.
 
@@ -81,8 +84,10 @@ def build(
     vertices = [(vertex, frame) for vertex, frame in everything if vertex.corner in corners or vertex.id in opinions]
     apart_px = _apart_px(session, detection, camera)
     consensus = {vertex.id: agree(opinions.get(vertex.id, []), apart_px) for vertex, _ in vertices}
+    velocities = _velocities([vertex for vertex, _ in everything])
     rows: list[dict[str, Any]] = [
         _row(vertex, frame, consensus[vertex.id])
+        | ({VELOCITY: velocities[vertex.id]} if velocities else {})
         | {MARKED_BY: _markers(opinions[vertex.id])}
         | of_machine.get(vertex.id, _NOT_OF_MACHINE)
         for vertex, frame in vertices
@@ -133,6 +138,15 @@ def _of_machine(mark: MachineOpinion, of_people: list[Opinion]) -> dict[str, Any
     if blind and mark.opinion.mark:
         columns[MACHINE_OFF] = [a - b for a, b in zip(mark.opinion.mark, combine(blind), strict=True)]
     return columns
+
+
+def _velocities(vertices: Sequence[Vertex]) -> dict[UUID, list[float]]:
+    """How the corner moved at each vertex's time, m/s in the LiDAR's frame; empty for still poses."""
+    points = [[vertex.x, vertex.y, vertex.z] for vertex in vertices]
+    moved = velocities_of(points, [vertex.time_ns for vertex in vertices], [vertex.corner for vertex in vertices])
+    if moved is None:
+        return {}
+    return {vertex.id: each for vertex, each in zip(vertices, moved.tolist(), strict=True)}
 
 
 def _markers(opinions: Sequence[Opinion]) -> list[UUID]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from datetime import datetime
 from typing import Any, Final, NamedTuple
 from uuid import UUID
@@ -10,7 +9,7 @@ from uuid import UUID
 from sqlalchemy import Row, Select, and_, func, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.checks import Check, CheckTopic
+from apexcal.documents.checks import Check, CheckTopic, later_checks
 from apexcal.documents.publications import PublicationPolicy
 from service.platform.db.calibrations import (
     Calibration,
@@ -46,8 +45,7 @@ def checks_now(session: Session, result: Result) -> list[Check]:
 def judged_now(session: Session, result: Result) -> JudgedResult:
     """Return the checks as :func:`checks_now`, with the policy by which the result is published."""
     moment, policy = moment_checks(session, result)
-    names = {check.name for check in moment}
-    return JudgedResult([*(check for check in result.stored_checks if check.name not in names), *moment], policy)
+    return JudgedResult(later_checks(result.stored_checks, moment), policy)
 
 
 def moment_checks(session: Session, result: Result) -> JudgedResult:
@@ -64,7 +62,10 @@ def moment_checks(session: Session, result: Result) -> JudgedResult:
         _withdrawn(session, result),
         _sensors(session, result.camera, own),
     ]
-    by_policy = (unattended_check(result, policy), policy_check(session, result, policy))
+    by_policy = (
+        unattended_check(result, policy),
+        policy_check(session, result, policy, later_checks(result.stored_checks, checks)),
+    )
     return JudgedResult([*checks, *(check for check in by_policy if check)], policy)
 
 
@@ -100,11 +101,14 @@ def _ended(result: Result) -> Check:
 def _current(result: Result, current: Result | None, beside: Check | None) -> Check:
     """The comparison with the current calibration; if that changed since the result was judged, so it says."""
     if current is None:
-        return _CURRENT.passes("The vehicle has no current calibration of this camera.")
+        return _CURRENT.not_checked("The vehicle has no current calibration of this camera.", "A published result.")
     if current.id == result.id:
         return _CURRENT.passes("It is the vehicle's current calibration.")
     if current.verdict == "stop":
-        return _CURRENT.passes("The vehicle's current calibration fails its own checks, so it is no measure.")
+        return _CURRENT.not_checked(
+            "The vehicle's current calibration fails its own checks, so it is no measure.",
+            "A current calibration that passes its checks.",
+        )
     if beside is not None and result.compared_with == current.id:
         return beside
     return _CURRENT.fails(
@@ -147,18 +151,17 @@ def _withdrawn(session: Session, result: Result) -> Check:
 
 
 def _sensors(session: Session, camera: str, own: Row[*tuple[Any, ...]]) -> Check:
+    if own.serial is None and own.Rig.lidar_serial is None:
+        return _SENSORS.not_checked(
+            "The rig states no serial numbers, so that nobody would notice a swapped sensor.",
+            "State serial numbers of camera and LiDAR with the rig.",
+        )
     swapped = swapped_sensors(session, own.vehicle_id, [CalibratedSensor(camera, own.serial, own.Rig)])
     return _SENSORS.fails(
         "stop" if swapped else "pass",
         " ".join(sensor.sentence for sensor in swapped) or "No serial number says that a sensor was swapped.",
         "Calibrate the sensors that are mounted now.",
     )
-
-
-def failing(checks: Sequence[Check]) -> list[Check]:
-    """Return the checks that do not pass, the gravest first; those of the mount alone are left out."""
-    of_use = [check for check in checks if check.scope == "mount_with_lens" and check.verdict != "pass"]
-    return sorted(of_use, key=lambda check: check.verdict != "stop")
 
 
 def _in_words(moment: datetime) -> str:

@@ -8,6 +8,7 @@ from uuid import UUID
 from sqlalchemy import update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.checks import doubts_of
 from apexcal.documents.states import WorkState
 from apexcal.documents.summaries import CameraSummary
 from service.calibration_runs.conclusion import end_calibration
@@ -15,7 +16,7 @@ from service.platform.db.calibrations import Calibration, Result, current_public
 from service.platform.handovers import Conclusion
 from service.platform.jobs.claims import StaleInputError
 from service.publications.actions import hold_publications, publish_by_itself
-from service.publications.check_queries import failing, judged_now
+from service.publications.check_queries import judged_now
 
 
 def publish_conclusion(session: Session, calibration_id: UUID, conclusion: Conclusion) -> None:
@@ -56,5 +57,5 @@ def _publish(session: Session, calibration: Calibration, summary: CameraSummary)
     result = session.get_one(Result, chosen.result_id, populate_existing=True)
     summary.checks, policy = judged_now(session, result)
     if is_asked and policy.publishes(summary.checks):
-        publish_by_itself(session, calibration, result, [check.sentence for check in failing(summary.checks)])
+        publish_by_itself(session, calibration, result, [check.sentence for check in doubts_of(summary.checks)])
         summary.published = True

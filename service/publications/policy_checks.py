@@ -37,19 +37,30 @@ _LIMITS = {
 }
 
 
-def policy_check(session: Session, result: Result, policy: PublicationPolicy) -> Check | None:
-    """Return the check of a fit to all pairs against the limits of its rig and fleet; None if they state none."""
-    limits = policy.model_dump(exclude_none=True, exclude={"publish_looks", "publish_unattended"})
-    if not limits:
+def policy_check(
+    session: Session, result: Result, policy: PublicationPolicy, checks: Sequence[Check]
+) -> Check | None:
+    """Return the check of a fit to all pairs against the policy of its rig and fleet; None if that states nothing.
+
+    checks: all others of the result, of which the policy may require some.
+    """
+    limits = policy.model_dump(exclude_none=True, include=set(_LIMITS))
+    required = policy.required_checks or []
+    if not limits and not required:
         return None
     measured = _measures(session, result, with_coverage="coverage" in limits)
     missed = [
         _sentence(name, limit, measured[name]) for name, limit in limits.items() if _misses(name, limit, measured)
     ]
+    missed += [
+        f"The policy requires a check that was not made: {check.title}. {check.sentence}"
+        for check in checks
+        if check.name in required and check.verdict == "not_checked"
+    ]
     return _POLICY.fails(
         "stop" if missed else "pass",
         " ".join(missed) or "It keeps the limits of the publication policy.",
-        "Add pairs until it keeps the limit, or have an admin change the limit.",
+        "Add pairs or data until it keeps the policy, or have an admin change that.",
         **{name: measured[name] for name in limits},
     )
 

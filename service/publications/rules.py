@@ -6,11 +6,12 @@ from uuid import UUID
 
 from sqlalchemy.orm import Session
 
+from apexcal.documents.checks import doubts_of
 from apexcal.documents.publications import CURRENT, PublicationRequest
 from service.platform.db.calibrations import FULL, Publication, Result
 from service.platform.http.problems import conflict, unprocessable
 from service.publications.actions import Grounds
-from service.publications.check_queries import checks_now, failing
+from service.publications.check_queries import checks_now
 from service.publications.queries import newest_publications, was_published
 
 # A list of them is one page. People have two or three.
@@ -34,7 +35,7 @@ def grounds_of(session: Session, result: Result, body: PublicationRequest, perso
         Problem: 409 ``checks_stop`` where a check says so, without an override; 422 ``reason_missing`` where the
             alias led to it before.
     """
-    failed = failing(checks_now(session, result))
+    failed = doubts_of(checks_now(session, result))
     if failed and failed[0].verdict == "stop" and body.override is None:
         more = f" ({len(failed) - 1} more in `checks`)" if len(failed) > 1 else ""
         raise conflict(

@@ -90,7 +90,7 @@ def test_a_walk_becomes_the_vehicles_urdf_that_nobody_marked(embedded, tmp_path)
     done = apexcal(*words, "--fleet", "S", "-o", out, "--data", embedded.data, "--json")
     assert done.returncode == 0, done.stderr
     (camera,) = json.loads(done.stdout)["summary"]["cameras"].values()
-    doubts = {check["name"]: check["verdict"] for check in camera["checks"] if check["verdict"] != "pass"}
+    doubts = {check["name"]: check["verdict"] for check in camera["checks"] if check["verdict"] in ("look", "stop")}
     assert doubts == {"marks_confirmed": "look"}
     assert distance_m(out, walk) < 0.015
     nominal = distance_m(walk / "vehicle.urdf", walk)

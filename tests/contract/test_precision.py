@@ -15,7 +15,7 @@ from tests.contract.test_analyses import FRAMES, seed_walk
 from tests.support.work import work
 
 pytestmark = pytest.mark.usefixtures("broker")
-RESULT = {"answered", "pairs", "error_20m_mm", "next_steps"}
+RESULT = {"answered", "pairs", "error_20m_mm", "doubts", "next_steps"}
 
 
 @pytest.fixture

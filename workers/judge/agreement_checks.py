@@ -18,6 +18,7 @@ _OPTIMA: Final = CheckTopic("optima", "Other optima")
 _HALVES: Final = CheckTopic("halves", "Halves of the pairs")
 _SHARED: Final = CheckTopic("shared_errors", "Errors that pairs share")
 _TURN_LIMIT_RAD: Final = 1.5e-3
+_MOSTLY_SHARED: Final = 2.0**0.5  # of a stated deviation: from here on half of its square is of shared errors
 _MORE: Final = "Mark corners at other heights, distances and image regions, lock what is known"
 _REMEDIES: Final[dict[Status, str]] = {
     "ok": "",
@@ -56,7 +57,7 @@ def halves(estimate: Estimate, result: FitResult) -> Check:
     """
     compared = result.halves
     if not compared:
-        return _HALVES.passes("The pairs are too few for two fits.")
+        return _HALVES.not_checked("The pairs are too few for two fits.", "Mark more corners.")
     figures: dict[str, float | None] = {}
     for one in compared:
         figures |= {f"{one.split}_ratio": one.ratio, f"{one.split}_field_px": one.field_px}
@@ -68,13 +69,18 @@ def halves(estimate: Estimate, result: FitResult) -> Check:
             f"Two fits of halves differ by {ratios} times the stated standard deviation; 1 is expected.", **figures
         )
     focal_px = float(np.sqrt(estimate.parameters[6] * estimate.parameters[7]))
-    grave = any(is_grave(one.field_px, focal_px) or _is_turned(one) for one in apart)
+    grave = any(_is_off(one, focal_px) or _is_turned(one) for one in apart)
     return _HALVES.fails(
         "stop" if grave else "look",
         " ".join(too_small(apart, estimate.holding)),
         "Check the lens model, the clocks and the marks, and whether the mount moved; then calibrate from one half.",
         **figures,
     )
+
+
+def _is_off(one: Halves, focal_px: float) -> bool:
+    """Whether the marks' projections differ beyond chance, by more than use allows."""
+    return one.field_ratio > one.field_limit and is_grave(one.field_px, focal_px)
 
 
 def _is_turned(one: Halves) -> bool:
@@ -86,22 +92,26 @@ def _is_turned(one: Halves) -> bool:
 def shared_errors(estimate: Estimate, result: FitResult) -> Check:
     """Whether pairs of one pose, or near in time, err together by more than each errs alone.
 
-    The stated deviations count what pairs share, so that smaller shared errors are no doubt.
+    The stated deviations count what pairs share. It is a doubt only where that is most of what is stated, because few
+    blocks tell how large it is.
     """
     shared = result.shared_errors
     if not shared:
-        return _SHARED.passes("The pairs name no poses, or are too few to tell.")
+        return _SHARED.not_checked(
+            "The pairs name no poses and no times, or are too few to tell.", "Pairs of a walk, or of named poses."
+        )
     over_time, own_px = shared.over_time, shared.noise_px
     grave = shared.evidence > _BEYOND_CHANCE[len(shared.deviations)]
     grave &= estimate.spread.sigma_px**2 > 2.0 * own_px**2
     if over_time:
         grave |= over_time.evidence > _BEYOND_CHANCE[1] and over_time.shift_px > own_px
+    grave &= shared.widening > _MOSTLY_SHARED or not shared.counted
     sizes = " and ".join(_size(*one) for one in shared.deviations.items() if one[1] > 0.0)
     blocks = "group" if shared.by == "group" else "stretch of the walk"
     stretches = f"; groups near in time by {figure(over_time.shift_px)} px" if over_time else ""
     sentence = (
         f"Pairs of one {blocks} have alike errors ({sizes}{stretches}). The stated errors "
-        f"{'include' if shared.counted else 'leave out'} this: they are {shared.widening:.2f} times as large with it."
+        f"{'include' if shared.counted else 'leave out'} this{_widened(shared.widening)}."
         if sizes
         else "Pairs of one pose, or near in time, err independently."
     )
@@ -114,6 +124,10 @@ def shared_errors(estimate: Estimate, result: FitResult) -> Check:
         noise_px=own_px,
         **shared.deviations,
     )
+
+
+def _widened(times: float) -> str:
+    return f": they are {times:.2f} times as large with it" if f"{times:.2f}" != "1.00" else ", which changes nothing"
 
 
 def _size(name: str, deviation: float) -> str:

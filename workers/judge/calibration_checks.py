@@ -129,6 +129,8 @@ def models(name: str, summary: CameraSummary) -> Check:
         retry = "Retry the runs that failed, or calibrate without the models that the pairs leave open."
         return _MODELS.fails("look", f"No model is recommended. {summary.why}", retry)
     if recommended == name:
+        if len(summary.models) == 1:
+            return _MODELS.not_checked(f"Only {name} was fitted.", "Calibrate with other models as well.")
         return _MODELS.passes(f"{name} is recommended; {len(summary.models)} were fitted.")
     clear = behind is not None and not behind.within_noise
     return _MODELS.fails(
@@ -151,7 +153,9 @@ def runs(ended_well: bool) -> Check:
 def of_rig(camera: str, rig: RigSummary | None) -> Check:
     """Whether the rig's other cameras and what the rig states agree with this camera's mount."""
     if not rig:
-        return _RIG.passes("There was no other camera to compare it with.")
+        return _RIG.not_checked(
+            "There was no other camera to compare it with.", "Calibrate it together with the rig's other cameras."
+        )
     if rig.problem:
         return _RIG.fails("look", f"The cameras could not be compared: {rig.problem.detail}", "Calibrate again.")
     against = [alarm for pair in rig.pairs if camera in pair.cameras for alarm in pair.alarms]
@@ -168,9 +172,12 @@ def beside_current(result: FitResult, heldout_px: float | None, current: Current
     Results are compared if lens and model are alike. A current result that should not be used protects nothing.
     """
     if current is None:
-        return _CURRENT.passes("The vehicle has no current result of this camera.")
+        return _CURRENT.not_checked("The vehicle has no current result of this camera.", "A published result.")
     if current.verdict not in ("pass", "look"):
-        return _CURRENT.passes("The vehicle's current result fails its own checks and is no standard.")
+        return _CURRENT.not_checked(
+            "The vehicle's current result fails its own checks and is no standard.",
+            "A current result that passes its checks.",
+        )
     doubts: list[str] = []
     apart = current.compared if _is_alike(result, current.result) and current.verdict == "pass" else None
     figures: dict[str, float | None] = {}

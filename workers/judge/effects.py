@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.checks import USE_LIMIT_M, USE_LIMIT_PX, USE_LIMIT_RAD
 from workers.solver.estimate import Estimate
-from workers.solver.prediction import DISTANCES_M, covariances_along
+from workers.solver.prediction import DISTANCES_M, covariances_along, derivatives_along
 from workers.solver.residuals import predict, transform_of
 
 Floats = NDArray[np.float64]
 # Marks that stand for the field, and the share of them that has to be good enough: their middle 95 %.
 _MARKS: Final = 60
 MIDDLE: Final = 0.95
+# Standard deviations of an effect that count against it before it is sure (95 %).
+_SURE: Final = 2.0
 
 
 def marked_rays(estimate: Estimate) -> Floats:
@@ -42,6 +44,39 @@ def worst_axis(estimate: Estimate, covariance: Floats | None = None) -> tuple[Fl
     return np.sqrt(np.linalg.eigvalsh(px)[..., -1]), np.sqrt(np.linalg.eigvalsh(mm)[..., -1])
 
 
-def moved_over_limit(estimate: Estimate, step: Floats) -> float:
-    """How far a step (F,) of the parameters, rad, m and px, moves those points, over what use allows."""
-    return over_limit(*worst_axis(estimate, np.outer(step, step)))
+class Effect(NamedTuple):
+    """What a cause does to those points, over what use allows: by its estimate, and at least, as far as that is sure.
+
+    ``per_deviation``: what one standard deviation of the cause may do.
+    """
+
+    estimate: float
+    at_least: float
+    per_deviation: float
+
+
+class PointsOfUse:
+    """Those points, by which causes of errors are weighed."""
+
+    def __init__(self, estimate: Estimate) -> None:
+        self.problem, self.by_parameters, self._back = derivatives_along(estimate, marked_rays(estimate))
+
+    def effect(self, by_unknowns: Floats, values: Floats, covariance: Floats) -> Effect:
+        """Return what unknowns of those values (k,) and covariance (k, k) do, which move the points as
+        `by_unknowns` (n, 2, k) says, px per unit of each.
+        """
+        moved = by_unknowns @ values
+        size = np.hypot(*moved.T)
+        direction = moved / np.where(size > 0.0, size, 1.0)[:, None]
+        along = np.einsum("nc,nck->nk", direction, by_unknowns)
+        deviation = np.sqrt(np.maximum(np.einsum("nk,kl,nl->n", along, covariance, along), 0.0))
+        spread = np.einsum("nck,kl,ndl->ncd", by_unknowns, covariance, by_unknowns)
+        values_of_spread, axes = np.linalg.eigh(spread)
+        widest = axes[..., -1] * np.sqrt(np.maximum(values_of_spread[..., -1], 0.0))[:, None]
+        shrunk = np.maximum(1.0 - _SURE * deviation / np.where(size > 0.0, size, 1.0), 0.0)
+        return Effect(self._over_limit(moved), self._over_limit(moved * shrunk[:, None]), self._over_limit(widest))
+
+    def _over_limit(self, moved: Floats) -> float:
+        px = np.hypot(*moved.T)
+        mm = 1e3 * np.linalg.norm(np.einsum("nic,nc->ni", self._back, moved), axis=1)
+        return over_limit(*(each.reshape(len(DISTANCES_M), -1) for each in (px, mm)))

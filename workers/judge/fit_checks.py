@@ -9,6 +9,7 @@ from typing import Any
 from apexcal.documents.checks import Check
 from apexcal.documents.results import FitResult
 from workers.judge.agreement_checks import fit, halves, optima, shared_errors
+from workers.judge.causes import find_causes
 from workers.judge.lens_checks import bounds, lens_model, priors, stated_lens
 from workers.judge.pair_checks import coverage, noise, number_of_pairs, outside, wrong_pairs
 from workers.judge.precision_checks import mount_alone, precision
@@ -25,7 +26,7 @@ def checks_of_fit(
     have a check of their own. All others look at the pairs that belong.
     """
     belonging = without_outliers(found)
-    clocks = clock(belonging)
+    causes = find_causes(belonging)
     return [
         fit(result),
         optima(result),
@@ -34,12 +35,12 @@ def checks_of_fit(
         number_of_pairs(belonging),
         coverage(belonging.holding, result),
         noise(belonging, result, pairs or {}),
-        lens_model(belonging),
+        lens_model(belonging, causes),
         bounds(result),
-        priors(belonging),
-        stated_lens(result),
-        clocks,
-        rolling_shutter(belonging, result, clocks),
+        priors(belonging, causes),
+        stated_lens(result, causes),
+        clock(causes, result),
+        rolling_shutter(causes, result),
         shared_errors(belonging, result),
         halves(belonging, result),
         precision(found, result),

@@ -52,7 +52,7 @@ def precision(estimate: Estimate, result: FitResult) -> Check:
         + (
             "."
             if worst <= 1.0
-            else f": {worst:.1f} times what {USE_LIMIT_PX:g} px, {1e3 * USE_LIMIT_RAD:g} mrad or "
+            else f": {worst:.2f} times what {USE_LIMIT_PX:g} px, {1e3 * USE_LIMIT_RAD:g} mrad or "
             f"{1e3 * USE_LIMIT_M:g} mm allow."
         ),
         "Mark more vertices, nearer and towards the image's edges, or measure the board"

@@ -27,18 +27,27 @@ class PatternTest(NamedTuple):
     """What the residuals say of further unknowns.
 
     `values` (e,) and their `deviations` (e,), infinite where the fit's own parameters do the same. `probability` of
-    such residuals without the unknowns. `pattern` (N, 2), px: by how much the pixels change with the unknowns and
-    with the parameters of the fit that change along.
+    such residuals without the unknowns; `evidence`: Wald's statistic less twice the unknowns that are told apart
+    (Akaike 1974), to compare rivals by. `pattern` (N, 2), px: by how much the pixels change with the unknowns and
+    with the parameters of the fit that change along. `covariance` (e, e) of the values; `parameters` (F, e): how the
+    fit's own parameters follow each unknown, rad, m and px.
     """
 
     values: Floats
     deviations: Floats
     probability: float
+    evidence: float
     pattern: Floats
+    covariance: Floats
+    parameters: Floats
 
 
-def pattern_test(estimate: Estimate, columns: Floats) -> PatternTest | None:
+def pattern_test(
+    estimate: Estimate, columns: Floats, beside: Floats | None = None, without: str = ""
+) -> PatternTest | None:
     """Test unknowns by which the pixels change as `columns` (N, 2, e) say, px per unit of each.
+
+    beside (N, 2, b): such of rivals, which are fitted along. without: a common error that these replace.
 
     The unknowns and the fit's own parameters are solved for together, linearised at the fit. What stretches of a walk
     share would absorb them. There the pairs count as independent first; what then is beyond chance is tested again
@@ -48,22 +57,30 @@ def pattern_test(estimate: Estimate, columns: Floats) -> PatternTest | None:
         return None
     problem = whitened(estimate.holding, estimate.held_at)
     rows = weighed(problem, np.nan_to_num(columns))
-    combined = _told_apart(estimate.plain, rows)
+    plain, errors = (each.without(without) for each in (estimate.plain, estimate.errors))
+    own = len(plain.scale)
+    if beside is not None and beside.shape[2]:
+        plain, errors = (each.with_columns(weighed(problem, np.nan_to_num(beside))) for each in (plain, errors))
+    combined = _told_apart(plain, rows)
     if combined.shape[1] == 0:
         nothing = np.zeros(columns.shape[2])
-        return PatternTest(nothing, nothing + np.inf, 1.0, np.zeros(columns.shape[:2]))
+        open_ = np.diag(nothing + np.inf)
+        follow = np.zeros((own, columns.shape[2]))
+        return PatternTest(nothing, nothing + np.inf, 1.0, 0.0, np.zeros(columns.shape[:2]), open_, follow)
     if problem.blocks is None or not problem.blocks.over_time:
-        return _tested(problem, estimate.errors.with_columns(rows @ combined), combined)
-    wider = estimate.plain.with_columns(rows @ combined)
-    alone = _tested(problem, wider, combined)
+        return _tested(problem, errors.with_columns(rows @ combined), combined, own)
+    wider = plain.with_columns(rows @ combined)
+    alone = _tested(problem, wider, combined, own)
     if alone.probability >= LOOK_RATE:
         return alone
     shared = shared_errors(problem, estimate.held_at, wider)
-    return alone if shared is None else _tested(problem, shared.errors, combined)
+    return alone if shared is None else _tested(problem, shared.errors, combined, own)
 
 
-def _tested(problem: FitProblem, errors: ErrorModel, combined: Floats) -> PatternTest:
-    """The test of the last unknowns of `errors`, of which (e, k) `combined` are made of the columns."""
+def _tested(problem: FitProblem, errors: ErrorModel, combined: Floats, own: int) -> PatternTest:
+    """The test of the last unknowns of `errors`, of which (e, k) `combined` are made of the columns, beside the fit's
+    `own` parameters.
+    """
     count = combined.shape[1]
     # The residual is projection minus mark: the pixels move by -step to meet the marks.
     whole = errors.step()
@@ -71,12 +88,22 @@ def _tested(problem: FitProblem, errors: ErrorModel, combined: Floats) -> Patter
     statistic = float(step @ np.linalg.pinv(covariance, hermitian=True) @ step) / count
     freedom = min(max(float(np.median(errors.of_pairs().freedoms()[-count:])), 1.0), 1e9)
     values = combined @ step
-    variances = np.einsum("ei,ij,ej->e", combined, covariance, combined)
+    of_values = combined @ covariance @ combined.T
+    variances = np.diag(of_values)
+    # How the fit's own parameters follow an unknown: -(J^T J / sigma^2 + P)^-1 J^T g / sigma^2.
+    flat = errors.fit.jacobian.reshape(-1, errors.fit.jacobian.shape[2])
+    J, g = flat[:, :own], flat[:, -count:]
+    normal = J.T @ J / errors.noise + errors.fit.prior[:own, :own]
+    follow = -np.linalg.pinv(normal, rcond=1e-14, hermitian=True) @ (J.T @ g) / errors.noise
+    follow = follow * errors.scale[:own, None] / errors.scale[-count:]
     return PatternTest(
         values,
         np.sqrt(np.where(variances > 0.0, variances, np.inf)),
         float(_chance_above(count, freedom, statistic)),
+        count * statistic - 2.0 * count,
         unweighed(problem, errors.fit.jacobian @ (whole / errors.scale)),
+        of_values,
+        follow @ np.linalg.pinv(combined),
     )
 
 

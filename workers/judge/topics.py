@@ -5,21 +5,25 @@ from __future__ import annotations
 from typing import Final
 
 from apexcal.documents.checks import USE_LIMIT_PX, USE_LIMIT_RAD, CheckVerdict
+from workers.judge.effects import Effect
 
 LOOK_RATE: Final = 1.0 / 200.0
 STOP_RATE: Final = 1.0 / 1000.0
 """Shares of sound results that a check of chance may call `look` and `stop`. A result has some fifteen checks, so
 that at least 0.92 of sound results pass all of them, and at most 0.015 are stopped."""
-MATTERS: Final = 0.5
-"""What a check finds matters if it is larger than this share of a mark's noise: added to the noise in squares, it
-then is an eighth of it. Half as much is worth a look."""
+_HALF: Final = 0.5
+"""Share of what use allows from which an effect is worth a look: with an independent one of the same size a point is
+off by 0.7 of it."""
 
 
-def graded(probability: float, size: float, limit: float) -> CheckVerdict:
-    """Return the verdict on an effect: how often chance shows one like it, and its size, which matters at `limit`."""
-    if probability < STOP_RATE and size > limit:
+def graded(probability: float, effect: Effect) -> CheckVerdict:
+    """Return the verdict on a cause: how often chance shows one like it, and what it does to points of use.
+
+    It stops a result only if its effect surely exceeds what use allows.
+    """
+    if probability < STOP_RATE and effect.at_least > 1.0:
         return "stop"
-    return "look" if probability < LOOK_RATE and size > 0.5 * limit else "pass"
+    return "look" if probability < LOOK_RATE and effect.estimate > _HALF else "pass"
 
 
 def is_grave(off_px: float, focal_px: float) -> bool:

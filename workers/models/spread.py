@@ -1,20 +1,21 @@
 """What a result's deviations become where other models predict held-out pairs as well: those of the models' mixture.
 
 A fit's deviations hold if its model is right. Bayesian model averaging (Hoeting and others 1999) has a peak for each
-model, so that an interval is a quantile of the mixture, not a multiple of its deviation.
+model. One covariance has the spread of the peaks; deviations are its roots, and an interval is a quantile of the
+mixture, never below the deviation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.camera_models import parse_model
-from apexcal.documents.precision import Prediction
+from apexcal.documents.precision import Covariance, Prediction
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import BetweenModels
 from apexcal.geometry.result_differences import MOUNT, TURNS, difference
@@ -27,15 +28,6 @@ _SIGMAS95: Final = 1.959963984540054
 _HALVINGS: Final = 50
 # A difference of so many stated deviations is more than a result's own noise.
 _SURPRISE: Final = 2.0
-
-
-class _Peak(NamedTuple):
-    """A model's share, how far its parameter lies from the result's, and its own deviation and half-width."""
-
-    share: float
-    apart: float
-    std: float
-    half_width: float
 
 
 def spread_of(model: str, results: Mapping[str, FitResult], weight: Mapping[str, float]) -> BetweenModels | None:
@@ -56,55 +48,53 @@ def spread_of(model: str, results: Mapping[str, FitResult], weight: Mapping[str,
         return None
     shares = {name: share / whole for name, share in weights.items()}
     apart = {name: difference(results[name], own) for name in shares}
-    peaks = {name: _peaks(name, model, results, shares, apart) for name in own.std}
+    added = {name: sum(share * apart[each].get(name, 0.0) ** 2 for each, share in shares.items()) for name in own.std}
+    std = {
+        name: None if value is None else float(np.hypot(value, np.sqrt(added[name])))
+        for name, value in own.std.items()
+    }
     return BetweenModels(
         weights=shares,
-        std={name: None if mixture is None else _deviation(mixture) for name, mixture in peaks.items()},
+        std=std,
         interval95_half_width={
-            name: None if mixture is None else _half_width95(mixture) for name, mixture in peaks.items()
+            name: None if value is None else _half_width95(name, value, own, shares, apart)
+            for name, value in std.items()
         },
+        covariance=_covariance(own, shares, apart),
         prediction=_prediction(model, results, shares),
     )
 
 
-def _peaks(
-    parameter: str,
-    model: str,
-    results: Mapping[str, FitResult],
-    shares: Mapping[str, float],
-    apart: Mapping[str, Mapping[str, float]],
-) -> list[_Peak] | None:
-    """The parameter's peaks; a model that lacks it or leaves it open counts as the result. None where it is open."""
-    std = results[model].std.get(parameter)
-    if std is None:
-        return None
-    half_width = results[model].interval95_half_width.get(parameter) or _SIGMAS95 * std
-    return [
-        _Peak(
-            share,
-            apart[name].get(parameter, 0.0),
-            results[name].std.get(parameter) or std,
-            results[name].interval95_half_width.get(parameter) or half_width,
-        )
-        for name, share in shares.items()
-    ]
+def _covariance(own: FitResult, shares: Mapping[str, float], apart: Mapping[str, Mapping[str, float]]) -> Covariance:
+    """The mixture's second moments about the result, people's units.
+
+    Models share mount, focal lengths and centre alone: a coefficient of another model has another meaning.
+    """
+    names = own.covariance.names
+    matrix = np.array(own.covariance.matrix, np.float64)
+    for model, share in shares.items():
+        off = np.array([apart[model].get(name, 0.0) for name in names])
+        matrix = matrix + share * np.outer(off, off)
+    return own.covariance.model_copy(update={"matrix": matrix.tolist()})
 
 
-def _deviation(peaks: Sequence[_Peak]) -> float:
-    """Root of the mixture's second moment about the result."""
-    return float(np.sqrt(sum(peak.share * (peak.std**2 + peak.apart**2) for peak in peaks)))
+def _half_width95(
+    name: str, std: float, own: FitResult, shares: Mapping[str, float], apart: Mapping[str, Mapping[str, float]]
+) -> float:
+    """h with 0.95 of the mixture within h of the result, each peak the Gaussian of the result's own interval.
 
-
-def _half_width95(peaks: Sequence[_Peak]) -> float:
-    """h with 0.95 of the mixture within h of the result; a peak is the Gaussian of its own interval."""
-    share, apart, _, half_width = np.array(peaks).T
-    deviation = np.maximum(half_width / _SIGMAS95, 1e-300)
-    low, high = 0.0, float(np.max(np.abs(apart) + 2.0 * half_width))
+    At least the deviation, in which an unlikely model that is far off counts.
+    """
+    half_width = own.interval95_half_width.get(name) or _SIGMAS95 * std
+    share = np.array(list(shares.values()))
+    off = np.array([apart[model].get(name, 0.0) for model in shares])
+    deviation = max(half_width / _SIGMAS95, 1e-300)
+    low, high = 0.0, float(np.max(np.abs(off)) + 2.0 * half_width)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        inside = share @ (_normal((middle - apart) / deviation) - _normal((-middle - apart) / deviation))
+        inside = share @ (_normal((middle - off) / deviation) - _normal((-middle - off) / deviation))
         low, high = (middle, high) if inside < 0.95 else (low, middle)
-    return high
+    return max(high, std)
 
 
 def _prediction(model: str, results: Mapping[str, FitResult], shares: Mapping[str, float]) -> Prediction | None:

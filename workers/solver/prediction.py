@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from apexcal.documents.precision import Halves, PredictedPixel, Prediction
 from workers.geometry.projection import NO_RAY_PX, unproject
 from workers.solver.estimate import Estimate
+from workers.solver.problem import FitProblem
 from workers.solver.residuals import by_point, residuals_and_jacobian, transform_of
 from workers.solver.uncertainty import turns_are_free
 
@@ -65,10 +66,22 @@ def covariances_along(estimate: Estimate, rays: Floats, covariance: Floats | Non
 
     covariance (F, F): of the free parameters, rad, m and px; the estimate's if it is left out.
     """
-    problem, p = estimate.holding, estimate.parameters
     if covariance is None:
         assert estimate.errors is not None
         covariance = estimate.errors.covariance()
+    _, blocks, back = derivatives_along(estimate, rays)
+    spread = np.einsum("ncf,fg,ndg->ncd", blocks, covariance, blocks)
+    across = 1e6 * np.einsum("nic,ncd,njd->nij", back, spread, back)
+    return spread.reshape(len(DISTANCES_M), -1, 2, 2), across.reshape(len(DISTANCES_M), -1, 3, 3)
+
+
+def derivatives_along(estimate: Estimate, rays: Floats) -> tuple[FitProblem, Floats, Floats]:
+    """Return those points as a problem, (n, 2, F) px by the free parameters, and (n, 3, 2) m by px.
+
+    The n points are those of all rays at the first distance, at the second, and so on. The metres are the least move
+    of the point that moves its pixel as much.
+    """
+    problem, p = estimate.holding, estimate.parameters
     # All distances at once: a problem wants more pairs than parameters.
     along = np.repeat(DISTANCES_M, len(rays))[:, None] * np.tile(rays, (len(DISTANCES_M), 1))
     there = replace(
@@ -76,9 +89,4 @@ def covariances_along(estimate: Estimate, rays: Floats, covariance: Floats | Non
         weights=np.ones(len(along)), covariances=None, whitening=None, blocks=None, velocities=None, people=None,
     )  # fmt: skip
     rows = residuals_and_jacobian(there, p, turns_are_free(problem), walls=False)[1][:, problem.free]
-    blocks = rows.reshape(len(along), 2, -1)
-    spread = np.einsum("ncf,fg,ndg->ncd", blocks, covariance, blocks)
-    # The least move of the point that moves its pixel as much.
-    back = np.linalg.pinv(by_point(there, p))
-    across = 1e6 * np.einsum("nic,ncd,njd->nij", back, spread, back)
-    return spread.reshape(len(DISTANCES_M), -1, 2, 2), across.reshape(len(DISTANCES_M), -1, 3, 3)
+    return there, rows.reshape(len(along), 2, -1), np.linalg.pinv(by_point(there, p))

@@ -118,7 +118,7 @@ def _half_width95(std: float, shift: float, freedom: float) -> float:
         return _factor95(freedom) * std
     spread, off = float(np.sqrt(max(std * std - shift * shift, 0.0))), abs(shift)
     if spread <= _NEGLIGIBLE * off:
-        return off
+        return std
     # The freedom is that of all of the variance; the shift's part has no error of its own (Satterthwaite 1946).
     own = max(freedom * (spread / std) ** 4, 1.0)
     low, high = off, off + _factor95(own) * spread

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.checks import doubts_of
 from apexcal.documents.fit_requests import FitRequest
-from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, held_together
+from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, VELOCITY, held_together
 from apexcal.documents.results import FitResult, Provenance
 from apexcal.documents.states import UNENDED
+from apexcal.geometry.motion import velocities_of
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.calibrations import FULL, CalibrationRun, Result, Slot
@@ -29,7 +31,6 @@ from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
 from workers.solver.estimate import at_clock
 from workers.solver.held_out import Fold, folds, held_out
-from workers.solver.motion import velocities_of
 from workers.solver.outcomes import NEVER, SolveError, Stop
 from workers.solver.problem import FitProblem, fit_problem
 from workers.solver.provenance import pairs_sha256, sources_sha256
@@ -126,6 +127,8 @@ def _problem(request: FitRequest, pairs: Json, chosen: NDArray[np.int64] | None)
 
 
 def _velocities(pairs: Json) -> NDArray[np.float64] | None:
+    if VELOCITY in pairs:
+        return np.asarray(pairs[VELOCITY], np.float64)
     if "stamp_ns" not in pairs:
         return None
     points = np.column_stack([pairs["x"], pairs["y"], pairs["z"]])
@@ -235,6 +238,7 @@ def precision(context: Context, claim: Claim, lease: Lease) -> Write:
         "answered": question["answered"],
         "pairs": result.pairs,
         "error_20m_mm": middle and middle[1],
+        "doubts": [check.model_dump(mode="json") for check in doubts_of(result.checks)],
         "next_steps": result.next_steps and result.next_steps.model_dump(mode="json"),
     }
     return lambda session: answer

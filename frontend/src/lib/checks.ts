@@ -7,8 +7,13 @@ import { counted, fixed } from "./format.ts";
 /** What does not pass, the gravest first, what concerns the mount alone last. */
 export function failing(checks: readonly Check[]): Check[] {
   const rank = (check: Check): number => (check.scope === "mount_alone" ? 2 : 0) + (check.verdict === "stop" ? 0 : 1);
-  return checks.filter((check) => check.verdict !== "pass").toSorted((a, b) => rank(a) - rank(b));
+  const isDoubt = ({ verdict }: Check): boolean => verdict === "look" || verdict === "stop";
+  return checks.filter(isDoubt).toSorted((a, b) => rank(a) - rank(b));
 }
+
+/** The checks that were not made: they speak neither for the result nor against it. */
+export const unchecked = (checks: readonly Check[]): Check[] =>
+  checks.filter(({ verdict }) => verdict === "not_checked");
 
 /**
  * Marks that let the check of pairs pass: 50 degrees of freedom beside the 16 parameters of the largest model, two
@@ -16,21 +21,20 @@ export function failing(checks: readonly Check[]): Check[] {
  */
 export const ENOUGH_MARKS = 33;
 
-/** So many marks has a step that a worker plans (`workers/solver/next_steps.py`). */
-const STEP_MARKS = 12;
-
 /** How good a fit is by what it states, and what would narrow it: the marks that are worth making, and where. */
-export function fitInWords({ pairs, error_20m_mm, next_steps }: MarkingPrecision): string {
+export function fitInWords({ pairs, error_20m_mm, doubts, next_steps }: MarkingPrecision): string {
   const size = (deg: number, mm: number): string => `±${fixed(deg)}°, ±${fixed(mm, 0)} mm`;
   const far = error_20m_mm == null ? "" : ` ${fixed(error_20m_mm, 0)} mm at 20 m;`;
   if (!next_steps) return `From ${counted(pairs, "pair")}:${far} they do not determine the mount yet.`;
   const { half_width_deg, half_width_mm, steps } = next_steps;
   const now = `From ${counted(pairs, "pair")}:${far} mount ${size(half_width_deg, half_width_mm)} (95 %).`;
-  const marks = steps.filter(({ kind }) => kind === "marks").length * STEP_MARKS;
-  if (steps.length === 0) return `${now} More marks will not help: none narrows it by more than 5 %.`;
+  const [gravest] = doubts;
+  const judged = gravest
+    ? ` Not enough yet (${gravest.verdict}): ${gravest.sentence} ${gravest.remedy}`
+    : " That is enough: it passes its checks.";
+  if (steps.length === 0) return `${now}${judged}${gravest ? " More marks narrow the mount by less than 5 %." : ""}`;
   const ways = steps.map((step) => `${step.words} (${size(step.half_width_deg, step.half_width_mm)})`);
-  const enough = marks > 0 ? ` ${counted(marks, "more mark")} are enough.` : " More marks narrow it little.";
-  return `${now} Next: ${ways.join("; then ")}.${enough}`;
+  return `${now}${judged} ${gravest ? "Next" : "To know the mount better"}: ${ways.join("; then ")}.`;
 }
 
 /** What a verdict asks for. */

@@ -76,6 +76,7 @@ def test_a_measure_that_a_result_lacks_does_not_pass(api, rig, admin):
 def test_halves_and_the_spread_of_the_models_count_where_a_result_has_them(api, rig, admin):
     state(admin, "rigs", rig.id, {"halves_ratio": 1.5, "std_mm": 5})
     spread = {"std": STD | {"t_z": 0.006}, "interval95_half_width": {"t_z": 0.011}, "prediction": None}
+    spread["covariance"] = DOCUMENT["covariance"]
     found = FOUND | {"between_models": {"weights": {}, **spread}}
     _, (result, _) = seed_results(api, rig, found=found)
     with api.database.writing() as session:

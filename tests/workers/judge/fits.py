@@ -60,7 +60,5 @@ def checked(problem, start, **pairs):
 def failed(checks):
     """Names and verdicts of the checks that do not pass, but for the mount alone."""
     return {
-        name: check.verdict
-        for name, check in checks.items()
-        if check.verdict != "pass" and check.scope == "mount_with_lens"
+        name: check.verdict for name, check in checks.items() if check.is_doubt and check.scope == "mount_with_lens"
     }

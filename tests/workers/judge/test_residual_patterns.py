@@ -8,7 +8,8 @@ from scipy import stats
 
 from tests.workers.judge.fits import rig
 from tests.workers.solver.rigs import SIZE
-from workers.judge.lens_checks import lens_model, lens_patterns
+from workers.judge.causes import find_causes, lens_patterns
+from workers.judge.lens_checks import lens_model
 from workers.judge.residual_patterns import pattern_test
 from workers.solver.error_model import linearised
 from workers.solver.estimate import estimate
@@ -24,7 +25,7 @@ def test_the_pattern_of_a_lens_is_least_squares_of_the_residuals():
     radial = away[:, :, None] * np.stack([np.hypot(x, y) ** power for power in range(7)], axis=1)[:, None]
     decentred = np.array([[3 * x * x + y * y, 2 * x * y], [2 * x * y, x * x + 3 * y * y]]).transpose(2, 1, 0)
     patterns = np.concatenate([radial, decentred], axis=2)
-    np.testing.assert_allclose(lens_patterns(found), patterns, atol=1e-12)
+    np.testing.assert_allclose(lens_patterns(found.holding, found.held_at), patterns, atol=1e-12)
     fit = linearised(found.holding, found.held_at)[0]
     residual, J = fit.residuals.ravel(), fit.jacobian.reshape(fit.residuals.size, -1)
     J, G = (each / np.linalg.norm(each, axis=0) for each in (J, patterns.reshape(len(residual), -1)))
@@ -43,7 +44,7 @@ def test_the_pattern_of_a_lens_is_least_squares_of_the_residuals():
     # The lens's own parameters take back most of what the terms alone would do.
     np.testing.assert_allclose(test.pattern.ravel(), both @ whole, atol=1e-4)
     assert np.abs(test.pattern).max() < 0.3 * np.abs(G @ step).max()
-    figures = lens_model(found).figures
+    figures = lens_model(found, find_causes(found)).figures
     size = np.hypot(*test.pattern.T)
     assert figures["probability"] == pytest.approx(test.probability)
     assert figures["pattern_px"] == pytest.approx(np.quantile(size, 0.99))

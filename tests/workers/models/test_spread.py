@@ -16,6 +16,7 @@ NAMES = ["rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z", "f_x"]
 def result(turn_deg, t, f_x, std, status="ok", **std_of):
     deviations = dict(zip(NAMES, [std] * 3 + [0.002] * 3 + [1.0], strict=True)) | std_of
     lens = {"model": "pinhole", "f_x": f_x, "f_y": 600.0, "c_x": 640.0, "c_y": 480.0, "image_size": [1280, 960]}
+    names, squares = list(deviations), [(value or 0.0) ** 2 for value in deviations.values()]
     turned = Rotation.from_rotvec(np.radians(turn_deg)) * AHEAD
     return FitResult.model_validate(
         fit_result(
@@ -23,6 +24,7 @@ def result(turn_deg, t, f_x, std, status="ok", **std_of):
             transform=to_document(SE3("camera", "velodyne", turned.as_matrix(), np.array(t))),
             intrinsics=lens,
             std=deviations,
+            covariance={"names": names, "units": [""] * len(names), "matrix": np.diag(squares).tolist()},
             interval95_half_width={
                 name: None if value is None else 2.0 * value for name, value in deviations.items()
             },
@@ -45,6 +47,9 @@ def test_the_mixtures_moment_and_quantile_are_stated():
     assert spread.std["f_x"] == pytest.approx(np.hypot(1.0, 0.5 * 3.0))
     # A fifth of the other model's quarter lies farther off; its interval of 4 mm is 1.96 deviations.
     assert spread.interval95_half_width["t_z"] == pytest.approx(0.01 + 0.8416 * 0.004 / 1.96, rel=1e-4)
+    added = np.array(spread.covariance.matrix) - np.array(RESULTS["pinhole"].covariance.matrix)
+    rows = [spread.covariance.names.index(name) for name in ("rotation_x", "t_z")]
+    np.testing.assert_allclose(added[np.ix_(rows, rows)], 0.25 * np.outer([0.3, 0.01], [0.3, 0.01]))
     assert spread.interval95_half_width["t_y"] == pytest.approx(0.004)
     said = spread_sentence("pinhole", RESULTS, spread)
     assert "brown_conrady (weight 0.25) puts the mount 0.30 degrees and 10 mm from where pinhole does" in said
@@ -59,6 +64,19 @@ def test_intervals_hold_their_share_of_a_mixture_of_two_peaks(weight):
     draws = np.where(is_other, 0.3, 0.0) + 0.1 / 1.96 * random.normal(size=is_other.size)
     held = np.mean(np.abs(draws) <= spread.interval95_half_width["rotation_x"])
     assert held == pytest.approx(0.95, abs=0.004)
+
+
+@pytest.mark.parametrize("weight", [1e-6, 0.02, 0.2, 0.5])
+def test_no_deviation_is_larger_than_its_interval_and_coefficients_of_another_model_do_not_mix(weight):
+    """k3 of a fisheye is no tangential term, and its deviation is another one."""
+    own = result([0.0, 0.0, 0.0], [0.1, 0.2, 0.3], 600.0, 0.05, k3=0.001, k4=0.002)
+    other = result([3.0, 1.0, 0.0], [0.5, 0.2, 0.31], 603.0, 0.05, k3=0.4, k4=0.1)
+    spread = spread_of(
+        "pinhole", {"pinhole": own, "brown_conrady": other}, {"pinhole": 1 - weight, "brown_conrady": weight}
+    )
+    assert all(spread.std[name] <= spread.interval95_half_width[name] for name in own.std)
+    assert (spread.std["k3"], spread.std["k4"]) == (0.001, 0.002)
+    assert spread.interval95_half_width["k3"] == pytest.approx(0.002)
 
 
 def test_nothing_is_said_or_added_where_the_other_model_is_ruled_out_or_open():

@@ -22,7 +22,7 @@ export interface RigProposal {
   questions: Schemas["RigQuestion"][];
 }
 export type ProposalRequest = Partial<Schemas["ProposalRequest"]>;
-export type CheckVerdict = Schemas["Check"]["verdict"];
+export type CheckVerdict = Exclude<Schemas["Check"]["verdict"], "not_checked">;
 export type Transform = Schemas["Transform"] | Schemas["SolvedTransform"];
 export type Rotation = Transform["rotation"];
 

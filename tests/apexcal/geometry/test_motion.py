@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workers.solver.motion import velocities_of
+from apexcal.geometry.motion import velocities_of
 
 
 def test_each_corner_is_followed_by_itself():
