@@ -17,8 +17,6 @@ RequiredCheck = Literal[
 ]
 """Checks that a publication policy may require to have been made."""
 
-_DOUBTS: Final[tuple[CheckVerdict, ...]] = ("stop", "look")
-
 
 class Check(Document):
     """One check of a result.
@@ -42,7 +40,7 @@ class Check(Document):
     @property
     def is_doubt(self) -> bool:
         """Whether it speaks against the result: ``look`` or ``stop``."""
-        return self.verdict in _DOUBTS
+        return self.verdict in ("look", "stop")
 
 
 @dataclass(frozen=True)
@@ -112,4 +110,4 @@ def verdict_of(checks: Iterable[Check], scope: CheckScope) -> CheckVerdict:
     What was not checked is no doubt.
     """
     verdicts = {check.verdict for check in checks if scope == "mount_alone" or check.scope == scope}
-    return next((verdict for verdict in _DOUBTS if verdict in verdicts), "pass")
+    return "stop" if "stop" in verdicts else "look" if "look" in verdicts else "pass"

@@ -6,6 +6,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import object_session
 
 from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MARK_SIGMA, SIGMAS, VELOCITY, states_errors, tells_motion
+from apexcal.documents.person_bias import person_px
 from apexcal.documents.rules import WeightRule, Weights
 from service.platform.db.base import Json
 from service.platform.db.calibrations import CorrespondenceSet
@@ -65,7 +66,8 @@ def common_errors(pairs: CorrespondenceSet, deviations: Json) -> Json:
     if pairs.source == "annotations":
         refined = all(name in pairs.columns for name in SIGMAS)
         defaults["elevation_deg"] = _ELEVATION_DEG["refined" if refined else "ring_rules"]
-        defaults |= {"person_px": _PERSON_PX, **_BOARD_MM, **(_UPPER_CORNER_MM if _is_upper(pairs) else {})}
+        defaults |= _BOARD_MM | (_UPPER_CORNER_MM if _is_upper(pairs) else {})
+        defaults["person_px"] = person_px(pairs.columns, _PERSON_PX)
         if CLOCK_SIGMA in pairs.columns and "stamp_ns" in pairs.columns:
             defaults["clock_ms"] = pairs.columns[CLOCK_SIGMA][0]
     return {name: value for name, value in (defaults | deviations).items() if value}

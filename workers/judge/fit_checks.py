@@ -12,6 +12,7 @@ from workers.judge.agreement_checks import fit, halves, optima, shared_errors
 from workers.judge.causes import find_causes
 from workers.judge.lens_checks import bounds, lens_model, priors, stated_lens
 from workers.judge.pair_checks import coverage, noise, number_of_pairs, outside, wrong_pairs
+from workers.judge.people_check import people
 from workers.judge.precision_checks import mount_alone, precision
 from workers.judge.time_checks import clock, rolling_shutter
 from workers.solver.estimate import Estimate, estimate
@@ -35,6 +36,7 @@ def checks_of_fit(
         number_of_pairs(belonging),
         coverage(belonging.holding, result),
         noise(belonging, result, pairs or {}),
+        people(result, pairs or {}),
         lens_model(belonging, causes),
         bounds(result),
         priors(belonging, causes),

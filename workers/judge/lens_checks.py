@@ -110,11 +110,11 @@ def priors(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
     probability = min(len(names) * 2.0 * float(special.ndtr(-most)), 1.0)
     points = PointsOfUse(estimate)
     effect = points.effect(points.by_parameters @ step[:, None], np.array([off]), np.array([[variance]]))
-    said = f"{worst} lies {most:.1f} deviations from its prior"
+    gap = f"{worst} lies {most:.1f} deviations from its prior"
     moves = f"without it points at 5 to 50 m move by {figure(effect.estimate)} times what use allows"
     return _PRIORS.fails(
         graded(probability, effect),
-        f"{said}; {moves}." if probability < LOOK_RATE else f"The pairs agree with the priors: {said} at most.",
+        f"{gap}; {moves}." if probability < LOOK_RATE else f"The pairs agree with the priors: {gap} at most.",
         f"Is the prior of {worst} right? Calibrate without it, and compare held-out errors.",
         deviations=most,
         probability=probability,

@@ -138,19 +138,17 @@ def coverage(problem: FitProblem, result: FitResult) -> Check:
         float(np.subtract(*np.quantile(values, (0.975, 0.025)))) / size for values, size in ((u, width), (v, height))
     )
     half_widths = _over_image_px(result)
-    said = f"The marks span {across:.0%} of the image's width and {down:.0%} of its height"
+    span = f"The marks span {across:.0%} of the image's width and {down:.0%} of its height"
     if half_widths is None:
-        return _COVERAGE.fails("look", f"{said}. Nothing states the errors beyond them.", "Mark more corners.")
-    most_px, all_px = (
-        float(half_widths[int(np.ceil(share * len(half_widths))) - 1]) for share in (_MOST_OF_IMAGE, 1.0)
-    )
+        return _COVERAGE.fails("look", f"{span}. Nothing states the errors beyond them.", "Mark more corners.")
+    most_px, all_px = float(half_widths[int(_MOST_OF_IMAGE * len(half_widths))]), float(half_widths[-1])
     everywhere = f", over all of it within {figure(all_px)} px" if np.isfinite(all_px) else ", beyond it not at all"
     lens = result.intrinsics
     limit_px = _OF_USE * max(USE_LIMIT_PX, USE_LIMIT_RAD * float(np.sqrt(lens.f_x * lens.f_y)))
     short = "width" if across < down else "height"
     return _COVERAGE.fails(
         "look" if most_px > limit_px else "pass",
-        f"{said}. Over half of the image a point at 20 m is placed within {figure(most_px)} px{everywhere} (95 %)"
+        f"{span}. Over half of the image a point at 20 m is placed within {figure(most_px)} px{everywhere} (95 %)"
         + (f"; {figure(limit_px)} px are the limit." if most_px > limit_px else "."),
         f"Walk where the board reaches the image's edges, for more of its {short}; or state the lens.",
         width_share=across,

@@ -89,4 +89,4 @@ def derivatives_along(estimate: Estimate, rays: Floats) -> tuple[FitProblem, Flo
         weights=np.ones(len(along)), covariances=None, whitening=None, blocks=None, velocities=None, people=None,
     )  # fmt: skip
     rows = residuals_and_jacobian(there, p, turns_are_free(problem), walls=False)[1][:, problem.free]
-    return there, rows.reshape(len(along), 2, -1), np.linalg.pinv(by_point(there, p))
+    return there, rows.reshape(len(along), 2, -1), np.asarray(np.linalg.pinv(by_point(there, p)), np.float64)

@@ -130,7 +130,7 @@ def test_the_transaction_that_ends_a_calibration_is_short(context):
         take(session, calibration_id, hand_over(session))
         session.flush()
     # The calibration, locked; the results' checks; the vehicle, locked; the recommended result and its checks of now
-    # (its origin, the current one, withdrawals; no sensors, because the rig states no serial numbers); the end, and the
+    # (its origin, the current one, withdrawals; no sensors, as the rig states no serial numbers); the end, and the
     # fleet request.
     assert seen == ["SELECT", "UPDATE", *["SELECT"] * 5, "UPDATE", "UPDATE"]
 

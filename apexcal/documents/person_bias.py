@@ -1,0 +1,57 @@
+"""How far a person's blind marks lie from the machine's on average: that person's habit of aiming."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from statistics import fmean, variance
+from typing import Any, Final, NamedTuple
+
+from apexcal.documents.pairs import MACHINE_OFF, MARKED_BY
+
+_LEAST_MARKS: Final = 5  # as few tell no habit
+
+
+class PersonOffset(NamedTuple):
+    """A person's number, the mean of that person's marks minus the machine's, px, and its variance per coordinate."""
+
+    person: int
+    u: float
+    v: float
+    variance: float
+
+    @property
+    def square(self) -> float:
+        """Mean square over both coordinates, px^2, less what chance adds; below zero where that is more."""
+        return 0.5 * (self.u**2 + self.v**2) - self.variance
+
+
+def person_offsets(pairs: Mapping[str, Sequence[Any]]) -> list[PersonOffset]:
+    """Return the offset of each person who alone marked at least five corners that the machine marked too.
+
+    pairs: columns of a set, of which `marked_by` and `machine_off_px` may be missing.
+    """
+    by_person: dict[int, list[Sequence[float]]] = {}
+    for people, off in zip(pairs.get(MARKED_BY, ()), pairs.get(MACHINE_OFF, ()), strict=False):
+        if off is not None and len(people) == 1:
+            by_person.setdefault(people[0], []).append(off)
+    return [
+        PersonOffset(
+            person,
+            -fmean(off[0] for off in offs),
+            -fmean(off[1] for off in offs),
+            0.5 * (variance(off[0] for off in offs) + variance(off[1] for off in offs)) / len(offs),
+        )
+        for person, offs in sorted(by_person.items())
+        if len(offs) >= _LEAST_MARKS
+    ]
+
+
+def person_px(pairs: Mapping[str, Sequence[Any]], habit_px: float) -> float:
+    """Return the deviation of a person's shift per coordinate, px: the habit of aiming, or what these people show.
+
+    habit_px: what is assumed of people of whom nothing shows more.
+    """
+    offsets = person_offsets(pairs)
+    if not offsets:
+        return habit_px
+    return max(habit_px, max(fmean(offset.square for offset in offsets), 0.0) ** 0.5)
