@@ -22,8 +22,8 @@ from apexcal.commands.options import CameraOption, FleetOption, LimitOption, Veh
 from apexcal.commands.publishing import lines_of
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.terminal import usage
-from apexcal.documents.fleet_health import HealthOrder
-from apexcal.documents.states import CameraState
+from apexcal.documents.fleet_health import CameraHealth, HealthOrder
+from apexcal.documents.states import CameraState, CameraWork
 
 _SHOWN = 10
 _Listed = Literal[
@@ -47,11 +47,12 @@ def ls(
     fleet: FleetOption = "",
     vehicle: VehicleOption = "",
     state: list[CameraState] | None = None,
+    work: list[CameraWork] | None = None,
     order: HealthOrder = "vehicle",
     camera: CameraOption = "",
     limit: LimitOption = 20,
 ) -> Reply:
-    """List the vehicles of a fleet with what each camera is given and waits for; or recordings, or calibrations.
+    """List the vehicles of a fleet with what they get for each camera and wait for; or recordings, or calibrations.
 
     Calibrations are those of one vehicle, publications those of one of its cameras, the newest first.
     `apexcal publish RESULT --reason WHY` publishes an older one again.
@@ -60,6 +61,7 @@ def ls(
         what: What to list.
         name: Only vehicles, cameras or recordings with this in their name.
         state: Of vehicles: only cameras in this state.
+        work: Of vehicles: only cameras that wait for this; `decision` for a person's.
         order: Of vehicles: what to sort by; - turns it round.
     """
     client = session.client
@@ -99,21 +101,21 @@ def ls(
         ]
         return Reply(recordings, _table(("Recording", "Vehicle", "State", "Added", "Id"), rows))
     only = find_vehicle(client, fleet, vehicle) if vehicle else None
-    listed_cameras = client.vehicles.health(of.id, name=name, state=state or (), order=order)
+    listed_cameras = client.vehicles.health(of.id, name=name, state=state or (), work=work or (), order=order)
     cameras = [each for each in listed_cameras if not only or each.vehicle_id == only.id]
     rows = [
         (
             each.vehicle,
             each.camera or "",
-            each.state.replace("_", " "),
+            _state(each),
             "" if each.error_20m_mm is None else f"{each.error_20m_mm:.0f} mm",
             _moment(each.published_at),
             _moment(each.recorded_at),
-            (each.waits_for or "").replace("_", " "),
+            each.work,
         )
         for each in cameras
     ]
-    heads = ("Vehicle", "Camera", "State", "At 20 m", "Since", "Recorded", "Waits for")
+    heads = ("Vehicle", "Camera", "State", "At 20 m", "Since", "Recorded", "Work")
     return Reply(cameras, _table(heads, rows))
 
 
@@ -168,7 +170,7 @@ def show(session: Session, kind: NounArgument, name: NameArgument, fleet: FleetO
     health = client.vehicles.health(thing.fleet_id, name=thing.name)
     lines = [f"The vehicle {thing.name!r} is {thing.id}."]
     lines += [
-        f"{each.camera or 'no camera'}: {each.state}{f', waits for {each.waits_for}' if each.waits_for else ''}"
+        f"{each.camera or 'no camera'}: {', '.join(filter(None, (_state(each), f'work: {each.work}')))}"
         for each in health
         if each.vehicle_id == thing.id
     ]
@@ -210,6 +212,12 @@ def rm(
         usage(f"{what} was not deleted", "Say --yes to delete it without a question")
     of.delete(client, thing.id)
     return Reply({"id": str(thing.id)}, f"Deleted {what} with {of.goes_with}.")
+
+
+def _state(camera: CameraHealth) -> str:
+    """What the vehicle gets for a camera, and its checks where they do not pass."""
+    doubt = f", check: {camera.verdict}" if camera.verdict and camera.verdict != "pass" else ""
+    return f"{camera.state or ''}{doubt}{', sensor swapped' if camera.is_swapped else ''}"
 
 
 def _moment(at: datetime | None) -> str:

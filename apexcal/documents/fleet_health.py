@@ -1,4 +1,4 @@
-"""The health of a fleet: what each camera of each vehicle is given, how good that is, and what it waits for."""
+"""The health of a fleet: what each vehicle gets for each camera, how good that is, and what it waits for."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from uuid import UUID
 
 from apexcal.documents.base import Page, Sent
 from apexcal.documents.checks import CheckVerdict
-from apexcal.documents.states import CameraState
+from apexcal.documents.states import CameraState, CameraWork
 
-WaitsFor = Literal["rig", "recording", "calibration", "running_calibration", "look"]
 HealthOrder = Literal[
     "vehicle",
     "-vehicle",
     "state",
     "-state",
+    "work",
+    "-work",
     "published_at",
     "-published_at",
     "error_20m_mm",
@@ -26,23 +27,26 @@ HealthOrder = Literal[
 
 
 class CameraHealth(Sent):
-    """A camera that a vehicle carries now; ``camera`` is null of a vehicle without a rig.
+    """A camera that a vehicle carries now. A vehicle without cameras has a row too, with null camera and state.
 
-    ``state``: ``published``; ``look`` if the published result does not pass its checks and nobody decided that it
-    be used, or if a newer one was kept from being published; ``none`` if nothing was, or its result was deleted;
-    ``withdrawn``; ``sensor_swapped`` by the serial numbers; ``unknown`` if the published result was never judged.
-    ``verdict`` and ``error_20m_mm`` (one standard deviation 20 m away in the middle of the image) are those of the
-    published result. ``published_at`` is the alias's last move. ``recording_id`` is the rig's newest ready recording.
-    ``waits_for``: a rig, a recording, a calibration, a running one's end, or a look; null if for none.
-    ``calibration_id`` is the calibration to look at: the one that it waits for, or the published one.
+    ``state`` is what the vehicle gets: a ``published`` calibration, or none because it was ``withdrawn``, or because
+    nothing was published or its result was deleted (``none``). ``verdict``, of its checks as they say today (null if
+    it was never judged), and ``error_20m_mm`` (one standard deviation 20 m away in the middle of the image) are those
+    of the published result. ``is_swapped``: the vehicle carries other sensors now, by their serial numbers.
+    ``published_at`` is the alias's last move. ``recording_id`` is the rig's newest ready recording.
+    ``work`` is what is to be done: a ``decision`` if the published result does not pass its checks and nobody decided
+    that it be used, or if a newer one was not published; else the end of a ``running`` calibration, ``marks``, a
+    ``recording``, or ``nothing``. ``calibration_id`` is the calibration to look at: the one that it waits for, or the
+    published one.
     """
 
     vehicle_id: UUID
     vehicle: str
     camera: str | None
-    state: CameraState
-    waits_for: WaitsFor | None
+    state: CameraState | None
+    work: CameraWork
     verdict: CheckVerdict | None
+    is_swapped: bool
     error_20m_mm: float | None
     published_at: datetime | None
     recording_id: UUID | None
@@ -51,6 +55,11 @@ class CameraHealth(Sent):
 
 
 class FleetHealth(Page[CameraHealth]):
-    """A page of a fleet's cameras. ``counts``: how many match the text that was sought, by state."""
+    """A page of a fleet's cameras, of which ``matching`` match all that was asked.
 
+    ``counts``: how many match by state, whatever state was asked for. ``work_counts``: the same by work.
+    """
+
+    matching: int
     counts: dict[CameraState, int]
+    work_counts: dict[CameraWork, int]

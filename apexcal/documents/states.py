@@ -49,11 +49,18 @@ class VehicleState(StrEnum):
 
 
 class CameraState(StrEnum):
-    """What a vehicle's camera is given, the gravest first. ``look``: a person should look at its calibration."""
+    """What a vehicle gets for a camera, the gravest first."""
 
-    SWAPPED = "sensor_swapped"
     WITHDRAWN = "withdrawn"
-    LOOK = "look"
-    UNKNOWN = "unknown"
     NONE = "none"
     PUBLISHED = "published"
+
+
+class CameraWork(StrEnum):
+    """What a camera waits for, a person's decision first. ``marks``: a recording has no calibration yet."""
+
+    DECISION = "decision"
+    RUNNING = "running"
+    MARKS = "marks"
+    RECORDING = "recording"
+    NOTHING = "nothing"

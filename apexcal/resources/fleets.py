@@ -87,14 +87,21 @@ class Vehicles(Resource):
         return self._http.items(at("fleets", fleet_id, "vehicles"), VehicleOut)
 
     def health(
-        self, fleet_id: UUID | str, *, name: str = "", state: Sequence[str] = (), order: HealthOrder = "vehicle"
+        self,
+        fleet_id: UUID | str,
+        *,
+        name: str = "",
+        state: Sequence[str] = (),
+        work: Sequence[str] = (),
+        order: HealthOrder = "vehicle",
     ) -> Iterator[CameraHealth]:
-        """The cameras of a fleet's vehicles: state, error, last recording, and what each waits for.
+        """The cameras of a fleet's vehicles: state, error, last recording, and what each waits for (``work``).
 
         ``name``: a part of the vehicle's or camera's name. ``order``: the member to sort by, ``-`` turns it round.
         """
         address = at("fleets", fleet_id, "health")
-        return self._http.items(address, CameraHealth, name=name or None, state=[*state] or None, order=order)
+        filters = {"name": name or None, "state": [*state] or None, "work": [*work] or None}
+        return self._http.items(address, CameraHealth, **filters, order=order)
 
     def get(self, vehicle_id: UUID | str) -> VehicleOut:
         """One vehicle."""

@@ -34,7 +34,7 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from apexcal.documents.fleet_health import CameraHealth, FleetHealth
 from apexcal.documents.publications import CURRENT
-from apexcal.documents.states import UNENDED, CameraState, RecordingState, WorkState
+from apexcal.documents.states import UNENDED, CameraState, CameraWork, RecordingState, WorkState
 from service.platform.db.base import state_literal
 from service.platform.db.calibrations import Calibration, CalibrationRun, Publication, Result, newest_move
 from service.platform.db.fleets import Rig, RigCamera, Vehicle
@@ -43,6 +43,7 @@ from service.platform.http.pages import Window, invalid_cursor
 from service.publications.actions import PUBLISHED_LOOKS
 
 _GRAVITY: Final = {state.value: index for index, state in enumerate(CameraState)}
+_URGENCY: Final = {work.value: index for index, work in enumerate(CameraWork)}
 
 
 def fleet_health(
@@ -51,6 +52,7 @@ def fleet_health(
     window: Window | None,
     sought: str = "",
     states: Sequence[CameraState] = (),
+    works: Sequence[CameraWork] = (),
     order: str = "vehicle",
 ) -> FleetHealth:
     """Return a page of the cameras of a fleet; all of them without a window.
@@ -61,14 +63,18 @@ def fleet_health(
     cameras = _cameras(fleet_id)
     names = (cameras.c.vehicle, cameras.c.camera_name)
     matches = or_(*(name.icontains(sought, autoescape=True) for name in names)) if sought else true()
-    counts = select(cameras.c.state.label("of_state"), func.count().label("cameras")).where(matches)
-    by_state = counts.group_by(cameras.c.state).cte("counts")
+    kinds = (cameras.c.state.label("of_state"), cameras.c.work.label("of_work"))
+    kind = func.coalesce(cameras.c.state, "").concat(cameras.c.work).label("kind")
+    counts = select(kind, *kinds, func.count(cameras.c.camera).label("cameras")).where(matches)
+    by_kind = counts.group_by(kind, *kinds).cte("counts")
     key, is_turned = _key(cameras, order.removeprefix("-")), order.startswith("-")
     # Rows of one key are in the order of names; the id tells vehicles apart whose long names sort alike.
     ties = (cameras.c.sort_name, cameras.c.vehicle_id, cameras.c.camera_name)
     rows = select(cameras, key.label("key")).where(matches)
     if states:
         rows = rows.where(cameras.c.state.in_(states))
+    if works:
+        rows = rows.where(cameras.c.work.in_(works))
     if window is not None:
         if window.after is not None:
             edge, *tie = _parse(window.after, key.type.python_type)
@@ -77,10 +83,10 @@ def fleet_health(
         rows = rows.order_by(key.desc() if is_turned else key, *ties).limit(window.limit + 1)
     page = rows.cte("page")
     # The page's rows come beside the first count, so that the others are there too where the page is empty.
-    first = select(func.min(by_state.c.of_state)).scalar_subquery()
-    beside = by_state.outerjoin(page, by_state.c.of_state == first)
+    first = select(func.min(by_kind.c.kind)).scalar_subquery()
+    beside = by_kind.outerjoin(page, by_kind.c.kind == first)
     in_order = (page.c.key.desc() if is_turned else page.c.key, *(page.c[column.name] for column in ties))
-    answer = session.execute(select(*_shown(page), by_state).select_from(beside).order_by(*in_order)).all()
+    answer = session.execute(select(*_shown(page), by_kind).select_from(beside).order_by(*in_order)).all()
     items = [row for row in answer if row.vehicle_id is not None]
     following = None
     if window is not None and len(items) > window.limit:
@@ -88,11 +94,14 @@ def fleet_health(
         last = items[-1]
         edges = [last.key, last.sort_name, last.vehicle_id.hex, last.camera_name]
         following = urlsafe_b64encode(json.dumps(edges).encode()).decode()
-    sizes = {row.of_state: row.cameras for row in answer}
+    sizes = {(row.of_state, row.of_work): row.cameras for row in answer}
+    wanted_states, wanted_works = set(states or CameraState), set(works or CameraWork)
     return FleetHealth(
         items=[CameraHealth.model_validate(row) for row in items],
         next=following,
-        counts={state: sizes.get(state, 0) for state in CameraState},
+        matching=sum(sizes.get((state, work), 0) for state in wanted_states for work in wanted_works),
+        counts={state: sum(sizes.get((state, work), 0) for work in wanted_works) for state in CameraState},
+        work_counts={work: sum(sizes.get((state, work), 0) for state in wanted_states) for work in CameraWork},
     )
 
 
@@ -101,7 +110,9 @@ def _key(cameras: CTE, order: str) -> ColumnElement[Any]:
     if order == "vehicle":
         return cameras.c.sort_name
     if order == "state":
-        return case(_GRAVITY, value=cameras.c.state)
+        return func.coalesce(case(_GRAVITY, value=cameras.c.state), len(_GRAVITY))
+    if order == "work":
+        return case(_URGENCY, value=cameras.c.work)
     if order == "error_20m_mm":
         return type_coerce(func.coalesce(cameras.c.error_20m_mm, -1.0), Double())
     moment = _newest_recording(cameras, Recording.created_at) if order == "recorded_at" else cameras.c.published_at
@@ -121,33 +132,48 @@ def _parse(cursor: str, kind: type[Any]) -> tuple[Any, str, UUID, str]:
 
 
 def _shown(page: CTE) -> Sequence[ColumnElement[Any]]:
-    """The columns of a page with what only its own rows need: the newest recording, and what a camera waits for."""
+    """The columns of a page with what only its rows need: the newest recording, and the calibration to look at."""
     row = page.c
-    recording_id = _newest_recording(page, Recording.id)
     newest_id, newest_state = _newest_calibration(page, Calibration.id), _newest_calibration(page, Calibration.state)
-    ended_at = type_coerce(_newest_calibration(page, Calibration.finished_at), BigInteger)
-    is_running = newest_state.in_(UNENDED)
-    # Whether the newest calibration could be published, and since its end nothing was published or withdrawn.
-    is_open = and_(
-        newest_state == WorkState.DONE,
-        newest_id.is_distinct_from(row.published_id),
-        ended_at > func.coalesce(type_coerce(row.published_at, BigInteger), 0),
-    )
-    waits_for = case(
-        (row.camera.is_(None), "rig"),
-        (is_running, "running_calibration"),
-        (row.state.in_((CameraState.LOOK, CameraState.UNKNOWN)), "look"),
-        (row.state == CameraState.PUBLISHED, null()),
-        (is_open, "look"),
-        (recording_id.is_(None), "recording"),
-        else_="calibration",
-    )
     return (
         *row,
-        recording_id.label("recording_id"),
+        _newest_recording(page, Recording.id).label("recording_id"),
         _newest_recording(page, Recording.created_at).label("recorded_at"),
-        waits_for.label("waits_for"),
-        case((or_(is_running, is_open), newest_id), else_=row.published_id).label("calibration_id"),
+        case((or_(newest_state.in_(UNENDED), _is_open(page)), newest_id), else_=row.published_id).label(
+            "calibration_id"
+        ),
+    )
+
+
+def _is_open(cameras: CTE) -> ColumnElement[bool]:
+    """Whether the newest calibration could be published, and since its end nothing was published or withdrawn."""
+    ended_at = type_coerce(_newest_calibration(cameras, Calibration.finished_at), BigInteger)
+    return and_(
+        _newest_calibration(cameras, Calibration.state) == WorkState.DONE,
+        _newest_calibration(cameras, Calibration.id).is_distinct_from(cameras.c.published_id),
+        ended_at > func.coalesce(type_coerce(cameras.c.published_at, BigInteger), 0),
+    )
+
+
+def _work(mounts: CTE) -> ColumnElement[Any]:
+    """What each of the mounts waits for."""
+    mount = mounts.c
+    # A calibration that ended since, and that its checks kept from being published.
+    of_run = (CalibrationRun.calibration_id == Calibration.id, CalibrationRun.camera == mount.camera)
+    is_withheld = exists().where(
+        *(Calibration.vehicle_id == mount.vehicle_id, Calibration.state == state_literal(WorkState.DONE)),
+        *(Calibration.finished_at > mount.published_at, Calibration.id != mount.published_id),
+        *(Calibration.publish == "recommended", exists().where(*of_run).correlate(Calibration, mounts)),
+    )
+    is_used = and_(mount.result_id.is_not(None), mount.is_swapped_since == 0)
+    is_undecided = or_(mount.verdict.is_(None), mount.is_undecided, is_withheld.correlate(mounts))
+    return case(
+        (_newest_calibration(mounts, Calibration.state).in_(UNENDED), CameraWork.RUNNING),
+        (and_(is_used, is_undecided), CameraWork.DECISION),
+        (is_used, CameraWork.NOTHING),
+        (_is_open(mounts), CameraWork.DECISION),
+        (_newest_recording(mounts, Recording.id).is_(None), CameraWork.RECORDING),
+        else_=CameraWork.MARKS,
     )
 
 
@@ -179,21 +205,12 @@ def _newest_recording(cameras: CTE, column: InstrumentedAttribute[Any]) -> Scala
 
 def _cameras(fleet_id: UUID) -> CTE:
     """A row for each camera that a vehicle of the fleet carries now, and one for each vehicle without a camera."""
-    mount = _judged(_mounts(fleet_id)).c
-    # A calibration that ended since, and that its checks kept from being published.
-    of_run = (CalibrationRun.calibration_id == Calibration.id, CalibrationRun.camera == mount.camera)
-    is_withheld = exists().where(
-        *(Calibration.vehicle_id == mount.vehicle_id, Calibration.state == state_literal(WorkState.DONE)),
-        *(Calibration.finished_at > mount.published_at, Calibration.id != mount.published_id),
-        *(Calibration.publish == "recommended", exists().where(*of_run).correlate(Calibration, mount.camera.table)),
-    )
+    mounts = _judged(_mounts(fleet_id))
+    mount = mounts.c
     state = case(
-        (mount.number.is_(None), CameraState.NONE),
-        (and_(mount.result_id.is_(None), mount.led_to.is_(None)), CameraState.WITHDRAWN),
+        (mount.camera.is_(None), null()),
+        (and_(mount.result_id.is_(None), mount.number.is_not(None), mount.led_to.is_(None)), CameraState.WITHDRAWN),
         (mount.result_id.is_(None), CameraState.NONE),
-        (mount.is_swapped_since == 1, CameraState.SWAPPED),
-        (mount.verdict.is_(None), CameraState.UNKNOWN),
-        (or_(mount.is_undecided, is_withheld.correlate(mount.camera.table)), CameraState.LOOK),
         else_=CameraState.PUBLISHED,
     )
     described = exists().where(Rig.vehicle_id == mount.vehicle_id, RigCamera.rig_id == Rig.id)
@@ -203,7 +220,8 @@ def _cameras(fleet_id: UUID) -> CTE:
             *(mount.vehicle_id, mount.vehicle, mount.sort_name, mount.camera, mount.rig_id),
             func.coalesce(mount.camera, "").label("camera_name"),
             *(mount.verdict, mount.error_20m_mm, mount.published_at, mount.published_id),
-            state.label("state"),
+            *(state.label("state"), _work(mounts).label("work")),
+            (mount.is_swapped_since == 1).label("is_swapped"),
         )
         .where(mount.age == 1, or_(is_carried, and_(mount.camera.is_(None), ~described)))
         .cte("cameras")

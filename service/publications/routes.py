@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse, Response
 from apexcal.documents.base import Sought
 from apexcal.documents.fleet_health import FleetHealth, HealthOrder
 from apexcal.documents.publications import CURRENT, AliasName, PublicationRequest, PublicationView, WithdrawalRequest
-from apexcal.documents.states import CameraState
+from apexcal.documents.states import CameraState, CameraWork
 from service.platform.auth.access import ReadAccess, WriteAccess
 from service.platform.broker.hints import hint
 from service.platform.db.calibrations import Publication, Result, current_publication
@@ -104,14 +104,16 @@ def get_fleet_health(
     window: Paging,
     sought: Annotated[Sought, Query(alias="name", description="a part of the vehicle's or camera's name")] = "",
     state: Annotated[list[CameraState], Query(description="only cameras in one of these states")] = [],  # noqa: B006
+    work: Annotated[list[CameraWork], Query(description="only cameras that wait for one of these")] = [],  # noqa: B006
     order: Annotated[
         HealthOrder, Query(description="the member to sort by; `-` before it turns it round")
     ] = "vehicle",
     format: Annotated[Literal["json", "csv"], Query(description="csv: all pages in one table")] = "json",
 ) -> FleetHealth | Response:
-    """The cameras of a fleet's vehicles: state, age, error, last recording, and what each waits for."""
+    """The cameras of a fleet's vehicles: what each vehicle gets, age, error, last recording, what each waits for."""
     fleet = access.find(Fleet, id)
-    health = fleet_health(access.session, fleet.id, None if format == "csv" else window, sought, state or (), order)
+    page = None if format == "csv" else window
+    health = fleet_health(access.session, fleet.id, page, sought, state, work, order)
     if format == "json":
         return health
     headers = {"Content-Disposition": 'attachment; filename="fleet-health.csv"'}

@@ -38,9 +38,9 @@ def ls(embedded: Embedded, *words: str) -> str:
 def test_vehicles_with_their_state(embedded: Embedded, fleet: str):
     assert ls(embedded, "--fleet", fleet).index("Bus 2") < ls(embedded, "--fleet", fleet).index("Bus 10")
     cameras = json.loads(ls(embedded, "vehicles", "--fleet", fleet, "--json"))
-    assert [(each["vehicle"], each["state"], each["waits_for"]) for each in cameras] == [
-        ("Bus 2", "none", "look"),
-        ("Bus 10", "none", "rig"),
+    assert [(each["vehicle"], each["state"], each["work"]) for each in cameras] == [
+        ("Bus 2", "none", "decision"),
+        ("Bus 10", None, "recording"),
     ]
     assert "Bus 10" not in ls(embedded, "vehicles", "bus 2", "--fleet", fleet)
     assert ls(embedded, "vehicles", "--fleet", fleet, "--state", "withdrawn").strip() == "None."
@@ -83,7 +83,7 @@ def test_a_thing_by_name_or_as_the_last_one(embedded: Embedded, fleet: str, tmp_
         opened = run(embedded, "open", "calibration", name, *of).stdout.strip()
         assert opened == f"{embedded.url.rstrip('/')}/calibrations/{calibration['id']}"
     bus = run(embedded, "show", "vehicle", "Bus 2", *of).stdout
-    assert "front: none, waits for look" in bus and calibration["id"] in bus
+    assert "front: none, work: decision" in bus and calibration["id"] in bus
     for command in ("show", "open", "rm"):
         for name in ("@last", "walk.bag", "walk"):
             assert "no recording" in run(embedded, command, "recording", name, *of, exit_code=1).stderr

@@ -201,20 +201,24 @@ def test_a_fleet_at_a_glance(sign_in: SignIn, track: Track) -> None:
     expect(cameras.get_by_role("link", name="Van 7")).to_be_visible()
     cameras.get_by_role("searchbox").fill("lorry")
     expect(rows).to_have_text(
-        [re.compile(words) for words in (r"Lorry 1\b.*rig$", r"Lorry 2 front.*recording$", "Lorry 10")]
+        [re.compile(words) for words in (r"Lorry 1\b.*no camera", r"Lorry 2 front.*recording$", "Lorry 10")]
     )
-    tiles = page.get_by_role("navigation", name="Cameras by state")
-    expect(tiles.get_by_role("link")).to_have_text([re.compile("All 3"), re.compile(r"○\s*3\s*none")])
-    # By keys: the state, then the order. The address keeps all three.
-    tiles.get_by_role("link", name="3 none").press("Enter")
-    expect(tiles.get_by_role("link", name="3 none")).to_have_attribute("aria-current", "page")
+    # A vehicle without cameras is in the table, and is no camera.
+    tiles = page.get_by_role("navigation", name="The car gets")
+    expect(tiles.get_by_role("link")).to_have_text([re.compile("All 1"), re.compile(r"○\s*1\s*none")])
+    work = page.get_by_role("navigation", name="Waits for")
+    expect(work.get_by_role("link")).to_have_text([re.compile("All 1"), re.compile(r"1\s*a recording")])
+    expect(cameras.get_by_role("status")).to_have_text("1 camera")
+    # By keys: the work, then the order. The address keeps all three.
+    work.get_by_role("link", name="1 a recording").press("Enter")
+    expect(work.get_by_role("link", name="1 a recording")).to_have_attribute("aria-current", "page")
     cameras.get_by_role("link", name="Vehicle", exact=True).press("Enter")
     expect(rows.first).to_contain_text("Lorry 10")
     page.reload()
     expect(rows.first).to_contain_text("Lorry 10")
     expect(cameras.get_by_role("columnheader", name="Vehicle")).to_have_attribute("aria-sort", "descending")
     expect(cameras.get_by_role("searchbox")).to_have_value("lorry")
-    assert page.url.partition("?")[2] == "name=lorry&state=none&order=-vehicle"
+    assert page.url.partition("?")[2] == "name=lorry&work=recording&order=-vehicle"
     table = page.request.get(f"{track.url}{cameras.get_by_role('link', name='Download CSV').get_attribute('href')}")
     assert [line.split(",")[1] for line in table.text().splitlines()] == ["vehicle", "Lorry 10", "Lorry 2", "Lorry 1"]
     assert_looks(page)

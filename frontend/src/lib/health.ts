@@ -1,23 +1,25 @@
 /** The table of a fleet's health: what it is sorted and filtered by. */
 
 import type { HealthOrder } from "./api/types.ts";
-import type { CameraState } from "./api/schema.ts";
+import type { CameraState, CameraWork } from "./api/schema.ts";
 import type { CameraFilter } from "./router.svelte.ts";
-import { CAMERA_STATES } from "./states.ts";
+import { CAMERA_STATES, CAMERA_WORK } from "./states.ts";
 
 /** What can be sorted by; the first click shows the largest error, the oldest and the gravest first. */
 export const COLUMNS: { name: string; order: HealthOrder; turned: HealthOrder; number?: true }[] = [
   { name: "Vehicle", order: "vehicle", turned: "-vehicle" },
-  { name: "State", order: "state", turned: "-state" },
+  { name: "The car gets", order: "state", turned: "-state" },
   { name: "Error at 20 m", order: "-error_20m_mm", turned: "error_20m_mm", number: true },
   { name: "Since", order: "published_at", turned: "-published_at" },
   { name: "Last recording", order: "recorded_at", turned: "-recorded_at" },
+  { name: "Waits for", order: "work", turned: "-work" },
 ];
 
 /** The filter as the service takes it; what an address misspells is the usual. */
-export function healthQuery({ name, state, order }: CameraFilter): {
+export function healthQuery({ name, state, work, order }: CameraFilter): {
   name?: string;
   state?: CameraState[];
+  work?: CameraWork[];
   order?: HealthOrder;
 } {
   const orders = COLUMNS.flatMap((column) => [column.order, column.turned]);
@@ -25,6 +27,7 @@ export function healthQuery({ name, state, order }: CameraFilter): {
   return {
     ...(name && { name }),
     ...(state in CAMERA_STATES && { state: [state as CameraState] }),
+    ...(work in CAMERA_WORK && { work: [work as CameraWork] }),
     ...(sorted && { order: sorted }),
   };
 }

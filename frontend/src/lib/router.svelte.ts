@@ -19,6 +19,7 @@ export type Route =
 export interface CameraFilter {
   name: string;
   state: string;
+  work: string;
   order: string;
 }
 
@@ -29,8 +30,8 @@ export function healthPath(fleet: string, filter: CameraFilter): string {
 }
 
 function filterOf({ searchParams }: URL): CameraFilter {
-  const [name = "", state = "", order = ""] = ["name", "state", "order"].map((key) => searchParams.get(key) ?? "");
-  return { name, state, order };
+  const text = (key: string): string => searchParams.get(key) ?? "";
+  return { name: text("name"), state: text("state"), work: text("work"), order: text("order") };
 }
 
 export function routeOf(url: URL): Route {

@@ -1,6 +1,6 @@
 /** States as pages show them: each by a shape, a word and a colour, so that no colour alone tells it. */
 
-import type { CameraState } from "./api/schema.ts";
+import type { CameraHealth, CameraState, CameraWork } from "./api/schema.ts";
 
 export interface Look {
   shape: string;
@@ -8,15 +8,32 @@ export interface Look {
   tone: "good" | "caution" | "bad" | "muted";
 }
 
-/** Of cameras, in the order of the tiles. */
+/** What cars get for a camera, in the order of the tiles. */
 export const CAMERA_STATES: Record<CameraState, Look> = {
   published: { shape: "●", word: "published", tone: "good" },
-  look: { shape: "▲", word: "to look at", tone: "caution" },
   none: { shape: "○", word: "none", tone: "muted" },
   withdrawn: { shape: "✕", word: "withdrawn", tone: "bad" },
-  sensor_swapped: { shape: "◆", word: "sensor swapped", tone: "bad" },
-  unknown: { shape: "?", word: "unknown", tone: "caution" },
 };
+
+/** What a camera waits for, in the order of the tiles. */
+export const CAMERA_WORK: Record<CameraWork, string> = {
+  decision: "a decision",
+  running: "running",
+  marks: "marks",
+  recording: "a recording",
+  nothing: "nothing",
+};
+
+/** What a car gets for a camera, with what its checks say today: a doubt is never green. */
+export function cameraLook({ state, verdict, is_swapped }: CameraHealth): Look {
+  if (!state) return { shape: "", word: "no camera", tone: "muted" };
+  const look = CAMERA_STATES[state];
+  if (state !== "published") return look;
+  if (is_swapped) return { shape: "◆", word: "published, sensor swapped", tone: "bad" };
+  if (verdict === "pass") return look;
+  const word = verdict ? `published, check: ${verdict}` : "published, not checked";
+  return verdict === "stop" ? { shape: "✕", word, tone: "bad" } : { shape: "▲", word, tone: "caution" };
+}
 
 const SHAPES = { good: "●", caution: "▲", bad: "✕", muted: "○" } as const;
 const TONES: Record<string, Look["tone"]> = {

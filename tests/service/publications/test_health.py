@@ -9,7 +9,7 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import update
 
-from apexcal.documents.states import CameraState
+from apexcal.documents.states import CameraState, CameraWork
 from service.platform.db.clock import utc_now
 from service.platform.db.models import (
     Calibration,
@@ -36,10 +36,14 @@ def health(actor, fleet, **params):
 
 
 def only(actor, fleet, **params):
-    """The one camera of the fleet: its state, and what it waits for."""
+    """The one camera of the fleet: what the vehicle gets, and what it waits for."""
     (camera,) = health(actor, fleet, **params)["items"]
-    assert health(actor, fleet)["counts"] == dict.fromkeys(CameraState, 0) | {camera["state"]: 1}
-    return camera["state"], camera["waits_for"]
+    whole = health(actor, fleet)
+    assert whole["counts"] == dict.fromkeys(CameraState, 0) | {camera["state"]: 1}
+    assert whole["work_counts"] == dict.fromkeys(CameraWork, 0) | {camera["work"]: 1}
+    assert health(actor, fleet, work=[camera["work"]])["items"] == [camera]
+    assert health(actor, fleet, work=[*{*CameraWork} - {camera["work"]}])["items"] == []
+    return camera["state"], camera["work"]
 
 
 def test_a_camera_goes_through_its_states(api, fleet, rig, engineer, reviewer, viewer):
@@ -47,17 +51,17 @@ def test_a_camera_goes_through_its_states(api, fleet, rig, engineer, reviewer, v
     with api.database.writing() as session:
         walk = add(session, Recording, session.get_one(Rig, rig.id))
         add(session, Recording, session.get_one(Rig, rig.id), state="failed")
-    assert only(viewer, fleet) == ("none", "calibration")
+    assert only(viewer, fleet) == ("none", "marks")
     (camera,) = health(viewer, fleet)["items"]
     assert camera["recording_id"] == str(walk.id) and camera["vehicle_id"] == str(rig.vehicle_id)
     publication = publish(api, rig, reviewer)
-    assert only(viewer, fleet) == ("published", None)
+    assert only(viewer, fleet) == ("published", "nothing")
     (camera,) = health(viewer, fleet)["items"]
     assert (camera["verdict"], camera["calibration_id"]) == ("pass", publication["calibration_id"])
     withdraw(reviewer, publication)
-    assert only(viewer, fleet) == ("withdrawn", "calibration")
+    assert only(viewer, fleet) == ("withdrawn", "marks")
     publish(api, rig, reviewer)
-    assert only(viewer, fleet) == ("published", None)
+    assert only(viewer, fleet) == ("published", "nothing")
 
 
 def test_what_the_checks_kept_from_being_published_is_to_look_at(api, fleet, rig, reviewer, viewer):
@@ -66,35 +70,36 @@ def test_what_the_checks_kept_from_being_published_is_to_look_at(api, fleet, rig
     later = {"publish": "recommended", "finished_at": utc_now() + timedelta(seconds=9)}
     with api.database.writing() as session:
         session.execute(update(Calibration).where(Calibration.id == calibration).values(**later, state="running"))
-    assert only(viewer, fleet) == ("published", "running_calibration")
+    assert only(viewer, fleet) == ("published", "running")
     with api.database.writing() as session:
         session.execute(update(Calibration).where(Calibration.id == calibration).values(state="done"))
-    assert only(viewer, fleet) == ("look", "look")
+    assert only(viewer, fleet) == ("published", "decision")
     assert health(viewer, fleet)["items"][0]["calibration_id"] == str(calibration)
     # That nobody asked to publish it is no doubt about what is published.
     with api.database.writing() as session:
         session.execute(update(Calibration).values(publish="none"))
-    assert only(viewer, fleet) == ("published", None)
+    assert only(viewer, fleet) == ("published", "nothing")
     withdraw(reviewer, publication)
     with api.database.writing() as session:
         moment = utc_now() + timedelta(seconds=60)
         session.execute(update(Calibration).where(Calibration.id == calibration).values(finished_at=moment))
-    assert only(viewer, fleet) == ("withdrawn", "look")
+    assert only(viewer, fleet) == ("withdrawn", "decision")
 
 
 @pytest.mark.parametrize(
-    ("verdict", "decided", "state"),
-    [("stop", False, "look"), ("look", False, "look"), ("stop", True, "published"), (None, False, "unknown")],
+    ("verdict", "decided", "work"),
+    [("stop", False, "decision"), ("look", False, "decision"), ("stop", True, "nothing"), (None, False, "decision")],
 )
 def test_a_published_result_with_failing_checks_is_to_look_at_unless_a_person_decided(
-    api, fleet, rig, reviewer, viewer, verdict, decided, state
+    api, fleet, rig, reviewer, viewer, verdict, decided, work
 ):
     """A validation on other data may fail after the result was published."""
     publish(api, rig, reviewer)
     with api.database.writing() as session:
         session.execute(update(Result).values(verdict=verdict))
         session.execute(update(Publication).values(overridden=["It leans."] if decided else None, reason="Tried."))
-    assert only(viewer, fleet) == (state, None if state == "published" else "look")
+    assert only(viewer, fleet) == ("published", work), "cars get it all the same"
+    assert health(viewer, fleet)["items"][0]["verdict"] == verdict
 
 
 @pytest.mark.parametrize("swapped", [{"serial": "C-2"}, {"lidar_serial": "L-2"}])
@@ -102,9 +107,10 @@ def test_a_swapped_sensor_is_told_as_the_vehicle_is_told(api, fleet, rig, engine
     state_serials(engineer, rig, lidar="L-1", cameras={"front": "C-1"})
     publish(api, rig, reviewer)
     another_rig(api, rig, "roof 1b", serial="C-1")
-    assert only(viewer, fleet) == ("published", None)
+    assert only(viewer, fleet) == ("published", "nothing")
     another_rig(api, rig, "roof 2", **swapped)
-    assert only(viewer, fleet) == ("sensor_swapped", "recording")
+    assert only(viewer, fleet) == ("published", "recording")
+    assert health(viewer, fleet)["items"][0]["is_swapped"]
 
 
 def test_a_deleted_result_leaves_nothing_published(api, fleet, rig, reviewer, viewer):
@@ -135,14 +141,14 @@ def many(api, fleet):
         add(session, Vehicle, of, name="=1+2, %_")
 
 
-ORDERS = ("vehicle", "state", "published_at", "error_20m_mm", "recorded_at")
+ORDERS = ("vehicle", "state", "work", "published_at", "error_20m_mm", "recorded_at")
 
 
 @pytest.mark.parametrize("order", [*ORDERS, *(f"-{order}" for order in ORDERS)])
 def test_pages_follow_each_other_in_every_order(api, fleet, many, viewer, order):
     whole = health(viewer, fleet, order=order)
     assert whole["next"] is None and len(whole["items"]) == 25
-    assert whole["counts"] == dict.fromkeys(CameraState, 0) | {"published": 4, "none": 21}
+    assert whole["counts"] == dict.fromkeys(CameraState, 0) | {"published": 4, "none": 20}
     paged, after = [], {}
     for _ in range(9):
         page = health(viewer, fleet, order=order, limit=3, **after)
@@ -157,7 +163,7 @@ def test_pages_follow_each_other_in_every_order(api, fleet, many, viewer, order)
     if order == "vehicle":
         assert list(dict.fromkeys(values))[:4] == ["=1+2, %_", "Van 1", "Van 2", "Van 3"] and values[-1] == "Van 12"
     if order == "state":
-        assert values == ["none"] * 21 + ["published"] * 4
+        assert values == ["none"] * 20 + ["published"] * 4
 
 
 def test_text_and_state_narrow_and_the_counts_tell_what_the_text_leaves(api, fleet, many, viewer):
@@ -165,11 +171,16 @@ def test_text_and_state_narrow_and_the_counts_tell_what_the_text_leaves(api, fle
     assert [item["vehicle"] for item in found["items"]] == ["Van 12"]
     assert found["counts"] == dict.fromkeys(CameraState, 0) | {"published": 1, "none": 7}
     assert {item["camera"] for item in health(viewer, fleet, name="rear")["items"]} == {"rear"}
-    assert [item["waits_for"] for item in health(viewer, fleet, name="%_")["items"]] == ["rig"]
+    (bare,) = health(viewer, fleet, name="%_")["items"]
+    assert (bare["camera"], bare["state"], bare["work"]) == (None, None, "recording")
+    assert health(viewer, fleet, name="%_")["matching"] == 0, "a vehicle without cameras is no camera"
+    waiting = health(viewer, fleet, state=["none"], work=["recording"])
+    assert waiting["matching"] == len(waiting["items"]) == 20 and waiting["counts"]["published"] == 0
+    assert health(viewer, fleet, work=["decision"])["items"] == []
     nothing = health(viewer, fleet, name="no such")
     assert nothing["items"] == [] and set(nothing["counts"].values()) == {0}
     # Nothing of the page, but the counts.
-    assert health(viewer, fleet, state=["withdrawn"])["counts"]["none"] == 21
+    assert health(viewer, fleet, state=["withdrawn"])["counts"]["none"] == 20
     for cursor in ("x", "W10=", "WzEsMiwzLDRd"):
         answer = viewer.get(f"/fleets/{fleet}/health", params={"after": cursor})
         assert (answer.status_code, answer.json()["code"]) == (422, "invalid_cursor"), answer.text

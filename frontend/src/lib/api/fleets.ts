@@ -3,7 +3,7 @@
 import { read, readAll } from "./reads.ts";
 import { change, create, remove, type Sending } from "./writes.ts";
 import type { HealthOrder } from "./types.ts";
-import type { CameraState, NewRig, PublicationPolicy, RigOut, SensorSerials } from "./schema.ts";
+import type { CameraState, CameraWork, NewRig, PublicationPolicy, RigOut, SensorSerials } from "./schema.ts";
 
 export const fleet = (id: string | undefined) => read("/v1/fleets/{id}", { id });
 
@@ -18,7 +18,7 @@ export const vehicles = (fleetId: string | undefined) =>
 /** A page of the fleet's cameras, a hundred of them. */
 export const health = (
   id: string | undefined,
-  filter: { name?: string; state?: CameraState[]; order?: HealthOrder },
+  filter: { name?: string; state?: CameraState[]; work?: CameraWork[]; order?: HealthOrder },
   after: string | undefined,
 ) => read("/v1/fleets/{id}/health", { id }, { ...filter, after });
 
