@@ -362,7 +362,10 @@ def test_every_secret_can_be_changed(started: Compose, calibrated: tuple[Calibra
     link = started.run("docker compose run --rm api python -m service.platform.auth.bootstrap").splitlines()[-1]
     with Client.sign_in(link) as again:
         assert ask(again, calibrated[1].vehicle_id).headers["etag"] == calibrated[1].etag
-    for names, role in (("POSTGRES_PASSWORD", "apexcal"), ("API_DATABASE_PASSWORD", "apexcal_api")):
+    for names, role in (
+        *(("POSTGRES_PASSWORD", "apexcal"), ("API_DATABASE_PASSWORD", "apexcal_api")),
+        *(("WORKER_DATABASE_PASSWORD", "apexcal_worker"), ("INGEST_DATABASE_PASSWORD", "apexcal_ingest")),
+    ):
         login = f"postgresql://{role}:{old[names]}@postgres/apexcal"
         probe = f"import psycopg; psycopg.connect('{login}')"
         refused = started.fails(f'docker compose run --rm api python -c "{probe}"')

@@ -31,6 +31,7 @@ _SECRETS = {
     "POSTGRES_PASSWORD": "of-postgres",
     "API_DATABASE_PASSWORD": "of-the-api",
     "WORKER_DATABASE_PASSWORD": "of-workers",
+    "INGEST_DATABASE_PASSWORD": "of-ingest",
     "S3_WORKER_ACCESS_KEY": "of-s3",
     "S3_WORKER_SECRET_KEY": "also-of-s3",
     "VALKEY_PASSWORD": "of-valkey",

@@ -14,6 +14,7 @@ from apexcal.embedded.folder import DataFolder
 from apexcal.embedded.plans import QUEUES, api
 from service.environment_file import IDENTITIES
 from service.environment_file import identities as identities_of
+from service.platform.db.grants import OF_INGEST
 from service.platform.settings import Settings
 from tests.containers.local_images import OVERRIDE, localised
 from tests.support.compose import FILE, ROOT, MissingVariableError, demanded, image_environment, load
@@ -49,7 +50,13 @@ def ours(services: dict[str, dict]) -> dict[str, dict]:
 
 def test_it_refuses_to_start_without_secrets() -> None:
     secrets = {"POSTGRES_PASSWORD", "API_DATABASE_PASSWORD", "WORKER_DATABASE_PASSWORD", "VALKEY_PASSWORD"}
-    secrets |= {"S3_ACCESS_KEY", "S3_SECRET_KEY", "S3_WORKER_ACCESS_KEY", "S3_WORKER_SECRET_KEY"}
+    secrets |= {
+        "INGEST_DATABASE_PASSWORD",
+        "S3_ACCESS_KEY",
+        "S3_SECRET_KEY",
+        "S3_WORKER_ACCESS_KEY",
+        "S3_WORKER_SECRET_KEY",
+    }
     assert demanded() == secrets | {"APEXCAL_PUBLIC_URL", "APEXCAL_S3_PUBLIC_ENDPOINT"}
     for name in demanded():
         with pytest.raises(MissingVariableError, match=name):
@@ -142,6 +149,7 @@ def test_each_part_has_a_role_and_keys_of_its_own(document: dict, services: dict
     }
     assert {name for name, user in users.items() if user == "apexcal"} == {"migrations", "restore"}
     assert {name for name, user in users.items() if user == "apexcal_api"} == {"api", "api-2", "backup", "bucket"}
+    assert {name for name, user in users.items() if user == OF_INGEST} == {"worker-ingest"}
     keys = {name: one["environment"]["APEXCAL_S3_ACCESS_KEY_ID"] for name, one in ours(services).items()}
     assert {name for name, key in keys.items() if key == VARIABLES["S3_ACCESS_KEY"]} == {
         "api",

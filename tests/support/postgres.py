@@ -14,7 +14,7 @@ import psycopg
 from psycopg import sql
 from sqlalchemy.engine import make_url
 
-from service.platform.db.grants import OF_API
+from service.platform.db.grants import OF_API, OF_INGEST
 from service.platform.db.migrate import make_roles, upgrade
 from tests.support.networks import NETWORK, Host
 from tests.support.processes import start, stop, wait_until
@@ -36,6 +36,8 @@ def binaries() -> Path:
 
 
 OF_WORKERS = "apexcal_worker"
+ROLES = {OF_API: "of-the-api", OF_WORKERS: "of-workers", OF_INGEST: "of-ingest"}
+"""Roles with their passwords."""
 
 
 def as_role(url: str, role: str) -> str:
@@ -109,7 +111,7 @@ class Postgres:
         """Make a database with its tables and roles, and return its URL."""
         url = self.create(database)
         upgrade(url)
-        make_roles(url, {OF_API: "of-the-api", OF_WORKERS: "of-workers"})
+        make_roles(url, ROLES)
         return url
 
     def empty(self, database: str, tables: list[str]) -> None:

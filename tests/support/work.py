@@ -4,6 +4,7 @@ from copy import copy
 
 from sqlalchemy import select
 
+from service.platform.db.grants import OF_INGEST
 from service.platform.db.jobs import Job
 from service.platform.db.session import Database
 from service.platform.jobs.claims import claim
@@ -17,19 +18,22 @@ from workers.tasks.running import run_job
 
 def work(context: Context) -> None:
     """Do every job that is there, and those that follow from them, with the rights that workers have."""
-    worker = copy(context)
-    worker.database = Database(as_role(context.settings.database, OF_WORKERS))
-    worker.database.couriers = context.database.couriers
+    workers = {role: copy(context) for role in (OF_WORKERS, OF_INGEST)}
+    for role, worker in workers.items():
+        worker.database = Database(as_role(context.settings.database, role))
+        worker.database.couriers = context.database.couriers
+    queued = select(Job.id, Job.queue).where(Job.state == "queued").order_by(Job.id)
     try:
         while True:
             with context.database.reading() as session:
-                ids = session.scalars(select(Job.id).where(Job.state == "queued").order_by(Job.id)).all()
-            if not ids:
+                jobs = session.execute(queued).all()
+            if not jobs:
                 return
-            for job_id in ids:
-                run_job(worker, job_id)
+            for job_id, queue in jobs:
+                run_job(workers[OF_INGEST if queue == "ingest" else OF_WORKERS], job_id)
     finally:
-        worker.database.close()
+        for worker in workers.values():
+            worker.database.close()
 
 
 def lose_every_worker(database: Database, job_id: int) -> None:

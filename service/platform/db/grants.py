@@ -11,11 +11,13 @@ from collections.abc import Mapping
 
 from service.platform.db.models import Base
 
-OF_API = "apexcal_api"
+OF_API, OF_INGEST = "apexcal_api", "apexcal_ingest"
 
 _READ, _ADD, _CHANGE = "SELECT", "SELECT, INSERT", "SELECT, INSERT, UPDATE, DELETE"
 
 WORKERS: Mapping[str, str] = {
+    **dict.fromkeys(("blob_hold", "upload_part", "answer", "correspondence_set"), _READ),
+    **dict.fromkeys(("camera_frame", "packed_sweeps", "packed_sweep", "analysis_file", "apex", "slot"), _ADD),
     # Jobs
     "job": (
         f"{_ADD}, UPDATE (state, attempt, lost, sends, send_after, lease_until, cancel_requested, worker, progress, "
@@ -27,8 +29,6 @@ WORKERS: Mapping[str, str] = {
     "heartbeat": f"{_ADD}, UPDATE (at)",
     # Files
     "blob": f"{_ADD}, UPDATE (state, size, sha256, failed_removals, remove_after), DELETE",
-    "blob_hold": _READ,
-    "upload_part": _READ,
     # Fleets: of a fleet and a vehicle the rows are locked. The upkeep counts a fleet's bytes anew.
     "fleet": f"{_READ}, UPDATE (row_bytes)",
     "vehicle": f"{_READ}, UPDATE (version)",
@@ -38,30 +38,42 @@ WORKERS: Mapping[str, str] = {
     # Recordings
     "recording": f"{_READ}, UPDATE (state, facts, warnings, problem, taken_bytes, version)",
     "sensor": f"{_ADD}, DELETE",
-    "camera_frame": _ADD,
-    "packed_sweeps": _ADD,
-    "packed_sweep": _ADD,
     # Vertices and marks
     "detection": f"{_READ}, UPDATE (state, remaining, counts, problem, finished_at)",
-    "apex": _ADD,
     "vertex": f"{_ADD}, UPDATE (rank)",
     "vertex_frame": f"{_ADD}, DELETE",
-    "answer": _READ,
     "marking_frontier": f"{_READ}, UPDATE (rank)",
     "marking_progress": f"{_READ}, DELETE",
     "analysis": f"{_ADD}, UPDATE (state, result, single_pairs, problem, job_id)",
-    "analysis_file": _ADD,
     # Calibrations
-    "correspondence_set": _READ,
     "calibration": f"{_READ}, UPDATE (state, remaining, summary, problem, finished_at)",
     "calibration_run": f"{_READ}, UPDATE (state, iteration, remaining, schedule, failure, finished_at)",
-    "slot": _ADD,
     "result": f"{_ADD}, UPDATE (verdict, error_20m_mm, compared_with, checks)",
+    # What a job publishes is a line of the audit, whose moment is read.
     "publication": _ADD,
-    # What a job publishes is a line, whose moment is read.
     "audit_entry": "INSERT, SELECT (id, created_at)",
     "fleet_request": f"{_READ}, UPDATE (state, remaining, done, failed, cancelled, skipped, wave, finished_at)",
     "fleet_request_vehicle": f"{_READ}, UPDATE (state, problem, finished_at)",
+}
+
+# Workers of the queue `ingest` alone: they meet strangers' bytes, and read and write what becomes of an upload.
+INGEST: Mapping[str, str] = {
+    table: WORKERS[table]
+    for table in (
+        *("worker", "upload_part", "rig", "rig_camera", "recording", "sensor", "camera_frame"),
+        *("packed_sweeps", "packed_sweep", "analysis_file", "audit_entry"),
+    )
+} | {
+    "job": WORKERS["job"].replace("cancel_requested, ", ""),
+    "job_event": _ADD,
+    "blob": f"{_ADD}, UPDATE (state, size, sha256)",
+    "fleet": f"{_READ}, UPDATE (version)",
+    "analysis": f"{_ADD}, UPDATE (state, result, problem, job_id)",
+    # A rig may get its cameras, so what cars are answered is compared.
+    "vehicle": _READ,
+    "publication": _READ,
+    "result": "SELECT (id, calibration_id)",
+    "calibration": "SELECT (id, rig_id)",
 }
 
 # It does what people ask for. It makes no owner of who is there, and changes nothing that only workers or time make.
@@ -84,9 +96,9 @@ API: Mapping[str, str] = dict.fromkeys(Base.metadata.tables, _CHANGE) | {
 def statements(role: str, name: str) -> list[str]:
     """Take every right from the role called ``name``, in SQL ``role``, and give it its own.
 
-    A role of another name than the API's has what workers have.
+    A role of another name has what workers have.
     """
-    grants = API if name == OF_API else WORKERS
+    grants = {OF_API: API, OF_INGEST: INGEST}.get(name, WORKERS)
     return [
         f"REVOKE ALL ON ALL TABLES IN SCHEMA public FROM {role}",
         f"REVOKE ALL ON ALL SEQUENCES IN SCHEMA public FROM {role}",

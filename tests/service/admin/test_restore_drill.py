@@ -36,7 +36,7 @@ from service.platform.storage.store import Store, open_store
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
 from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.people import Actor, Api, TestClient
-from tests.support.postgres import OF_WORKERS, Postgres, as_role
+from tests.support.postgres import ROLES, Postgres, as_role
 from tests.support.s3 import S3Server
 from tests.support.uploads import put_part
 from tests.support.work import work
@@ -186,7 +186,7 @@ def test_what_was_published_marked_and_recorded_is_served_again_with_the_same_by
         there = elsewhere(kind)
         restore(there.database, open_store(there), tmp_path / "backup")
         if kind == "postgresql":
-            make_roles(there.database, {OF_API: "of-the-api", OF_WORKERS: "of-workers"})
+            make_roles(there.database, ROLES)
         app = create_app(there)
         with TestClient(app, base_url="http://127.0.0.1:8000") as client:
             engineer = Actor(site.engineer.person_id, site.engineer.token, client)

@@ -10,7 +10,17 @@ from pathlib import Path
 import pytest
 from sqlalchemy import delete, select
 
-from service.platform.db.models import Blob, Recording, Rig, RigCamera, Sensor, UploadPart, Vehicle
+from service.platform.db.models import (
+    AuditEntry,
+    Blob,
+    Publication,
+    Recording,
+    Rig,
+    RigCamera,
+    Sensor,
+    UploadPart,
+    Vehicle,
+)
 from service.platform.jobs.claims import Lease, LostLeaseError, claim, finishing
 from service.platform.jobs.queue import cancel, enqueue
 from service.platform.jobs.sweep import sweep
@@ -104,6 +114,8 @@ def test_a_rig_without_cameras_is_described_by_the_recording(context, database, 
     rig = seed_rig(database, make_fleet(database))
     with database.writing() as session:
         session.execute(delete(RigCamera))
+        # What was withdrawn is told to cars once a rig has the camera: the worker's role writes that into the audit.
+        add(session, Publication, session.get_one(Vehicle, rig.vehicle_id))
     sweeps = [(topic, kind, at, replace(one, header=header(at, "velodyne"))) for topic, kind, at, one in clouds(3)]
     frames = list(images(3, "/camera/front/image_raw/compressed", png(640, 480)))
     first = uploaded(context, rig, write_bag(tmp_path / "one.bag", interleaved(sweeps, frames)))
@@ -121,6 +133,8 @@ def test_a_rig_without_cameras_is_described_by_the_recording(context, database, 
         assert any("how front is mounted" in one and "Assumed: forward" in one for one in warned)
         assert not any("Assumed" in one for one in session.get_one(Recording, again.id).warnings)
         assert any("The rig is not described." in one for one in session.get_one(Recording, blind.id).warnings)
+        (effect,) = session.scalars(select(AuditEntry.effect))
+        assert "car, front: nothing -> nothing, it was withdrawn (410)" in effect.splitlines()
 
 
 def empty(database, rig):

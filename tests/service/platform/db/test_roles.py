@@ -9,12 +9,12 @@ import pytest
 from psycopg import sql
 from sqlalchemy.engine import make_url
 
-from service.platform.db.grants import API, WORKERS
+from service.platform.db.grants import API, INGEST, OF_API, OF_INGEST, WORKERS
 from service.platform.db.migrate import make_roles, upgrade
 from service.platform.db.models import Base
-from tests.support.postgres import Postgres
+from tests.support.postgres import OF_WORKERS, Postgres
 
-ROLES = {"apexcal_worker": WORKERS, "apexcal_api": API}
+ROLES = {OF_WORKERS: WORKERS, OF_API: API, OF_INGEST: INGEST}
 # A statement for each verb that touches no row. A right is asked for before a column's constraint.
 TABLE = {
     "SELECT": "SELECT * FROM {table} WHERE false",
@@ -36,10 +36,10 @@ def url(postgres: Postgres) -> str:
     upgrade(url)
     with psycopg.connect(make_url(url).set(drivername="postgresql").render_as_string()) as session:
         for _ in range(2):
-            make_roles(url, {"apexcal_worker": "it's 100% secret", "apexcal_api": "b"})
-            session.execute("GRANT ALL ON ALL TABLES IN SCHEMA public TO apexcal_worker, apexcal_api")
+            make_roles(url, dict.fromkeys(ROLES, "it's 100% secret"))
+            session.execute(f"GRANT ALL ON ALL TABLES IN SCHEMA public TO {', '.join(ROLES)}".encode())
             session.commit()
-    make_roles(url, {"apexcal_worker": "it's 100% secret", "apexcal_api": "b"})
+    make_roles(url, dict.fromkeys(ROLES, "it's 100% secret"))
     return url
 
 
@@ -116,8 +116,9 @@ def test_nobody_makes_owners_of_others_or_changes_what_was_published(session, ro
     assert allows(session, "SELECT nextval('job_id_seq')")
 
 
-def test_a_worker_has_nothing_to_do_with_people_and_credentials(url):
-    address = make_url(url).set(drivername="postgresql", username="apexcal_worker").render_as_string()
+@pytest.mark.parametrize("role", [OF_WORKERS, OF_INGEST])
+def test_a_worker_has_nothing_to_do_with_people_and_credentials(url, role):
+    address = make_url(url).set(drivername="postgresql", username=role).render_as_string()
     with psycopg.connect(address) as session:
         for table in CREDENTIALS:
             assert not any(allows(session, statement, table=table) for statement in TABLE.values()), table
@@ -131,5 +132,23 @@ def test_a_worker_has_nothing_to_do_with_people_and_credentials(url):
             "UPDATE correspondence_set SET pairs = NULL",
             "UPDATE answer SET u = 0",
             "DELETE FROM recording",
+        ):
+            assert not allows(session, statement), statement
+
+
+def test_who_decodes_uploads_makes_no_result_and_reads_no_marks(url):
+    """Nor does it publish, or take room from a fleet: it writes what becomes of an upload."""
+    address = make_url(url).set(drivername="postgresql", username=OF_INGEST).render_as_string()
+    with psycopg.connect(address) as session:
+        for table in ("apex", "vertex", "answer", "correspondence_set", "calibration_run", "slot", "person"):
+            assert not any(allows(session, statement, table=table) for statement in TABLE.values()), table
+        for statement in (
+            "INSERT INTO publication DEFAULT VALUES",
+            "INSERT INTO result DEFAULT VALUES",
+            "UPDATE result SET verdict = 'pass'",
+            "SELECT document FROM result",
+            "UPDATE calibration SET state = 'done'",
+            "UPDATE fleet SET row_bytes = 0",
+            "DELETE FROM blob",
         ):
             assert not allows(session, statement), statement
