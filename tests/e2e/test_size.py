@@ -5,7 +5,7 @@ from typing import Any
 
 from tests.e2e.conftest import WEB
 
-MOST_BYTES, MOST_BYTES_WITH_VIEWER = 102_000, 300_000
+MOST_BYTES, MOST_BYTES_WITH_VIEWER = 100_000, 300_000
 ENTRY = "index.html"
 Manifest = dict[str, dict[str, Any]]
 
