@@ -21,6 +21,9 @@ _FIRST = (
     "tests/contract/",
 )
 
+# After so many seconds a long form hangs, or a test that starts farms and breaks them.
+LONG_S = 900
+
 # What is tested here is the database itself, who holds which row, what it takes as text, or how it orders.
 _EVERY_CASE = (
     "tests/faults/",
@@ -79,6 +82,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> SideBySide |
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put them into that order, on every process alike."""
+    for item in items:
+        is_long = item.get_closest_marker("slow") or item.get_closest_marker("faults")
+        if is_long and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(LONG_S))
     _leave_out_crossed(items)
     items.sort(
         key=lambda item: next((n for n, name in enumerate(_FIRST) if item.nodeid.startswith(name)), len(_FIRST))

@@ -1,5 +1,8 @@
 """What a worker's parent compiles before it forks."""
 
+import pytest
+
+from tests.support.side_by_side import LONG_S
 from workers.solver import correlation
 from workers.tasks.warming import _REGION, _SWEEPS, _sweep, warm_up
 from workers.vertices import range_image
@@ -26,6 +29,7 @@ KERNELS = (
 )
 
 
+@pytest.mark.timeout(LONG_S)
 def test_every_kernel_has_its_machine_code_afterwards():
     warm_up()
     assert [kernel.__name__ for kernel in KERNELS if not kernel.signatures] == []
