@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -47,23 +48,28 @@ def install(app: Celery) -> None:
 
 
 @contextlib.contextmanager
-def touched_meanwhile() -> Iterator[None]:
-    """Touch the file from a thread while the block works: a worker that compiles is not taken for one that hangs."""
-    ended, file = threading.Event(), get_settings().alive_file
+def meanwhile(step: Callable[[], object], every_s: float) -> Iterator[None]:
+    """Take a step at once, and from a thread every so many seconds until the block ends. Nothing is forked in it."""
+    ended = threading.Event()
 
-    def keep_touching() -> None:
-        while file:
-            touch(file)
-            if ended.wait(_EVERY_S):
-                return
+    def repeat() -> None:
+        while not ended.wait(every_s):
+            step()
 
-    touching = threading.Thread(target=keep_touching, name="alive", daemon=True)
-    touching.start()
+    step()
+    repeating = threading.Thread(target=repeat, name="meanwhile", daemon=True)
+    repeating.start()
     try:
         yield
     finally:
         ended.set()
-        touching.join()
+        repeating.join()
+
+
+def touched_meanwhile() -> AbstractContextManager[None]:
+    """Touch the file while the block works: a worker that compiles is not taken for one that hangs."""
+    file = get_settings().alive_file
+    return meanwhile(lambda: file and touch(file), _EVERY_S)
 
 
 def touch(file: Path) -> None:

@@ -20,6 +20,6 @@ def test_a_worker_that_compiles_is_alive(tmp_path: Path, monkeypatch: pytest.Mon
             wait_until(file.exists, "the file")
             before = file.stat().st_mtime_ns
             wait_until(lambda: file.stat().st_mtime_ns > before, "a younger file")
-        assert "alive" not in {thread.name for thread in threading.enumerate()}, "nobody touches it any more"
+        assert "meanwhile" not in {thread.name for thread in threading.enumerate()}, "nobody touches it any more"
     finally:
         get_settings.cache_clear()

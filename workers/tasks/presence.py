@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import os
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -18,6 +18,7 @@ from service.platform.db.jobs import Worker
 from service.platform.db.session import Database, put
 from service.platform.settings import get_settings
 from workers import transport
+from workers.alive import meanwhile
 
 BEAT_S = 2.0
 
@@ -53,23 +54,9 @@ class Presence:
             lambda connection: put(connection, Worker, {"name": self._name}, {"at": now(), "warm": warm}, first=first)
         )
 
-    @contextlib.contextmanager
-    def said_meanwhile(self) -> Iterator[None]:
-        """Say that it lives, and compiles, from a thread until the block ends. No process is forked in the block."""
-        ended = threading.Event()
-
-        def say() -> None:
-            while not ended.wait(BEAT_S):
-                self.say(warm=False)
-
-        self.say(warm=False)
-        saying = threading.Thread(target=say, name="presence", daemon=True)
-        saying.start()
-        try:
-            yield
-        finally:
-            ended.set()
-            saying.join()
+    def said_meanwhile(self) -> AbstractContextManager[None]:
+        """Say that it lives, and compiles, until the block ends."""
+        return meanwhile(partial(self.say, warm=False), BEAT_S)
 
     def keep_saying(self, timer: Any) -> None:
         """Say it every few seconds from Celery's timer, which stands still while the broker is away."""

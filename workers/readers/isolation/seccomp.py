@@ -65,23 +65,21 @@ def refuse_calls() -> bool:
     filter_ = ctypes.c_void_p(context)
     try:
         for name in _ALLOWED:
-            _add(library, filter_, name)
+            _allow(library, filter_, name)
         # Threads, no processes. The newer clone3 hides its flags: it is not there, and glibc takes this one.
-        _add(library, filter_, "clone", _Argument(0, _MASKED_EQ, _CLONE_THREAD, _CLONE_THREAD))
+        _allow(library, filter_, "clone", _Argument(0, _MASKED_EQ, _CLONE_THREAD, _CLONE_THREAD))
         # abort() signals the process itself; 0 names it where limits are asked for.
-        _add(library, filter_, "tgkill", _Argument(0, _EQ, os.getpid(), 0))
-        _add(library, filter_, "prlimit64", _Argument(0, _EQ, 0, 0))
+        _allow(library, filter_, "tgkill", _Argument(0, _EQ, os.getpid(), 0))
+        _allow(library, filter_, "prlimit64", _Argument(0, _EQ, 0, 0))
         for option in (_PR_SET_NAME, _PR_GET_NAME):
-            _add(library, filter_, "prctl", _Argument(0, _EQ, option, 0))
+            _allow(library, filter_, "prctl", _Argument(0, _EQ, option, 0))
         return library.seccomp_load(filter_) == 0
     finally:
         library.seccomp_release(filter_)
 
 
-def _add(
-    library: ctypes.CDLL, filter_: ctypes.c_void_p, name: str, *arguments: _Argument, action: int = _ALLOW
-) -> None:
+def _allow(library: ctypes.CDLL, filter_: ctypes.c_void_p, name: str, *arguments: _Argument) -> None:
     """A rule; a call that this machine's kernel does not have needs none."""
     number: int = library.seccomp_syscall_resolve_name(name.encode())
     array = (_Argument * len(arguments))(*arguments)
-    library.seccomp_rule_add_array(filter_, ctypes.c_uint32(action), number, len(arguments), array)
+    library.seccomp_rule_add_array(filter_, ctypes.c_uint32(_ALLOW), number, len(arguments), array)
