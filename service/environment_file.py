@@ -37,7 +37,7 @@ def variables(address: str) -> dict[str, str]:
     match = _ADDRESS.fullmatch(address.lower())
     if match is None:
         raise ValueError(
-            f"{address!r} is no address that docker-compose.yml serves: write https://NAME, as browsers will find the "
+            f"{address!r} is no address that docker-compose.yml serves: write https://NAME, as browsers find the "
             "service. NAME is a name, no IP, without port and path"
         )
     is_local = match[1] == "localhost"
