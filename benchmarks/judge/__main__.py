@@ -1,5 +1,7 @@
 """`python -m benchmarks.judge`: is what is published by itself right, and are sound calibrations published?
 
+ONLY=walk judges whole walks instead, apart from the asked figures: clocks and lenses nearly right, people's habits.
+
 Every case draws rigs, lenses, walks and marks anew and goes the product's way: request, search, fit, held-out pairs,
 checks. DRAWS: of each case (300); ONLY: parts of the names of cases; SEED: of the first draw; WORKERS: processes.
 A calibration is published by itself if all its checks pass. It is wrong if points at 20 m, over the field that marks
@@ -28,7 +30,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402
 
 from benchmarks.judge.cases import CASES, Case  # noqa: E402
-from benchmarks.judge.judging import BROKEN, Outcome, numbered  # noqa: E402
+from benchmarks.judge.judging import ALL, BROKEN, CAUSES, Outcome, numbered  # noqa: E402
 from benchmarks.shares import interval, share  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
@@ -41,14 +43,15 @@ def main() -> None:
     """Judge all draws of all cases, and print the figures."""
     draws, seed = int(os.environ.get("DRAWS", "300")), int(os.environ.get("SEED") or secrets.randbelow(10**8))
     only = [part for part in os.environ.get("ONLY", "").split(",") if part]
-    cases = [case for case in CASES if not only or any(part in case.name for part in only)]
+    cases = [case for case in ALL if any(part in case.name for part in only)] if only else list(CASES)
     began = time.perf_counter()
-    asked = [(number, seed + draw, draw < IN_TABLE) for draw in range(draws) for number in map(CASES.index, cases)]
+    asked = [(number, seed + draw, draw < IN_TABLE) for draw in range(draws) for number in map(ALL.index, cases)]
     workers = int(os.environ.get("WORKERS") or os.cpu_count() or 1)
     with ProcessPoolExecutor(workers, get_context("spawn"), warm_up) as pool:
         outcomes = list(pool.map(numbered, asked, chunksize=4))
     by_case = {case.name: [one for one in outcomes if one.case == case.name] for case in cases}
-    print(cases_table(cases, by_case), checks_table(cases, by_case), sep="\n\n", file=sys.stderr)
+    tables = [cases_table(cases, by_case), truth_table(cases, by_case), checks_table(cases, by_case)]
+    print(*tables, sep="\n\n", file=sys.stderr)
     said = {"bench": "judge", "seed": seed, "draws": draws, **summary(cases, by_case)}
     print(json.dumps(said | {"seconds": round(time.perf_counter() - began, 1)}))
     sys.exit(any(one.verdict == BROKEN for one in outcomes))
@@ -93,6 +96,26 @@ def cases_table(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> str
         shares = " | ".join(share(count, len(found)) for count in counts)
         name = case.name if case.has_trace else f"({case.name})"
         rows.append(f"| {name} | {len(found)} | {shares} | {_median_px(found) or float('nan'):.2f} |")
+    return "\n".join(rows)
+
+
+def truth_table(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> str:
+    """Each case as a line, by what is true: points within use or not, their verdicts, intervals, and causes told."""
+    head = ("case", "within use", "of these published", "stopped", "others published", "stated 95 % held", "told")
+    rows = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+    for case in cases:
+        results = [each for each in by_case[case.name] if each.verdict not in ("refused", BROKEN)]
+        good = [each for each in results if each.over_limit <= 1.0]
+        bad = [each for each in results if each.over_limit > 1.0]
+        published, stopped = (sum(each.verdict == word for each in good) for word in ("pass", "stop"))
+        held = float(np.mean([each.held for each in results])) if results else float("nan")
+        told = {name: sum(name in each.named for each in results) for name in CAUSES}
+        causes = ", ".join(f"{name} {count}" for name, count in told.items() if count)
+        others = f"{sum(each.verdict == 'pass' for each in bad)} of {len(bad)}"
+        rows.append(
+            f"| {case.name} | {len(good)} of {len(results)} | {published} | {stopped} | {others} | {held:.3f} | "
+            f"{causes} |"
+        )
     return "\n".join(rows)
 
 

@@ -17,6 +17,7 @@ from apexcal.documents.results import FitResult
 from apexcal.geometry.rotations import rotation_from_vector
 from apexcal.geometry.se3 import SE3, from_document
 from benchmarks.judge.cases import CASES, Case, Draw
+from benchmarks.judge.walk_cases import WALKS
 from service.calibrations.plan import CalibrationPlan, plan_request
 from service.calibrations.resolve import CameraPairs
 from service.platform.db.calibrations import FULL, CorrespondenceSet
@@ -26,6 +27,7 @@ from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import project
 from workers.judge.calibration_checks import checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
+from workers.judge.topics import LOOK_RATE
 from workers.models.summary import CameraFit, camera_summary
 from workers.simulation.camera import FRONT
 from workers.solver.outcomes import SolveError
@@ -41,11 +43,15 @@ BROKEN: Final = "broken"
 """The verdict of a draw on which the product itself failed; the bench then ends with 1."""
 # Of the points over the field that marks cover: beyond their middle 95 % lie single marks at the image's edges.
 _POINTS: Final = 0.05
+ALL: Final = (*CASES, *WALKS)
+CAUSES: Final = ("clock", "rolling_shutter", "lens_model", "stated_lens", "priors", "people")
 
 
 class Outcome(NamedTuple):
     """How a draw ended. verdict: of the checks, `refused` if there is no result, or `broken`. error_px: RMS at 20 m
     over the field that marks cover; is_wrong: by more than is stated, and than use allows. failed: verdicts by check.
+    over_limit: error of the middle 95 % of the points over what use allows; held: share of the points whose error is
+    within two stated deviations; named: causes that checks tell, also where these pass.
     """
 
     case: str
@@ -53,6 +59,9 @@ class Outcome(NamedTuple):
     error_px: float
     is_wrong: bool
     failed: dict[str, str]
+    over_limit: float = np.inf
+    held: float = 0.0
+    named: tuple[str, ...] = ()
 
 
 def outcome(case: Case, seed: int, with_folds: bool = True) -> Outcome:
@@ -66,18 +75,25 @@ def outcome(case: Case, seed: int, with_folds: bool = True) -> Outcome:
     except (DocumentError, Problem, SolveError):
         return Outcome(case.name, "refused", np.nan, False, {})
     failed = {check.name: check.verdict for check in checks if check.is_doubt}
-    error_px, is_wrong = error_of(draw, result)
-    return Outcome(case.name, verdict_of(checks, "mount_with_lens"), error_px, is_wrong, failed)
+    error = error_of(draw, result)
+    named = tuple(check.name for check in checks if check.name in CAUSES and _is_told(check))
+    verdict = verdict_of(checks, "mount_with_lens")
+    return Outcome(case.name, verdict, error.px, error.is_wrong, failed, error.over_limit, error.held, named)
+
+
+def _is_told(check: Check) -> bool:
+    probability = check.figures.get("probability")
+    return check.is_doubt or (check.verdict == "pass" and probability is not None and probability < LOOK_RATE)
 
 
 def numbered(asked: tuple[int, int, bool]) -> Outcome:
     """The outcome of a case by its number, for a process of its own: number, seed, and `with_folds`."""
     number, seed, with_folds = asked
     try:
-        return outcome(CASES[number], seed, with_folds)
+        return outcome(ALL[number], seed, with_folds)
     except Exception:
-        print(f"{CASES[number].name}, seed {seed}: the fit broke\n{traceback.format_exc()}", file=sys.stderr)
-        return Outcome(CASES[number].name, BROKEN, np.nan, False, {})
+        print(f"{ALL[number].name}, seed {seed}: the fit broke\n{traceback.format_exc()}", file=sys.stderr)
+        return Outcome(ALL[number].name, BROKEN, np.nan, False, {})
 
 
 def calibrated(draw: Draw, with_folds: bool) -> tuple[FitResult, list[Check]]:
@@ -109,8 +125,17 @@ def planned(draw: Draw) -> CalibrationPlan:
     return plan_request(CalibrationTemplate.model_validate(draw.request), [CameraPairs(camera, pairs)])
 
 
-def error_of(draw: Draw, result: FitResult) -> tuple[float, bool]:
-    """RMS error, px, of points at 20 m, and whether more of them than edges explain are wrong."""
+class PointError(NamedTuple):
+    """Of points at 20 m: RMS error, px; whether more of them than edges explain are wrong; and as `Outcome`."""
+
+    px: float
+    is_wrong: bool
+    over_limit: float
+    held: float
+
+
+def error_of(draw: Draw, result: FitResult) -> PointError:
+    """Return how far a result puts points at 20 m from where they are, over the field that marks cover."""
     camera, centre = draw.paired.camera, draw.paired.camera.centre()
     towards = draw.paired.places(draw.paired.taken_ns)[::3] - centre
     points = centre + DISTANCE_M * towards / np.linalg.norm(towards, axis=1, keepdims=True)
@@ -120,8 +145,15 @@ def error_of(draw: Draw, result: FitResult) -> tuple[float, bool]:
     J = np.stack([derivative(result, name, points) for name in covariance.names], axis=2)
     stated = np.sqrt(np.maximum(np.einsum("nij,jk,nik->n", J, np.array(covariance.matrix), J), 0.0))
     focal = float(np.sqrt(camera.intrinsics["f_x"] * camera.intrinsics["f_y"]))
-    wrong = (off > SIGMAS * np.nan_to_num(stated)) & (off > max(USE_LIMIT_PX, USE_LIMIT_RAD * focal))
-    return float(np.sqrt(np.mean(np.minimum(off, 1e4) ** 2))), bool(np.mean(wrong) > _POINTS)
+    limit_px = max(USE_LIMIT_PX, USE_LIMIT_RAD * focal)
+    stated = np.nan_to_num(stated)
+    wrong = (off > SIGMAS * stated) & (off > limit_px)
+    return PointError(
+        float(np.sqrt(np.mean(np.minimum(off, 1e4) ** 2))),
+        bool(np.mean(wrong) > _POINTS),
+        float(np.quantile(off, 1.0 - _POINTS)) / limit_px,
+        float(np.mean(off <= 2.0 * stated)),
+    )
 
 
 def _at_the_end(draw: Draw, points: Floats) -> Floats:
