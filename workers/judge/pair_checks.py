@@ -102,12 +102,12 @@ def number_of_pairs(estimate: Estimate) -> Check:
     problem = estimate.holding
     used = problem.weights > 0.0
     freedom, places = estimate.spread.freedom or 0.0, places_of(problem.points[used])
-    few = [] if freedom >= _LEAST_FREEDOM else [f"{freedom:.0f} degrees of freedom, of {_LEAST_FREEDOM:.0f}"]
-    few += [] if places >= _LEAST_PLACES else [f"{places} places of the board, of {_LEAST_PLACES}"]
+    few = [] if freedom >= _LEAST_FREEDOM else [f"{freedom:.0f} degrees of freedom ({_LEAST_FREEDOM:.0f} are enough)"]
+    few += [] if places >= _LEAST_PLACES else [f"{places} places {_APART_M:g} m apart ({_LEAST_PLACES} are enough)"]
     pairs = int(np.count_nonzero(used))
     return _PAIRS.fails(
         "look" if few else "pass",
-        f"{pairs} pairs leave {' and '.join(few)} that tell how large their errors are."
+        f"{pairs} pairs are too few to tell how large their errors are: {' and '.join(few)}."
         if few
         else f"{pairs} pairs for {len(problem.free)} parameters tell how large their errors are.",
         "Mark the board at more places, or lock what is known.",

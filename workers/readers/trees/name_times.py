@@ -33,7 +33,7 @@ class SessionNumber(NamedTuple):
 
     name: str
     date: str
-    count: str
+    digits: str
 
 
 def number_at_end(stem: str) -> str:
@@ -65,8 +65,8 @@ def session_numbers(stems: Sequence[str]) -> dict[str, SessionNumber]:
     for pattern, highest_first in ((_OF_SESSION, None), (_OF_DAY, 1)):
         numbers = {stem: number for stem in stems if (number := _session_number(pattern, stem)) is not None}
         counts: dict[tuple[str, str], list[int]] = {}
-        for name, date, count in numbers.values():
-            counts.setdefault((name, date), []).append(int(count))
+        for name, date, number in numbers.values():
+            counts.setdefault((name, date), []).append(int(number))
         steps = [step for each in counts.values() for step in np.diff(sorted(each)).tolist()]
         if 2 * len(numbers) <= len(stems) or not steps or np.median(steps) != 1:
             continue

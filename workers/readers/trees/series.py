@@ -76,9 +76,9 @@ def _split_names(folders: Iterable[Sequence[str]]) -> dict[str, tuple[str, str]]
             if stem in numbers:
                 counted[path] = numbers[stem]
     dates = sorted({number.date for number in counted.values()})
-    width = max((len(number.count) for number in counted.values()), default=0)
-    for path, (name, date, count) in counted.items():
-        split[path] = (name, count if len(dates) == 1 else f"{dates.index(date)}{count:0>{width}}")
+    width = max((len(number.digits) for number in counted.values()), default=0)
+    for path, (name, date, digits) in counted.items():
+        split[path] = (name, digits if len(dates) == 1 else f"{dates.index(date)}{digits:0>{width}}")
     return split
 
 
