@@ -2,6 +2,8 @@
 
 import { tarOf, type Entry } from "./tar.ts";
 
+type FileEntry = Entry & { file: File };
+
 interface Dropped {
   vehicleId: string;
   /** The rig that it belongs to, if that is known. */
@@ -27,6 +29,9 @@ export function taken(vehicleId: string): Dropped | null {
 
 const isUrdf = (file: File): boolean => /\.(urdf|xml)$/i.test(file.name);
 
+/** Names of files in a recording's folder that may state a lens, as `apexcal upload` looks for them. */
+const OF_LENSES = /camera|calib|intrin|camchain|lens/i;
+
 // A ROS 2 bag's metadata.yaml is a part of it.
 const isLens = (file: File): boolean => /\.ya?ml$/i.test(file.name) && file.name !== "metadata.yaml";
 
@@ -39,27 +44,31 @@ export function recordingIn(files: FileList | null | undefined): File | undefine
   return tarOf(entries, nameAfter(first));
 }
 
-/** What was dropped, each folder as one tar. */
+/** What was dropped, each folder as one tar, and beside it the URDF and the lens that lie in it. */
 export async function droppedFiles(data: DataTransfer): Promise<FileList> {
   const roots = [...data.items].map((item) => item.webkitGetAsEntry()).filter((entry) => entry !== null);
   const loose = [...data.files];
   if (!roots.some((entry) => entry.isDirectory)) return data.files;
   const whole = new DataTransfer();
   for (const [index, root] of roots.entries()) {
-    const file = root.isDirectory ? tarOf(await filesBelow(root), root.name) : loose[index];
-    if (file) whole.items.add(file);
+    const below = root.isDirectory ? await filesBelow(root) : [];
+    const file = root.isDirectory ? tarOf(below, root.name) : loose[index];
+    const beside = below
+      .map((entry) => entry.file)
+      .filter((each) => isUrdf(each) || (isLens(each) && OF_LENSES.test(each.name)));
+    for (const each of [file, ...beside]) if (each) whole.items.add(each);
   }
   return whole.files;
 }
 
-async function filesBelow(entry: FileSystemEntry): Promise<Entry[]> {
+async function filesBelow(entry: FileSystemEntry): Promise<FileEntry[]> {
   if (entry.name.startsWith(".")) return [];
   if (entry.isFile) {
     const file = await new Promise<File>((good, bad) => (entry as FileSystemFileEntry).file(good, bad));
     return [{ path: entry.fullPath.replace(/^\//, ""), file }];
   }
   const reader = (entry as FileSystemDirectoryEntry).createReader();
-  const files: Entry[] = [];
+  const files: FileEntry[] = [];
   // A reader gives at most a hundred entries at a time, and none at the end.
   for (;;) {
     const some = await new Promise<FileSystemEntry[]>((good, bad) => reader.readEntries(good, bad));
