@@ -29,20 +29,8 @@ _LIDARS: Final = frozenset(
 _CAMERAS: Final = frozenset(("cam", "camera", "image", "img", "optical", "c"))
 _OTHERS: Final = frozenset(
     (
-        "imu",
-        "ins",
-        "gps",
-        "novatel",
-        "body",
-        "base",
-        "ego",
-        "vehicle",
-        "world",
-        "map",
-        "odom",
-        "radar",
-        "pose",
-        "sick",
+        *("imu", "ins", "gps", "novatel", "body", "base", "ego", "vehicle"),
+        *("world", "map", "odom", "radar", "pose", "sick"),
     )
 )
 _UNDIRECTED: Final = ("T", "rvec", "tvec", "extrinsic", "extrinsics", "extrinsic_parameters", "ExtrinsicMat")

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from workers.readers.camera_guess import Sizes, guess_cameras
 from workers.readers.captures.other_makers import instead, maker_of_topic
-from workers.readers.clouds.fields import may_be_rings, may_be_times
+from workers.readers.clouds.fields import meanings
 from workers.readers.recording import ReadError, Recording, Sensor
 from workers.readers.topic_words import primary, short_name
 
@@ -151,10 +151,10 @@ def _lidar(recording: Recording, name: str | None) -> Sensor:
 
 def _best_clouds(clouds: Sequence[Sensor]) -> list[Sensor]:
     """Those that come straight from a driver: with rings, then by their names, then, of one sensor, with times."""
-    ringed = [s for s in clouds if may_be_rings(_fields(s))] or list(clouds)
+    ringed = [s for s in clouds if "ring" in meanings(_fields(s))] or list(clouds)
     primary_topics = primary(ringed)
     if len({(s.frame_id, s.count) for s in primary_topics}) == 1 and primary_topics[0].frame_id:
-        timed = [s for s in primary_topics if may_be_times(_fields(s))]
+        timed = [s for s in primary_topics if "time" in meanings(_fields(s))]
         return timed if len(timed) == 1 else primary_topics
     return primary_topics
 

@@ -55,7 +55,7 @@ export async function droppedFiles(data: DataTransfer): Promise<FileList> {
     const file = root.isDirectory ? tarOf(below, root.name) : loose[index];
     const beside = below
       .map((entry) => entry.file)
-      .filter((each) => isUrdf(each) || (isLens(each) && OF_LENSES.test(each.name)));
+      .filter((each) => /\.urdf$/i.test(each.name) || (isLens(each) && OF_LENSES.test(each.name)));
     for (const each of [file, ...beside]) if (each) whole.items.add(each);
   }
   return whole.files;

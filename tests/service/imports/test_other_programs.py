@@ -464,7 +464,7 @@ ASKED = {
     "ORB-SLAM3 without distortion": (orb("Camera1", "PinHole", {}), ["no distortion under a known name"]),
     "k1 to k4 without a model": (
         f"{SIZE}{FOCALS.replace('  ', '')}k1: 0.1\nk2: 0.1\nk3: 0.1\nk4: 0.1\n",
-        ["those of plumb_bob are k1, k2, p1, p2, k3"],
+        ["the model plumb_bob takes k1, k2, p1, p2, k3"],
     ),
     "camodocal MEI": (MEI, ["distortion model 'MEI', which is none here"]),
     "RealSense's inverse model": (

@@ -158,26 +158,17 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join([*names[:_MOST_LISTED], *more])
 
 
-def may_be_rings(names: Sequence[str]) -> bool:
-    """Whether one of these names of columns is that of a ring."""
-    return bool(_named({name: _plain(name) for name in names}, _RING))
-
-
-def may_be_times(names: Sequence[str]) -> bool:
-    """Whether some of these names of columns are those of points' times."""
-    return bool(_times({name: _plain(name) for name in names}))
-
-
-def may_be_used(name: str) -> bool:
-    """Whether a column of this name has a meaning here."""
-    word = {name: _plain(name)}
-    return bool(_named(word, (*_RING, *_INTENSITY, *(axis for names in _AXES for axis in names))) or _times(word))
+def meanings(names: Sequence[str]) -> set[str]:
+    """What columns of these names may hold: some of ``x``, ``y``, ``z``, ``ring``, ``intensity`` and ``time``."""
+    plain = {name: _plain(name) for name in names}
+    tables = {**dict(zip("xyz", _AXES, strict=True)), "ring": _RING, "intensity": _INTENSITY}
+    of_one_column = {meaning for meaning, words in tables.items() if _named(plain, words)}
+    return of_one_column | ({"time"} if _times(plain) else set[str]())
 
 
 def is_point_table(names: Sequence[str]) -> bool:
     """Whether a table with columns of these names has x, y and z."""
-    plain = {name: _plain(name) for name in names}
-    return all(_named(plain, axis) for axis in _AXES)
+    return {"x", "y", "z"} <= meanings(names)
 
 
 def _plain(name: str) -> str:

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.clouds.fields import Columns, may_be_used
+from workers.readers.clouds.fields import Columns, meanings
 from workers.readers.recording import MessageError
 
 # sensor_msgs/PointField: INT8 = 1 ... FLOAT64 = 8
@@ -101,7 +101,7 @@ def cloud_columns(cloud: PointCloud2 | Columns, where: str) -> dict[str, NDArray
         is_array = 1 < field.count <= (end - field.offset) // kind.itemsize
         if field.name not in layout:
             layout[field.name] = ((kind, (field.count,)) if is_array else kind, field.offset)
-        elif may_be_used(field.name):
+        elif meanings([field.name]):
             raise _malformed(where, f"it names the field {field.name!r} twice")
     row_step = _row_step(cloud, width, height, where)
     if not layout or step == 0:
