@@ -112,6 +112,11 @@ class _Commands(TyperGroup):
         return TyperCommand(cmd_name, help=COMMANDS[cmd_name].help) if cmd_name in COMMANDS else None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            near = importlib.import_module("difflib").get_close_matches(args[0], COMMANDS, n=1)
+            suggestion = f"Did you mean `apexcal {near[0]}`?" if near else "`apexcal --help` lists the commands."
+            usage = importlib.import_module("apexcal.commands.terminal").usage
+            usage(f"there is no command {args[0]!r}", suggestion)
         name, listed, rest = super().resolve_command(ctx, args)
         if listed is None or listed.name not in COMMANDS:
             return name, listed, rest

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from apexcal.documents.results import FitResult
+    from apexcal.printed_result import PrintedResult
 
 # T_camera_lidar of an upright camera that looks along the LiDAR's x axis; z of the optical frame leads forwards.
 _FORWARD = ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 _ANY_MOUNT_DEG = 180.0
+# A board of a metre is narrower than a return of any sensor from here on: half of the points farther are no metres.
+_FARTHEST_MEDIAN_M = 150.0
 
 
 def fit(
@@ -25,7 +27,7 @@ def fit(
     T_camera_lidar: ArrayLike | None = None,
     columns: Mapping[str, Sequence[Any]] | None = None,
     **request: Any,
-) -> FitResult:
+) -> PrintedResult:
     """Fit a camera's mount and lens to pairs, as the service's workers do.
 
     Args:
@@ -45,9 +47,11 @@ def fit(
             ``outliers``, ``bounds``, ``locked``, ``priors``, ``mark_sigma_px``, ``schedule``, ``seed`` ...
 
     Raises:
-        InputError: what is given makes no fit, for example too few pairs for the model.
+        InputError: what is given makes no fit, for example too few pairs for the model, points in millimetres, or an
+            image size as (height, width).
 
     >>> result = apexcal.fit(points, pixels, (1920, 1200), model="pinhole")
+    >>> print(result)  # verdict, mount, lens, errors and the gravest doubt, a line each
     >>> result.transform.rotation.matrix, result.transform.translation_m
     """
     import numpy as np
@@ -56,6 +60,7 @@ def fit(
     from apexcal.documents.errors import DocumentError
     from apexcal.documents.fit_requests import fit_request
     from apexcal.errors import InputError
+    from apexcal.printed_result import PrintedResult
     from workers.solver.outcomes import SolveError
     from workers.solver.schedule import run_schedule
     from workers.tasks.solving import read_run, solved
@@ -74,9 +79,11 @@ def fit(
             request["stated_lens"] = {"model": model, **parameters}
         nominal = {"to_frame": "camera", "from_frame": "lidar", **mount}
         document = fit_request(model, (width, height), nominal, **request).model_dump(mode="json")
-        run = read_run(document, -1, _columns(points, pixels) | dict(columns or {}))
+        pairs = _columns(points, pixels)
+        _check_units(pairs, width, height)
+        run = read_run(document, -1, pairs | dict(columns or {}))
         state, _ = run_schedule(run.problem)
-        return solved(run, state)
+        return PrintedResult.model_validate(solved(run, state), from_attributes=True)
     except (DocumentError, SolveError) as error:
         raise InputError(error.message, error.hint) from None
 
@@ -90,6 +97,29 @@ def _columns(points: ArrayLike, pixels: ArrayLike) -> dict[str, Any]:
     if xyz.ndim != 2 or uv.ndim != 2 or xyz.shape[1:] != (3,) or uv.shape != (len(xyz), 2):
         raise InputError(f"points have the shape {xyz.shape} and pixels {uv.shape}, not (N, 3) and (N, 2)")
     return dict(zip("xyzuv", np.column_stack([xyz, uv]).T.tolist(), strict=True))
+
+
+def _check_units(pairs: dict[str, Any], width: int, height: int) -> None:
+    """Raise InputError for points in millimetres, and for an image size as (height, width)."""
+    from math import hypot
+    from statistics import median
+
+    from apexcal.errors import InputError
+
+    if not pairs["x"]:
+        return
+    middle = median(map(hypot, pairs["x"], pairs["y"], pairs["z"]))
+    if middle > _FARTHEST_MEDIAN_M:
+        raise InputError(
+            f"half of the points are {middle:,.0f} m or more from the LiDAR: they are not in metres",
+            "Give points in metres: millimetres divided by 1000.",
+        )
+    u, v = max(pairs["u"]), max(pairs["v"])
+    if (u > width or v > height) and u <= height and v <= width:
+        raise InputError(
+            f"marks reach to ({u:.0f}, {v:.0f}), outside of {width} x {height} pixels, but inside {height} x {width}",
+            f"Give image_size as (width, height): ({height}, {width}).",
+        )
 
 
 def _parameters(model: Any, lens: Mapping[str, float] | tuple[ArrayLike, ArrayLike]) -> dict[str, float]:

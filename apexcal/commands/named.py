@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from difflib import get_close_matches
 from typing import Any, NamedTuple, NoReturn, TypeVar
 from uuid import UUID
 
@@ -65,11 +66,15 @@ def pick(client: Client, things: Iterable[Named], what: str, name: str) -> Named
 def _refuse_to_pick(client: Client, things: list[Named], matching: list[Named], what: str, name: str) -> NoReturn:
     option, label, made_by = _RESOURCES[what]
     names = ", ".join(f"{thing.name!r}" for thing in things[:_SHOWN])
+    if len(things) > _SHOWN:
+        names += f" and {len(things) - _SHOWN:,} more"
     if not things:
         raise ClientError(f"there is no {what} yet", f"Make one first: `{made_by}`.")
     if not matching:
-        more = ", ..." if len(things) > _SHOWN else ""
-        raise ClientError(f"there is no {what} with the name or id {name!r}", f"There is: {names}{more}")
+        by_fold = {thing.name.casefold(): thing.name for thing in things}
+        near = [f"{by_fold[fold]!r}" for fold in get_close_matches(name.casefold(), by_fold)]
+        nearest = f"The nearest of {len(things):,}: {', '.join(near)}" if near else f"There is: {names}"
+        raise ClientError(f"there is no {what} with the name or id {name!r}", nearest)
     if name:
         ids = "".join(f"\n  {label(client, thing)}" for thing in matching[:_SHOWN])
         raise ClientError(f"several {what}s are called {name!r}:{ids}", f"Give the id {option}.")

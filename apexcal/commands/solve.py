@@ -74,6 +74,7 @@ def solve(
     lock: LockOption = None,
     accept: AcceptOption = False,
     fleet: str = "",
+    vehicle: str = "",
     format: FormatOption = "urdf",
     force: ForceOption = False,
 ) -> Reply:
@@ -93,6 +94,7 @@ def solve(
         machine_marks: The machine marks, and nobody looks at its marks.
         yes: Do not ask whether to use the clock offset that the times of recording tell.
         fleet: Fleet, by name; a new name makes one.
+        vehicle: Vehicle, by name; a new name makes one. Without it, it is called as the recording's file.
     """
     check_target(output, force)
     detect.board_options(board, corner)
@@ -113,7 +115,7 @@ def solve(
             session.url, session.token, link = until.enter_context(serving(session.data.resolve()))
         if link:
             note(f"While this runs, its pages are here; the link works once: {link}")
-        added, where = add_rig(session.client, document, fleet, recording.resolve().stem, again=True)
+        added, where = add_rig(session.client, document, fleet, vehicle or recording.resolve().stem, again=True)
         note(f"The rig {added.name!r} of {where} is {added.id}.")
         name = find_camera([added], camera)
         named = {"vehicle": str(added.vehicle_id), "rig": str(added.id), "topic": topic}

@@ -6,15 +6,18 @@ import os
 import resource
 import subprocess
 import sys
+from uuid import uuid4
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
 from apexcal.cli import COMMANDS, app
-from apexcal.client import Client
+from apexcal.client import Client, ClientError
+from apexcal.commands.named import pick
 from apexcal.commands.session import Reply, Session
 from apexcal.commands.terminal import complain
+from apexcal.documents.fleets import VehicleOut
 
 PASSED_ON = ("admin", "simulate", "pull")
 
@@ -118,6 +121,19 @@ def test_what_cannot_be_is_wrong_usage_before_anything_is_done(words, said):
     refused = CliRunner(env={"APEXCAL_URL": "http://127.0.0.1:9"}).invoke(app, words)
     assert refused.exit_code == 2
     assert said in refused.stderr
+
+
+@pytest.mark.parametrize(("name", "said"), [("slove", "`apexcal solve`"), ("frobnicate", "`apexcal --help`")])
+def test_a_command_that_is_none_names_the_nearest(name, said):
+    ran = apexcal(name)
+    assert ran.returncode == 2 and f"there is no command '{name}'" in ran.stderr and said in ran.stderr
+
+
+def test_a_name_that_is_none_gets_the_nearest_of_many():
+    vehicles = [VehicleOut.model_construct(id=uuid4(), name=f"Van {number}") for number in range(1008)]
+    with pytest.raises(ClientError, match="no vehicle with the name or id 'vam 1007'") as refused:
+        pick(None, vehicles, "vehicle", "vam 1007")
+    assert "The nearest of 1,008: 'Van 1007'" in refused.value.hint and len(refused.value.hint) < 80
 
 
 def test_a_token_that_is_none_is_said_with_where_it_is_from(embedded, tmp_path):

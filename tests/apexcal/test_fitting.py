@@ -6,6 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import apexcal
+from apexcal.documents.checks import verdict_of
 from apexcal.documents.fit_requests import fit_request
 from apexcal.errors import InputError
 from workers.solver.schedule import run_schedule
@@ -37,6 +38,10 @@ def test_arrays_in_and_the_mount_with_its_lens_out(truth):
     assert result.status == "ok" and result.checks
     assert np.degrees(turn) < 0.3
     assert np.linalg.norm(np.array(result.transform.translation_m) - t) < 0.05
+    lines = str(result).splitlines()
+    assert len(lines) == 5
+    assert lines[0].startswith(f"brown_conrady: {verdict_of(result.checks, 'mount_with_lens')}; ")
+    assert f"{result.transform.translation_m[0]:.4f}" in lines[1] and "f_x" in lines[2] and "px RMS" in lines[3]
 
 
 @pytest.mark.parametrize("lens", [(K, D), NAMED])
@@ -80,3 +85,13 @@ def request_of(drawn):
 def test_what_makes_no_fit_is_said(truth, changed, sentence):
     with pytest.raises(InputError, match=sentence):
         apexcal.fit(**{"points": truth[0], "pixels": truth[1], "image_size": SIZE} | changed)
+
+
+def test_millimetres_and_a_turned_image_size_are_refused_by_name(truth):
+    points, pixels, *_ = truth
+    with pytest.raises(InputError, match="not in metres") as millimetres:
+        apexcal.fit(1000.0 * points, pixels, SIZE)
+    assert "millimetres" in millimetres.value.hint
+    with pytest.raises(InputError, match="inside 1280 x 800") as turned:
+        apexcal.fit(points, pixels, SIZE[::-1])
+    assert "(width, height): (1280, 800)" in turned.value.hint

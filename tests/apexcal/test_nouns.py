@@ -93,7 +93,7 @@ def test_a_result_is_named_by_its_vehicle(embedded: Embedded, fleet: str, tmp_pa
     report = tmp_path / "report.html"
     made = run(embedded, "report", "Bus 2", "-o", str(report))
     assert report.stat().st_size > 10_000 and "Its verdict: " in made.stdout
-    assert "There is: " in run(embedded, "report", "Bus 3", "-o", str(tmp_path / "b.html"), exit_code=1).stderr
+    assert "'Bus 2'" in run(embedded, "report", "Bus 3", "-o", str(tmp_path / "b.html"), exit_code=1).stderr
 
 
 def test_names_are_completed(embedded: Embedded, fleet: str, monkeypatch: pytest.MonkeyPatch):
