@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -11,13 +14,16 @@ from apexcal.commands.options import ForceOption
 from apexcal.commands.proposing import read_file, refuse
 from apexcal.commands.recordings import LidarModelOption, RingsOption, TopicOption, reading_of
 from apexcal.commands.session import Reply
-from apexcal.commands.terminal import FAILED, WITHHELD, usage
+from apexcal.commands.terminal import FAILED, USAGE, WITHHELD, complain, usage
 from apexcal.documents.validations import AxisCheck, CameraCheck, DriveCheck
+
+# Endings of calibration files of text; a URDF or a recording has another.
+_TEXTS: Final = (".txt", ".yaml", ".yml", ".json")
 
 
 def check(
     path: Annotated[Path, typer.Argument(exists=True)],
-    tf_from: Annotated[Path | None, typer.Option(exists=True)] = None,
+    tf_from: Annotated[list[Path] | None, typer.Option(exists=True)] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output")] = None,
     topic: TopicOption = None,
     lidar_model: LidarModelOption = None,
@@ -27,13 +33,14 @@ def check(
 ) -> None:
     """Hold the deployed calibration, CameraInfo and /tf_static, against a drive: no board and no service is needed.
 
-    Each turn of each camera gets pass, look, stop, or not told by this drive. Look at the pictures: they show mounts
-    shifted, or turned by more than 1.5 degrees, which no verdict tells. Exit codes: 0 a camera passes, none is
-    accused; 1 nothing is told; 2 the recording cannot be read, or wrong usage; 4 a camera has look or stop.
+    Each turn of each camera gets pass, look, stop, or not told by this drive. Mounts that are turned by up to 10
+    degrees or shifted by up to 30 cm are looked for. Exit codes: 0 pitch, yaw and roll of every camera pass; 1 some
+    are not told; 2 the recording cannot be read, or wrong usage; 4 a camera has look or stop.
 
     Args:
         path: Recording of a drive, as `apexcal upload` takes it.
-        tf_from: URDF, or recording with /tf_static, that the mounts are read from instead.
+        tf_from: URDF, or recording with /tf_static, that the mounts are read from instead; or calibration files of
+            text (KITTI, OpenCV, Kalibr and more), one option each, that state mounts and lenses.
         output: Folder for the pictures; DRIVE.check if not given.
         as_json: Print the outcome as JSON.
     """
@@ -43,16 +50,36 @@ def check(
     if folder.is_dir() and any(folder.iterdir()) and not force:
         usage(f"{folder} holds files already", "Name another folder with -o, or say --force")
     reading = reading_of(topic, still=False, lidar_model=lidar_model, rings=rings)
-    is_urdf = tf_from is not None and tf_from.is_file() and _begins_xml(tf_from)
-    mounts = {"urdf" if is_urdf else "tf_from": tf_from} if tf_from else {}
-    answer = read_file("workers.validation.drive_check", path, folder, reading, **mounts)
+    answer = read_file("workers.validation.drive_check", path, folder, reading, **_mounts(tf_from or []))
     if "error" in answer:
         refuse(answer["error"], f"apexcal check {path}")
     checked = DriveCheck.model_validate(answer["check"])
     lines = [*checked.notes, *(line for camera in checked.cameras for line in _lines(camera, folder))]
     Reply(checked, "\n".join(lines)).print(as_json=as_json)
     verdicts = {camera.verdict for camera in checked.cameras}
-    raise typer.Exit(WITHHELD if verdicts & {"look", "stop"} else 0 if "pass" in verdicts else FAILED)
+    raise typer.Exit(WITHHELD if verdicts & {"look", "stop"} else 0 if verdicts == {"pass"} else FAILED)
+
+
+def _mounts(files: list[Path]) -> dict[str, Any]:
+    """Where the mounts are read from, as the reader is asked."""
+    if not files:
+        return {}
+    if all(file.is_file() and file.suffix.lower() in _TEXTS for file in files):
+        child = subprocess.run(
+            (sys.executable, "-m", "service.imports", *map(str, files)), stdout=subprocess.PIPE, text=True
+        )
+        outcome = json.loads(child.stdout.splitlines()[-1]) if child.stdout else {}
+        if "read" not in outcome:
+            error = outcome.get("error") or {
+                "message": "The files were not read",
+                "hint": "What was said stands above.",
+            }
+            complain(error["message"].rstrip("."), error["hint"], code=USAGE)
+        return {"calibrations": outcome["read"]["cameras"]}
+    if len(files) > 1:
+        usage("--tf-from names several files, and not all are calibration files", "Name one URDF or recording")
+    (file,) = files
+    return {"urdf" if file.is_file() and _begins_xml(file) else "tf_from": file}
 
 
 def _begins_xml(path: Path) -> bool:
@@ -64,6 +91,7 @@ def _lines(camera: CameraCheck, folder: Path) -> list[str]:
     lines = [f"{camera.name}: {_words(camera.verdict)}. {camera.sentence}"]
     lines += [f"  {axis.axis:<5} {_words(axis.verdict)}{_turn(axis)}" for axis in camera.axes]
     lines += [f"  lane markers: {camera.lanes}"] if camera.lanes != "unknown" else []
+    lines += [f"  {camera.motion}"] if camera.motion else []
     return lines + (
         [f"  pictures: {folder / camera.pictures[0]} and {len(camera.pictures) - 1} more"] if camera.pictures else []
     )

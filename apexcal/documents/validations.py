@@ -145,7 +145,8 @@ class RoadValidationView(AnalysisView):
 class AxisCheck(Document):
     """What a drive says of one turn of a mount, about the camera's x (``pitch``), y (``yaw``) or z (``roll``).
 
-    ``turn_deg`` (+- ``sigma_deg``) is where its edges would lie best; null where this drive tells nothing.
+    ``turn_deg`` (+- ``sigma_deg``) is where its edges would lie best; null where this drive tells nothing. Of a mount
+    that is far off it is known to a degree.
     """
 
     axis: TurnAxis
@@ -158,7 +159,8 @@ class AxisCheck(Document):
 class CameraCheck(Document):
     """A camera as deployed, held against a drive. ``pictures`` are files: the LiDAR's depth edges in its frames.
 
-    ``axes`` are judged by depth edges. ``lanes``: what lane markers say of pitch and yaw together.
+    ``axes`` are judged by depth edges. ``lanes``: what lane markers say of pitch and yaw together. ``motion``: how
+    the vehicle moves, and what a clock offset would do.
     """
 
     name: str
@@ -167,6 +169,7 @@ class CameraCheck(Document):
     frames: int = 0
     axes: list[AxisCheck] = []
     lanes: Verdict = "unknown"
+    motion: str = ""
     pictures: list[str] = []
 
 

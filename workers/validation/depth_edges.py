@@ -30,21 +30,22 @@ class DepthEdges(NamedTuple):
     Attributes:
         points: (N, 3) metres, LiDAR frame, half way from the last near direction to the first far one.
         beyond: (N, 3), the same point turned to the far direction: the edge lies across the line between.
+        offset_ns: (N,) when the near surface was measured, after the sweep's stamp.
     """
 
     points: Floats
     beyond: Floats
+    offset_ns: NDArray[np.int64]
 
 
 def depth_edges(sweep: Sweep) -> DepthEdges:
     """The discontinuities of a sweep along its rings and between neighbouring rings."""
     if len(sweep.xyz) < _FEWEST:
-        return DepthEdges(np.zeros((0, 3)), np.zeros((0, 3)))
+        return DepthEdges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64))
     grid = _Grid(sweep)
     along = _ends(grid, 1)
     between = _ends(grid, 0)
-    points, beyond = (np.concatenate(both) for both in zip(along, between, strict=True))
-    return DepthEdges(points, beyond)
+    return DepthEdges(*(np.concatenate(both) for both in zip(along, between, strict=True)))
 
 
 class _Grid:
@@ -72,6 +73,8 @@ class _Grid:
         self.azimuth[ring, column], self.elevation[ring, column] = azimuth, elevation
         self.inverse[ring, column] = 1.0 / np.maximum(np.hypot(flat, points[:, 2]), 1e-3)
         self.inverse[count == 0] = np.nan
+        self.offset_ns = np.zeros(shape, np.int64)
+        self.offset_ns[ring, column] = sweep.offset_ns
         self._fill_lone_gaps()
 
     def _fill_lone_gaps(self) -> None:
@@ -81,14 +84,15 @@ class _Grid:
             left, right = np.roll(q, 1, axis=1), np.roll(q, -1, axis=1)
             lone = (q == 0.0) & (left > 0.0) & ((right > 0.0) | (np.roll(q, -2, axis=1) > 0.0))
             self.inverse = np.where(lone, left, q)
+            self.offset_ns = np.where(lone, np.roll(self.offset_ns, 1, axis=1), self.offset_ns)
 
     def directions(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
         a, e = self.azimuth[rows, columns], self.elevation[rows, columns]
         return np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
-def _ends(grid: _Grid, axis: int) -> tuple[Floats, Floats]:
-    """Points and their far sides of the discontinuities along an axis of the grid: 0 from ring to ring, 1 along."""
+def _ends(grid: _Grid, axis: int) -> DepthEdges:
+    """The discontinuities along an axis of the grid: 0 from ring to ring, 1 along."""
     q = grid.inverse
     step = np.roll(q, -1, axis) - q
     if axis == 0:
@@ -105,4 +109,5 @@ def _ends(grid: _Grid, axis: int) -> tuple[Floats, Floats]:
     range_m = 1.0 / near[rows, columns][:, None]
     middle = first + second
     middle *= range_m / np.linalg.norm(middle, axis=1)[:, None]
-    return middle, np.where(is_first, second, first) * range_m
+    offset_ns = np.where(is_first[:, 0], grid.offset_ns[rows, columns], grid.offset_ns[other])
+    return DepthEdges(middle, np.where(is_first, second, first) * range_m, offset_ns)

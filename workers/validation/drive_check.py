@@ -6,6 +6,7 @@ It is called and answers as :mod:`workers.readers.__main__` does, with ``{"check
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -17,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.fleets import Camera
+from apexcal.documents.imports import ReadCamera
 from apexcal.documents.inspections import InspectedSensor, Inspection
 from apexcal.documents.lenses import lens_of_images, parameters_of
 from apexcal.documents.rig_proposals import LIDAR
-from apexcal.documents.validations import AxisCheck, AxisVerdict, CameraCheck, DriveCheck
+from apexcal.documents.validations import CameraCheck, DriveCheck
 from apexcal.geometry.image_frames import T_images_camera
 from apexcal.geometry.se3 import from_document, to_document
 from workers.readers.__main__ import inspected, main, on_progress, options_of
@@ -33,6 +35,7 @@ from workers.validation.calibration import KnownCalibration
 from workers.validation.depth_edges import depth_edges
 from workers.validation.edge_check import EdgeCheck
 from workers.validation.lane_check import LaneCheck
+from workers.validation.motion import STANDING, DriveMotion
 
 DriveFrame = tuple[int, int, int]
 """A frame's stamp by the LiDAR's clock, ns, and its offset and length in the camera's file."""
@@ -40,7 +43,6 @@ FRAMES: Final = 30
 """Frames of a recording that are looked at."""
 _PICTURES: Final = 3
 _PICTURE_PX: Final = 1280
-_GRAVITY: Final[tuple[AxisVerdict, ...]] = ("not_told", "pass", "look", "stop")
 
 
 def spread(places: Sequence[DriveFrame], count: int = FRAMES) -> list[DriveFrame]:
@@ -56,17 +58,26 @@ def watch(
     frames: Sequence[DriveFrame],
     scratch: Path,
     *,
+    motion: DriveMotion | None = None,
     must_stop: Callable[[], None] = lambda: None,
     on_share: Callable[[float], None] = lambda share: None,
 ) -> None:
-    """Give a check the frames with the sweeps of their moments. ``must_stop`` and files as ``decoded_frames`` has."""
+    """Give a check the frames with the sweeps of their moments. ``must_stop`` and files as ``decoded_frames`` has.
+
+    ``motion``: of these frames, where it is told already.
+    """
     places, colour = [(offset, length) for _, offset, length in frames], isinstance(check, LaneCheck)
     images = decoded_frames(camera, places, scratch, colour=colour, widest=check.widest_px, must_stop=must_stop)
-    behind_ns = seen_after_ns(lidar, check.calibration)
-    for number, ((stamp_ns, *_), image) in enumerate(zip(frames, images, strict=True)):
+    motion = motion or drive_motion(lidar, check.calibration, frames)
+    for number, (sweep, at, image) in enumerate(zip(motion.sweeps, motion.motions, images, strict=True)):
         on_share(number / len(frames))
-        if image is not None:
-            check.add(lidar.sweep(lidar.nearest(stamp_ns - behind_ns)), image)
+        if image is not None and at is not None:
+            check.add(lidar.sweep(sweep), image, at)
+
+
+def drive_motion(lidar: LidarFile, calibration: KnownCalibration, frames: Sequence[DriveFrame]) -> DriveMotion:
+    """How the LiDAR moves at each of the frames."""
+    return DriveMotion.of(lidar, [stamp_ns for stamp_ns, *_ in frames], seen_after_ns(lidar, calibration))
 
 
 def seen_after_ns(lidar: LidarFile, calibration: KnownCalibration) -> int:
@@ -79,9 +90,16 @@ def seen_after_ns(lidar: LidarFile, calibration: KnownCalibration) -> int:
 
 
 def check_drive(
-    inspection: Inspection, source: Path, out: Path, options: Any, on_progress: Callable[..., None]
+    inspection: Inspection,
+    source: Path,
+    out: Path,
+    options: Any,
+    on_progress: Callable[..., None],
+    calibrations: Sequence[ReadCamera] = (),
 ) -> DriveCheck:
     """Hold each camera's stated lens and mount against the recording, and write pictures into the folder ``out``.
+
+    ``calibrations``: what calibration files state of the cameras, instead of the recording.
 
     Raises:
         ReadError: the recording cannot be read, or holds no camera.
@@ -90,7 +108,7 @@ def check_drive(
     if inspection.proposal is None:
         raise ReadError("no_camera", "The recording holds no images.", "Record the cameras with the LiDAR.")
     stated = {
-        camera.name: _deployed(inspection, camera, of_rig)
+        camera.name: _of_files(camera, calibrations) if calibrations else _deployed(inspection, camera, of_rig)
         for camera, of_rig in zip(cameras, inspection.proposal.rig.cameras, strict=True)
     }
     checks = [
@@ -131,6 +149,31 @@ def _deployed(inspection: Inspection, camera: InspectedSensor, of_rig: Camera) -
     return KnownCalibration.of({"intrinsics": intrinsics, "transform": to_document(mount)})
 
 
+def _of_files(camera: InspectedSensor, calibrations: Sequence[ReadCamera]) -> KnownCalibration | str:
+    """The calibration that files state of a camera: of its size, and of its name's number where there are several."""
+    fitting = [
+        stated for stated in calibrations
+        if stated.lens and stated.T_camera_lidar
+        and camera.image_size in (None, (stated.lens.width, stated.lens.height))
+    ]  # fmt: skip
+    number = re.findall(r"\d+", camera.name)[-1:]
+    named = [
+        stated for stated in fitting if stated.name == camera.name or re.findall(r"\d+", stated.name)[-1:] == number
+    ]
+    chosen = named if len(fitting) > 1 else fitting
+    if len(chosen) != 1:
+        names = ", ".join(stated.name for stated in calibrations)
+        what = "no lens with a mount" if not fitting else "several calibrations"
+        return f"The files ({names}) state {what} for its images of {camera.image_size} pixels."
+    lens, mount = chosen[0].lens, chosen[0].T_camera_lidar
+    assert lens and mount
+    values = parameters_of(lens.model_dump(), lens.model)
+    if not values:
+        return f"Its lens ({lens.distortion_model}) has no equal here."
+    intrinsics = {"model": lens.model, "image_size": [lens.width, lens.height], **values}
+    return KnownCalibration.of({"intrinsics": intrinsics, "transform": mount.model_dump(mode="json")})
+
+
 def _checked(
     sensor: SensorManifest, calibration: KnownCalibration, lidar: LidarFile, folder: Path, out: Path
 ) -> CameraCheck:
@@ -148,10 +191,11 @@ def _checked(
         why = f"No frame has {width} x {height} pixels, as its CameraInfo says."
         return CameraCheck(name=sensor.name, verdict="stop", sentence=why)
     edges, lanes = EdgeCheck(calibration), LaneCheck(calibration)
+    motion = drive_motion(lidar, calibration, spread(frames))
     for check in (edges, lanes):
-        watch(check, lidar, folder / sensor.file, spread(frames), folder)
-    axes, on_lanes = edges.axes(), lanes.result()
-    verdict, sentence = judged(axes, on_lanes)
+        watch(check, lidar, folder / sensor.file, spread(frames), folder, motion=motion)
+    on_lanes = lanes.result()
+    verdict, sentence, axes = edges.verdict(on_lanes)
     if verdict == "pass":
         sentence += f" {edges.score:.2f} times the gradients nearby at its edges."
     turn = np.array([axis.turn_deg or 0.0 if axis.verdict in ("look", "stop") else 0.0 for axis in axes])
@@ -159,21 +203,8 @@ def _checked(
     pictures = list(_pictures(sensor, views, lidar, spread(frames, _PICTURES), folder, out))
     return CameraCheck(
         name=sensor.name, verdict=verdict, sentence=sentence, frames=len(frames), axes=axes,
-        lanes=on_lanes["verdict"], pictures=pictures,
+        lanes=on_lanes["verdict"], motion=motion.sentence, pictures=pictures,
     )  # fmt: skip
-
-
-def judged(axes: Sequence[AxisCheck], lanes: dict[str, Any]) -> tuple[AxisVerdict, str]:
-    """A camera's verdict and its reason: the worst axis of the depth edges, or a look where only markers disagree."""
-    verdicts: list[AxisVerdict] = [axis.verdict for axis in axes]
-    verdict = max(verdicts, key=_GRAVITY.index)
-    if lanes["verdict"] == "disagrees" and verdict in ("not_told", "pass"):
-        return "look", lanes["sentence"]
-    sentence = " ".join(axis.sentence for axis in axes if axis.verdict == verdict)
-    if verdict == "pass":
-        passed = ", ".join(axis.axis for axis in axes if axis.verdict == "pass")
-        sentence = f"The mount fits in {passed}."
-    return verdict, sentence + (" Lane markers agree." if lanes["verdict"] == "agrees" else "")
 
 
 def _pictures(
@@ -189,11 +220,12 @@ def _pictures(
     images = decoded_frames(
         folder / sensor.file, places, folder, colour=True, widest=_PICTURE_PX, must_stop=lambda: None
     )
-    behind_ns = seen_after_ns(lidar, views[""])
-    for number, ((stamp_ns, *_), image) in enumerate(zip(frames, images, strict=True), start=1):
+    motion = drive_motion(lidar, views[""], frames)
+    for number, (sweep, at, image) in enumerate(zip(motion.sweeps, motion.motions, images, strict=True), start=1):
         if image is None:
             continue
-        edges = depth_edges(lidar.sweep(lidar.nearest(stamp_ns - behind_ns))).points
+        measured = depth_edges(lidar.sweep(sweep))
+        edges = (at or STANDING).applied(measured.points, measured.offset_ns)
         shade = (255.0 * np.clip(3.0 / np.linalg.norm(edges, axis=1), 0.0, 1.0)).astype(np.uint8)
         colours = np.asarray(cv2.applyColorMap(shade, cv2.COLORMAP_JET), np.uint8).reshape(-1, 3)
         for suffix, calibration in views.items():
@@ -218,7 +250,8 @@ def _room(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, A
     options = options_of(request)
     arguments.out.mkdir(parents=True, exist_ok=True)
     inspection = inspected(arguments.source, request)
-    check = check_drive(inspection, arguments.source, arguments.out, options, on_progress)
+    calibrations = [ReadCamera.model_validate(camera) for camera in request.get("calibrations", ())]
+    check = check_drive(inspection, arguments.source, arguments.out, options, on_progress, calibrations)
     return {"check": check.model_dump(mode="json")}
 
 

@@ -15,6 +15,7 @@ from workers.readers.recording import Sweep
 from workers.validation.bright_paint import bright_pixels
 from workers.validation.calibration import KnownCalibration
 from workers.validation.lane_markers import lane_markers
+from workers.validation.motion import STANDING, Motion
 from workers.validation.offsets import MOST_GROUPS, curve_offsets, find_peak, look_up, parts_of, total, turn_grid
 from workers.validation.road_verdict import ScoredDrive, judge
 
@@ -38,10 +39,10 @@ class LaneCheck:
         self._plain = np.zeros((1, 1)), np.zeros((1, 1))
         self._frames = self._markers = self._points = 0
 
-    def add(self, sweep: Sweep, image: NDArray[np.uint8]) -> None:
-        """A sweep and the frame (h, w, 3) BGR of its moment, possibly made smaller."""
+    def add(self, sweep: Sweep, image: NDArray[np.uint8], motion: Motion = STANDING) -> None:
+        """A sweep and the frame (h, w, 3) BGR of its moment, possibly made smaller, and how the LiDAR moves."""
         self._frames += 1
-        markers = lane_markers(sweep)
+        markers = lane_markers(motion.moved(sweep))
         if markers.ground is None or not markers.total:
             return
         ground = np.concatenate([markers.points, markers.plain])

@@ -147,7 +147,7 @@ def find_peak(offsets: Floats, sums: Floats, counts: Floats) -> Peak | None:
     best = int(score.argmax())
     far = np.hypot(*(turns - turns[best]).T) > _APART_DEG
     without = (whole_sum[:, None] - sums) / np.maximum(whole_count[:, None] - counts, 1.0)
-    sigma_pitch, sigma_yaw, _ = _jackknife(np.array([_summit(turns, column, best) for column in without.T]))
+    sigma_pitch, sigma_yaw, _ = jackknife(np.array([_summit(turns, column, best) for column in without.T]))
     leads = without[~far].max(axis=0) - without[far].max(axis=0)
     pitch, yaw, height = _summit(turns, score, best)
     return Peak(
@@ -156,34 +156,11 @@ def find_peak(offsets: Floats, sums: Floats, counts: Floats) -> Peak | None:
         sigma_pitch_deg=float(sigma_pitch),
         sigma_yaw_deg=float(sigma_yaw),
         score=float(height),
-        lead=float((score.max() - score[far].max()) / max(_jackknife(leads[:, None])[0], 1e-9)),
+        lead=float((score.max() - score[far].max()) / max(jackknife(leads[:, None])[0], 1e-9)),
     )
 
 
-def find_roll(at_deg: Floats, sums: Floats, counts: Floats) -> tuple[float, float] | None:
-    """The roll (K,) of the highest score and its deviation, degrees, as :func:`find_peak` has them of two turns.
-
-    None where fewer than three groups have anything, or the score is highest at an end.
-    """
-    there = counts.sum(axis=0) > 0
-    sums, counts = sums[:, there], counts[:, there]
-    whole_sum, whole_count = sums.sum(axis=1), counts.sum(axis=1)
-    score = whole_sum / np.maximum(whole_count, 1.0)
-    best = int(score.argmax())
-    near = np.abs(at_deg - at_deg[best]) <= _AROUND_DEG
-    if np.count_nonzero(there) < 3 or best in (0, len(score) - 1):
-        return None
-    without = (whole_sum[:, None] - sums) / np.maximum(whole_count[:, None] - counts, 1.0)
-    from_best = at_deg[near] - at_deg[best]
-    design = np.column_stack([np.ones_like(from_best), from_best, from_best**2])
-    _, b, a = np.linalg.lstsq(design, np.column_stack([score, without])[near], rcond=None)[0]
-    if np.any(a >= 0.0):
-        return None
-    summits = at_deg[best] + np.clip(-b / (2.0 * a), -_AROUND_DEG, _AROUND_DEG)
-    return float(summits[0]), float(_jackknife(summits[1:, None])[0])
-
-
-def _jackknife(values: Floats) -> Floats:
+def jackknife(values: Floats) -> Floats:
     """Standard deviations (M,) of estimates, from (G, M) estimates without one group each."""
     count = len(values)
     return np.sqrt((count - 1) / count * np.sum((values - values.mean(axis=0)) ** 2, axis=0))

@@ -1,15 +1,11 @@
-# pyright: reportMissingTypeStubs=false
-"""What a score over turns of the mount says of the calibration: a verdict and a sentence, and one for each axis."""
+"""What a score over turns of the mount says of the calibration: a verdict and a sentence."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy import special
 
-from apexcal.documents.validations import AxisCheck, AxisVerdict, TurnAxis
 from workers.validation.offsets import Peak
 
 # Below this offset nobody is accused: rings and columns of the supported sensors are 0.1 to 0.4 degrees apart.
@@ -21,23 +17,6 @@ _CLEAR: Final = 2.0
 # An offset that is known less well says nothing about a knock of a quarter of a degree.
 _VAGUE_DEG: Final = 0.25
 _FEWEST_PARTS: Final = 8
-# Of one camera's three axes together: how often a sound mount gets a `look`, and how often a `stop`. The issue of the
-# check allows both in 0.02 of drives.
-_LOOK_ALARMS: Final = 0.01
-_STOP_ALARMS: Final = 0.001
-# What all groups of a drive share, so that no jackknife shows it: an edge lies anywhere between two rings or columns.
-# Root mean square on 84 drawn drives of sound mounts (8 sensors, `benchmarks/drives.py`, seeds 1000 and 2000).
-_SHARED_DEG: Final[dict[TurnAxis, float]] = {"pitch": 0.055, "yaw": 0.055, "roll": 0.09}
-# A drive tells an axis if it would show a turn of half a degree in nine of ten cases.
-_MUST_SHOW_DEG: Final = 0.5
-_NINE_OF_TEN: Final = 1.2816
-_SAYS: Final[dict[AxisVerdict, str]] = {
-    "pass": "The mount fits",
-    "look": "The camera may have turned",
-    "stop": "The camera has turned",
-    "not_told": "Too uncertain",
-}
-_student_quantile: Callable[[float, float], float] = special.stdtrit
 
 
 class ScoredDrive(NamedTuple):
@@ -89,45 +68,3 @@ def judge(watched: ScoredDrive) -> dict[str, Any]:
     if chi2 > _ONCE_IN_A_THOUSAND and np.hypot(peak.yaw_deg, peak.pitch_deg) > FINE_DEG:
         return document | {"verdict": "disagrees", "sentence": f"The camera has turned against the LiDAR: {where}."}
     return document | {"verdict": "agrees", "sentence": f"The mount fits: {where}."}
-
-
-def judge_axes(watched: ScoredDrive, roll: tuple[float, float] | None, groups: int) -> list[AxisCheck]:
-    """A verdict for each turn of the mount. ``roll``: its peak and deviation, degrees; ``groups`` of the jackknife.
-
-    The roll's score is that under pitch and yaw as they are, so it tells nothing where one of these is accused.
-    """
-    peak = watched.peak
-    if peak is None or watched.parts < _FEWEST_PARTS or peak.lead < _CLEAR:
-        few = peak is None or watched.parts < _FEWEST_PARTS
-        why = (
-            f"{watched.parts} {watched.noun} in {watched.frames} frames are too few." if few else "No turn fits best."
-        )
-        return [_not_told(axis, why) for axis in _SHARED_DEG]
-    axes = [
-        _judged("pitch", peak.pitch_deg, peak.sigma_pitch_deg, groups),
-        _judged("yaw", peak.yaw_deg, peak.sigma_yaw_deg, groups),
-    ]
-    if any(axis.verdict in ("look", "stop") for axis in axes):
-        return [*axes, _not_told("roll", "Roll is told once pitch and yaw fit.")]
-    return [*axes, _judged("roll", *roll, groups) if roll else _not_told("roll", "No roll fits best.")]
-
-
-def _not_told(axis: TurnAxis, why: str) -> AxisCheck:
-    return AxisCheck(axis=axis, verdict="not_told", sentence=why)
-
-
-def _judged(axis: TurnAxis, turn_deg: float, own_sigma_deg: float, groups: int) -> AxisCheck:
-    """The verdict of one axis, by Student's t of as many freedoms as a jackknife over so many groups has."""
-    sigma_deg = float(np.hypot(own_sigma_deg, _SHARED_DEG[axis]))
-    look_deg, stop_deg = (
-        _student_quantile(groups - 1.0, 1.0 - alarms / 6.0) * sigma_deg for alarms in (_LOOK_ALARMS, _STOP_ALARMS)
-    )
-    verdict: AxisVerdict = "pass"
-    if abs(turn_deg) > look_deg:
-        verdict = "stop" if abs(turn_deg) > stop_deg else "look"
-    elif look_deg + _NINE_OF_TEN * sigma_deg > _MUST_SHOW_DEG:
-        verdict = "not_told"
-    sentence = (
-        f"{_SAYS[verdict]}: the frames fit best with {abs(turn_deg):.2f} +- {sigma_deg:.2f} degrees more {axis}."
-    )
-    return AxisCheck(axis=axis, verdict=verdict, sentence=sentence, turn_deg=turn_deg, sigma_deg=sigma_deg)

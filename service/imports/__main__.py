@@ -1,0 +1,35 @@
+"""Calibration files read without a service: ``python -m service.imports FILE...``.
+
+One line of JSON: ``read``, as ``POST /v1/calibration-files`` answers, or ``error``.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from apexcal.documents.imports import CalibrationFiles
+from service.imports.formats import files_view
+from service.platform.http.problems import Problem
+
+
+def main(paths: list[str]) -> int:
+    """Print what the files hold."""
+    texts = {Path(path).name: Path(path).read_text("utf-8", "replace") for path in paths}
+    try:
+        print(json.dumps({"read": files_view(CalibrationFiles(files=texts)).model_dump(mode="json")}))
+    except ValidationError as error:
+        what = f"{' and '.join(texts)}: {error.errors()[0]['msg']}."
+        print(json.dumps({"error": {"message": what, "hint": "Name one to four calibration files of text."}}))
+        return 1
+    except Problem as problem:
+        print(json.dumps({"error": {"message": problem.detail, "hint": problem.hint}}))
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

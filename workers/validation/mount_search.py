@@ -1,0 +1,243 @@
+"""Where depth edges lie best: turn and shift of a mount, searched from coarse to fine.
+
+The score is the mean image gradient across the edges over the gradients nearby, as in :mod:`edge_check`. A coarse
+grid of turns on small images gives starts; from each the summit of a quadratic through scores around is followed on
+larger and larger images. Deviations are those of the jackknife that leaves out one region of the image at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from apexcal.geometry.rotations import vector_from_rotation
+from workers.validation.calibration import KnownCalibration
+from workers.validation.edge_frames import UNIT, EdgeFrame
+from workers.validation.offsets import MOST_GROUPS, jackknife, look_up
+
+Floats = NDArray[np.float64]
+
+TURN: Final = (0, 1, 2)
+SHIFT: Final = (3, 4, 5)
+ALL: Final = (*TURN, *SHIFT)
+REACH_DEG: Final = 10.0
+REACH_M: Final = 0.3
+# Steps of the coarse grid: a roll moves a pixel 25 degrees off the axis by half as much.
+_STEP_DEG: Final = 1.0
+_ROLL_STEP_DEG: Final = 2.0
+# Pixels of the images of each stage, and how far around a place the scores are looked at: turns and roll in degrees,
+# shifts across and along the axis in metres. A shift of 5 cm moves what stands 8 m away by 0.35 degrees.
+_COARSE_DEG: Final = 0.5
+_STAGES: Final = ((0.25, 1.0), (0.12, 0.6), (0.0, 0.35))
+_AROUND: Final = np.array([np.radians(1.0), np.radians(1.0), np.radians(2.0), 0.14, 0.14, 0.4])
+_ROUNDS: Final = 5
+_COARSE_EDGES: Final = 1500
+_MIDDLE_EDGES: Final = 8000
+# Starts that are followed, and how far apart places are, as the mean edge moves.
+_STARTS: Final = 6
+APART_DEG: Final = 1.0
+# A direction in which the score bends so much less than in the sharpest is not told.
+_FLAT: Final = 0.01
+
+
+class Summit(NamedTuple):
+    """A mount near which the score is highest.
+
+    Attributes:
+        mount: the calibration with it.
+        offset: (6,) from the deployed mount: turns about the camera's axes, rad, then shifts along them, m.
+        covariance: (6, 6) of the jackknife; zero for what was not free, reach squared for what is not told.
+        scores: (G,) sums and counts (G,) at the place, by group.
+        is_summit: the search ended inside of its reach.
+    """
+
+    mount: KnownCalibration
+    offset: Floats
+    covariance: Floats
+    sums: Floats
+    counts: Floats
+    is_summit: bool
+
+    @property
+    def score(self) -> float:
+        """Mean of all groups."""
+        return float(self.sums.sum() / max(self.counts.sum(), 1.0))
+
+    def lead_over(self, other: Summit) -> float:
+        """How far the score stands above that of another place, in deviations of the difference."""
+        there = (self.counts > 0) & (other.counts > 0)
+        if np.count_nonzero(there) < 3:
+            return 0.0
+        without = [_without_each(summit.sums[None, there], summit.counts[None, there])[0] for summit in (self, other)]
+        sigma = float(jackknife((without[0] - without[1])[:, None])[0])
+        return (self.score - other.score) / max(sigma, 1e-9)
+
+
+class MountSearch:
+    """Searches the place of the highest score for the frames of one camera."""
+
+    def __init__(self, calibration: KnownCalibration, frames: Sequence[EdgeFrame]) -> None:
+        self._calibration, self._frames = calibration, frames
+        focal_px = float(calibration.intrinsics[0])
+        self._focal_px = focal_px
+        sizes = [np.radians(degrees) for degrees, _ in _STAGES]
+        self._stages = [[frame.made_smaller(size, focal_px) if size else frame for frame in frames] for size in sizes]
+        self._edges = sum(len(frame.points) for frame in frames)
+
+    def starts(self) -> list[KnownCalibration]:
+        """The best turns of the coarse grid, each APART_DEG from the others, the deployed mount first."""
+        every = max(self._edges // _COARSE_EDGES, 1)
+        small = [frame.made_smaller(np.radians(_COARSE_DEG), self._focal_px) for frame in self._frames]
+        points, beyond = (
+            np.concatenate([getattr(frame, name)[::every] for frame in small]) for name in ("points", "beyond")
+        )
+        of_frame = np.repeat(np.arange(len(small)), [len(frame.points[::every]) for frame in small])
+        maps, scale = np.stack([frame.maps for frame in small]), small[0].scale
+        steps = np.arange(-REACH_DEG, REACH_DEG + 0.1, _STEP_DEG)
+        rolls = np.arange(-REACH_DEG, REACH_DEG + 0.1, _ROLL_STEP_DEG)
+        turns = np.stack(np.meshgrid(steps, steps, rolls, indexing="ij"), axis=-1).reshape(-1, 3)
+        across = _across(self._calibration, points, beyond)
+        sums, counts = np.zeros(len(turns)), np.zeros(len(turns))
+        for number, turn in enumerate(turns):
+            pixels, is_visible = self._calibration.moved(turn, np.zeros(3)).project(points)
+            column, row = ((pixels[is_visible] + 0.5) * scale).astype(np.int64).T
+            column, row = np.minimum(column, maps.shape[3] - 1), np.minimum(row, maps.shape[2] - 1)
+            layer = of_frame[is_visible]
+            sums[number] = sum(across[is_visible, c] @ maps[layer, c, row, column] for c in range(2))
+            counts[number] = len(layer)
+        # Few edges in the image have a high mean by chance.
+        excess = (sums - UNIT * counts) / np.maximum(counts, 0.5 * counts.max() + 1.0)
+        chosen = [np.zeros(3)]
+        for index in np.argsort(-excess):
+            apart = np.abs(np.array(chosen) - turns[index]) / [1.5 * _STEP_DEG, 1.5 * _STEP_DEG, 1.5 * _ROLL_STEP_DEG]
+            if apart.max(axis=1).min() > 1.0:
+                chosen.append(turns[index])
+            if len(chosen) == _STARTS:
+                break
+        return [self._calibration.moved(turn, np.zeros(3)) for turn in chosen]
+
+    def summit(self, start: KnownCalibration, free: Sequence[int], first_stage: int = 0) -> Summit:
+        """The summit that is reached from a mount by moving what is free of ALL."""
+        mount, is_summit = start, True
+        for stage in range(first_stage, len(_STAGES)):
+            window = _AROUND * _STAGES[stage][1]
+            every = 1 if stage == len(_STAGES) - 1 else max(self._edges // _MIDDLE_EDGES, 1)
+            for _ in range(_ROUNDS):
+                sums, counts, samples = self._around(mount, free, window, stage, every)
+                step = _summits(samples, _mean(sums, counts)[:, None])[:, 0]
+                moved = np.zeros(6)
+                moved[list(free)] = step * window[list(free)]
+                mount = mount.moved(np.degrees(moved[:3]), moved[3:])
+                is_summit = bool(np.linalg.norm(step) < 0.9)
+                if np.linalg.norm(step) < 0.15:
+                    break
+        stage = len(_STAGES) - 1
+        sums, counts, samples = self._around(mount, free, _AROUND * _STAGES[stage][1], stage, 1)
+        return self._finished(mount, free, sums, counts, samples, is_summit=is_summit)
+
+    def _around(
+        self, mount: KnownCalibration, free: Sequence[int], window: Floats, stage: int, every: int
+    ) -> tuple[Floats, Floats, Floats]:
+        """Sums and counts (K, G) around a mount, and the samples (K, F) in units of the window; the first is none."""
+        samples = _samples(len(free))
+        offsets = np.zeros((len(samples), 6))
+        offsets[:, list(free)] = samples * window[list(free)]
+        sums, counts = np.zeros((len(samples), MOST_GROUPS)), np.zeros((len(samples), MOST_GROUPS))
+        for frame in self._stages[stage]:
+            parts = frame.parts(mount, every)
+            if len(parts.pixels):
+                look_up(frame.maps, frame.scale, *parts, offsets, sums, counts)
+        return sums / UNIT, counts, samples
+
+    def _finished(
+        self, mount: KnownCalibration, free: Sequence[int], sums: Floats, counts: Floats, samples: Floats, *,
+        is_summit: bool,
+    ) -> Summit:  # fmt: skip
+        window = (_AROUND * _STAGES[-1][1])[list(free)]
+        there = counts[0] > 0
+        without = _without_each(sums[:, there], counts[:, there])
+        summits, flat = _summits(samples, without), _flat(samples, _mean(sums, counts))
+        groups = int(np.count_nonzero(there))
+        spread = (summits - summits.mean(axis=1, keepdims=True)) * window[:, None]
+        covariance = np.zeros((6, 6))
+        reach = np.array([*np.radians([REACH_DEG] * 3), *[REACH_M] * 3])[list(free)]
+        along = flat * reach[:, None]
+        covariance[np.ix_(list(free), list(free))] = (groups - 1) / max(
+            groups, 1
+        ) * spread @ spread.T + along @ along.T
+        offset = self.offset(mount)
+        inside = bool((np.abs(offset) <= [*np.radians([REACH_DEG] * 3), *[1.5 * REACH_M] * 3]).all())
+        return Summit(mount, offset, covariance, sums[0], counts[0], is_summit and inside)
+
+    def offset(self, mount: KnownCalibration) -> Floats:
+        """(6,) turns, rad, and shifts, m, that lead from the deployed mount to another."""
+        R, t = mount.mount.R @ self._calibration.mount.R.T, mount.mount.t
+        return np.concatenate([vector_from_rotation(R), t - R @ self._calibration.mount.t])
+
+    def apart_deg(self, first: KnownCalibration, second: KnownCalibration) -> float:
+        """How far the typical edge lies from itself under two mounts, as seen from the camera."""
+        points = np.concatenate([frame.points[::10] for frame in self._frames])
+        if not len(points):
+            return 0.0
+        (p, q) = (mount.mount.apply(points) for mount in (first, second))
+        sine = np.linalg.norm(np.cross(p, q), axis=1) / (np.linalg.norm(p, axis=1) * np.linalg.norm(q, axis=1))
+        return float(np.degrees(np.median(np.arcsin(np.clip(sine, 0.0, 1.0)))))
+
+
+def _across(calibration: KnownCalibration, points: Floats, beyond: Floats) -> Floats:
+    """(N, 2) how much of each edge's gradient lies along u and v; zero where nothing is told."""
+    with np.errstate(invalid="ignore"):
+        across = np.abs(np.nan_to_num(calibration.project(beyond)[0] - calibration.project(points)[0]))
+    return across / np.maximum(np.linalg.norm(across, axis=1), 1e-9)[:, None]
+
+
+def _mean(sums: Floats, counts: Floats) -> Floats:
+    return sums.sum(axis=1) / np.maximum(counts.sum(axis=1), 1.0)
+
+
+def _without_each(sums: Floats, counts: Floats) -> Floats:
+    """(K, G) means without one group each, of sums and counts (K, G)."""
+    left = sums.sum(axis=1, keepdims=True) - sums
+    return left / np.maximum(counts.sum(axis=1, keepdims=True) - counts, 1.0)
+
+
+def _samples(count: int) -> Floats:
+    """(K, F) points in the unit ball, the middle first, and their mirror images."""
+    half = 12 * (count + 1) * (count + 2) // 4
+    random = np.random.default_rng(count)
+    direction = random.normal(size=(half, count))
+    direction *= (random.uniform(size=half) ** (1.0 / count) / np.linalg.norm(direction, axis=1))[:, None]
+    return np.concatenate([np.zeros((1, count)), direction, -direction])
+
+
+def _quadratic(samples: Floats, scores: Floats) -> tuple[Floats, Floats]:
+    """Gradients (F, M) and Hessians (M, F, F) at the middle of quadratics through scores (K, M)."""
+    count = samples.shape[1]
+    first, second = np.triu_indices(count)
+    design = np.column_stack([np.ones(len(samples)), samples, samples[:, first] * samples[:, second]])
+    coefficients = np.linalg.lstsq(design, scores, rcond=None)[0]
+    H = np.zeros((scores.shape[1], count, count))
+    H[:, first, second] = coefficients[1 + count :].T
+    return coefficients[1 : 1 + count], H + H.transpose(0, 2, 1)
+
+
+def _summits(samples: Floats, scores: Floats) -> Floats:
+    """(F, M) summits of quadratics through scores (K, M), at most a window away; not told directions stay."""
+    gradient, H = _quadratic(samples, scores)
+    values, vectors = np.linalg.eigh(-H)
+    sharpest = np.maximum(values.max(axis=1, keepdims=True), 1e-12)
+    # Along a valley the way is up, as far as the window.
+    bend = np.where(values < -_FLAT * sharpest, np.abs(values), np.maximum(values, _FLAT * sharpest))
+    along = np.einsum("mfe,fm->me", vectors, gradient) / bend
+    along[(np.abs(values) <= _FLAT * sharpest)] = 0.0
+    step = np.einsum("mfe,me->fm", vectors, along)
+    return step / np.maximum(np.linalg.norm(step, axis=0), 1.0)
+
+
+def _flat(samples: Floats, score: Floats) -> Floats:
+    """(F, D) unit directions in which the score does not bend down."""
+    values, vectors = np.linalg.eigh(-_quadratic(samples, score[:, None])[1][0])
+    return vectors[:, values <= _FLAT * max(values.max(), 1e-12)]

@@ -1,0 +1,248 @@
+# pyright: reportMissingTypeStubs=false
+"""What the places where depth edges lie best say of a mount: a verdict for it and for each turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import ceil
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from apexcal.documents.validations import AxisCheck, AxisVerdict, TurnAxis
+from workers.validation.mount_search import REACH_DEG, Summit
+
+# The peak leads by so many deviations of its lead. With images turned around, where nothing fits, it leads by 0.6.
+CLEAR: Final = 2.0
+# A place next to the deployed mount needs less of a lead over places far off, where mounts rarely are.
+_CLEAR_OF_FAR: Final = 1.0
+# A mount that is off by more is far off, and its figures are to a degree.
+FAR_DEG: Final = 1.5
+ABOUT_DEG: Final = 1.0
+FEWEST_PARTS: Final = 8
+_FEWEST_GROUPS: Final = 4
+# Of one camera's three axes together: how often a sound mount gets a `look`, and how often a `stop`. The issue of the
+# check allows both in 0.02 of drives.
+_LOOK_ALARMS: Final = 0.01
+_STOP_ALARMS: Final = 0.001
+# What all groups of a drive share, so that no jackknife shows it.
+SHARED_DEG: Final[dict[TurnAxis, float]] = {"pitch": 0.055, "yaw": 0.055, "roll": 0.09}
+_SHARED_M: Final = 0.02
+# A drive tells an axis if it would show a turn of half a degree in nine of ten cases.
+_MUST_SHOW_DEG: Final = 0.5
+_NINE_OF_TEN: Final = 1.2816
+# Two tests that differ by more, and by what chance gives once in a thousand times, contradict each other.
+_CONTRADICTION_DEG: Final = 0.3
+_ONCE_IN_A_THOUSAND: Final = 13.816
+GRAVITY: Final[tuple[AxisVerdict, ...]] = ("pass", "not_told", "look", "stop")
+_SHIFTS: Final = ("x (right)", "y (down)", "z (ahead)")
+_student_quantile: Callable[[float, float], float] = special.stdtrit
+
+
+class Summits(NamedTuple):
+    """What a search of mounts ended with.
+
+    Attributes:
+        frames, parts: that were looked at; edges in them.
+        turned, shifted: where edges lie best if the camera turned only, or shifted only.
+        moved: where they lie best if it did both.
+        aimed, rolled: next to the deployed mount, if only pitch and yaw, or only the roll, are off.
+        near, far: other summits of turns, nearer to the deployed mount than FAR_DEG, or farther off.
+        apart_deg: how far the typical edge moves between the deployed mount and `turned`.
+    """
+
+    frames: int
+    parts: int
+    turned: Summit
+    shifted: Summit
+    moved: Summit
+    aimed: Summit
+    rolled: Summit
+    near: Sequence[Summit]
+    far: Sequence[Summit]
+    apart_deg: float
+
+    @property
+    def groups(self) -> int:
+        """Groups of the jackknife."""
+        return int(np.count_nonzero(self.turned.counts))
+
+
+class MountVerdict(NamedTuple):
+    """A verdict, its reason, and what is said of each turn."""
+
+    verdict: AxisVerdict
+    sentence: str
+    axes: list[AxisCheck]
+
+
+def judge_mount(summits: Summits | None, frames: int, lanes: dict[str, Any] | None = None) -> MountVerdict:
+    """The verdict of depth edges, and of lane markers where their document is given. One frame gives no `stop`."""
+    if summits is None or summits.parts < FEWEST_PARTS or summits.groups < _FEWEST_GROUPS:
+        parts = summits.parts if summits else 0
+        judged = _no_verdict(f"{frames} frames show {parts} depth edges: too few for a verdict.")
+    else:
+        judged = _judged(summits)
+    judged = _with_lanes(judged, lanes or {"verdict": "unknown"})
+    if frames > 1 or judged.verdict != "stop":
+        return judged
+    axes = [axis.model_copy(update={"verdict": "look"}) if axis.verdict == "stop" else axis for axis in judged.axes]
+    return MountVerdict("look", f"{judged.sentence} One frame alone is no proof: record a drive.", axes)
+
+
+def _judged(summits: Summits) -> MountVerdict:
+    turned, is_far = summits.turned, summits.apart_deg > FAR_DEG
+    if not turned.is_summit:
+        return _no_verdict(
+            f"No turn within {REACH_DEG:.0f} degrees fits: edges are few, or the mount is farther off."
+        )
+    leads = [turned.lead_over(other) / CLEAR for other in (*summits.near, *((summits.aimed,) if is_far else ()))]
+    leads += [turned.lead_over(other) / (CLEAR if is_far else _CLEAR_OF_FAR) for other in summits.far]
+    if min(leads, default=1.0) < 1.0:
+        return _no_verdict("Depth edges fit in several places about equally well.")
+    if is_far:
+        return _far_off(summits)
+    axes = _axes(summits, (turned, turned, turned))
+    if all(axis.verdict in ("pass", "not_told") for axis in axes):
+        # Next to a mount that may be sound each axis is told better while the others stay as they are.
+        axes = _axes(summits, (summits.aimed, summits.aimed, summits.rolled))
+        is_rolled = summits.rolled.score > summits.aimed.score
+        if any(axis.verdict in ("look", "stop") for axis in (axes[2:] if is_rolled else axes[:2])):
+            why = "It is told once the other turns fit."
+            axes = [_not_told(axis.axis, why) if (axis.axis == "roll") != is_rolled else axis for axis in axes]
+    worst = max((axis.verdict for axis in axes), key=GRAVITY.index)
+    is_shifted = _is_shifted(summits)
+    if worst in ("look", "stop"):
+        return _accused(summits, axes, worst, is_shifted=is_shifted)
+    if is_shifted:
+        return MountVerdict("look", f"The camera may have shifted {_shift(summits.moved)}.", axes)
+    if worst == "pass":
+        return MountVerdict("pass", "The mount fits in pitch, yaw and roll.", axes)
+    fits = [axis.axis for axis in axes if axis.verdict == "pass"]
+    missing = " and ".join(axis.axis for axis in axes if axis.verdict == "not_told")
+    sentence = f"This drive does not tell {missing}" + (f"; the mount fits in {' and '.join(fits)}." if fits else ".")
+    return MountVerdict("not_told", sentence, axes)
+
+
+def _accused(summits: Summits, axes: list[AxisCheck], worst: AxisVerdict, *, is_shifted: bool) -> MountVerdict:
+    """Turned, shifted, both, or either: what leads the others by two deviations."""
+    lead = summits.turned.lead_over(summits.shifted)
+    may = "has" if worst == "stop" else "may have"
+    turns = _turns([axis for axis in axes if axis.verdict in ("look", "stop")])
+    if lead < -CLEAR:
+        axes = [_not_told(axis.axis, "Turns are told once the shift is right.") for axis in axes]
+        return MountVerdict(worst, f"The camera {may} shifted {_shift(summits.shifted)}.", axes)
+    if lead < CLEAR and not is_shifted and summits.shifted.is_summit:
+        either = f"The camera {may} turned or shifted, and this drive does not tell which: {turns}, or"
+        return MountVerdict(worst, f"{either} shifted {_shift(summits.shifted)}.", axes)
+    also = f", and may have shifted {_shift(summits.moved)}" if is_shifted else ""
+    return MountVerdict(worst, f"The camera {may} turned{also}: the frames fit best with {turns}.", axes)
+
+
+def _far_off(summits: Summits) -> MountVerdict:
+    turns: dict[TurnAxis, float] = dict(zip(SHARED_DEG, np.degrees(summits.turned.offset[:3]).tolist(), strict=True))
+    largest = max(map(abs, turns.values()))
+    axes: list[AxisCheck] = []
+    for axis, turn in turns.items():
+        if abs(turn) <= 0.5 * largest:
+            axes.append(_not_told(axis, "It is told once the mount is about right."))
+            continue
+        sentence = f"About {turn:+.0f} degrees."
+        axes.append(
+            AxisCheck(axis=axis, verdict="stop", sentence=sentence, turn_deg=round(turn), sigma_deg=ABOUT_DEG)
+        )
+    named = [f"{axis.turn_deg:+.0f} degrees of {axis.axis}" for axis in axes if axis.verdict == "stop"]
+    about = f"about {' and '.join(named)}"
+    sentence = f"The mount is far off: the frames fit with {about}."
+    if summits.turned.lead_over(summits.shifted) < CLEAR and summits.shifted.is_summit:
+        sentence = f"The mount is far off: {about}, or shifted {_shift(summits.shifted)}."
+    return MountVerdict("stop", sentence, axes)
+
+
+def _with_lanes(judged: MountVerdict, lanes: dict[str, Any]) -> MountVerdict:
+    """Where both tests tell a turn and contradict each other there is no verdict; markers alone give a `look`."""
+    if lanes["verdict"] == "unknown":
+        return judged
+    by_axis = {axis.axis: axis for axis in judged.axes}
+    for name in ("pitch", "yaw"):
+        axis: AxisCheck = by_axis[name]
+        if (
+            axis.turn_deg is None
+            or axis.sigma_deg is None
+            or axis.verdict == "not_told"
+            or axis.sigma_deg >= ABOUT_DEG
+        ):
+            continue
+        of_lanes, sigma = lanes[f"{name}_deg"], np.hypot(lanes[f"sigma_{name}_deg"], axis.sigma_deg)
+        apart = abs(of_lanes - axis.turn_deg)
+        if apart > _CONTRADICTION_DEG and apart**2 > _ONCE_IN_A_THOUSAND * sigma**2:
+            return _no_verdict(
+                f"Depth edges and lane markers contradict each other: {axis.turn_deg:+.2f} and {of_lanes:+.2f} "
+                f"degrees of {name}."
+            )
+    if lanes["verdict"] == "disagrees":
+        if judged.verdict in ("look", "stop"):
+            return judged
+        alone = "Lane markers do not lie on their paint: the camera may have turned or shifted."
+        return MountVerdict("look", f"{alone} {judged.sentence}", judged.axes)
+    return judged._replace(sentence=f"{judged.sentence} Lane markers agree.") if judged.verdict == "pass" else judged
+
+
+def _is_shifted(summits: Summits) -> bool:
+    """Whether a shift beside the turn fits clearly better, and by more than chance and sensors explain."""
+    covariance = summits.moved.covariance[3:, 3:] + _SHARED_M**2 * np.eye(3)
+    shift = summits.moved.offset[3:]
+    chi2 = float(shift @ np.linalg.solve(covariance, shift))
+    limit = 3.0 * float(special.fdtri(3, max(summits.groups - 3, 1), 1.0 - _LOOK_ALARMS / 10.0))
+    return summits.moved.is_summit and summits.moved.lead_over(summits.turned) > CLEAR and chi2 > limit
+
+
+def _axes(summits: Summits, of_axes: tuple[Summit, Summit, Summit]) -> list[AxisCheck]:
+    """The verdicts of pitch, yaw and roll, each by its summit."""
+    return [
+        _axis(
+            axis,
+            float(np.degrees(summit.offset[k])),
+            float(np.degrees(np.sqrt(summit.covariance[k, k]))),
+            summits.groups,
+        )
+        for k, (axis, summit) in enumerate(zip(SHARED_DEG, of_axes, strict=True))
+    ]
+
+
+def _axis(axis: TurnAxis, turn_deg: float, own_sigma_deg: float, groups: int) -> AxisCheck:
+    """The verdict of one axis, by Student's t of as many freedoms as a jackknife over so many groups has."""
+    sigma_deg = float(np.hypot(own_sigma_deg, SHARED_DEG[axis]))
+    look_deg, stop_deg = (
+        _student_quantile(groups - 1.0, 1.0 - alarms / 6.0) * sigma_deg for alarms in (_LOOK_ALARMS, _STOP_ALARMS)
+    )
+    shown_deg = look_deg + _NINE_OF_TEN * sigma_deg
+    verdict: AxisVerdict = "pass"
+    sentence = f"It fits: {turn_deg:+.2f} +- {sigma_deg:.2f} degrees."
+    if abs(turn_deg) > look_deg:
+        verdict = "stop" if abs(turn_deg) > stop_deg else "look"
+        sentence = f"The frames fit best with {turn_deg:+.2f} +- {sigma_deg:.2f} degrees more {axis}."
+    elif shown_deg > _MUST_SHOW_DEG:
+        verdict = "not_told"
+        sentence = f"This drive would show {ceil(100.0 * shown_deg) / 100.0:.2f} degrees, not half a degree."
+    return AxisCheck(axis=axis, verdict=verdict, sentence=sentence, turn_deg=turn_deg, sigma_deg=sigma_deg)
+
+
+def _turns(axes: Sequence[AxisCheck]) -> str:
+    return " and ".join(f"{axis.turn_deg:+.2f} +- {axis.sigma_deg:.2f} degrees of {axis.axis}" for axis in axes)
+
+
+def _shift(summit: Summit) -> str:
+    """The largest component of a shift in words, rounded to centimetres."""
+    shift_m, sigma_m = summit.offset[3:], np.hypot(np.sqrt(np.diag(summit.covariance)[3:]), _SHARED_M)
+    largest = int(np.argmax(np.abs(shift_m) / sigma_m))
+    return f"by {100.0 * shift_m[largest]:+.0f} +- {ceil(100.0 * sigma_m[largest])} cm along {_SHIFTS[largest]}"
+
+
+def _not_told(axis: TurnAxis, why: str) -> AxisCheck:
+    return AxisCheck(axis=axis, verdict="not_told", sentence=why)
+
+
+def _no_verdict(why: str) -> MountVerdict:
+    return MountVerdict("not_told", why, [_not_told(axis, why) for axis in SHARED_DEG])
