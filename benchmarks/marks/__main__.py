@@ -1,6 +1,6 @@
 """`make bench-marks`: see the docstring of the package. SHORT=1 draws fewer scenes, FIRST is the first one's seed.
 
-The scenes of seeds from 0 on judge. Nothing was chosen by them: development drew seeds from 9000 on.
+The scenes of seeds from 500 on judge. Nothing was chosen by them: development drew seeds from 9000 on and 0 to 15.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def main() -> None:
     short = bool(os.environ.get("SHORT"))
     start = time.monotonic()
     scenes, chance = (16, 60) if short else (SCENES, _CHANCE)
-    first = int(os.environ.get("FIRST", "0"))
+    first = int(os.environ.get("FIRST", "500"))
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         outcomes = [one for one in pool.imap_unordered(run_scene, range(first, first + scenes)) if one is not None]
         offered = sum(pool.imap_unordered(offers_mount, range(first, first + chance), chunksize=5))

@@ -43,8 +43,9 @@ _AVERAGED: Final = float(np.linalg.norm(_AVERAGE))
 class CornerFit(NamedTuple):
     """The corner (2,) px, its covariance (2, 2) by the profiles' scatter, and how soft the edges are, px.
 
-    `lines` (2, 2): offset and slope of both edges against their projections. `extrapolation` (2, 2): what an
-    error of both edges of variance 1 adds to the corner's, because it lies farther out than the edges are seen.
+    `lines` (2, 2): offset and slope of both edges against their projections; `normals` (2, 2): of both lines.
+    `extrapolation` (2, 2): what an error of both edges of variance 1 adds to the corner's, because it lies farther
+    out than the edges are seen. `ambiguity` (2, 2): what other edges add that may be the board's.
     """
 
     pixel: Floats
@@ -52,6 +53,16 @@ class CornerFit(NamedTuple):
     softness_px: float
     lines: Floats
     extrapolation: Floats
+    normals: Floats
+    ambiguity: Floats
+
+    def shifted(self, offsets: Floats, variances: Floats) -> CornerFit:
+        """The corner after its lines' shifts (2,) px along the normals, known to variances (2,)."""
+        inverse = np.linalg.inv(self.normals)
+        return self._replace(
+            pixel=self.pixel + inverse @ offsets,
+            ambiguity=inverse @ np.diag(variances) @ inverse.T,
+        )
 
 
 EdgeRefusal = Literal["outside", "few_pixels", "no_edge", "moved_far"]
@@ -264,4 +275,5 @@ def _with_covariance(
     # At the corner a line's offset is what its own fit says there.
     variance = np.diag([float(fit.covariance[0, 0]) for fit in fits])
     extrapolation = inverse @ np.diag(growth) @ inverse.T
-    return CornerFit(corner + inverse @ offsets, inverse @ variance @ inverse.T, softness, lines, extrapolation)
+    pixel, covariance = corner + inverse @ offsets, inverse @ variance @ inverse.T
+    return CornerFit(pixel, covariance, softness, lines, extrapolation, normals, np.zeros((2, 2)))

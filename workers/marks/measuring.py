@@ -11,6 +11,7 @@ import numpy as np
 
 from apexcal.documents.corners import CornerName
 from workers.geometry.models import ModelName
+from workers.marks.alternatives import Beside, look_beside, mixed
 from workers.marks.edges import CornerFit, EdgeRefusal, measure_corner
 from workers.marks.outer_edges import changes_outside
 from workers.marks.profiles import Curve
@@ -20,6 +21,8 @@ _STEP_M: Final = 1e-2
 
 OnSight = Callable[[], None]
 Measured = dict[CornerName, CornerFit | EdgeRefusal]
+CornerKey = tuple[int, CornerName]
+"""Index of a sight, and a corner."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +48,14 @@ def measure(
     *,
     outward_m: float = 0.0,
     changes: list[Floats] | None = None,
+    seen: dict[CornerKey, Beside] | None = None,
 ) -> dict[int, Measured]:
     """The corners of these sights.
 
     Args:
         outward_m: how far outside of its own corners the camera sees the board's.
         changes: gets what `changes_outside` says of each measured corner.
+        seen: gets what `look_beside` says of each.
     """
     found: dict[int, Measured] = {}
     ordered = sorted(indices, key=lambda index: task.sights[index].frame)
@@ -71,10 +76,29 @@ def measure(
                 edges = (_edge(camera, corner, sides[0]), _edge(camera, corner, sides[1]))
                 fit = measure_corner(image, edges, half_width, softness)
                 found[index][name] = fit
-                if changes is not None and isinstance(fit, CornerFit):
-                    scales = np.array([_px_per_m(camera, corner, *pair) for pair in (sides, sides[::-1])])
+                if not isinstance(fit, CornerFit):
+                    continue
+                scales = np.array([_px_per_m(camera, corner, *pair) for pair in (sides, sides[::-1])])
+                if changes is not None:
                     changes.append(changes_outside(image, edges, fit, scales))
+                if seen is not None:
+                    seen[index, name] = look_beside(image, edges, fit, scales.mean(axis=1))
     return found
+
+
+def with_alternatives(measured: dict[int, Measured], seen: dict[CornerKey, Beside]) -> dict[int, Measured]:
+    """The same, with the mixtures of the corners that were seen."""
+    fits = {
+        (index, name): fit
+        for index, corners in measured.items()
+        for name, fit in corners.items()
+        if isinstance(fit, CornerFit)
+    }
+    mixtures = mixed(fits, seen)
+    return {
+        index: {name: mixtures.get((index, name), fit) for name, fit in corners.items()}
+        for index, corners in measured.items()
+    }
 
 
 def _edge(camera: MountedLens, start: Floats, end: Floats) -> Curve:

@@ -11,8 +11,9 @@ import numpy as np
 
 from apexcal.documents.corners import CORNERS, CornerName
 from workers.geometry.models import ModelName
+from workers.marks.alternatives import Beside
 from workers.marks.edges import CornerFit
-from workers.marks.measuring import MarkTask, Measured, OnSight, measure
+from workers.marks.measuring import CornerKey, MarkTask, Measured, OnSight, measure, with_alternatives
 from workers.marks.mount_fit import fit_mount
 from workers.marks.mount_search import (
     INLIER_PX,
@@ -159,18 +160,20 @@ def _from_candidates(
         )
     everything = range(len(task.sights))
     changes: list[Floats] = []
-    measured = measure(task, everything, camera, task.corners, 8.0, softness, changes=changes)
+    seen: dict[CornerKey, Beside] = {}
+    measured = measure(task, everything, camera, task.corners, 8.0, softness, changes=changes, seen=seen)
     camera, softness = _refit(task, measured, camera)
     outward_m = outer_distance_m(changes)
     if outward_m > 0.0:
         outer = measure(task, everything, camera, task.corners, 4.0, softness, outward_m=outward_m)
         moved, softness = _refit(task, outer, camera)
-        outer = measure(task, everything, moved, task.corners, 4.0, softness)
+        seen_outer: dict[CornerKey, Beside] = {}
+        outer = measure(task, everything, moved, task.corners, 4.0, softness, seen=seen_outer)
         moved, _ = _refit(task, outer, moved)
         farther = _TriedMount(_sight_scores(task, outer, moved), moved, softness)
         nearer = _TriedMount(_sight_scores(task, measured, camera), camera, softness)
         if farther.confirmed >= _STILL_CONFIRMED * nearer.confirmed:
-            measured, camera = outer, moved
+            measured, camera, seen = outer, moved, seen_outer
     scatter = _scatter(list(_scores(task, measured, camera).values()))
     if scatter > _MOST_SCATTER:
         return _failed(
@@ -179,6 +182,8 @@ def _from_candidates(
             f"The marks scatter {scatter:.1f} times as much about one mount as they should: in some frames the edges "
             "of the board were found, in others lines of its pattern.",
         )
+    measured = with_alternatives(measured, seen)
+    camera, _ = _refit(task, measured, camera)
     return MachineMarks(_answers(task, measured, camera), camera)
 
 
@@ -273,7 +278,7 @@ def _by_point(point: Floats, camera: MountedLens) -> Floats:
 def _stated_covariance(fit: CornerFit, J: Floats) -> Floats:
     px_per_m = float(np.linalg.norm(J, 2))
     floor = _FLOOR_PX**2 + (_SHIFT_SHARE * fit.softness_px) ** 2 + (FLOOR_M * px_per_m) ** 2
-    return _SCATTER * fit.covariance + floor * (np.eye(2) + fit.extrapolation)
+    return _SCATTER * fit.covariance + fit.ambiguity + floor * (np.eye(2) + fit.extrapolation)
 
 
 def _scores(

@@ -1,0 +1,81 @@
+"""A corner beside whose edges others run is stated as loosely as they lie apart; what is no edge loosens nothing."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.workers.marks.test_edges import edges_of, painted
+from workers.marks.alternatives import look_beside, mixed
+from workers.marks.edges import CornerFit, measure_corner
+
+ANGLES = (40.0, 140.0)
+TIP = (118.4, 61.3)
+DOWN = 1.0 / np.sin(np.radians(50.0))  # of the corner, for each pixel that both edges move inward
+
+
+def sharpened(image, amount=0.8, sigma=1.5):
+    return image + amount * (image - cv2.GaussianBlur(image, (0, 0), sigma))
+
+
+def strip(seed, width_px, inner=-60.0):
+    """A lit rim of that width around a darker face, and the face's corner."""
+    face = (TIP[0], TIP[1] + width_px * DOWN)
+    image = painted(TIP, ANGLES, 60.0, 0.8, 1.0, seed)
+    return image + painted(face, ANGLES, inner, 0.8, 0.0, seed) - 110.0, np.array(face)
+
+
+def corners(images, scales=None):
+    """The mixtures of these frames, in pixels across an edge for a metre."""
+    fits, seen = {}, {}
+    for index, image in enumerate(images):
+        edges = edges_of(TIP, ANGLES)
+        fit = measure_corner(np.clip(np.rint(image), 0, 255).astype(np.uint8), edges, 4.0)
+        assert isinstance(fit, CornerFit)
+        fits[index, "top"] = fit
+        px_per_m = np.full(2, 300.0 if scales is None else scales[index])
+        seen[index, "top"] = look_beside(image, edges, fit, px_per_m)
+    return list(mixed(fits, seen).values())
+
+
+def deviation(fit):
+    return float(np.sqrt(0.5 * np.trace(fit.ambiguity)))
+
+
+def test_a_rim_in_one_frame_is_within_what_is_stated():
+    """On `vlp16-diamond-board` the face's corner lay 3 to 5 px inside of the marks, which stated 0.5."""
+    plain = [painted(TIP, ANGLES, 60.0, 0.8, 1.0, seed) for seed in range(9)]
+    rimmed, face = strip(20, 4.0)
+    *others, fit = corners([*plain, rimmed])
+    assert max(deviation(one) for one in others) < 0.3
+    assert 1.0 < deviation(fit) < 4.0
+    spread = np.sqrt(np.diag(fit.ambiguity + fit.covariance))
+    for truth in (np.array(TIP), face):
+        assert np.all(np.abs(fit.pixel - truth) < 3.0 * spread + 0.3)
+
+
+@pytest.mark.parametrize("blur", [0.6, 1.5])
+def test_sharpening_is_no_edge(blur):
+    fits = corners([sharpened(painted(TIP, ANGLES, 60.0, blur, 1.0, seed)) for seed in range(10)])
+    assert max(deviation(fit) for fit in fits) < 0.3
+    assert max(float(np.hypot(*(fit.pixel - TIP))) for fit in fits) < 0.4
+
+
+@pytest.mark.parametrize(("frames", "is_stated"), [(12, False), (2, True)])
+def test_a_line_that_half_of_the_frames_share_is_the_patterns(frames, is_stated):
+    """A printed frame 2 cm inside lies 5 to 8 px away as the board comes nearer."""
+    scales = np.linspace(250.0, 380.0, 12)
+    images = [strip(seed, 0.02 * scale, -90.0)[0] for seed, scale in enumerate(scales)]
+    plain = [painted(TIP, ANGLES, 60.0, 0.8, 1.0, seed) for seed in range(frames, 12)]
+    fits = corners([*images[:frames], *plain], scales)
+    assert (deviation(fits[0]) > 1.0) == is_stated
+    if not is_stated:
+        assert max(deviation(fit) for fit in fits) < 0.3
+
+
+def test_an_edge_that_changes_its_sign_is_an_edge():
+    """What is behind a board is darker than it in one part and lighter in another."""
+    image = painted(TIP, ANGLES, 60.0, 0.8, 1.0, 3)
+    cover = np.clip((painted(TIP, ANGLES, 60.0, 0.8, 0.0) - 110.0) / 60.0, 0.0, 1.0)
+    image[110:] += 130.0 * (1.0 - cover[110:])
+    (fit,) = corners([image])
+    assert deviation(fit) < 0.6

@@ -1,0 +1,151 @@
+"""Which other edges may be the board's: a measured corner is a mixture over all edges beside the measured lines.
+
+A rim, its shadow, a pattern or an edge of the background runs beside the board's edge, and one frame cannot tell
+which is the board's. What a camera's sharpening adds beside an edge is no edge: it is alike in all frames of a
+recording, and outside of the board nothing else is. A line that lies equally far inside in half of the frames,
+farther than a board is thick, is the pattern's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from apexcal.documents.corners import CornerName
+from workers.marks.edges import CornerFit, inward
+from workers.marks.profiles import SHARPEST_PX, SHORTEST_PX, STEP_PX, Crop, Curve, TracedEdge, slopes_of, trace_edge
+from workers.marks.sights import Floats, Image
+
+REACH_PX: Final = 8.0
+_SEEN_PX: Final = 14.0  # so that a pattern's line that is within reach in one frame is seen in nearer ones
+_HALF: Final = round(_SEEN_PX / STEP_PX)
+_OFFSETS: Final = STEP_PX * np.arange(-_HALF, _HALF + 1, dtype=np.float64)
+_PARTS: Final = 6  # of an edge, of which half decide
+_OWN_PX: Final = SHARPEST_PX  # nearer is the measured edge itself
+_LEAST: Final = 0.2
+"""Of a profile's strongest edge. The sharpening of `vlp16-diamond-board` scatters by a tenth about its median."""
+_MOST: Final = 6  # edges of a profile
+_FEWEST: Final = 8  # edges that tell what sharpening adds
+_SAME_PX: Final = 1.0
+_SAME_SHARE: Final = 0.1  # of the distance: how well a frame's scale across an edge is known
+_OUTSIDE: Final = 2.0
+"""Power of the strength of lines outside of the measured ones: of 129 that had less than half of its strength 16 were
+the board's edge (tips of seven rendered scenes: seeds 0, 1, 3, 5, 14, 15 and 9017)."""
+_REPEATED: Final = 0.5  # of the frames
+_THICKEST_M: Final = 0.012
+"""Boards of foam, composite and plywood are 3 to 12 mm thick: so far inside a line may be that of their rim."""
+
+
+class Beside(NamedTuple):
+    """How a frame changes across both edges of a corner.
+
+    Attributes:
+        changes: (2, G) levels a pixel at `_OFFSETS`, positive offsets inside; one at the measured line or more.
+        inward: (2,) whose signs are those of offsets into the board.
+        px_per_m: (2,) pixels across the edge for a metre.
+    """
+
+    changes: Floats
+    inward: Floats
+    px_per_m: Floats
+
+
+def look_beside(image: Image, edges: tuple[Curve, Curve], fit: CornerFit, px_per_m: Floats) -> Beside:
+    """The changes beside the measured lines of a corner, zero where the image ends."""
+    pad = np.ceil(3.0 * SHARPEST_PX / STEP_PX)
+    across = STEP_PX * np.arange(-_HALF - pad, _HALF + pad + 1.0)
+    changes = np.zeros((2, len(_OFFSETS)))
+    signs = np.array(inward(edges))
+    for row, (curve, line, within) in enumerate(zip(edges, fit.lines, signs, strict=True)):
+        traced = trace_edge(curve, image.shape[1], image.shape[0])
+        if not isinstance(traced, TracedEdge):
+            continue
+        moved = traced.moved(*line)
+        places = moved.pixels[:, None] + np.sign(within) * across[None, :, None] * moved.normals[:, None]
+        profiles = Crop.around(image, places.reshape(-1, 2)).sampled(places)
+        profiles = profiles[np.isfinite(profiles).all(axis=1)]
+        if len(profiles) >= SHORTEST_PX:
+            slope = slopes_of(profiles, SHARPEST_PX)[0][:, int(pad) : -int(pad)]
+            changes[row] = _common(np.array([part.mean(axis=0) for part in np.array_split(slope, _PARTS)]))
+    return Beside(changes, signs, px_per_m)
+
+
+def _common(parts: Floats) -> Floats:
+    """What the parts (P, G) of an edge share, the measured line positive; what is behind a board changes its sign."""
+    turned = np.median(parts * np.sign(parts[:, _HALF : _HALF + 1]), axis=0)
+    plain = np.median(parts, axis=0)
+    plain *= np.sign(plain[_HALF]) or 1.0
+    return np.where(np.abs(plain) > np.abs(turned), plain, turned)
+
+
+def mixed(
+    fits: Mapping[tuple[int, CornerName], CornerFit], seen: Mapping[tuple[int, CornerName], Beside]
+) -> dict[tuple[int, CornerName], CornerFit]:
+    """The corners of a recording after their mixtures.
+
+    The measured lines are the outermost that much of both edges agrees on, so a weaker line outside of them is hardly
+    the board's. Lines within a board's thickness are its rim, and the corner is the mean over them; those farther
+    inside count in the covariance alone.
+    """
+    shape = _shape([changes for beside in seen.values() for changes in beside.changes])
+    edges = {key: [_edges(changes, shape) for changes in beside.changes] for key, beside in seen.items()}
+    mixtures: dict[tuple[int, CornerName], CornerFit] = {}
+    for key, fit in fits.items():
+        alike = [other for other in seen if other[1] == key[1]]
+        means, variances = np.zeros(2), np.zeros(2)
+        for side, (offsets, weights) in enumerate(edges[key]):
+            scale = seen[key].px_per_m[side]
+            others = [(edges[other][side][0], seen[other].px_per_m[side] / scale) for other in alike]
+            is_board = np.array([_may_be_board(offset, scale, others) for offset in offsets.tolist()], np.bool_)
+            rim_px = max(_OWN_PX, _THICKEST_M * scale)
+            odds = np.where(offsets < -rim_px, weights**_OUTSIDE, weights) * is_board
+            share = odds / max(float(odds.sum()), 1e-9)
+            is_rim = (offsets > 0.0) & (offsets <= rim_px)
+            means[side] = share[is_rim] @ offsets[is_rim]
+            variances[side] = share @ (offsets - means[side]) ** 2
+        mixtures[key] = fit.shifted(np.sign(seen[key].inward) * means, variances)
+    return mixtures
+
+
+def _may_be_board(offset: float, px_per_m: float, others: Sequence[tuple[Floats, float]]) -> bool:
+    if abs(offset) > REACH_PX:
+        return False
+    return offset <= max(_OWN_PX, _THICKEST_M * px_per_m) or not _is_repeated(offset, others)
+
+
+def _shape(changes: Sequence[Floats]) -> Floats:
+    """(4 H + 1,) how an edge looks in the recording: the median outside of the measured edges, to both sides."""
+    half = np.exp(-0.25 * (_OFFSETS[_HALF:] / SHARPEST_PX) ** 2)
+    strongest = [row / row[_HALF] for row in changes if row[_HALF] >= np.abs(row).max() > 0.0]
+    if len(strongest) >= _FEWEST:
+        half = np.median(np.array(strongest)[:, _HALF::-1], axis=0)
+    rest = np.zeros(_HALF)
+    return np.concatenate([rest, half[:0:-1], half, rest])
+
+
+def _edges(changes: Floats, shape: Floats) -> tuple[Floats, Floats]:
+    """Offsets (K,) and strengths (K,) of the edges of a profile, the measured one first (CLEAN: Hoegbom 1974)."""
+    left, strengths = changes.copy(), np.zeros(len(changes))
+    strengths[_HALF] = max(float(changes[_HALF]), 0.0)
+    left -= strengths[_HALF] * shape[_HALF : _HALF + len(changes)]
+    least = _LEAST * float(np.abs(changes).max())
+    for _ in range(_MOST):
+        at = int(np.abs(left).argmax())
+        strength = float(left[at])
+        if abs(strength) <= least:
+            break
+        strengths[at] += abs(strength)
+        left -= strength * shape[2 * _HALF - at : 2 * _HALF - at + len(changes)]
+    near = np.abs(_OFFSETS) <= _OWN_PX
+    own = float(strengths[near].sum())
+    others = np.flatnonzero((strengths > 0.0) & ~near)
+    return np.append(0.0, _OFFSETS[others]), np.append(own, strengths[others]) / max(own, strengths.max(), 1e-9)
+
+
+def _is_repeated(offset: float, others: Sequence[tuple[Floats, float]]) -> bool:
+    """Whether an edge is as many metres inside in half of the frames that see so far; scales are against its own."""
+    reached = [(offsets, offset * scale) for offsets, scale in others if offset * scale < _SEEN_PX - _SAME_PX]
+    same = sum(bool(np.any(np.abs(offsets - at) <= _SAME_PX + _SAME_SHARE * at)) for offsets, at in reached)
+    return len(reached) >= _FEWEST and same >= _REPEATED * len(reached)
