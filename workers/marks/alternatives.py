@@ -55,7 +55,7 @@ class Beside(NamedTuple):
 def look_beside(image: Image, edges: tuple[Curve, Curve], fit: CornerFit, px_per_m: Floats) -> Beside:
     """The changes beside the measured lines of a corner, zero where the image ends."""
     pad = np.ceil(3.0 * SHARPEST_PX / STEP_PX)
-    across = STEP_PX * np.arange(-_HALF - pad, _HALF + pad + 1.0)
+    across: Floats = STEP_PX * np.arange(-_HALF - pad, _HALF + pad + 1.0, dtype=np.float64)
     changes = np.zeros((2, len(_OFFSETS)))
     signs = np.array(inward(edges))
     for row, (curve, line, within) in enumerate(zip(edges, fit.lines, signs, strict=True)):

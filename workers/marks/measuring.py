@@ -88,17 +88,13 @@ def measure(
 
 def with_alternatives(measured: dict[int, Measured], seen: dict[CornerKey, Beside]) -> dict[int, Measured]:
     """The same, with the mixtures of the corners that were seen."""
-    fits = {
-        (index, name): fit
-        for index, corners in measured.items()
-        for name, fit in corners.items()
-        if isinstance(fit, CornerFit)
-    }
-    mixtures = mixed(fits, seen)
-    return {
-        index: {name: mixtures.get((index, name), fit) for name, fit in corners.items()}
-        for index, corners in measured.items()
-    }
+    fits: dict[CornerKey, CornerFit] = {}
+    for index, corners in measured.items():
+        fits |= {(index, name): fit for name, fit in corners.items() if isinstance(fit, CornerFit)}
+    mixtures: dict[int, Measured] = {index: dict(corners) for index, corners in measured.items()}
+    for (index, name), fit in mixed(fits, seen).items():
+        mixtures[index][name] = fit
+    return mixtures
 
 
 def _edge(camera: MountedLens, start: Floats, end: Floats) -> Curve:

@@ -182,9 +182,9 @@ def _from_candidates(
             f"The marks scatter {scatter:.1f} times as much about one mount as they should: in some frames the edges "
             "of the board were found, in others lines of its pattern.",
         )
-    measured = with_alternatives(measured, seen)
-    camera, _ = _refit(task, measured, camera)
-    return MachineMarks(_answers(task, measured, camera), camera)
+    mixtures = with_alternatives(measured, seen)
+    answers = _answers(task, measured, mixtures, camera)
+    return MachineMarks(answers, _refit(task, mixtures, camera)[0])
 
 
 def _pairs(task: MarkTask, seeds: dict[int, FrameSeeds]) -> SeedPairs:
@@ -243,15 +243,20 @@ def _refit(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -
     return again, float(np.median([fit.softness_px for _, fit, _ in fits]))
 
 
-def _answers(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> Answers:
-    """Proposals of the asked corners. A mark far from its mount's projection, as such marks go, is none."""
+def _answers(
+    task: MarkTask, measured: dict[int, Measured], mixtures: dict[int, Measured], camera: MountedLens
+) -> Answers:
+    """Proposals of the asked corners. A mark far from its mount's projection, as such marks go, is none.
+
+    Other edges excuse no distance from the mount: it is judged without them.
+    """
     scores = _scores(task, measured, camera)
     scale = max(1.0, _scatter(list(scores.values())))
     answers: Answers = []
     for index, sight in enumerate(task.sights):
         of_sight: dict[CornerName, MarkProposal | MarkRefusal] = {}
         for name in task.corners:
-            fit = measured[index].get(name)
+            fit = mixtures[index].get(name)
             if isinstance(fit, CornerFit):
                 off = scores[index, name] > _OFF_MOUNT * scale
                 of_sight[name] = MarkRefusal("off_mount") if off else _proposal(sight, name, fit, camera)
