@@ -81,7 +81,7 @@ def _common(parts: Floats) -> Floats:
 
 
 def mixed(
-    fits: Mapping[tuple[int, CornerName], CornerFit], seen: Mapping[tuple[int, CornerName], Beside]
+    fits: Mapping[tuple[int, CornerName], CornerFit], besides: Mapping[tuple[int, CornerName], Beside]
 ) -> dict[tuple[int, CornerName], CornerFit]:
     """The corners of a recording after their mixtures.
 
@@ -89,15 +89,15 @@ def mixed(
     the board's. Lines within a board's thickness are its rim, and the corner is the mean over them; those farther
     inside count in the covariance alone.
     """
-    shape = _shape([changes for beside in seen.values() for changes in beside.changes])
-    edges = {key: [_edges(changes, shape) for changes in beside.changes] for key, beside in seen.items()}
+    shape = _shape([changes for beside in besides.values() for changes in beside.changes])
+    edges = {key: [_edges(changes, shape) for changes in beside.changes] for key, beside in besides.items()}
     mixtures: dict[tuple[int, CornerName], CornerFit] = {}
     for key, fit in fits.items():
-        alike = [other for other in seen if other[1] == key[1]]
+        alike = [other for other in besides if other[1] == key[1]]
         means, variances = np.zeros(2), np.zeros(2)
         for side, (offsets, weights) in enumerate(edges[key]):
-            scale = seen[key].px_per_m[side]
-            others = [(edges[other][side][0], seen[other].px_per_m[side] / scale) for other in alike]
+            scale = besides[key].px_per_m[side]
+            others = [(edges[other][side][0], besides[other].px_per_m[side] / scale) for other in alike]
             is_board = np.array([_may_be_board(offset, scale, others) for offset in offsets.tolist()], np.bool_)
             rim_px = max(_OWN_PX, _THICKEST_M * scale)
             odds = np.where(offsets < -rim_px, weights**_OUTSIDE, weights) * is_board
@@ -105,7 +105,7 @@ def mixed(
             is_rim = (offsets > 0.0) & (offsets <= rim_px)
             means[side] = share[is_rim] @ offsets[is_rim]
             variances[side] = share @ (offsets - means[side]) ** 2
-        mixtures[key] = fit.shifted(np.sign(seen[key].inward) * means, variances)
+        mixtures[key] = fit.shifted(np.sign(besides[key].inward) * means, variances)
     return mixtures
 
 

@@ -48,14 +48,14 @@ def measure(
     *,
     outward_m: float = 0.0,
     changes: list[Floats] | None = None,
-    seen: dict[CornerKey, Beside] | None = None,
+    besides: dict[CornerKey, Beside] | None = None,
 ) -> dict[int, Measured]:
     """The corners of these sights.
 
     Args:
         outward_m: how far outside of its own corners the camera sees the board's.
         changes: gets what `changes_outside` says of each measured corner.
-        seen: gets what `look_beside` says of each.
+        besides: gets what `look_beside` says of each.
     """
     found: dict[int, Measured] = {}
     ordered = sorted(indices, key=lambda index: task.sights[index].frame)
@@ -81,18 +81,18 @@ def measure(
                 scales = np.array([_px_per_m(camera, corner, *pair) for pair in (sides, sides[::-1])])
                 if changes is not None:
                     changes.append(changes_outside(image, edges, fit, scales))
-                if seen is not None:
-                    seen[index, name] = look_beside(image, edges, fit, scales.mean(axis=1))
+                if besides is not None:
+                    besides[index, name] = look_beside(image, edges, fit, scales.mean(axis=1))
     return found
 
 
-def with_alternatives(measured: dict[int, Measured], seen: dict[CornerKey, Beside]) -> dict[int, Measured]:
+def with_alternatives(measured: dict[int, Measured], besides: dict[CornerKey, Beside]) -> dict[int, Measured]:
     """The same, with the mixtures of the corners that were seen."""
     fits: dict[CornerKey, CornerFit] = {}
     for index, corners in measured.items():
         fits |= {(index, name): fit for name, fit in corners.items() if isinstance(fit, CornerFit)}
     mixtures: dict[int, Measured] = {index: dict(corners) for index, corners in measured.items()}
-    for (index, name), fit in mixed(fits, seen).items():
+    for (index, name), fit in mixed(fits, besides).items():
         mixtures[index][name] = fit
     return mixtures
 

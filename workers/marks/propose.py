@@ -160,20 +160,20 @@ def _from_candidates(
         )
     everything = range(len(task.sights))
     changes: list[Floats] = []
-    seen: dict[CornerKey, Beside] = {}
-    measured = measure(task, everything, camera, task.corners, 8.0, softness, changes=changes, seen=seen)
+    besides: dict[CornerKey, Beside] = {}
+    measured = measure(task, everything, camera, task.corners, 8.0, softness, changes=changes, besides=besides)
     camera, softness = _refit(task, measured, camera)
     outward_m = outer_distance_m(changes)
     if outward_m > 0.0:
         outer = measure(task, everything, camera, task.corners, 4.0, softness, outward_m=outward_m)
         moved, softness = _refit(task, outer, camera)
-        seen_outer: dict[CornerKey, Beside] = {}
-        outer = measure(task, everything, moved, task.corners, 4.0, softness, seen=seen_outer)
+        outer_besides: dict[CornerKey, Beside] = {}
+        outer = measure(task, everything, moved, task.corners, 4.0, softness, besides=outer_besides)
         moved, _ = _refit(task, outer, moved)
         farther = _TriedMount(_sight_scores(task, outer, moved), moved, softness)
         nearer = _TriedMount(_sight_scores(task, measured, camera), camera, softness)
         if farther.confirmed >= _STILL_CONFIRMED * nearer.confirmed:
-            measured, camera, seen = outer, moved, seen_outer
+            measured, camera, besides = outer, moved, outer_besides
     scatter = _scatter(list(_scores(task, measured, camera).values()))
     if scatter > _MOST_SCATTER:
         return _failed(
@@ -182,7 +182,7 @@ def _from_candidates(
             f"The marks scatter {scatter:.1f} times as much about one mount as they should: in some frames the edges "
             "of the board were found, in others lines of its pattern.",
         )
-    mixtures = with_alternatives(measured, seen)
+    mixtures = with_alternatives(measured, besides)
     answers = _answers(task, measured, mixtures, camera)
     return MachineMarks(answers, _refit(task, mixtures, camera)[0])
 
