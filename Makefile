@@ -5,6 +5,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMPS := $(VENV)/stamps
+KERNELS := $(STAMPS)/kernels-solver $(STAMPS)/kernels-detectors
 # npm and what it starts find the node of the environment first.
 NPM    := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/npm --prefix frontend --no-fund --no-audit
 # The Dockerfile builds pages alone, with `LOCKED=pages`.
@@ -29,16 +30,16 @@ setup: $(STAMPS)/installed $(STAMPS)/compiled  ## make the environment in .venv
 env:  ## write .env and store-identities.json for docker-compose.yml, never over existing ones; ADDRESS=https://NAME
 	@$(PYTHON) -m service.environment_file $(if $(ADDRESS),--address $(ADDRESS))
 
-demo: setup $(STAMPS)/kernels frontend  ## start the service and drive the whole job through its API (under two minutes)
+demo: setup $(KERNELS) frontend  ## start the service and drive the whole job through its API (under two minutes)
 	$(BIN)/python -m benchmarks.demo
 
 serve: setup frontend  ## leave the service up, with the demo's data where there is some; ARGS="--port 8001"
 	$(BIN)/apexcal serve $(ARGS)
 
-test: setup $(STAMPS)/kernels frontend $(STAMPS)/collected  ## all tests but the long ones, each draw the same at every run; ARGS="tests/apexcal -x"
+test: setup $(KERNELS) frontend $(STAMPS)/collected  ## all tests but the long ones, each draw the same at every run; ARGS="tests/apexcal -x"
 	$(BIN)/python -m pytest -m "not slow" --hypothesis-profile=ci --draws $(DRAWS) $(SIDE_BY_SIDE) $(ARGS)
 
-test-long: setup $(STAMPS)/kernels frontend $(STAMPS)/collected  ## all tests, with new draws; DRAWS=7 for those of a run that failed
+test-long: setup $(KERNELS) frontend $(STAMPS)/collected  ## all tests, with new draws; DRAWS=7 for those of a run that failed
 	$(BIN)/python -m pytest --draws $(DRAWS) $(SIDE_BY_SIDE) $(ARGS)
 # Ids, secrets and the order of sets follow from it (tests/support/draws.py).
 test: DRAWS := 0
@@ -52,7 +53,7 @@ SIDE_BY_SIDE ?= -n 4 --dist loadfile
 test test-long: export OPENBLAS_NUM_THREADS = 1
 test test-long: export OMP_NUM_THREADS = 1
 test test-long $(STAMPS)/collected: export PYTHONDONTWRITEBYTECODE =
-$(STAMPS)/kernels: export OPENBLAS_NUM_THREADS = 1
+$(KERNELS): export OPENBLAS_NUM_THREADS = 1
 
 compose-test: setup frontend $(STAMPS)/containers  ## docker-compose.yml in real containers, by the manual's commands: start, calibrate, replace, back up, restore
 	$(BIN)/python -m pytest tests/containers/journey.py -q -s $(ARGS)
@@ -166,8 +167,8 @@ $(STAMPS)/collected: $(STAMPS)/installed
 	@touch $@
 
 # Else every process that meets a kernel before another has compiled it compiles it too, workers included: up to 45 s.
-$(STAMPS)/kernels: $(STAMPS)/compiled
-	$(BIN)/python -m tests.support.kernels > /dev/null
+$(KERNELS): $(STAMPS)/kernels-%: $(STAMPS)/compiled
+	$(BIN)/python -m tests.support.kernels $* > /dev/null
 	@touch $@
 
 # Docker Compose and the store's binary, for an engine of our own. Others bring their own.

@@ -23,7 +23,7 @@ from benchmarks.demo.steps import DemoSession, DemoSteps
 from benchmarks.demo.truth import Truth
 
 CAMERA = "front"
-SECONDS = 60
+SECONDS = 45
 # As the simulated walker carries it (`apexcal simulate --help`).
 BOARD = "0.6096x0.9144"
 FOLDS = 5

@@ -22,6 +22,11 @@ _REGION = {"and": [{"quantity": "x", "op": ">", "value": 0.0}, {"quantity": "ran
 def warm_up() -> None:
     """Run the solver and all detectors on next to nothing."""
     warm_up_solver()
+    warm_up_detectors()
+
+
+def warm_up_detectors() -> None:
+    """Run all detectors on next to nothing."""
     sweeps = Listed([_sweep(number) for number in range(_SWEEPS)])
     region = Region.from_document(_REGION)
     for name in RUNS:
