@@ -90,7 +90,8 @@ def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]],
     """
     ids, elevation, counts = _median_elevations(clouds)
     is_strong = counts >= max(_HARDLY_ANY, _HARDLY_ANY_PART * int(counts.max(initial=0)))
-    first = min(0, int(ids[is_strong].min(initial=0)))
+    below = ids[is_strong & (ids < 0)]
+    first = int(below[0]) if len(below) > 1 else 0  # -1 alone marks points of no ring
     ids = ids - first
     strong = ids[is_strong]
     counted = _counted(strong, ids[~is_strong], [np.unique(ring) - first for _, ring in clouds if len(ring)])

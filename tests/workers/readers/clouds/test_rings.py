@@ -114,3 +114,8 @@ def test_ids_below_0_are_ids():
     np.testing.assert_array_equal(
         order.number(np.array([-8, 0, 7, -9, 8, np.nan], np.float32)), [0, 8, 15, -1, -1, -1]
     )
+
+
+def test_minus_1_alone_marks_points_of_no_ring():
+    order = learned(*(points({**EVEN, -1: 5}, range(-1, 16), 4000, seed) for seed in range(5)))
+    assert order.count == 16 and order.number(np.array([-1, 0, 15])).tolist() == [-1, 0, 15]
