@@ -104,7 +104,7 @@ def not_finite(document: Any, at: str = "") -> str | None:
 class Received(BaseModel):
     """A request's body: unknown fields are refused, so that a misspelt one is not silently ignored."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -128,6 +128,8 @@ class Sent(BaseModel):
 class Page(BaseModel, Generic[T]):
     """One page; ``next`` is given as ``after`` to get the following one, and is null on the last."""
 
+    model_config = ConfigDict(defer_build=True)
+
     items: list[T]
     next: str | None = None
 
@@ -138,7 +140,7 @@ class Document(BaseModel):
     Of another version it may have further members, which stay.
     """
 
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False, defer_build=True)
 
 
 def _as_stored(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:

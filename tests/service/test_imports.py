@@ -13,13 +13,14 @@ _LOADED = "import sys, {0}; print(*sys.modules)"
     "never",
     [
         {
-            "service.app": {"alembic", "mako", "numba", "numpy", "scipy", "cv2", "celery", "rich"},
+            "service.app": {"alembic", "mako", "numba", "numpy", "scipy", "cv2", "celery", "redis", "rich"},
             "service.prepare": {"alembic", "celery", "numpy"},
         },
         {
             "apexcal.cli": {"httpx", "pydantic", "numpy", "sqlalchemy", "workers", "rich.progress"},
             "workers.app": {"sqlalchemy", "fastapi", "redis", "numpy", "numba"},
             "workers.tasks.entry": {"fastapi", "alembic", "cv2", "scipy"},
+            "workers.tasks.solving": {"fastapi", "cv2", "scipy.linalg", "scipy.optimize"},
         },
     ],
     ids=lambda never: "-".join(never),

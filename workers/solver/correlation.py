@@ -12,17 +12,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import exp, inf, log, sqrt
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+import scipy  # its rooms are loaded by their first use
 from numba import njit
 from numpy.typing import NDArray
-from scipy import optimize
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
-# scipy publishes no types.
-_minimize: Callable[..., Any] = optimize.minimize
 _LEAST: Final = 1e-4
 """Share of the noise's variance below which nothing is shared."""
 _MOST: Final = 1e8  # times the noise: then nearly all is shared
@@ -129,7 +127,7 @@ def shares_of(fit: Linearised, components: Sequence[Component], noise: float) ->
     ]
     ends = np.log([(1e-10 * noise, 1e4 * noise), *([(_LEAST, _MOST)] * (count - 1)), *ranges])
     start = min(starts if lasting else starts[:1], key=unlikely)
-    best = _minimize(unlikely, start, method="L-BFGS-B", bounds=ends, options=_UNTIL)
+    best = scipy.optimize.minimize(unlikely, start, method="L-BFGS-B", bounds=ends, options=_UNTIL)
     x = np.asarray(best.x, np.float64)
     free = np.flatnonzero((x > ends[:, 0] + _STEP) & (x < ends[:, 1] - _STEP))
     unsure = np.zeros((len(x), len(x)))

@@ -2,16 +2,13 @@
 """Newton's steps near a minimum of squares or of a robust loss."""
 
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+import scipy  # its rooms are loaded by their first use
 from numpy.typing import NDArray
-from scipy import linalg
 
 Floats = NDArray[np.float64]
-# scipy publishes no types.
-_cho_factor: Callable[..., Any] = linalg.cho_factor
-_cho_solve: Callable[..., Floats] = linalg.cho_solve
 _MOST_STEPS: Final = 20
 _LEAST_DAMPING: Final = 1e-3
 _DAMPED: Final = 10.0
@@ -46,11 +43,11 @@ def newton(
             return None
         try:
             damped = curvature / unit / unit[:, None] + damping * np.eye(len(unit))
-            factor = _cho_factor(damped, check_finite=False)
-        except linalg.LinAlgError:
+            factor = scipy.linalg.cho_factor(damped, check_finite=False)
+        except np.linalg.LinAlgError:
             damping = max(_DAMPED * damping, _LEAST_DAMPING)
             continue
-        step = _cho_solve(factor, slope / unit, check_finite=False) / unit
+        step = scipy.linalg.cho_solve(factor, slope / unit, check_finite=False) / unit
         to = x.copy()
         to[inside] -= step
         to = np.clip(to, lower, upper)

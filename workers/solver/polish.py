@@ -1,14 +1,14 @@
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
 """The last step: least squares from where a search ended, plain or robust."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, sqrt
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
+import scipy  # its rooms are loaded by their first use
 from numpy.typing import NDArray
-from scipy import optimize
 
 from apexcal.geometry.rotations import shortest_vector
 from workers.geometry.projection import distances_px
@@ -19,8 +19,6 @@ from workers.solver.residuals import predict, residuals_and_jacobian
 from workers.solver.weighting import REWEIGHTED, roughly_whitened, whitened
 
 Floats = NDArray[np.float64]
-# scipy publishes no types.
-_least_squares: Callable[..., Any] = optimize.least_squares
 SQUARES: Final = "sum of squared pixel distances"
 ROBUST: Final = "Geman-McClure loss of pixel distances"
 MAX_EVALUATIONS: Final = 300
@@ -270,7 +268,7 @@ def _descend(
 
     # The solver wants a start strictly inside.
     margin = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    solution = _least_squares(
+    solution = scipy.optimize.least_squares(
         residuals_at,
         np.clip(start[free], lower + margin, upper - margin),
         jac=jacobian_at,

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 from uuid import UUID
 
-import redis
 from sqlalchemy.orm import Session
 
 from service.platform.db.session import post
@@ -56,6 +55,9 @@ class Publisher:
     """The courier of hints: ``database.couriers[COURIER] = Publisher(settings.events)``."""
 
     def __init__(self, url: str) -> None:
+        import redis  # not by those who only know the channels
+
+        self._lost = redis.RedisError
         self._client: Any = redis.Redis.from_url(url, socket_timeout=1, socket_connect_timeout=0.5)
         self._quiet_until = 0.0
 
@@ -69,7 +71,7 @@ class Publisher:
                 for hint in dict.fromkeys(hints):
                     pipeline.publish(channel(hint.fleet_id), json.dumps({"kind": hint.kind, "id": hint.id}))
                 pipeline.execute()
-        except redis.RedisError as error:
+        except self._lost as error:
             self._quiet_until = time.monotonic() + _QUIET_S
             log.warning("hints are lost for %g s: the broker does not answer (%s)", _QUIET_S, error)
 

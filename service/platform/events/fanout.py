@@ -11,9 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 from uuid import UUID
 
-import redis.asyncio
 from fastapi.concurrency import run_in_threadpool
-from redis.exceptions import RedisError
 
 from apexcal.documents.roles import Role
 from service.platform.auth.access import Identity, renewed
@@ -155,7 +153,9 @@ class Fanout:
 
 
 async def _hints(url: str) -> AsyncGenerator[Hint | None, None]:
-    """Hints of all fleets; None whenever the subscription begins anew. Raises RedisError when the broker is lost."""
+    """Hints of all fleets; None whenever the subscription begins anew. Raises an error when the broker is lost."""
+    import redis.asyncio  # half as much as the web framework
+
     client: Any = redis.asyncio.Redis.from_url(url, socket_connect_timeout=2, **tcp_options(url))
     async with client, client.pubsub() as subscription:
         await subscription.psubscribe(EVERY_CHANNEL)
@@ -169,7 +169,7 @@ async def _hints(url: str) -> AsyncGenerator[Hint | None, None]:
                     yield Hint(fleet_of(message["channel"].decode()), **json.loads(message["data"]))
             if time.monotonic() - pinged >= _PING_S:
                 if answered < pinged:
-                    raise RedisError("no answer to a ping")
+                    raise redis.RedisError("no answer to a ping")
                 pinged = time.monotonic()
                 await subscription.ping()
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-import redis
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
@@ -107,6 +106,8 @@ def _writes(database: Database) -> Answer:
 
 
 def _broker(settings: Settings) -> Answer:
+    import redis
+
     client: Any = redis.Redis.from_url(settings.events, socket_timeout=1, socket_connect_timeout=1)
     with client:
         client.ping()

@@ -11,6 +11,7 @@ import inspect
 import json
 import logging
 import re
+import warnings
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
@@ -24,7 +25,9 @@ from fastapi.exceptions import ResponseValidationError
 from fastapi.params import Query
 from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
+from pydantic.warnings import UnsupportedFieldAttributeWarning
 from sqlalchemy.exc import SQLAlchemyError
+from starlette.routing import compile_path
 
 from service.platform.db.base import Json
 from service.platform.db.effects import ENTRY, effects
@@ -89,13 +92,34 @@ class _DryRun(Exception):  # noqa: N818 - an answer, not an error
 
 
 class Route(APIRoute):
-    """A route that is one call of one thread, and that knows each parameter of its query."""
+    """A route that is one call of one thread, and that knows each parameter of its query.
+
+    What it takes and answers is derived with its first request: for all of them that takes a quarter of the start.
+    """
 
     writers: Literal["writing", "marking"] = "writing"
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
+        # What a request is compared with.
+        self.path_regex, self.path_format, self.param_convertors = compile_path(path)
+        self.path = path
+        self.methods = {*(options.get("methods") or ("GET",))}
+        self._definition = (path, endpoint, options)
+
+    def __getattr__(self, name: str) -> Any:
+        """The attribute of a route that is derived now; an attribute is looked for here only where it is missing."""
+        definition = vars(self).pop("_definition", None)
+        if definition is None:
+            raise AttributeError(name)
+        path, endpoint, options = definition
         self._is_plain = not inspect.iscoroutinefunction(endpoint)
         super().__init__(path, self._in_one_call(endpoint) if self._is_plain else endpoint, **options)
+        with warnings.catch_warnings():
+            # As FastAPI does, but for bodies that are built when they are first read.
+            warnings.simplefilter("ignore", UnsupportedFieldAttributeWarning)
+            for body in self.dependant.body_params:
+                body.validate(None)
+        return getattr(self, name)
 
     def get_route_handler(self) -> Callable[[Request], Any]:
         """FastAPI's own, behind a look at the names in the query."""
