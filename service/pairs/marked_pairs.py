@@ -23,7 +23,6 @@ from apexcal.documents.pairs import (
     SIGMAS,
     VELOCITY,
 )
-from apexcal.geometry.motion import velocities_of
 from service.annotations.consensus import Consensus, ConsensusOutcome, Opinion, agree, combine, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.crops.queries import blind_opinions
@@ -142,6 +141,8 @@ def _of_machine(mark: MachineOpinion, of_people: list[Opinion]) -> dict[str, Any
 
 def _velocities(vertices: Sequence[Vertex]) -> dict[UUID, list[float]]:
     """How the corner moved at each vertex's time, m/s in the LiDAR's frame; empty for still poses."""
+    from apexcal.geometry.motion import velocities_of  # NumPy, which no other request for marks needs
+
     points = [[vertex.x, vertex.y, vertex.z] for vertex in vertices]
     moved = velocities_of(points, [vertex.time_ns for vertex in vertices], [vertex.corner for vertex in vertices])
     if moved is None:
