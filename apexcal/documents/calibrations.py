@@ -58,17 +58,21 @@ class CameraLens(GivenLens):
 class CommonErrors(Received):
     """Standard deviations of errors that all pairs of a camera share, which no pair can tell from the mount."""
 
-    azimuth_deg: _Turn = Field(None, description="of all vertices, as the LiDAR sees them, degrees")
-    elevation_deg: _Turn = Field(None, description="of all vertices, as the LiDAR sees them, degrees")
-    tip_across_mm: _Size = Field(None, description="millimetres, of the board's edges: all tips lie to one side")
-    tip_up_mm: _Size = Field(None, description="millimetres, of the board's edges and its worn tip: all lie too high")
-    range_mm: _Size = Field(None, description="of the LiDAR's range, millimetres")
-    mark_u_px: _Size = Field(None, description="of all marks, to the right, pixels")
-    mark_v_px: _Size = Field(None, description="of all marks, down, pixels")
-    clock_ms: _Size = Field(None, description="of the offset between the clocks, milliseconds")
-    line_time_us: _Size = Field(None, description="of the stated line_time_us, microseconds")
+    azimuth_deg: _Turn = Field(default=None, description="of all vertices, as the LiDAR sees them, degrees")
+    elevation_deg: _Turn = Field(default=None, description="of all vertices, as the LiDAR sees them, degrees")
+    tip_across_mm: _Size = Field(
+        default=None, description="millimetres, of the board's edges: all tips lie to one side"
+    )
+    tip_up_mm: _Size = Field(
+        default=None, description="millimetres, of the board's edges and its worn tip: all lie too high"
+    )
+    range_mm: _Size = Field(default=None, description="of the LiDAR's range, millimetres")
+    mark_u_px: _Size = Field(default=None, description="of all marks, to the right, pixels")
+    mark_v_px: _Size = Field(default=None, description="of all marks, down, pixels")
+    clock_ms: _Size = Field(default=None, description="of the offset between the clocks, milliseconds")
+    line_time_us: _Size = Field(default=None, description="of the stated line_time_us, microseconds")
     person_px: _Size = Field(
-        None, description="of one person's marks, each axis, pixels; several people's pairs correct it"
+        default=None, description="of one person's marks, each axis, pixels; several people's pairs correct it"
     )
 
 
@@ -113,22 +117,24 @@ class CalibrationTemplate(Received):
     bounds: Annotated[dict[str, tuple[Magnitude, Magnitude]], Field(default_factory=dict, max_length=40)]
     locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
     priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]
-    loss: Loss | None = Field(None, description="of the search; saturating limits what a wrong mark costs")
+    loss: Loss | None = Field(default=None, description="of the search; saturating limits what a wrong mark costs")
     outliers: OutlierRule | None = Field(
-        None, description="whether pairs that do not belong stay in the polished fit"
+        default=None, description="whether pairs that do not belong stay in the polished fit"
     )
     weights: WeightRule = Field(
-        "auto", description="auto: by the standard deviations of vertices and marks where all pairs state them"
+        default="auto",
+        description="auto: by the standard deviations of vertices and marks where all pairs state them",
     )
     common_errors: CommonErrors = Field(
-        CommonErrors(),
+        default=CommonErrors(),
         description="omitted: the default of the pairs' detector; 0 leaves an error out of the deviations",
     )
     line_time_us: Annotated[float, Field(ge=-1000, le=1000)] = Field(
-        0.0, description="of a rolling shutter: from one image row to the next below it; 0 reads all rows at once"
+        default=0.0,
+        description="of a rolling shutter: from one image row to the next below it; 0 reads all rows at once",
     )
     seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None
-    folds: Annotated[int, Field(ge=0, le=20)] = Field(5, description="0 holds nothing out")
+    folds: Annotated[int, Field(ge=0, le=20)] = Field(default=5, description="0 holds nothing out")
     farm: Farm = "auto"
     publish: Literal["recommended", "none"] = "none"
 
