@@ -62,8 +62,8 @@ def wrong_pairs(estimate: Estimate, result: FitResult) -> Check:
         f"{count} of {pairs} pairs do not belong; they are {where}."
         if count
         else f"All of the {pairs} pairs belong together.",
-        "Look at these marks, at the times of their frames and at the corner that was marked"
-        + ("." if excluded else "; leave them out (outliers: exclude, or --outliers exclude)."),
+        "Are these marks wrong? Look at them, at the times of their frames and at the corner that was marked"
+        + ("." if excluded else "; or leave them out (--outliers exclude), and compare held-out errors."),
         wrong=float(count),
         excluded=float(excluded),
         pairs=float(pairs),

@@ -104,7 +104,8 @@ def next_steps(estimate: Estimate) -> NextSteps | None:
     steps: list[NextStep] = []
     done: set[StepKind] = set()
     parts = _parts(plan, lens, mount.widest(now), (turn, shift))
-    while len(steps) < _MOST_STEPS:
+    # No further than the check of the mount alone asks for.
+    while len(steps) < _MOST_STEPS and not (steps and mount.over_limit(now) <= 1.0):
         ways: list[tuple[StepKind, str, _Plan]] = []
         if np.any(np.isfinite(lens)) and problem.stated_lens is None and "lens" not in done:
             ways.append(("lens", "give a lens file", plan.with_lens(_padded(lens, plan.errors))))

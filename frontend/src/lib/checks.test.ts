@@ -47,7 +47,10 @@ test("a fit says how good it is, and is enough if its checks pass", () => {
     "From 24 pairs: 35 mm at 20 m; mount ±0.31°, ±14 mm (95 %). That is enough: it passes its checks. To know the mount better: give a lens file (±0.20°, ±9 mm); then mark 12 more at the left edge" +
       " (±0.20°, ±9 mm).",
   );
-  const doubted = { ...of([lens]), doubts: [{ ...check("pairs", "stop"), sentence: "Too few.", remedy: "Mark more." }] };
+  const doubted = {
+    ...of([lens]),
+    doubts: [{ ...check("pairs", "stop"), sentence: "Too few.", remedy: "Mark more." }],
+  };
   assert.match(fitInWords(doubted), /Not enough yet \(stop\): Too few\. Mark more\. Next: give/);
   assert.doesNotMatch(fitInWords({ ...doubted, ...{ next_steps: { ...now, steps: [] } } }), /is enough/);
   assert.match(fitInWords({ ...fit, next_steps: null }), /do not determine the mount yet\.$/);
