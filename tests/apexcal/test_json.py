@@ -5,15 +5,12 @@ import importlib
 import json
 from pathlib import Path
 
-import pytest
-
 from apexcal.cli import COMMANDS
 from apexcal.client import Client
 from apexcal.commands.session import Reply
 from tests.apexcal.test_cli import apexcal
 from tests.faults.jobs import LEVEL_RIG, pairs
 from tests.support.served import Embedded
-from tests.support.side_by_side import LONG_S
 
 # Their document is one view, as `detect`'s; they need a walk with marks, one that failed or is published, or pages.
 OF_ONE_VIEW = {"solve", "reread", "clock-offset", "copy", "report"}
@@ -26,7 +23,6 @@ def with_json() -> set[str]:
     return {name for name, run in runs.items() if run.__annotations__.get("return") in (Reply, "Reply")}
 
 
-@pytest.mark.timeout(LONG_S)
 def test_json_of_every_command_is_one_document(embedded: Embedded, owner: Client, simulated: Path, tmp_path: Path):
     said: dict[str, object] = {}
 

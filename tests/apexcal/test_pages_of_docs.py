@@ -32,7 +32,6 @@ from service.admin.__main__ import app as admin
 from tests.apexcal.test_cli import apexcal
 from tests.faults.jobs import SHORT
 from tests.support.served import Embedded, start, stop
-from tests.support.side_by_side import LONG_S
 from workers.simulation.options import parser as simulation_parser
 
 ROOT = Path(__file__).parents[2]
@@ -271,7 +270,6 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
         os.chdir(here)
 
 
-@pytest.mark.timeout(LONG_S)
 @pytest.mark.parametrize("page", PAGE_SETUPS)
 def test_a_page_does_what_it_says(page: str, reader: Reader) -> None:
     reader.follow(page)

@@ -22,7 +22,6 @@ from service.platform.storage.audit import audit
 from service.platform.storage.store import open_store
 from tests.integration.fleet import APIS, WORKERS, ComposeFleet
 from tests.support.processes import start, stop
-from tests.support.side_by_side import LONG_S
 
 SECONDS = 10
 QUICK = {"slots": 2, "population": 300, "generations": 20, "max_iterations": 3}
@@ -44,7 +43,6 @@ def walk(tmp_path: Path) -> Iterator[Callable[[], Path]]:
     stop(child)
 
 
-@pytest.mark.timeout(LONG_S)
 def test_the_job_goes_through_the_fleet_of_the_compose_file(
     walk: Callable[[], Path], fleet: ComposeFleet, tmp_path: Path
 ) -> None:

@@ -12,16 +12,18 @@ from xdist.scheduler.loadfile import LoadFileScheduling
 # takes longer, so they come first.
 _TOGETHER = (("tests/e2e/",), ("tests/faults/",), ("tests/apexcal/", "tests/integration/"))
 
+_SERVED = tuple(folder for folders in _TOGETHER for folder in folders)
+
 # `make` has compiled the kernels (tests/support/kernels.py). Long groups come first; short files fill up the end.
 _FIRST = (
-    *(folder for folders in _TOGETHER for folder in folders),
+    *_SERVED,
     "tests/workers/vertices/",
     "tests/workers/solver/",
     "tests/workers/readers/",
     "tests/contract/",
 )
 
-# After so many seconds a long form hangs, or a test that starts farms and breaks them.
+# After so many seconds a long form hangs, or one that may be the first to start a service.
 LONG_S = 900
 
 # What is tested here is the database itself, who holds which row, what it takes as text, or how it orders.
@@ -83,7 +85,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> SideBySide |
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put them into that order, on every process alike."""
     for item in items:
-        is_long = item.get_closest_marker("slow") or item.get_closest_marker("faults")
+        is_long = item.get_closest_marker("slow") or item.nodeid.startswith(_SERVED)
         if is_long and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(LONG_S))
     _leave_out_crossed(items)
