@@ -248,16 +248,16 @@ class _Sensor:
         nearest = np.where(grid[..., 2] < 0.0, ground_z / np.minimum(grid[..., 2], -1e-9), np.inf)
         for box in things.boxes:
             looks = looking_at(azimuth, _footprint(box))
-            nearest[:, looks] = np.minimum(nearest[:, looks], _meets_box(grid[:, looks], box))
+            nearest[:, looks] = np.minimum(nearest[:, looks], meets_box(grid[:, looks], box))
         for cylinder in things.cylinders:
             x, y, radius = cylinder[:3]
             around = radius * np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
             looks = looking_at(azimuth, np.array([x, y]) + around)
-            nearest[:, looks] = np.minimum(nearest[:, looks], _meets_cylinder(grid[:, looks], cylinder))
+            nearest[:, looks] = np.minimum(nearest[:, looks], meets_cylinder(grid[:, looks], cylinder))
         rays, distance = grid.reshape(-1, 3), nearest.ravel()
         label = np.zeros(distance.size, np.int64)
         if board is not None:
-            met = _meets_board(rays, board)
+            met = meets_board(rays, board)
             label[met < distance] = BOARD
             distance = np.minimum(distance, met)
         ring = np.repeat(np.arange(self.elevation.size), columns)
@@ -295,7 +295,7 @@ def _footprint(box: tuple[float, ...]) -> Floats:
     return np.array([[x, y] + a * long * along + b * wide * across for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
 
 
-def _meets_box(rays: Floats, box: tuple[float, ...]) -> Floats:
+def meets_box(rays: Floats, box: tuple[float, ...]) -> Floats:
     x, y, z, *half, yaw = box
     c, s = math.cos(yaw), math.sin(yaw)
     turned = (c * rays[..., 0] + s * rays[..., 1], c * rays[..., 1] - s * rays[..., 0], rays[..., 2])
@@ -308,7 +308,7 @@ def _meets_box(rays: Floats, box: tuple[float, ...]) -> Floats:
     return np.where((first < last) & (first > 0.0), first, np.inf)
 
 
-def _meets_cylinder(rays: Floats, cylinder: tuple[float, ...]) -> Floats:
+def meets_cylinder(rays: Floats, cylinder: tuple[float, ...]) -> Floats:
     x, y, radius, low, high = cylinder
     flat = rays[..., 0] ** 2 + rays[..., 1] ** 2
     along = (rays[..., 0] * x + rays[..., 1] * y) / flat
@@ -318,7 +318,7 @@ def _meets_cylinder(rays: Floats, cylinder: tuple[float, ...]) -> Floats:
     return np.where((inner > 0.0) & (distance > 0.0) & (height > low) & (height < high), distance, np.inf)
 
 
-def _meets_board(rays: Floats, board: Board) -> Floats:
+def meets_board(rays: Floats, board: Board) -> Floats:
     normal = np.cross(board.along[0], board.along[1])
     towards = rays @ normal
     distance = (board.apex @ normal) / np.where(np.abs(towards) < 1e-9, 1e-9, towards)
