@@ -43,9 +43,12 @@ def depth_edges(sweep: Sweep) -> DepthEdges:
     if len(sweep.xyz) < _FEWEST:
         return DepthEdges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64))
     grid = _Grid(sweep)
-    along = _ends(grid, 1)
-    between = _ends(grid, 0)
-    return DepthEdges(*(np.concatenate(both) for both in zip(along, between, strict=True)))
+    along, between = _ends(grid, 1), _ends(grid, 0)
+    return DepthEdges(
+        np.concatenate([along.points, between.points]),
+        np.concatenate([along.beyond, between.beyond]),
+        np.concatenate([along.offset_ns, between.offset_ns]),
+    )
 
 
 class _Grid:

@@ -53,7 +53,7 @@ class EdgeCheck:
         # From the deployed mount small steps lead to the nearest summit, large ones may lead past it.
         here = self.calibration
         reached.append(search.summit(here, TURN, _LAST_STAGES))
-        turned = max(reached, key=lambda summit: summit.score)
+        turned = max(reached, key=lambda summit: float(summit.excess.sum()))
         others = [summit for summit in reached if search.apart_deg(summit.mount, turned.mount) > APART_DEG]
         near = [summit for summit in others if search.apart_deg(summit.mount, here) < FAR_DEG]
         return Summits(

@@ -75,7 +75,8 @@ class EdgeFrame(NamedTuple):
             return self
         _, height, width = self.maps.shape
         size = (max(round(width * factor), 8), max(round(height * factor), 8))
-        maps = np.stack([cv2.resize(layer, size, interpolation=cv2.INTER_AREA) for layer in self.maps])
+        layers = [np.asarray(cv2.resize(layer, size, interpolation=cv2.INTER_AREA), np.uint8) for layer in self.maps]
+        maps = np.stack(layers)
         return self._replace(maps=maps, scale=self.scale * size[0] / width)
 
     def parts(self, calibration: KnownCalibration, every: int = 1) -> ImageParts:

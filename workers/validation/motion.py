@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import small_gicp  # pyright: ignore[reportMissingTypeStubs]
@@ -15,6 +15,8 @@ from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import Sweep
 
 Floats = NDArray[np.float64]
+# small-gicp publishes no types.
+_registration: Any = small_gicp
 
 # Sweeps of the supported sensors follow each other in 0.05 to 0.2 s.
 _LATEST_S: Final = 0.35
@@ -91,17 +93,17 @@ def motion_between(first: Sweep, second: Sweep) -> Motion | None:
     seconds = 1e-9 * (second.stamp_ns - first.stamp_ns)
     if not 0.0 < abs(seconds) < _LATEST_S or min(len(first.xyz), len(second.xyz)) < _FEWEST:
         return None
-    motion, T = Motion(), np.eye(4)
+    motion, pose, share = Motion(), np.eye(4), 0.0
     for reach_m in _REACHES_M:
-        clouds = [motion.applied(sweep.xyz.astype(np.float64), sweep.offset_ns) for sweep in (first, second)]
-        fit = small_gicp.align(
-            *clouds, init_T_target_source=T, registration_type="GICP", downsampling_resolution=_GRID_M,
+        target, source = (motion.applied(sweep.xyz.astype(np.float64), sweep.offset_ns) for sweep in (first, second))
+        fit: Any = _registration.align(
+            target, source, init_T_target_source=pose, registration_type="GICP", downsampling_resolution=_GRID_M,
             max_correspondence_distance=reach_m, num_threads=1, max_iterations=30,
         )  # fmt: skip
-        T = np.asarray(fit.T_target_source, np.float64)
-        motion = Motion(vector_from_rotation(T[:3, :3]) / seconds, T[:3, 3] / seconds)
-    thinned = len(small_gicp.voxelgrid_sampling(clouds[1], _GRID_M).points())
-    return motion if fit.num_inliers >= _TOGETHER * thinned else None
+        pose = np.asarray(fit.T_target_source, np.float64)
+        motion = Motion(vector_from_rotation(pose[:3, :3]) / seconds, pose[:3, 3] / seconds)
+        share = fit.num_inliers / len(_registration.voxelgrid_sampling(source, _GRID_M).points())
+    return motion if share >= _TOGETHER else None
 
 
 class DriveMotion(NamedTuple):

@@ -66,14 +66,20 @@ class Summit(NamedTuple):
         """Mean of all groups."""
         return float(self.sums.sum() / max(self.counts.sum(), 1.0))
 
+    @property
+    def excess(self) -> Floats:
+        """(G,) gradients above those nearby. With few edges in the image a mean is high by chance."""
+        return self.sums - self.counts
+
     def lead_over(self, other: Summit) -> float:
-        """How far the score stands above that of another place, in deviations of the difference."""
-        there = (self.counts > 0) & (other.counts > 0)
+        """How far the excess of an edge stands above that at another place, in deviations of the difference."""
+        edges = np.maximum(self.counts, other.counts)
+        there = edges > 0
         if np.count_nonzero(there) < 3:
             return 0.0
-        without = [_without_each(summit.sums[None, there], summit.counts[None, there])[0] for summit in (self, other)]
-        sigma = float(jackknife((without[0] - without[1])[:, None])[0])
-        return (self.score - other.score) / max(sigma, 1e-9)
+        difference, edges = (self.excess - other.excess)[there], edges[there]
+        sigma = float(jackknife(_without_each(difference[None], edges[None]).T)[0])
+        return float(difference.sum() / edges.sum()) / max(sigma, 1e-9)
 
 
 class MountSearch:
@@ -218,7 +224,7 @@ def _quadratic(samples: Floats, scores: Floats) -> tuple[Floats, Floats]:
     count = samples.shape[1]
     first, second = np.triu_indices(count)
     design = np.column_stack([np.ones(len(samples)), samples, samples[:, first] * samples[:, second]])
-    coefficients = np.linalg.lstsq(design, scores, rcond=None)[0]
+    coefficients = np.asarray(np.linalg.lstsq(design, scores, rcond=None)[0], np.float64)
     H = np.zeros((scores.shape[1], count, count))
     H[:, first, second] = coefficients[1 + count :].T
     return coefficients[1 : 1 + count], H + H.transpose(0, 2, 1)

@@ -97,7 +97,7 @@ def curve_offsets() -> tuple[Floats, list[dict[str, Any]]]:
 
 @njit(nogil=True, error_model="numpy", cache=True)
 def look_up(
-    image: NDArray[np.float32],
+    image: NDArray[np.float32] | NDArray[np.uint8],
     scale: float,
     pixels: Floats,
     by_offset: Floats,
