@@ -21,8 +21,8 @@ RequiredCheck = Literal[
 class Check(Document):
     """One check of a result.
 
-    ``verdict``: ``pass``; ``look`` if a person should look before the result is used; ``stop`` if it should not be
-    used; ``not_checked`` if there was nothing to test it by, which speaks neither for nor against the result.
+    ``verdict``: ``look`` if a person should look before the result is used, ``stop`` if it should not be used,
+    ``not_checked`` if nothing could test it, which speaks neither for nor against the result, else ``pass``.
     ``sentence`` says what was found, ``figures`` are its numbers by name (unit in the name: ``_px``, ``_deg``), null
     where the pairs do not tell them. ``remedy`` says what to do, of ``not_checked`` what would check it, and is empty
     where the check passes. ``scope``: ``mount_alone`` concerns only those who use the mount with another lens than
