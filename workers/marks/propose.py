@@ -56,6 +56,8 @@ _SHAPE_M: Final = 0.005  # shape and bending of a board, and the beam: what stat
 _OFF_MOUNT: Final = 4.0  # standard scores
 _STEP_M: Final = 1e-3
 _FEWEST_SIGHTS: Final = 5  # whose edges confirm a mount: three marks determine it
+_FEWEST_WITH_LENS: Final = _FEWEST_SIGHTS + 1
+"""Poses: a mount from some of them is confirmed by the others, and one of six may show nothing."""
 _WAYS: Final = ((16.0, 0.0), (16.0, -0.07), (16.0, -0.14), (8.0, 0.0))
 """Half width of the first profiles, px, and how far outward edges are sought, metres: seeds may have taken a head for
 a tip that is 0.1 or 0.2 m lower, and on a small board wide profiles hold more of its pattern than of its edge."""
@@ -111,8 +113,9 @@ def propose(
         on_sight: called before each sight is looked at; it may raise to stop the work.
     """
     task = MarkTask(frames, sights, size, lens, lens.model if lens else model, corners, on_sight)
-    if len(sights) < LEAST_PAIRS:
-        return _failed(task, "few_poses", f"{len(sights)} vertices have a frame; the machine needs {LEAST_PAIRS}.")
+    fewest = LEAST_PAIRS if lens is None else _FEWEST_WITH_LENS
+    if len(sights) < fewest:
+        return _failed(task, "few_poses", f"{len(sights)} vertices have a frame; the machine needs {fewest}.")
     chosen = spread_over([sight.frame for sight in sights])
     seeds = find_seeds(frames, chosen)
     pairs = _pairs(task, {of_frame.frame: of_frame for of_frame in seeds})

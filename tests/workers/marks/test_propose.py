@@ -55,9 +55,23 @@ def test_without_corners_the_roll_tells_the_edges(scene, frames):
 
 
 def test_too_few_poses_are_said(scene, frames):
-    found = propose(frames, scene.sights[:7], DRAW.size, lens=scene.lens)
-    assert found.failure is not None
-    assert (found.failure.reason, len(found.answers)) == ("few_poses", 7)
+    for lens, count in ((scene.lens, 5), (None, 7)):
+        found = propose(frames, scene.sights[:count], DRAW.size, lens=lens)
+        assert found.failure is not None
+        assert (found.failure.reason, len(found.answers)) == ("few_poses", count)
+        assert found.failure.sentence.startswith(f"{count} vertices have a frame; the machine needs {count + 1}.")
+
+
+def test_six_poses_suffice_with_a_stated_lens(scene, frames):
+    found = propose(frames, scene.sights[:6], DRAW.size, lens=scene.lens)
+    errors = errors_px(scene, found.answers)
+    assert len(errors) >= 5 and max(errors) < 1.0
+    order = [1, 2, 3, 4, 5, 0]
+    mixed = [
+        type(one)(one.frame, scene.sights[k].corners, one.covariance, one.roll)
+        for one, k in zip(scene.sights, order, strict=False)
+    ]
+    assert propose(frames, mixed, DRAW.size, lens=scene.lens).camera is None
 
 
 def test_vertices_of_another_recording_get_no_mount(scene, frames):
