@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from apexcal.documents.corners import CORNERS, CornerName
-from benchmarks.marks.scenes import Draw, Scene, draw
+from benchmarks.marks.scenes import Draw, Scene, cell_draw, draw
 from workers.marks.propose import propose
 from workers.marks.sights import Image, MarkProposal
 
@@ -49,7 +49,16 @@ class SceneOutcome:
 
 def run_scene(seed: int) -> SceneOutcome | None:
     """None where the drawn camera sees too little of the drawn walk."""
-    drawn = draw(seed)
+    return run_drawn(draw(seed))
+
+
+def run_cell(seed_and_cell: tuple[int, str]) -> tuple[str, SceneOutcome | None]:
+    """The cell, and what became of its scene."""
+    return seed_and_cell[1], run_drawn(cell_draw(*seed_and_cell))
+
+
+def run_drawn(drawn: Draw) -> SceneOutcome | None:
+    """None where the drawn camera sees too little of the drawn walk."""
     scene = Scene(drawn)
     if len(scene) < 8:
         return None

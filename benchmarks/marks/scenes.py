@@ -8,7 +8,7 @@ the origin; the LiDAR's own frame is turned about z by any angle, so that there 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import cv2
@@ -30,6 +30,7 @@ Pattern = Literal["plain", "border", "chess", "tag"]
 OVERSAMPLE: Final = 8
 EDGE_SIGMA_M: Final = 0.0008  # the tolerance of ISO 2768-1 m for lengths of 0.4 to 1 m, taken as a standard deviation
 _EDGE_STEPS: Final = 8
+_MASK_PX: Final = 1.5  # of the unsharp mask: its lobes are 3 px away, as in the crops
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -41,6 +42,8 @@ class Draw:
         contrast: grey levels between the board and what is behind it on average; its sign is drawn too.
         blur_px: standard deviation. motion_ms: exposure.
         gain_step: factor by which the exposure changes for some of the frames.
+        sharpening: amount of an unsharp mask. rim_m: a lit or dark rim outside of one upper edge, in half of the
+            frames. blunt_m: what is cut off the tip along both edges. `draw` leaves these three at 0 (see `CELLS`).
     """
 
     seed: int
@@ -62,6 +65,30 @@ class Draw:
     gain_step: float
     tip_outside: bool
     thermal: bool
+    sharpening: float = 0.0
+    rim_m: float = 0.0
+    blunt_m: float = 0.0
+
+
+CELLS: Final[dict[str, dict[str, float]]] = {
+    "neither": {},
+    "sharpened": {"sharpening": 1.0},
+    "rims": {"rim_m": 0.01},
+    "blunt": {"blunt_m": 0.01},
+    "all three": {"sharpening": 1.0, "rim_m": 0.01, "blunt_m": 0.01},
+}
+"""As crops of `vlp16-diamond-board` show them, poses from 0. Sharpening: undershoots of 15 to 25 % on both sides of
+edges in poses 2, 3, 11, 14. Rims: a strip of 3 to 6 px, a centimetre, along the upper left edge in poses 4, 5, 10, 12,
+16, 18, the published corner at its inner side. Blunt: the tips of poses 10 and 16 end some pixels early."""
+
+
+def cell_draw(seed: int, cell: str) -> Draw:
+    """Still poses of a plain board in visible light, with lens and size stated, of this cell."""
+    return replace(
+        draw(seed), still=True, count=14, pattern="plain", head_above_m=0.0, second="none", thermal=False,
+        size=(1920, 1200), lens_stated=True, size_stated=True, tip_outside=False, motion_ms=0.0, gain_step=1.0,
+        **CELLS[cell],  # pyright: ignore[reportArgumentType]
+    )  # fmt: skip
 
 
 def draw(seed: int) -> Draw:
@@ -160,6 +187,9 @@ class Scene:
             image = _smeared(image, self._moved[index])
         if drawn.blur_px > 0.2:
             image = np.asarray(cv2.GaussianBlur(image, (0, 0), drawn.blur_px), np.float32)
+        if drawn.sharpening > 0.0:
+            soft = np.asarray(cv2.GaussianBlur(image, (0, 0), _MASK_PX), np.float32)
+            image = image + np.float32(drawn.sharpening) * (image - soft)
         image = image * np.float32(self._gains[index]) + random.normal(0.0, drawn.noise, image.shape).astype(
             np.float32
         )
@@ -252,6 +282,15 @@ class Scene:
         shapes = [(shape, int(level)) for shape, level in zip(holder, shirt[[0, 0, 1, 2]], strict=True)]
         apex, ways = poses.apex[index], (poses.edge_left[index], poses.edge_right[index])
         board = [(_rectangle(apex, ways, self.drawn.board_m, cell), level) for cell, level in self._levels]
+        if self.drawn.blunt_m > 0.0:
+            outline, level = board[0]
+            cut = np.maximum(0.0, self.drawn.blunt_m - (outline - apex) @ np.transpose(ways))
+            is_cut = np.all(cut > 0.0, axis=1)
+            ends = apex + self.drawn.blunt_m * np.array(ways)
+            board[0] = np.concatenate([ends[1:], ends[:1], outline[~is_cut]]), level
+        if self.drawn.rim_m > 0.0 and index % 2:
+            outside = (-self.drawn.rim_m / self.drawn.board_m[0], 1.0, 0.0, 1.0)
+            board.insert(0, (_rectangle(apex, ways, self.drawn.board_m, outside), (240, 12)[index // 2 % 2]))
         shapes += board + [(shape, int(shirt[2])) for shape in _hands(apex, ways, self.drawn.board_m)]
         if poses.second is None:
             return shapes

@@ -66,7 +66,7 @@ _MOST_SCATTER: Final = 2.0
 _STILL_CONFIRMED: Final = 0.8  # of the sights, by edges farther out
 Answers = list[dict[CornerName, MarkProposal | MarkRefusal]]
 _GAIN_STEP: Final = 0.3
-_TOLD_BY_SIZE: Final = frozenset({"no_consensus", "few_edges", "two_consensuses"})
+_TOLD_BY_SIZE: Final = frozenset({"no_consensus", "few_edges", "two_consensuses", "in_one_place"})
 _ENOUGH_TIPS: Final = 0.5  # of the sights: with fewer, the other corners are measured for the mount too
 
 
@@ -320,9 +320,10 @@ def _standard_score(sight: Sight, name: CornerName, fit: CornerFit, camera: Moun
 def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None, sights: Sequence[Sight]) -> tuple[FailureReason, str]:
     """The likeliest reason for no consensus, in a sentence."""
     if is_in_one_place(sights):
+        hides = "hides" if any(len(sight.corners) > 1 for sight in sights) else "may hide"
         return (
             "in_one_place",
-            "The board hides the same part of the background in more than half of the frames, so that the machine "
+            f"The board {hides} the same part of the background in more than half of the frames, so that the machine "
             "cannot tell one from the other: move it by its own width between poses.",
         )
     empty = sum(not one.pixels for one in seeds)

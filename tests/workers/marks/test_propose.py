@@ -109,3 +109,18 @@ def test_marks_that_no_mount_explains_are_no_marks():
     assert marks.failure is not None and marks.failure.reason == "few_edges"
     assert "scatter 2." in marks.failure.sentence
     assert marks.camera is None and not errors_px(scene, marks.answers)
+
+
+def test_a_board_that_may_stay_is_asked_for_its_size(scene, frames):
+    """Without a size the machine cannot know what the board hides."""
+    sentences = []
+    for names in (CORNERS, ("top",)):
+        still = [
+            type(one)(index, {name: scene.sights[0].corners[name] for name in names}, one.covariance, one.roll)
+            for index, one in enumerate(scene.sights)
+        ]
+        found = propose([frames[0]] * len(frames), still, DRAW.size, lens=scene.lens)
+        assert found.failure is not None and found.failure.reason == "in_one_place"
+        sentences.append(found.failure.sentence)
+    assert "board hides" in sentences[0] and "--board" not in sentences[0]
+    assert "board may hide" in sentences[1] and "(--board)" in sentences[1]
