@@ -78,8 +78,8 @@ CELLS: Final[dict[str, dict[str, float]]] = {
     "all three": {"sharpening": 1.0, "rim_m": 0.01, "blunt_m": 0.01},
 }
 """As crops of `vlp16-diamond-board` show them, poses from 0. Sharpening: undershoots of 15 to 25 % on both sides of
-edges in poses 2, 3, 11, 14. Rims: a strip of 3 to 6 px, a centimetre, along the upper left edge in poses 4, 5, 10, 12,
-16, 18, the published corner at its inner side. Blunt: the tips of poses 10 and 16 end some pixels early."""
+edges in poses 2, 3, 11, 14. Rims: a strip of 3 to 6 px, a centimetre, along the upper left edge in poses 4, 5, 10,
+12, 16, 18, the published corner at its inner side. Blunt: the tips of poses 10 and 16 end some pixels early."""
 
 
 def cell_draw(seed: int, cell: str) -> Draw:
