@@ -43,13 +43,13 @@ def calibrate_fleet(
     failed or was cancelled.
 
     Args:
-        name: Only vehicles whose name matches; * and ? are wildcards.
-        rig: Only rigs whose name matches; * and ? are wildcards.
+        name: Only vehicles with this in their name; with * or ?, whose whole name matches.
+        rig: Only rigs with this in their name; with * or ?, whose whole name matches.
         since: Only vehicles not calibrated since, as 2026-11-01T00:00:00Z.
         new_pairs: Only vehicles with pairs newer than their published calibration.
         dry_run: Only say what would be done.
         follow: Follow this request instead of making one.
-        retry: Calibrate the failed vehicles of this request again.
+        retry: Calibrate the failed and cancelled vehicles of this request again.
         cancel: End this request.
     """
     # An empty id is an error: treated as none, a mistyped --cancel would calibrate the whole fleet.
@@ -169,15 +169,19 @@ def _check_of(outcome: CameraOutcome) -> str:
     return f"{line_of(outcome.checks[0])}{more}"
 
 
+def _some(names: Sequence[str], count: int) -> str:
+    """The first names of so many."""
+    shown = names[:3]
+    return ", ".join(shown) + (f" and {_count(count - len(shown), 'other')}" if count > len(shown) else "")
+
+
 def _processor_time(seconds: int) -> str:
     minutes = ceil(seconds / 60)
     return _count(minutes, "processor minute") if minutes < 90 else f"{seconds / 3600:.1f} processor hours"
 
 
 def _prediction(preview: DryRunView) -> str:
-    skipped = [f"  {each.vehicle} skipped: {each.problem.detail}" for each in preview.skipped_vehicles[:_SHOWN]]
-    if preview.skipped > len(skipped):
-        skipped.append(f"  ... and {preview.skipped - len(skipped)} more skipped")
+    skipped = [f"  {_some(each.examples, each.count)} skipped: {each.detail}" for each in preview.reasons]
     sentence = (
         f"The filter names {_count(preview.matched, 'vehicle')}: {preview.calibrations} would be calibrated in "
         f"{_count(preview.runs, 'run')} (at most {_processor_time(preview.processor_seconds)}), "

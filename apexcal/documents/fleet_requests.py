@@ -18,8 +18,9 @@ from apexcal.documents.states import RequestState, VehicleState
 class VehicleFilter(Received):
     """The vehicles of the fleet that meet every given condition. Without conditions, all vehicles.
 
-    ``name`` and ``rig`` are patterns: ``*`` stands for any characters, ``?`` for one. ``rig`` also decides which rig
-    of a vehicle is calibrated. ``not_calibrated_since`` leaves out vehicles calibrated since that moment.
+    ``name`` and ``rig`` are a part of the name, as in the fleet's table, or patterns of the whole name: ``*`` stands
+    for any characters, ``?`` for one. Case does not count. ``rig`` also decides which rig of a vehicle is calibrated.
+    ``not_calibrated_since`` leaves out vehicles calibrated since that moment.
     ``new_pairs`` keeps only vehicles with a camera whose newest pairs are not those of its published calibration.
     """
 
@@ -125,11 +126,20 @@ class SkippedView(Sent):
     problem: Stored[ProblemView]
 
 
+class SkipReason(Sent):
+    """Why ``count`` vehicles would be skipped; ``examples`` are the names of the first twelve."""
+
+    detail: str
+    hint: str
+    count: int
+    examples: list[str]
+
+
 class DryRunView(Sent):
     """The prediction for a fleet request. A run is a fit of one model to one camera's pairs.
 
     ``processor_seconds`` is the longest time that the runs may take on one processor. Most schedules end after a
-    third of it. ``skipped_vehicles`` names the first hundred.
+    third of it. ``skipped_vehicles`` names the first hundred, ``reasons`` count all of the skipped.
     """
 
     matched: int
@@ -137,4 +147,5 @@ class DryRunView(Sent):
     runs: int
     processor_seconds: int
     skipped: int
+    reasons: list[SkipReason]
     skipped_vehicles: list[SkippedView]

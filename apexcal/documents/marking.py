@@ -119,6 +119,21 @@ class Progress(Sent):
     complete: int
 
 
+class MarkingWork(Sent):
+    """A camera of a recording with corners that wait for the asker: so many (``waiting``), and ``mine`` are answered.
+
+    ``to_confirm`` of the machine's marks wait for a look.
+    """
+
+    recording: str
+    recording_id: UUID
+    detection_id: UUID
+    camera: str
+    waiting: int
+    to_confirm: int
+    mine: int
+
+
 class AnsweredSweeps(Sent):
     """Sweeps with an answered vertex, in one camera: ``sweeps`` of anybody, ``mine`` of the asker."""
 

@@ -117,6 +117,15 @@ def read_progress(access: Access, database: Database, detection: Detection, came
     return _progress(*counts)
 
 
+def count_progress(session: Session, person_id: UUID, detection: Detection, camera: Sensor) -> Progress:
+    """Progress by the counters, or counted anew without keeping that."""
+    standing = progress_of(session, person_id, detection.id, camera.id)
+    if standing is not None:
+        return standing
+    wanted = session.scalars(_WANTED, {"detection": detection.id}).one()
+    return _progress(*_count(session, detection, camera, person_id, wanted)[0])
+
+
 def progress_of(session: Session, person_id: UUID, detection_id: UUID, sensor_id: UUID) -> Progress | None:
     """Progress as the counters tell it to a person; None where all has to be counted again."""
     names = {"detection": detection_id, "sensor": sensor_id, "person": person_id}

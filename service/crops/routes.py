@@ -9,14 +9,17 @@ from fastapi import Depends, Path, Query, Request, Response
 
 from apexcal.documents.base import Sought
 from apexcal.documents.crops import CropAnswer, CropProgress, CropSheet, CropVerdict, ExpectedCorner, NextCrops
+from apexcal.documents.marking import MarkingWork
 from service.crops.actions import find_page, judge, next_page, sheet_of
 from service.crops.pictures import tile_of
 from service.crops.queries import expected_corners, newest_marks, progress_of
+from service.crops.work_queries import marking_work
 from service.detections.queries import done_detection
 from service.platform.auth.access import CurrentIdentity, ReadAccess, WriteAccess, brief_access
 from service.platform.broker.hints import hint
 from service.platform.db.analyses import AnalysisFile
 from service.platform.db.detections import Detection
+from service.platform.db.fleets import Fleet
 from service.platform.http.etags import Conditional
 from service.platform.http.problems import not_found
 from service.platform.http.router import MarkingRoute, Router
@@ -26,6 +29,12 @@ from service.recordings.queries import find_camera
 router = Router(tags=["annotations"], route_class=MarkingRoute)
 
 CameraQuery = Annotated[Sought, Query(description="a camera's name in the rig")]
+
+
+@router.get("/fleets/{id}/marking-work")
+def list_marking_work(id: UUID, access: ReadAccess) -> list[MarkingWork]:
+    """What waits for you to be marked or confirmed, the newest recordings first."""
+    return marking_work(access, access.find(Fleet, id).id)
 
 
 @router.get("/detections/{detection_id}/crops")

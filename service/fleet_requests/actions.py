@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from functools import partial
 from math import ceil
@@ -12,13 +13,13 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.base import stored
 from apexcal.documents.calibrations import CalibrationTemplate
-from apexcal.documents.fleet_requests import DryRunView, FleetRequestBody, SkippedView
+from apexcal.documents.fleet_requests import DryRunView, FleetRequestBody, SkippedView, SkipReason
 from apexcal.documents.states import RequestState, VehicleState
 from service.calibration_runs.conclusion import count_ended
 from service.calibrations.actions import ask_to_end, create_all
 from service.fleet_requests.plan import VehiclePlan, check_template, check_total, plan_vehicles, too_large
 from service.fleet_requests.vehicle_queries import Chosen, choose, with_newest_sets
-from service.platform.db.base import new_id, state_literal
+from service.platform.db.base import Json, new_id, state_literal
 from service.platform.db.clock import now, utc_now
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.platform.db.fleets import Fleet, Vehicle
@@ -31,6 +32,8 @@ _MOST_VEHICLES = 5000
 # Vehicles whose calibrations one transaction makes: 50 ms, in which SQLite lets nobody else write.
 _PART = 50
 _SHOWN = 100
+_EXAMPLES = 12
+_REPEATED = (VehicleState.FAILED, VehicleState.CANCELLED)
 
 # Asked for, and without a calibration yet.
 _IS_DUE = (FleetRequestVehicle.state == state_literal(VehicleState.QUEUED)) & (
@@ -106,11 +109,13 @@ def preview(session: Session, fleet: Fleet, body: FleetRequestBody) -> DryRunVie
     """The prediction of :func:`ask`, which makes nothing. Raises as it does."""
     chosen = _choose(session, fleet.id, body)
     skipped: list[SkippedView] = []
+    problems: list[tuple[str, Json]] = []
     runs, seconds = 0, 0.0
     for planned in plan_vehicles(session, body.calibration, chosen):
         plans = [vehicle.plan for vehicle in planned if vehicle.plan]
         runs += sum(plan.runs for plan in plans)
         seconds += sum(plan.predicted_s for plan in plans)
+        problems += [(plan.vehicle.name, plan.problem) for plan in planned if plan.problem is not None]
         skipped += [
             SkippedView(vehicle_id=plan.vehicle.id, vehicle=plan.vehicle.name, problem=stored(plan.problem))
             for plan in planned
@@ -122,15 +127,27 @@ def preview(session: Session, fleet: Fleet, body: FleetRequestBody) -> DryRunVie
         runs=runs,
         processor_seconds=ceil(seconds),
         skipped=len(skipped),
+        reasons=_reasons(problems),
         skipped_vehicles=skipped[:_SHOWN],
     )
+
+
+def _reasons(problems: Sequence[tuple[str, Json]]) -> list[SkipReason]:
+    """Why vehicles are skipped, what most share first, each with the first of them."""
+    vehicles: defaultdict[tuple[str, str], list[str]] = defaultdict(list)
+    for vehicle, problem in problems:
+        vehicles[problem.get("detail") or problem["code"], problem.get("hint") or ""].append(vehicle)
+    return [
+        SkipReason(detail=detail, hint=hint, count=len(names), examples=names[:_EXAMPLES])
+        for (detail, hint), names in sorted(vehicles.items(), key=lambda item: -len(item[1]))[:_SHOWN]
+    ]
 
 
 def ask_all_to_end(session: Session, row: FleetRequest) -> None:
     """Cancel every vehicle that has not ended. Its calibrations before the request: the order of all locks."""
     vehicles = FleetRequestVehicle
     # A retry holds the failed ones, a part its own: wait for them, so that what they began is seen below.
-    failed = select(vehicles.id).where(vehicles.fleet_request_id == row.id, vehicles.state == VehicleState.FAILED)
+    failed = select(vehicles.id).where(vehicles.fleet_request_id == row.id, vehicles.state.in_(_REPEATED))
     session.execute(failed.with_for_update(read=True, key_share=True)).all()
     dropped = session.execute(
         update(vehicles)
@@ -153,21 +170,22 @@ def ask_all_to_end(session: Session, row: FleetRequest) -> None:
 
 
 def retry_failed(session: Session, row: FleetRequest) -> None:
-    """Calibrate the failed vehicles again, each from its newest pairs. Where none failed, nothing changes.
+    """Calibrate the failed and the cancelled vehicles again, each from its newest pairs; without any, change nothing.
 
     A vehicle that has no fitting pairs any more becomes a skipped one.
     """
     # Locked, so that of two retries at the same moment the second finds nothing failed.
     failed = session.execute(
         update(FleetRequestVehicle)
-        .where(FleetRequestVehicle.fleet_request_id == row.id, FleetRequestVehicle.state == VehicleState.FAILED)
+        .where(FleetRequestVehicle.fleet_request_id == row.id, FleetRequestVehicle.state.in_(_REPEATED))
         .values(state=VehicleState.QUEUED, calibration_id=None, problem=None, finished_at=None)
         .returning(FleetRequestVehicle.id)
     ).all()
     if not failed:
         return
     session.refresh(row, with_for_update=True)
-    row.failed -= len(failed)
+    # All of these states, whatever each was.
+    row.failed = row.cancelled = 0
     row.remaining += len(failed)
     row.wave, row.started_at = row.remaining, utc_now()
     row.state, row.finished_at, row.cancel_requested = RequestState.RUNNING, None, False

@@ -96,7 +96,7 @@ def _no_match(session: Session, fleet_id: UUID) -> Problem:
     return unprocessable(
         "no_vehicle_matches",
         f"The filter matches none of the fleet's vehicles; it has {count}.",
-        "Widen the filter; an empty one means all vehicles. Patterns know * and ?, and tell A from a.",
+        "Widen the filter; an empty one means all vehicles. A name is a part of it, or a pattern with * and ?.",
     )
 
 
@@ -122,8 +122,9 @@ def _vehicles(session: Session, fleet_id: UUID, chooser: VehicleFilter) -> dict[
 
 
 def _matcher(pattern: str) -> re.Pattern[str]:
-    """The pattern as a regular expression. Here brackets mean themselves."""
-    return re.compile(translate(pattern.replace("[", "[[]")))
+    """The pattern, or the part of a name, as a regular expression. Here brackets mean themselves."""
+    whole = pattern if re.search(r"[*?]", pattern) else f"*{pattern}*"
+    return re.compile(translate(whole.replace("[", "[[]")), re.IGNORECASE)
 
 
 def _with_rig(session: Session, fleet_id: UUID, pattern: str) -> set[UUID]:

@@ -100,16 +100,20 @@ def _names(session: Session, ids: set[UUID]) -> dict[UUID | None, str]:
 
 def _request_view(row: FleetRequest, running: int, published: int | None, asked_by: str | None) -> FleetRequestView:
     running = min(running, row.remaining)
-    ended = row.matched - row.remaining
-    message = f"{ended} of {row.matched} vehicles have ended" if row.matched else "no vehicle matched"
+    # What is skipped is no work: 238 skipped of 250 do not make the other 12 nearly done.
+    wanted = row.matched - row.skipped
+    ended = wanted - row.remaining
+    message = f"{ended} of {wanted} vehicles have ended" if row.matched else "no vehicle matched"
     if row.failed:
         message += f", {row.failed} of them failed"
+    if row.skipped:
+        message += f"; {row.skipped} skipped"
     return FleetRequestView.of(
         row,
         asked_by=asked_by,
         counts=Counts.of(row, queued=row.remaining - running, running=running),
         published=published,
-        progress=ProgressView(fraction=round(ended / row.matched, 4) if row.matched else 1.0, message=message),
+        progress=ProgressView(fraction=round(ended / wanted, 4) if wanted else 1.0, message=message),
         seconds_left=_seconds_left(row),
     )
 

@@ -4,9 +4,9 @@ import type { Hint } from "./hints.ts";
 
 /** What changes with a thing, beside the thing itself, what lies below it and the listings of such things. */
 const ALSO: Record<string, readonly string[]> = {
-  analysis: ["analyses", "crops"],
+  analysis: ["analyses", "crops", "marking-work"],
   calibration: ["calibration", "publications", "drift", "health"],
-  detection: ["correspondence-sets"],
+  detection: ["correspondence-sets", "marking-work"],
   marking: ["progress"],
   recording: ["progress", "health"],
   rig: ["health"],

@@ -11,7 +11,6 @@ import {
   outcomeInWords,
   partOf,
   publishedInWords,
-  skippedByReason,
 } from "./fleet_requests.ts";
 
 const counts = (some: Partial<Counts>): Counts => ({
@@ -19,7 +18,7 @@ const counts = (some: Partial<Counts>): Counts => ({
   ...some,
 });
 const found = (some: Partial<DryRunView>): DryRunView => ({
-  ...{ matched: 0, calibrations: 0, runs: 0, processor_seconds: 0, skipped: 0, skipped_vehicles: [] },
+  ...{ matched: 0, calibrations: 0, runs: 0, processor_seconds: 0, skipped: 0, reasons: [], skipped_vehicles: [] },
   ...some,
 });
 
@@ -65,20 +64,6 @@ test("a dry run in a sentence", () => {
     "1 vehicle matches: 0 would be calibrated; 1 would be skipped.",
   );
   assert.match(dryRunInWords(found({})), /^No vehicle is due/);
-});
-
-test("who would be skipped, by what is wrong, the commonest first", () => {
-  const none = { code: "no_pairs", detail: "No pairs.", hint: "Mark." };
-  const few = { code: "too_few_pairs", detail: "7 pairs." };
-  const reasons = skippedByReason([
-    { vehicle_id: "1", vehicle: "a", problem: few },
-    { vehicle_id: "2", vehicle: "b", problem: none },
-    { vehicle_id: "3", vehicle: "c", problem: none },
-  ]);
-  assert.deepEqual(reasons, [
-    { detail: "No pairs.", hint: "Mark.", vehicles: ["b", "c"] },
-    { detail: "7 pairs.", hint: "", vehicles: ["a"] },
-  ]);
 });
 
 test("a camera's outcome", () => {

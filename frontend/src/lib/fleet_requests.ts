@@ -69,24 +69,6 @@ export function dryRunInWords(found: DryRunView): string {
   return `${counted(found.matched, "vehicle")} ${match}: ${compact(found.calibrations)} would be calibrated${runs}${skipped}.`;
 }
 
-export interface Reason {
-  detail: string;
-  hint: string;
-  vehicles: string[];
-}
-
-/** The vehicles that would be skipped, by what is wrong with them; what most share comes first. */
-export function skippedByReason(skipped: DryRunView["skipped_vehicles"]): Reason[] {
-  const reasons = new Map<string, Reason>();
-  for (const { vehicle, problem } of skipped) {
-    const detail = problem.detail ?? problem.code ?? "";
-    const reason = reasons.get(detail) ?? { detail, hint: problem.hint ?? "", vehicles: [] };
-    reason.vehicles.push(vehicle);
-    reasons.set(detail, reason);
-  }
-  return [...reasons.values()].sort((a, b) => b.vehicles.length - a.vehicles.length);
-}
-
 /** A camera's outcome: model, error, and what became of the publication where one was asked for. */
 export function outcomeInWords(camera: string, found: CameraOutcome): string {
   const error =

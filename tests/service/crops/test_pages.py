@@ -226,3 +226,16 @@ def test_marks_of_a_person_who_is_away_are_given_to_others(api, fleet, ida, ben)
     assert {one["vertex_id"] for one in theirs["crops"]} == {one["vertex_id"] for one in page["crops"]}
     for person, own in ((ida, page), (ben, theirs)):
         assert reply(person, own, shifted_on(api, own)).json()["accepted"], "a late answer counts"
+
+
+def test_an_annotators_work_is_listed_with_what_waits(api, fleet, ida):
+    seed = seed_crops(api, fleet, vertices=60)
+    (work,) = ida.get(f"/fleets/{fleet}/marking-work").json()
+    assert (work["detection_id"], work["camera"]) == (str(seed.detection_id), "front")
+    assert (work["waiting"], work["to_confirm"], work["mine"]) == (55, 55, 0)
+    page = ask(ida, seed).json()
+    confirmed = reply(ida, page, shifted_on(api, page)).json()["confirmed"]
+    (work,) = ida.get(f"/fleets/{fleet}/marking-work").json()
+    assert (work["waiting"], work["to_confirm"], work["mine"]) == (55 - confirmed, 55 - confirmed, confirmed)
+    finish(api, ida, seed)
+    assert ida.get(f"/fleets/{fleet}/marking-work").json() == []

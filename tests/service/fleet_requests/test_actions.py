@@ -72,7 +72,8 @@ def test_filters_name_vehicles_by_id_name_and_rig(vans: Vans):
         return answer.json().get("code") or answer.json()["matched"]
 
     assert matched() == 4
-    assert matched(name="van *") == 2
+    assert matched(name="van *") == matched(name="VAN") == 3, "as in the fleet's table: a part, of any case"
+    assert matched(name="an 3") == 1 and matched(name="an ?") == "no_vehicle_matches"
     assert matched(name="*[x]*") == 1
     assert matched(name="van ?", rig="rear") == 1
     assert matched(vehicle_ids=[made["van 1"]["vehicle"]]) == 1
@@ -162,8 +163,11 @@ def test_a_dry_run_says_who_would_be_skipped_and_makes_nothing(api, vans: Vans):
     found = answer.json()
     assert (found["matched"], found["calibrations"], found["runs"], found["skipped"]) == (2, 1, 3, 1)
     assert [one["vehicle"] for one in found["skipped_vehicles"]] == ["none"]
+    assert [(one["count"], one["examples"]) for one in found["reasons"]] == [(1, ["none"])]
+    asked = vans.ask(calibration=QUICK | {"folds": 2}).json()
+    assert asked["counts"]["skipped"] == 1 and asked["progress"]["fraction"] == 0.0, "what is skipped is no progress"
     with api.database.reading() as session:
-        assert session.scalars(select(FleetRequest.id)).all() == []
+        assert session.scalars(select(FleetRequest.id)).all() == [UUID(asked["id"])], "of the dry run there is none"
 
 
 @pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)

@@ -44,3 +44,5 @@ export const tally = (id: string, camera: string): Promise<Tally> =>
 /** Where to look for each corner that the machine marked. */
 export const expectedCorners = (detection_id: string, camera: string) =>
   read("/v1/detections/{detection_id}/expected-corners", { detection_id }, { camera });
+
+export const markingWork = (id: string) => read("/v1/fleets/{id}/marking-work", { id });
