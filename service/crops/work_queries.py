@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from uuid import UUID
 
-from sqlalchemy import func, select
+from sqlalchemy import exists, select
+from sqlalchemy.orm import aliased
 
 from apexcal.documents.crops import LEAST_MARKS
 from apexcal.documents.marking import MarkingWork
@@ -21,13 +22,11 @@ _MOST = 20
 def marking_work(access: Access, fleet_id: UUID) -> list[MarkingWork]:
     """Cameras of the fleet's newest detections with corners that wait for the asker, of 20 recordings at most."""
     session, person_id = access.session, access.person.id
-    newest = (
-        select(func.max(Detection.id))
-        .where(Detection.fleet_id == fleet_id, Detection.state == WorkState.DONE)
-        .group_by(Detection.recording_id)
-        .order_by(func.max(Detection.id).desc())
-        .limit(_MOST)
-    )
+    newer = aliased(Detection)
+    of_recording = (newer.recording_id == Detection.recording_id, newer.state == WorkState.DONE)
+    is_old = exists().where(*of_recording, newer.id > Detection.id).correlate(Detection)
+    done = select(Detection.id).where(Detection.fleet_id == fleet_id, Detection.state == WorkState.DONE, ~is_old)
+    newest = done.order_by(Detection.id.desc()).limit(_MOST)
     rows = session.execute(
         select(Recording.name, Detection, Sensor)
         .join(Detection, Detection.recording_id == Recording.id)
