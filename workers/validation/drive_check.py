@@ -114,6 +114,7 @@ def check_drive(
     checks = [
         CameraCheck(name=n, verdict="not_told", sentence=why) for n, why in stated.items() if isinstance(why, str)
     ]
+    notes = list(inspection.proposal.notes)
     if len(checks) < len(stated):
         with TemporaryDirectory(dir=out) as folder:
             topics = {camera.name: camera.topic for camera in cameras}
@@ -125,9 +126,14 @@ def check_drive(
                     calibration = stated.get(sensor.name)
                     if isinstance(calibration, KnownCalibration):
                         checks.append(_checked(sensor, calibration, sweeps, Path(folder), out))
+                        if sensor.offset_ns:
+                            offset_s = sensor.offset_ns / 1e9
+                            notes.append(
+                                f"Frames of {sensor.name} are paired with a clock offset of {offset_s:.3f} s."
+                            )
     order = list(stated)
     checks.sort(key=lambda check: order.index(check.name))
-    return DriveCheck(cameras=checks, notes=inspection.proposal.notes)
+    return DriveCheck(cameras=checks, notes=notes)
 
 
 def _deployed(inspection: Inspection, camera: InspectedSensor, of_rig: Camera) -> KnownCalibration | str:
