@@ -21,7 +21,7 @@ class PrintedResult(FitResult):
         euler = self.transform.rotation.euler[0]
         angles = ", ".join(f"{value:.3f}" for value in euler.angles_deg)
         lens = ", ".join(f"{name} {value:.6g}" for name, value in self.intrinsics.by_name().items())
-        kept = self.kept
+        fitted = self.kept
         doubt = f"{doubts[0].verdict}: {doubts[0].sentence} {doubts[0].remedy}".rstrip() if doubts else "No doubt."
         verdict = verdict_of(self.checks, "mount_with_lens")
         return "\n".join(
@@ -29,7 +29,8 @@ class PrintedResult(FitResult):
                 f"{self.model}: {verdict}; {passed} checks pass, {len(doubts)} do not",
                 f"mount (camera from LiDAR): {translation} m; {euler.euler_order} {angles} degrees",
                 f"lens: {lens}",
-                f"errors: {kept.mean_px:.2f} px mean, {kept.rms_px:.2f} px RMS of {kept.pairs} of {self.pairs} pairs",
+                f"errors: {fitted.mean_px:.2f} px mean, {fitted.rms_px:.2f} px RMS "
+                f"of {fitted.pairs} of {self.pairs} pairs",
                 doubt.replace("\n", " "),
             )
         )

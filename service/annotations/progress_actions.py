@@ -122,8 +122,8 @@ def count_progress(session: Session, person_id: UUID, detection: Detection, came
     standing = progress_of(session, person_id, detection.id, camera.id)
     if standing is not None:
         return standing
-    wanted = session.scalars(_WANTED, {"detection": detection.id}).one()
-    return _progress(*_count(session, detection, camera, person_id, wanted)[0])
+    vertices = session.scalars(_WANTED, {"detection": detection.id}).one()
+    return _progress(*_count(session, detection, camera, person_id, vertices)[0])
 
 
 def progress_of(session: Session, person_id: UUID, detection_id: UUID, sensor_id: UUID) -> Progress | None:

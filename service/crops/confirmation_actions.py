@@ -21,7 +21,7 @@ from service.platform.db.detections import Vertex, VertexFrame
 from service.platform.db.recordings import Sensor
 
 
-class _Place(NamedTuple):
+class _SeenCorner(NamedTuple):
     """Where the mark of a vertex belongs: its apex, frame and corner."""
 
     vertex_id: UUID
@@ -38,11 +38,11 @@ def keep_outcome(session: Session, page: CropPage, outcome: PageOutcome, camera:
     lock_recording(session, camera.recording_id)
     marks = {UUID(row["vertex_id"]): row for row in marks_of(session.get_one(Analysis, page.analysis_id))}
     sides = {UUID(crop["vertex_id"]): crop["side_px"] for crop in page.crops}
-    for place in _places(session, camera, outcome.confirmed):
-        _confirm(session, page, camera, place, _columns(marks[place.vertex_id], sides[place.vertex_id]))
+    for corner in _seen_corners(session, camera, outcome.confirmed):
+        _confirm(session, page, camera, corner, _columns(marks[corner.vertex_id], sides[corner.vertex_id]))
     judged = judgements(session, camera.id, page.analysis_id)
-    for place in _places(session, camera, [*filter(judged.is_rejected, outcome.rejected)]):
-        _take_back(session, camera, place)
+    for corner in _seen_corners(session, camera, [*filter(judged.is_rejected, outcome.rejected)]):
+        _take_back(session, camera, corner)
     session.execute(delete(MarkingProgress).where(MarkingProgress.sensor_id == camera.id))
 
 
@@ -51,44 +51,44 @@ def _columns(mark: Json, side_px: float) -> Json:
     return pixel | {"machine_sigma_px": mean_sigma_px(mark), "crop_side_px": side_px}
 
 
-def _places(session: Session, camera: Sensor, vertices: Collection[UUID]) -> list[_Place]:
+def _seen_corners(session: Session, camera: Sensor, vertices: Collection[UUID]) -> list[_SeenCorner]:
     rows = session.execute(
         select(Vertex.id, Vertex.apex_id, VertexFrame.frame_index, Vertex.corner)
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
         .where(VertexFrame.sensor_id == camera.id, Vertex.id.in_(vertices))
         .order_by(Vertex.id)
     )
-    return [_Place(*row) for row in rows]
+    return [_SeenCorner(*row) for row in rows]
 
 
-def _confirm(session: Session, page: CropPage, camera: Sensor, place: _Place, mark: Json) -> None:
-    of_frame = _of_frame(camera, place)
-    own = (Answer.person_id == page.person_id, or_(Answer.apex_id == place.apex_id, of_frame))
-    stands = or_(Answer.is_mark & of_frame, Answer.is_verdict & (Answer.apex_id == place.apex_id))
+def _confirm(session: Session, page: CropPage, camera: Sensor, corner: _SeenCorner, mark: Json) -> None:
+    of_frame = _of_frame(camera, corner)
+    own = (Answer.person_id == page.person_id, or_(Answer.apex_id == corner.apex_id, of_frame))
+    stands = or_(Answer.is_mark & of_frame, Answer.is_verdict & (Answer.apex_id == corner.apex_id))
     rows = [*session.scalars(select(Answer).where(*own, stands))]
-    before = next((row for row in rows if row.is_mark and row.frame_index == place.frame_index), None)
+    before = next((row for row in rows if row.is_mark and row.frame_index == corner.frame_index), None)
     verdict = next((row for row in rows if row.is_verdict), None)
     by_hand = [row for row in rows if row.sensor_id == camera.id and not is_machine(row)]
     if any(row.verdict or row.is_mark for row in by_hand):
         return
     if verdict is not None and verdict.verdict != "confirmed":
-        reopen(session, page.person_id, camera.recording_id, place.apex_id)
+        reopen(session, page.person_id, camera.recording_id, corner.apex_id)
     in_camera = select(func.max(Answer.version)).where(*own, Answer.sensor_id == camera.id)
     whose = {"recording_id": camera.recording_id, "person_id": page.person_id, "sensor_id": camera.id}
-    where = {"apex_id": place.apex_id, "frame_index": place.frame_index, "corner": place.corner}
+    where = {"apex_id": corner.apex_id, "frame_index": corner.frame_index, "corner": corner.corner}
     version = (session.scalar(in_camera) or 0) + 1
-    said = {"id": new_id(), "version": version, "verdict": "confirmed", "reviewed": True}
-    write_answer(session, whose | where | said | mark, before, verdict)
+    answer = {"id": new_id(), "version": version, "verdict": "confirmed", "reviewed": True}
+    write_answer(session, whose | where | answer | mark, before, verdict)
 
 
-def _take_back(session: Session, camera: Sensor, place: _Place) -> None:
+def _take_back(session: Session, camera: Sensor, corner: _SeenCorner) -> None:
     """Without its mark in the frame a confirmation is no answer."""
-    standing = select(Answer).where(_of_frame(camera, place), Answer.is_mark, Answer.machine_sigma_px.is_not(None))
+    standing = select(Answer).where(_of_frame(camera, corner), Answer.is_mark, Answer.machine_sigma_px.is_not(None))
     for row in session.scalars(standing).all():
-        reopen(session, row.person_id, camera.recording_id, place.apex_id)
+        reopen(session, row.person_id, camera.recording_id, corner.apex_id)
         let_stand(session, row.id, is_mark=False)
 
 
-def _of_frame(camera: Sensor, place: _Place) -> Any:
-    in_frame = (Answer.sensor_id == camera.id) & (Answer.frame_index == place.frame_index)
-    return in_frame & (Answer.corner == place.corner)
+def _of_frame(camera: Sensor, corner: _SeenCorner) -> Any:
+    in_frame = (Answer.sensor_id == camera.id) & (Answer.frame_index == corner.frame_index)
+    return in_frame & (Answer.corner == corner.corner)

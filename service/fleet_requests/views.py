@@ -101,9 +101,9 @@ def _names(session: Session, ids: set[UUID]) -> dict[UUID | None, str]:
 def _request_view(row: FleetRequest, running: int, published: int | None, asked_by: str | None) -> FleetRequestView:
     running = min(running, row.remaining)
     # What is skipped is no work: 238 skipped of 250 do not make the other 12 nearly done.
-    wanted = row.matched - row.skipped
-    ended = wanted - row.remaining
-    message = f"{ended} of {wanted} vehicles have ended" if row.matched else "no vehicle matched"
+    at_work = row.matched - row.skipped
+    ended = at_work - row.remaining
+    message = f"{ended} of {at_work} vehicles have ended" if row.matched else "no vehicle matched"
     if row.failed:
         message += f", {row.failed} of them failed"
     if row.skipped:
@@ -113,7 +113,7 @@ def _request_view(row: FleetRequest, running: int, published: int | None, asked_
         asked_by=asked_by,
         counts=Counts.of(row, queued=row.remaining - running, running=running),
         published=published,
-        progress=ProgressView(fraction=round(ended / wanted, 4) if wanted else 1.0, message=message),
+        progress=ProgressView(fraction=round(ended / at_work, 4) if at_work else 1.0, message=message),
         seconds_left=_seconds_left(row),
     )
 
