@@ -143,7 +143,7 @@ def tell_calibrated(outcomes: Iterable[WalkOutcome | None], walks: int) -> None:
 
 def main() -> None:
     """Walks of the seeds from FIRST on, on two processors; SHORT=1: 3 short ones."""
-    is_short, first = bool(os.environ.get("SHORT")), int(os.environ.get("FIRST", "0"))
+    is_short, first = bool(os.environ.get("SHORT")), int(os.environ.get("FIRST", "500"))
     walks, frames = (3, 40) if is_short else (WALKS, FRAMES)
     start = time.monotonic()
     with multiprocessing.get_context("spawn").Pool(2) as pool:
