@@ -198,6 +198,6 @@ $(STAMPS)/openapi.json: $(STAMPS)/openapi
 $(API_TYPES): $(STAMPS)/node_modules $(STAMPS)/openapi.json
 	$(NPM) run --silent types -- $(CURDIR)/$(STAMPS)/openapi.json
 
-$(STAMPS)/frontend: $(API_TYPES) $(FRONTEND_SOURCES)
+$(STAMPS)/frontend: $(API_TYPES) $(FRONTEND_SOURCES) $(wildcard docs/*.md)
 	$(NPM) run --silent build
 	@touch $@

@@ -1,7 +1,8 @@
-import { copyFileSync, mkdirSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
+import { readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { brotliCompressSync, gzipSync } from "node:zlib";
 import { svelte } from "@sveltejs/vite-plugin-svelte";
 import { defineConfig, type Plugin } from "vite";
+import { writeHelp } from "./help.ts";
 
 // `npm run dev` serves the pages with the API of a running `apexcal serve` behind them. The service checks Host and
 // Origin of every unsafe request, so the proxy presents itself as the service's own address.
@@ -14,11 +15,7 @@ const compressed = (): Plugin => ({
   name: "compressed",
   apply: "build",
   closeBundle() {
-    // Each page has a link to its document, which a browser shows as text.
-    mkdirSync(`${OUT}/docs`, { recursive: true });
-    for (const name of readdirSync("../docs").filter((one) => one.endsWith(".md"))) {
-      copyFileSync(`../docs/${name}`, `${OUT}/docs/${name.replace(".md", ".txt")}`);
-    }
+    writeHelp("../docs", `${OUT}/docs`);
     for (const name of readdirSync(OUT, { recursive: true, encoding: "utf8" })) {
       if (!/\.(html|js|css|svg)$/.test(name)) continue;
       const bytes = readFileSync(`${OUT}/${name}`);

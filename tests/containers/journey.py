@@ -278,7 +278,7 @@ def test_a_newcomer_gets_from_two_commands_to_a_calibration(
     assert calibration.summary.cameras["front"].models["pinhole"].polished.rms_px < 30
     assert ask(owner, published.vehicle_id, **{"If-None-Match": published.etag}).status_code == 304
     page = httpx.get(URL, headers={"Accept": "text/html"}).text
-    assert "<script" in page and httpx.get(f"{URL}/docs/operators.txt").is_success
+    assert "<script" in page and httpx.get(f"{URL}/docs/operators.html").is_success
     result_id = calibration.summary.cameras["front"].models["pinhole"].result_id
     report = owner.wait(owner.analyses.report(result_id), timeout_s=PATIENCE_S)
     assert b"<html" in owner.analyses.read_file(report.id)[:200]

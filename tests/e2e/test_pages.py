@@ -225,3 +225,22 @@ def test_a_fleet_at_a_glance(sign_in: SignIn, track: Track) -> None:
     for lorry in lorries:
         track.owner.vehicles.delete(lorry.id)
     expect(cameras).to_contain_text("No camera matches.")
+
+
+def test_help_is_a_page(sign_in: SignIn, track: Track) -> None:
+    """Headings, tables and links of the documents, and every link within one leads to something."""
+    page = sign_in("Nina", "viewer")
+    page.goto(track.url)
+    page.goto(f"{track.url}{page.get_by_role('link', name='Help').get_attribute('href')}")
+    expect(page.get_by_role("heading", level=1)).to_be_visible()
+    expect(page.get_by_role("table").first).to_be_visible()
+    assert page.evaluate("getComputedStyle(document.body).maxWidth") != "none"
+    documents = page.get_by_role("navigation", name="All documents").get_by_role("link")
+    for name in [document.get_attribute("href") for document in documents.all()]:
+        page.goto(f"{track.url}/docs/{name}")
+        lost = page.evaluate(
+            "[...document.querySelectorAll('main a[href^=\"#\"]')].map(a => a.hash.slice(1))"
+            ".filter(id => !document.getElementById(decodeURIComponent(id)))"
+        )
+        assert lost == [], (name, lost)
+        assert page.evaluate("document.scrollingElement.scrollWidth <= innerWidth"), name

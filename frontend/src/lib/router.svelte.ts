@@ -136,7 +136,7 @@ const DOCUMENTS: Partial<Record<Route["page"], string>> = {
 };
 
 /** The document of a page, as the service has it. */
-export const documentPath = (page: Route["page"]): string => `/docs/${DOCUMENTS[page] ?? "operators"}.txt`;
+export const documentPath = (page: Route["page"]): string => `/docs/${DOCUMENTS[page] ?? "operators"}.html`;
 
 /**
  * `vertex` comes first. After `crops` answers the page leads to the crops; with `result` after one back to this
