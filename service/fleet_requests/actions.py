@@ -184,7 +184,7 @@ def retry_failed(session: Session, row: FleetRequest) -> None:
     if not failed:
         return
     session.refresh(row, with_for_update=True)
-    # All of these states, whatever each was.
+    # No vehicle is left in either state.
     row.failed = row.cancelled = 0
     row.remaining += len(failed)
     row.wave, row.started_at = row.remaining, utc_now()

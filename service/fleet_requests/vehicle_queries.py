@@ -96,7 +96,7 @@ def _no_match(session: Session, fleet_id: UUID) -> Problem:
     return unprocessable(
         "no_vehicle_matches",
         f"The filter matches none of the fleet's vehicles; it has {count}.",
-        "Widen the filter; an empty one means all vehicles. A name is a part of it, or a pattern with * and ?.",
+        "Widen the filter; an empty one means all vehicles. Give a part of the name, or a pattern with * or ?.",
     )
 
 

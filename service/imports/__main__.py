@@ -1,6 +1,6 @@
 """Calibration files read without a service: ``python -m service.imports FILE...``.
 
-One line of JSON: ``read``, as ``POST /v1/calibration-files`` answers, or ``error``.
+One line of JSON: ``read``, as ``POST /v1/calibration-files/reading`` answers, or ``error``.
 """
 
 from __future__ import annotations
