@@ -12,7 +12,6 @@ from apexcal.errors import InputError
 from apexcal.json_files import read_document
 from apexcal.transport import Document
 
-_BEGINNINGS = {"and", "or", "not", "quantity", "box", "polygon", "level"}
 _NAME = "|".join(QUANTITIES)
 _INEQUALITY = re.compile(
     rf"\s*(?P<quantity>{_NAME})\s*(?:/\s*(?P<by>{_NAME}))?\s*(?P<op><=|>=|<|>)\s*(?P<value>[-+]?[0-9.]+(?:e[-+]?\d+)?)\s*",
@@ -25,25 +24,21 @@ def parse_region(inequalities: Sequence[str]) -> Document:
 
     Raises :class:`InputError` that quotes the inequality that cannot be read.
     """
-    nodes = [_leaf(text) for text in inequalities]
-    return nodes[0] if len(nodes) == 1 else {"and": nodes}
+    return {"all": [_inequality(text) for text in inequalities]}
 
 
 def read_region(path: Path) -> Document:
-    """A region from a JSON file, for trees with `or` in them. Raises :class:`InputError`."""
+    """A region from a JSON file. Raises :class:`InputError`."""
     document = read_document(path)
-    if not isinstance(document, dict):
-        raise InputError(f"{path} holds no region", 'A region looks like {"quantity": "x", "op": ">", "value": 0}.')
-    if not _BEGINNINGS & set(document):
+    if not isinstance(document, dict) or "all" not in document:
         raise InputError(
             f"{path} is no region",
-            'A region begins with "and", "or", "not", "quantity", "box", "polygon" or "level"; `apexcal suggest` '
-            "writes one.",
+            'A region looks like {"all": [{"quantity": "x", "op": ">", "value": 0}]}; `apexcal suggest` writes one.',
         )
     return document
 
 
-def _leaf(text: str) -> Document:
+def _inequality(text: str) -> Document:
     match = _INEQUALITY.fullmatch(text)
     try:
         value = float(match["value"]) if match else None
@@ -55,7 +50,7 @@ def _leaf(text: str) -> Document:
         )
     if not math.isfinite(value):
         raise InputError(f"{text!r} compares with a number that is too large", "It must be a finite number.")
-    leaf: Document = {"quantity": match["quantity"].lower(), "op": match["op"], "value": value}
+    part: Document = {"quantity": match["quantity"].lower(), "op": match["op"], "value": value}
     if match["by"]:
-        leaf["divided_by"] = match["by"].lower()
-    return leaf
+        part["divided_by"] = match["by"].lower()
+    return part

@@ -1,6 +1,6 @@
-"""The language of regions: which JSON documents are one, checked node by node. Text is never evaluated.
+"""Regions of interest: which JSON documents are one. Text is never evaluated.
 
-Branches: ``{"and": [nodes]}``, ``{"or": [nodes]}``, ``{"not": node}``. Leaves:
+A region is a plain list: points lie inside where ``all`` parts hold and ``none`` of the others. Parts:
 
 - ``{"quantity": "z", "divided_by": "x", "op": ">", "value": 0.2}``, an inequality (here the toolbox's z / x > 0.2);
 - ``{"box": {"min": [x, y, z], "max": [x, y, z], "yaw_deg": 30}}``, turned about its own upright axis,
@@ -10,9 +10,9 @@ Branches: ``{"and": [nodes]}``, ``{"or": [nodes]}``, ``{"not": node}``. Leaves:
 
 Quantities are x, y, z and range in metres, azimuth_deg and elevation_deg, all in the LiDAR's frame.
 
-For a tilted LiDAR the whole tree may be in level axes: ``{"level": node, "up": [x, y, z]}``, with the direction of up
-in the LiDAR's frame. Their z is that direction. Their x is the horizontal direction nearest to the LiDAR's x, or to
-its y if up is within 26 degrees of its x. Their origin is the LiDAR's.
+With ``up``, the direction of up in the frame of a tilted LiDAR, the parts are in level axes. Their z is that
+direction. Their x is the horizontal direction nearest to the LiDAR's x, or to its y if up is within 26 degrees of its
+x. Their origin is the LiDAR's.
 """
 
 from __future__ import annotations
@@ -40,21 +40,18 @@ from apexcal.documents.errors import DocumentError
 
 Quantity = Literal["x", "y", "z", "range", "azimuth_deg", "elevation_deg"]
 Operator = Literal["<", "<=", ">", ">="]
-# The position of each name is its number in the compiled program.
+# The position of each name is its number in the kernel that evaluates regions.
 QUANTITIES: Final = get_args(Quantity)
 OPERATORS: Final = get_args(Operator)
-MAX_DEPTH: Final = 16
-MAX_NODES: Final = 256
+MAX_PARTS: Final = 256
 MAX_CORNERS: Final = 64
 MAX_METRES: Final = 1e6
 _SHORTEST: Final = 1e-3  # of a direction; shorter ones are zeros that were rounded
 _HINT: Final = (
-    'Write {"and": [nodes]}, {"or": [nodes]}, {"not": node}, {"box": {"min": [x, y, z], "max": [x, y, z]}}, '
-    '{"polygon": [[x, y], ...]} or {"quantity": "x", "op": ">", "value": 0}; a whole tree in level axes as '
-    '{"level": tree, "up": [x, y, z]}.'
+    'Write {"all": [parts]}, with "none": [parts] for what is cut out. A part is '
+    '{"quantity": "x", "op": ">", "value": 0}, {"box": {"min": [x, y, z], "max": [x, y, z]}} or '
+    '{"polygon": [[x, y], ...]}.'
 )
-
-_BRANCHES: Final = ("and", "or", "not", "level")
 
 Document = dict[str, Any]
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -64,10 +61,7 @@ _Three = Annotated[list[_Metres], Field(min_length=3, max_length=3)]
 
 
 class RegionError(DocumentError):
-    """A region document that cannot be used; its message names the bad node, for example ``$.and[1].op``.
-
-    Codes: ``region_invalid``, ``region_too_large``.
-    """
+    """A region document that cannot be used; its message names the bad part, for example ``$.all[1].op``."""
 
 
 def _rises(shape: BoxShape) -> BoxShape:
@@ -127,57 +121,45 @@ class Polygon(TypedDict):
     z: NotRequired[Annotated[_Two, AfterValidator(_ascends)]]
 
 
-# pyright follows no alias to classes that are made by a call.
-_some = Annotated["list[RegionNode]", Field(min_length=1)]
-And = with_config(extra="forbid")(TypedDict("And", {"and": _some}))  # pyright: ignore[reportInvalidTypeForm]
-Or = with_config(extra="forbid")(TypedDict("Or", {"or": _some}))  # pyright: ignore[reportInvalidTypeForm]
-Not = with_config(extra="forbid")(TypedDict("Not", {"not": "RegionNode"}))  # pyright: ignore[reportInvalidTypeForm]
+def _kind(part: Any) -> str | None:
+    names = ("box", "polygon") if isinstance(part, Mapping) else ()
+    return next((f"<{name}>" for name in names if name in part), "<inequality>" if names else None)
 
 
-def _kind(node: Any) -> str | None:
-    names = ("and", "or", "not", "box", "polygon") if isinstance(node, Mapping) else ()
-    return next((f"<{name}>" for name in names if name in node), "<inequality>" if names else None)
-
-
-RegionNode = TypeAliasType(
-    "RegionNode",
+RegionPart = TypeAliasType(
+    "RegionPart",
     Annotated[
-        Annotated[And, Tag("<and>")]
-        | Annotated[Or, Tag("<or>")]
-        | Annotated[Not, Tag("<not>")]
-        | Annotated[Box, Tag("<box>")]
+        Annotated[Box, Tag("<box>")]
         | Annotated[Polygon, Tag("<polygon>")]
         | Annotated[Inequality, Tag("<inequality>")],
         Discriminator(_kind, "no_object", "it is no object"),
         BeforeValidator(_without_nulls),
     ],
 )
+_Parts = Annotated[list[RegionPart], Field(min_length=1, max_length=MAX_PARTS)]
 
 
 @with_config(extra="forbid")
-class Level(TypedDict):
-    """A whole tree in level axes: their z is ``up``, their x the horizontal direction nearest to the LiDAR's x."""
+class RegionParts(TypedDict):
+    """The points where all parts of ``all`` hold and none of ``none``; with ``up`` the parts are in level axes."""
 
-    level: RegionNode
-    up: Annotated[_Three, AfterValidator(_points)]
+    all: _Parts
+    none: NotRequired[_Parts]
+    up: NotRequired[Annotated[_Three, AfterValidator(_points)]]
 
 
-_Tree = Annotated[
-    Annotated[RegionNode, Tag("<tree>")] | Annotated[Level, Tag("<level>")],
-    Discriminator(lambda region: "<level>" if isinstance(region, Mapping) and "level" in region else "<tree>"),
-]
-_TREE: Final = TypeAdapter[Any](_Tree)
+_Region = Annotated[RegionParts, BeforeValidator(_without_nulls)]
+_REGION: Final = TypeAdapter[Any](_Region)
 
 
 def check_region(document: object) -> Document:
     """The document in its canonical form (members that are null left out).
 
     Raises:
-        RegionError: naming the path of the first bad node, or that the tree is too deep or too large.
+        RegionError: naming the path of the first bad part.
     """
-    _check_extent(document)
     try:
-        return _TREE.validate_python(document)
+        return _REGION.validate_python(document)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
     # Tags of the union are no members of the document.
@@ -187,47 +169,31 @@ def check_region(document: object) -> Document:
     else:
         what = first["msg"].removeprefix("Value error, ")
     path = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps)
-    raise RegionError("region_invalid", f"region node ${path}: {what}.", _HINT)
-
-
-def _check_extent(document: object) -> None:
-    """Raises RegionError before anything is called once for each level of the document."""
-    level, count = [document], 0
-    for _ in range(MAX_DEPTH):
-        count += len(level)
-        if count > MAX_NODES:
-            break
-        branches = [node.get(name) for node in level if isinstance(node, Mapping) for name in _BRANCHES]
-        level = [node for branch in branches for node in (branch if isinstance(branch, list) else [branch])]
-        level = [node for node in level if isinstance(node, Mapping)]
-        if not level:
-            return
-    what = f"larger than {MAX_NODES} nodes" if count > MAX_NODES else f"deeper than {MAX_DEPTH} levels"
-    raise RegionError("region_too_large", f"region node $: the tree is {what}.", "Merge nested and / or nodes.")
+    raise RegionError("region_invalid", f"region ${path}: {what}.", _HINT)
 
 
 _SAYS = Field(
-    description=f"A tree of and, or and not over inequalities, boxes and polygons in the LiDAR's frame; at most "
-    f"{MAX_DEPTH} levels and {MAX_NODES} nodes. For a tilted LiDAR the whole tree may be in level axes: "
-    '{"level": tree, "up": [x, y, z]}.',
+    description="The points where all parts of `all` hold and none of `none`: inequalities, boxes and polygons in "
+    f"the LiDAR's frame, at most {MAX_PARTS} each. With `up`, the direction of up in the frame of a tilted LiDAR, "
+    "the parts are in level axes.",
     examples=[
         {
-            "and": [
+            "all": [
                 {"polygon": [[2, -3], [30, -6], [30, 6], [2, 3]], "z": [-1.6, 0.8]},
                 {"quantity": "range", "op": "<", "value": 28},
                 {"quantity": "z", "divided_by": "x", "op": ">", "value": -0.2},
-                {"not": {"box": {"min": [9, -1, -2], "max": [10, 1, 1], "yaw_deg": 20}}},
-            ]
+            ],
+            "none": [{"box": {"min": [9, -1, -2], "max": [10, 1, 1], "yaw_deg": 20}}],
         }
     ],
 )
 
 
 Region = Annotated[
-    _Tree,
+    _Region,
     WrapValidator(lambda document, _: check_region(document)),
     PlainSerializer(lambda region: region),
     _SAYS,
 ]
 """A region that somebody sends, in its canonical form."""
-KeptRegion = Annotated[Stored[_Tree], _SAYS]
+KeptRegion = Annotated[Stored[_Region], _SAYS]

@@ -70,20 +70,20 @@ class Poses:
 RECORDINGS: Final = {
     "os1-64-board": Poses(
         "os1-64-board/clouds",
-        {"box": {"min": [1.5, -1.6, -1.0], "max": [4.2, 1.6, 1.5]}},
+        {"all": [{"box": {"min": [1.5, -1.6, -1.0], "max": [4.2, 1.6, 1.5]}}]},
         1.049,
         1.049,
         (1.016, 1.016),
     ),
     "vlp16-diamond-board": Poses(
         "vlp16-diamond-board/recording.bag",
-        {"box": {"min": [1.0, -1.9, -1.0], "max": [3.6, 1.5, 2.0]}},
+        {"all": [{"box": {"min": [1.0, -1.9, -1.0], "max": [3.6, 1.5, 2.0]}}]},
         0.61,
         0.85,
     ),
     "pandar40-tripod": Poses(
         "pandar40-tripod/clouds",
-        {"box": {"min": [-8.0, -2.5, -0.9], "max": [-3.0, 2.5, 1.5]}},
+        {"all": [{"box": {"min": [-8.0, -2.5, -0.9], "max": [-3.0, 2.5, 1.5]}}]},
         0.405,
         0.648,
         rings=40,

@@ -24,7 +24,7 @@ from workers.vertices.region import Region
 from workers.vertices.suggestion import suggest
 from workers.vertices.sweep_source import Listed
 
-REGION = Region.from_document({"box": {"min": [1.0, -2.2, -1.0], "max": [5.1, 2.2, 1.6]}})
+REGION = Region.from_document({"all": [{"box": {"min": [1.0, -2.2, -1.0], "max": [5.1, 2.2, 1.6]}}]})
 
 
 class RinglessRow(NamedTuple):

@@ -16,7 +16,7 @@ from apexcal.transport import HttpTransport
 from apexcal.upload_sources import open_source
 from apexcal.uploads import send_parts
 
-KEEP = {"and": [{"quantity": "x", "op": ">", "value": 2}, {"quantity": "z", "op": ">", "value": -1.7}]}
+KEEP = {"all": [{"quantity": "x", "op": ">", "value": 2}, {"quantity": "z", "op": ">", "value": -1.7}]}
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from apexcal.regions import parse_region, read_region
 
 def test_inequalities_become_a_conjunction():
     assert parse_region(["x > 0", "range<=9.5", "z/x>-2e-1"]) == {
-        "and": [
+        "all": [
             {"quantity": "x", "op": ">", "value": 0.0},
             {"quantity": "range", "op": "<=", "value": 9.5},
             {"quantity": "z", "divided_by": "x", "op": ">", "value": -0.2},
@@ -17,7 +17,7 @@ def test_inequalities_become_a_conjunction():
 
 
 def test_one_inequality_is_itself():
-    assert parse_region(["azimuth_deg < 45"]) == {"quantity": "azimuth_deg", "op": "<", "value": 45.0}
+    assert parse_region(["azimuth_deg < 45"]) == {"all": [{"quantity": "azimuth_deg", "op": "<", "value": 45.0}]}
 
 
 @pytest.mark.parametrize("text", ["x = 1", "w > 1", "x > y", "x > 1.2.3", "__import__('os')", "x > 1 and y < 2", ""])
@@ -37,14 +37,14 @@ def test_a_region_file_must_hold_one(tmp_path):
     path.write_text('{"lidar": {}, "cameras": []}')
     with pytest.raises(ClientError, match="is no region"):
         read_region(path)
-    path.write_text('{"or": []}')
-    assert read_region(path) == {"or": []}
+    path.write_text('{"all": []}')
+    assert read_region(path) == {"all": []}
 
 
 @pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999"])
 def test_a_region_file_holds_finite_numbers(tmp_path, number):
     path = tmp_path / "region.json"
-    path.write_text(f'{{"quantity": "x", "op": ">", "value": {number}}}')
+    path.write_text(f'{{"all": [{{"quantity": "x", "op": ">", "value": {number}}}]}}')
     with pytest.raises(ClientError, match=rf"region\.json holds {number}") as refused:
         read_region(path)
     assert "finite number" in refused.value.hint

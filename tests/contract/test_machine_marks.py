@@ -47,7 +47,8 @@ def seed_sights(database, recording, scene):
         camera.facts = {**(camera.facts or {}), "camera_info": lens}
         assert session.query(CameraFrame).filter_by(sensor_id=camera.id).count() == len(scene)
         detection = Detection(
-            fleet_id=recording.fleet_id, recording_id=recording.id, region={"quantity": "x", "op": ">", "value": 0.0},
+            fleet_id=recording.fleet_id, recording_id=recording.id,
+            region={"all": [{"quantity": "x", "op": ">", "value": 0.0}]},
             detector="refined", options={}, pairing={"mode": "nearest", "offset_ns": 0, "max_gap_ns": 50_000_000},
             content_hash="0" * 64, state="done", remaining=0, counts={},
         )  # fmt: skip

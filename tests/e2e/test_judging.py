@@ -16,9 +16,8 @@ SignIn = Callable[[str, str], Page]
 @pytest.fixture(scope="module")
 def narrow_id(track: Track) -> str:
     """A detection by the paper's rule, which refuses many sweeps, in a region that the board leaves."""
-    region = {
-        "and": [track.owner.detections.get(track.detection_id).region, {"quantity": "y", "op": ">", "value": 0}]
-    }
+    whole = track.owner.detections.get(track.detection_id).region
+    region = whole | {"all": [*whole["all"], {"quantity": "y", "op": ">", "value": 0}]}
     made = track.owner.detections.create(track.recording_id, region, detector="strict")
     done = track.owner.wait(made)
     assert done.counts.accepted > 0 and done.counts.rejected

@@ -108,10 +108,10 @@ def test_a_region_is_tried_before_it_is_used(sign_in: SignIn, track: Track) -> N
     corner = page.get_by_role("group", name="The region from above").get_by_role("button", name="Corner 1 of")
     expect(corner).to_be_visible()
     page.get_by_role("button", name="Edit as JSON").click()
-    page.get_by_label("Region as JSON").fill('{"quantity": "w", "op": ">", "value": 0}')
-    expect(page.get_by_role("alert")).to_contain_text("region.quantity")
+    page.get_by_label("Region as JSON").fill('{"all": [{"quantity": "w", "op": ">", "value": 0}]}')
+    expect(page.get_by_role("alert")).to_contain_text("region.all[0].quantity")
     expect(page.get_by_role("button", name="Detect", exact=True)).to_be_disabled()
-    page.get_by_label("Region as JSON").fill('{"quantity": "x", "op": ">", "value": 500}')
+    page.get_by_label("Region as JSON").fill('{"all": [{"quantity": "x", "op": ">", "value": 500}]}')
     page.get_by_role("button", name="Detect", exact=True).click()
     expect(page.get_by_role("alert")).to_contain_text("region")
 

@@ -105,7 +105,7 @@ def test_shapes_are_drawn_moved_and_cut_out(sign_in: SignIn, track: Track) -> No
     drag(page, drawing.get_by_role("button", name="Turn the box"), 0, -40)
     drag(page, drawing.get_by_role("button", name="Corner 3 of the box"), 30, -20)
     region = typed(page)
-    polygon, cut = region["and"][-2], region["and"][-1]["not"]["box"]
+    polygon, cut = region["all"][-1], region["none"][-1]["box"]
     assert len(polygon["polygon"]) == 5 and polygon["polygon"][0] != [3, -4]
     assert cut["yaw_deg"] > 5 and max(cut["max"][axis] - cut["min"][axis] for axis in (0, 1)) > 2.5
     assert counted(page) == kept_of(page, track, region)

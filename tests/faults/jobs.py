@@ -16,7 +16,7 @@ from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.fleets import RigOut, VehicleOut
 from apexcal.rigs import read_rig
 
-REGION = {"and": [{"quantity": "x", "op": ">", "value": 1.0}, {"quantity": "z", "op": ">", "value": -1.2}]}
+REGION = {"all": [{"quantity": "x", "op": ">", "value": 1.0}, {"quantity": "z", "op": ">", "value": -1.2}]}
 # A slot of about an eighth of a second, so that a kill finds somebody at work.
 # Least squares end where they end from a longer search; a third of its time.
 SHORT = {"slots": 4, "population": 400, "generations": 20, "max_iterations": 8}

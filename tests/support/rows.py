@@ -22,7 +22,7 @@ LEVEL = {
 WIDTH, HEIGHT = 640, 480
 _OPTICAL = {"frame": "camera_front_optical", "image_width": WIDTH, "image_height": HEIGHT, "nominal": LEVEL}
 _PIXELS = {"media_type": "image/jpeg", "width": WIDTH, "height": HEIGHT}
-_REGION = {"quantity": "x", "op": ">", "value": 0.0}
+_REGION = {"all": [{"quantity": "x", "op": ">", "value": 0.0}]}
 _FIT = {"camera": "front", "model": "pinhole", "fold": -1}
 
 USUAL: dict[type[Base], dict[str, Any]] = {

@@ -49,7 +49,7 @@ def scene_with(poles: int, seed: int) -> Scene:
 
 # What a rig's owner would choose for this scene: in front, off the ground, between the poles, before the wall.
 WALKER_REGION = {
-    "and": [
+    "all": [
         {"quantity": "x", "op": ">", "value": 2.0},
         {"quantity": "x", "op": "<", "value": 33.0},
         {"quantity": "y", "op": ">", "value": -6.2},

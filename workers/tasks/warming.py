@@ -16,7 +16,7 @@ from workers.vertices.sweep_source import Listed
 # As many as a board is learned from. Learning its size, or how its edges grow, runs the same kernels for longer.
 _SWEEPS = 6
 _KNOWN = {"board_width_m": 0.6 * 2**0.5, "board_height_m": 0.6 * 2**0.5, "edge_growth_mrad": 0.0}
-_REGION = {"and": [{"quantity": "x", "op": ">", "value": 0.0}, {"quantity": "range", "op": "<", "value": 9.0}]}
+_REGION = {"all": [{"quantity": "x", "op": ">", "value": 0.0}, {"quantity": "range", "op": "<", "value": 9.0}]}
 
 
 def warm_up() -> None:
@@ -31,7 +31,7 @@ def warm_up_detectors() -> None:
     region = Region.from_document(_REGION)
     for name in RUNS:
         detect_range(sweeps, region, name, _KNOWN if name == "refined" else None, indices=range(_SWEEPS), margin=0)
-    Region.from_document({"level": _REGION, "up": [0.0, 0.1, 1.0]}).inside(sweeps.sweep(0))
+    Region.from_document({**_REGION, "up": [0.0, 0.1, 1.0]}).inside(sweeps.sweep(0))
 
 
 def _sweep(number: int) -> Sweep:

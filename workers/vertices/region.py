@@ -1,7 +1,7 @@
-"""Region of interest: a JSON tree of inequalities and shapes, compiled to a flat program that one kernel evaluates.
+"""Region of interest: tables of its parts, which one kernel evaluates for each point.
 
 What a region document may say stands in `apexcal.documents.regions`. Boxes become inequalities, turned boxes and
-polygons a bounding box and a test of their corners; ``not`` exchanges true and false and costs nothing.
+polygons a bounding box and a test of their corners. A part holds where all its tests hold.
 """
 
 from __future__ import annotations
@@ -20,24 +20,76 @@ from apexcal.documents.regions import OPERATORS, QUANTITIES, Document, check_reg
 from workers.readers.recording import Sweep
 from workers.vertices.sensor_grid import level_rotation
 
-_ACCEPT: Final = -1
-_REJECT: Final = -2
 _POLYGON: Final = len(OPERATORS)  # the operator after the last comparison
 
 Node = Mapping[str, Any]
 
 
 @dataclass(slots=True)
-class _Program:
-    """Leaves in evaluation order; each names the next leaf for true and for false, or accept / reject.
+class _Tables:
+    """The parts of a region as tables for the kernel. A part holds where all its tests hold.
 
-    codes: quantity, divisor or -1, operator, next if true, next if false. Of a polygon the first two are the number
-    of its first corner and of the corner after its last.
+    tests: quantity, divisor or -1, operator. Of a polygon the first two are the number of its first corner and of the
+    corner after its last. parts: the number of the test after the part's last, and whether the part must hold.
     """
 
-    codes: list[tuple[int, int, int, int, int]] = field(default_factory=list[tuple[int, int, int, int, int]])
+    tests: list[tuple[int, int, int]] = field(default_factory=list[tuple[int, int, int]])
     values: list[float] = field(default_factory=list[float])
     corners: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
+    parts: list[tuple[int, bool]] = field(default_factory=list[tuple[int, bool]])
+
+    def append(self, part: Node, must_hold: bool) -> None:
+        """Append a part of a document."""
+        if "polygon" in part:
+            self._append_footprint(part["polygon"], part.get("z"))
+        elif "box" in part:
+            self._append_box(part["box"])
+        else:
+            divisor = QUANTITIES.index(part["divided_by"]) if "divided_by" in part else -1
+            self.tests.append((QUANTITIES.index(part["quantity"]), divisor, OPERATORS.index(part["op"])))
+            self.values.append(float(part["value"]))
+        self.parts.append((len(self.tests), must_hold))
+
+    def _append_box(self, box: Node) -> None:
+        (x, y, z), (x_end, y_end, z_end) = box["min"], box["max"]
+        yaw = math.radians(box.get("yaw_deg", 0.0))
+        if yaw == 0.0:
+            for quantity, low, high in zip(range(3), box["min"], box["max"], strict=True):
+                self._append_span(quantity, low, high)
+            return
+        c, s = math.cos(yaw), math.sin(yaw)
+        middle = (0.5 * (x + x_end), 0.5 * (y + y_end))
+        from_middle = [(a - middle[0], b - middle[1]) for a, b in ((x, y), (x_end, y), (x_end, y_end), (x, y_end))]
+        corners = [(middle[0] + c * a - s * b, middle[1] + s * a + c * b) for a, b in from_middle]
+        self._append_footprint(corners, (z, z_end))
+
+    def _append_footprint(self, corners: Sequence[Sequence[float]], heights: Sequence[float] | None) -> None:
+        if heights:
+            self._append_span(2, *heights)
+        # Most points fail at the bounding box, which costs less than the corners.
+        for axis in range(2):
+            along = [corner[axis] for corner in corners]
+            self._append_span(axis, min(along), max(along))
+        first = len(self.corners)
+        self.corners += [(float(x), float(y)) for x, y in corners]
+        self.tests.append((first, len(self.corners), _POLYGON))
+        self.values.append(0.0)
+
+    def _append_span(self, quantity: int, low: float, high: float) -> None:
+        self.tests += [(quantity, -1, OPERATORS.index(">=")), (quantity, -1, OPERATORS.index("<="))]
+        self.values += [float(low), float(high)]
+
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) least and greatest x, y and z of what may lie inside, by the parts that must hold."""
+        bounds = np.array([[-math.inf] * 3, [math.inf] * 3])
+        first = 0
+        for end, must_hold in self.parts:
+            for (quantity, divisor, operator), value in list(zip(self.tests, self.values, strict=True))[first:end]:
+                if must_hold and operator != _POLYGON and divisor < 0 and quantity < 3:
+                    row, closer = (0, max) if OPERATORS[operator].startswith(">") else (1, min)
+                    bounds[row, quantity] = closer(float(bounds[row, quantity]), value)
+            first = end
+        return bounds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +102,8 @@ class Region:
     """
 
     document: Document
-    _codes: NDArray[np.int32]
+    _tests: NDArray[np.int32]
+    _parts: NDArray[np.int32]
     _values: NDArray[np.float64]
     _corners: NDArray[np.float64] | None
     _bounds: NDArray[np.float64]
@@ -58,21 +111,24 @@ class Region:
 
     @classmethod
     def from_document(cls, document: object) -> Region:
-        """Check and compile a region document.
+        """Check a region document and make the kernel's tables of it.
 
         Raises:
-            RegionError: naming the path of the first bad node, or that the tree is too deep or too large.
+            RegionError: naming the path of the first bad part.
         """
         checked = check_region(document)
-        program = _Program()
-        _compile(_plain(checked.get("level", checked)), _ACCEPT, _REJECT, program)
+        tables = _Tables()
+        for member, must_hold in (("all", True), ("none", False)):
+            for part in checked.get(member, ()):
+                tables.append(part, must_hold)
         return cls(
             checked,
-            np.array(program.codes, np.int32),
-            np.array(program.values, np.float64),
-            np.array(program.corners, np.float64) if program.corners else None,
-            _bounds(program),
-            level_rotation(_direction(checked["up"])) if "level" in checked else None,
+            np.array(tables.tests, np.int32),
+            np.array(tables.parts, np.int32),
+            np.array(tables.values, np.float64),
+            np.array(tables.corners, np.float64) if tables.corners else None,
+            tables.bounds(),
+            level_rotation(_direction(checked["up"])) if "up" in checked else None,
         )
 
     def mask(self, xyz: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
@@ -86,7 +142,7 @@ class Region:
         """
         if xyz.ndim != 2 or xyz.shape[1] != 3:
             raise ValueError(f"xyz must have shape (N, 3), got {xyz.shape}")
-        return _mask(xyz, self._codes, self._values, self._corners, self._bounds, self._R_level_lidar)
+        return _mask(xyz, self._tests, self._parts, self._values, self._corners, self._bounds, self._R_level_lidar)
 
     @property
     def fixed_left_out(self) -> bool:
@@ -105,98 +161,6 @@ class Region:
 def _direction(up: Sequence[float]) -> NDArray[np.float64]:
     direction = np.array(up, np.float64)
     return direction / np.linalg.norm(direction)
-
-
-def _plain(node: Node) -> Node:
-    """The tree with its shapes written as inequalities and bare ``corners``."""
-    for name in ("and", "or"):
-        if name in node:
-            return {name: [_plain(child) for child in node[name]]}
-    if "not" in node:
-        return {"not": _plain(node["not"])}
-    if "polygon" in node:
-        return _footprint(node["polygon"], node.get("z"))
-    return _box(node["box"]) if "box" in node else node
-
-
-def _box(box: Node) -> Node:
-    (x, y, z), (x_end, y_end, z_end) = box["min"], box["max"]
-    yaw = math.radians(box.get("yaw_deg", 0.0))
-    if yaw == 0.0:
-        return {"and": [*_between("x", x, x_end), *_between("y", y, y_end), *_between("z", z, z_end)]}
-    c, s = math.cos(yaw), math.sin(yaw)
-    middle = (0.5 * (x + x_end), 0.5 * (y + y_end))
-    from_middle = [(a - middle[0], b - middle[1]) for a, b in ((x, y), (x_end, y), (x_end, y_end), (x, y_end))]
-    corners = [(middle[0] + c * a - s * b, middle[1] + s * a + c * b) for a, b in from_middle]
-    return _footprint(corners, (z, z_end))
-
-
-def _footprint(corners: Sequence[Sequence[float]], heights: Sequence[float] | None) -> Node:
-    xs, ys = [corner[0] for corner in corners], [corner[1] for corner in corners]
-    # Most points fail at the bounding box, which costs less than the corners.
-    nodes = [*_between("x", min(xs), max(xs)), *_between("y", min(ys), max(ys)), {"corners": corners}]
-    return {"and": [*_between("z", *heights), *nodes] if heights else nodes}
-
-
-def _between(quantity: str, low: float, high: float) -> list[Node]:
-    return [{"quantity": quantity, "op": ">=", "value": low}, {"quantity": quantity, "op": "<=", "value": high}]
-
-
-def _children(node: Node) -> Sequence[Node]:
-    return node.get("and") or node.get("or") or ([node["not"]] if "not" in node else ())
-
-
-def _leaves(node: Node) -> int:
-    children = _children(node)
-    return sum(_leaves(child) for child in children) if children else 1
-
-
-def _compile(node: Node, if_true: int, if_false: int, program: _Program) -> None:
-    """Append the node's leaves; jump targets make and / or short-circuit without a stack."""
-    children = _children(node)
-    if not children:
-        _append(node, if_true, if_false, program)
-        return
-    if "not" in node:
-        _compile(children[0], if_false, if_true, program)
-        return
-    conjunction = "and" in node
-    for index, child in enumerate(children):
-        following = len(program.values) + _leaves(child)
-        last = index == len(children) - 1
-        go_on = (if_true if conjunction else if_false) if last else following
-        if conjunction:
-            _compile(child, go_on, if_false, program)
-        else:
-            _compile(child, if_true, go_on, program)
-
-
-def _append(leaf: Node, if_true: int, if_false: int, program: _Program) -> None:
-    if "corners" in leaf:
-        first = len(program.corners)
-        program.corners += [(float(x), float(y)) for x, y in leaf["corners"]]
-        program.codes.append((first, len(program.corners), _POLYGON, if_true, if_false))
-        program.values.append(0.0)
-        return
-    divisor = QUANTITIES.index(leaf["divided_by"]) if "divided_by" in leaf else -1
-    operator = OPERATORS.index(leaf["op"])
-    program.codes.append((QUANTITIES.index(leaf["quantity"]), divisor, operator, if_true, if_false))
-    program.values.append(float(leaf["value"]))
-
-
-def _bounds(program: _Program) -> NDArray[np.float64]:
-    """(2, 3) least and greatest x, y and z, as the first leaves tell that all points inside must pass."""
-    bounds = np.array([[-math.inf] * 3, [math.inf] * 3])
-    for leaf, (quantity, divisor, operator, if_true, if_false) in enumerate(program.codes):
-        if if_false != _REJECT:
-            break
-        if operator != _POLYGON and divisor < 0 and quantity < 3:
-            above = OPERATORS[operator].startswith(">")
-            row, closer = (0, max) if above else (1, min)
-            bounds[row, quantity] = closer(float(bounds[row, quantity]), program.values[leaf])
-        if if_true != leaf + 1:
-            break
-    return bounds
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
@@ -227,10 +191,36 @@ def _in_polygon(x: float, y: float, corners: NDArray[np.float64], first: int, en
     return inside
 
 
+@nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _holds(
+    x: float,
+    y: float,
+    z: float,
+    test: NDArray[np.int32],
+    value: float,
+    corners: NDArray[np.float64] | None,
+) -> bool:
+    # Compiled away where the region has no polygon: a test more each time costs a fifth.
+    if corners is not None:  # noqa: SIM102
+        if test[2] == _POLYGON:
+            return _in_polygon(x, y, corners, test[0], test[1])
+    left = _quantity(test[0], x, y, z)
+    if test[1] >= 0:
+        left = left / _quantity(test[1], x, y, z)
+    if test[2] == 0:
+        return left < value
+    if test[2] == 1:
+        return left <= value
+    if test[2] == 2:
+        return left > value
+    return left >= value
+
+
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def _mask(
     xyz: NDArray[np.floating[Any]],
-    codes: NDArray[np.int32],
+    tests: NDArray[np.int32],
+    parts: NDArray[np.int32],
     values: NDArray[np.float64],
     corners: NDArray[np.float64] | None,
     bounds: NDArray[np.float64],
@@ -249,31 +239,21 @@ def _mask(
                 turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
                 turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z,
             )
-        # Most points fail here, at half of the cost of the leaves.
+        # Most points fail here, at half of the cost of the tests.
         if not (x_low <= x <= x_high and y_low <= y <= y_high and z_low <= z <= z_high):
             continue
-        leaf = 0
-        while leaf >= 0:
-            # Compiled away where the region has no polygon: a test more per leaf costs a fifth.
-            if corners is not None:  # noqa: SIM102
-                if codes[leaf, 2] == _POLYGON:
-                    holds = _in_polygon(x, y, corners, codes[leaf, 0], codes[leaf, 1])
-                    leaf = codes[leaf, 3] if holds else codes[leaf, 4]
-                    continue
-            left = _quantity(codes[leaf, 0], x, y, z)
-            if codes[leaf, 1] >= 0:
-                left = left / _quantity(codes[leaf, 1], x, y, z)
-            op = codes[leaf, 2]
-            if op == 0:
-                holds = left < values[leaf]
-            elif op == 1:
-                holds = left <= values[leaf]
-            elif op == 2:
-                holds = left > values[leaf]
-            else:
-                holds = left >= values[leaf]
-            leaf = codes[leaf, 3] if holds else codes[leaf, 4]
-        inside[i] = leaf == _ACCEPT
+        keep = True
+        test = 0
+        for part in range(parts.shape[0]):
+            holds = True
+            while holds and test < parts[part, 0]:
+                holds = _holds(x, y, z, tests[test], values[test], corners)
+                test += 1
+            if holds != (parts[part, 1] == 1):
+                keep = False
+                break
+            test = parts[part, 0]
+        inside[i] = keep
     return inside
 
 

@@ -229,7 +229,7 @@ def describe(
     points = np.concatenate([thing.points for some in things for thing in some])
     corners = area_around(points[:, :2], margin_m)
     still = np.concatenate(scene.background)
-    inside = still[Region.from_document({"polygon": corners.tolist()}).mask(still)]
+    inside = still[Region.from_document({"all": [{"polygon": corners.tolist()}]}).mask(still)]
     sentences = list(notes)
     # What rises or stands still matters to detectors that do not know the background.
     left_in = [] if poses else sentences
@@ -237,16 +237,11 @@ def describe(
     # A sensor of few rings may never have met the board where it was highest.
     z_high = max(float(np.max(points[:, 2])) + _ABOVE_M, ground + _REACH_M)
     posts = [] if poses else _posts(inside[(inside[:, 2] > z_low) & (inside[:, 2] < z_high)], left_in)
-    document: Document = {
-        "polygon": [[round(x, 2), round(y, 2)] for x, y in corners.tolist()],
-        "z": [round(z_low, 2), round(z_high, 2)],
-    }
+    heights = [round(z_low, 2), round(z_high, 2)]
+    area = {"polygon": [[round(x, 2), round(y, 2)] for x, y in corners.tolist()], "z": heights}
+    document: Document = {"all": [area]}
     if posts:
-        cut = [
-            {"not": {"box": {"min": [*low, document["z"][0]], "max": [*high, document["z"][1]]}}}
-            for low, high in posts
-        ]
-        document = {"and": [document, *cut]}
+        document["none"] = [{"box": {"min": [*low, heights[0]], "max": [*high, heights[1]]}} for low, high in posts]
     region = Region.from_document(document)
     counts = [int(np.count_nonzero(region.mask(xyz))) for number, xyz in scene.clouds.items() if things[number]]
     facts: Document = {
@@ -276,7 +271,7 @@ def in_level_axes(suggestion: Suggestion, level: Floats) -> Suggestion:
     tilt = math.degrees(math.acos(float(level[2, 2])))
     how = f"is tilted by {tilt:.0f} degrees" if tilt < 90.0 else f"hangs, {180.0 - tilt:.0f} degrees off upside down"
     note = f"The ground tells that the LiDAR {how}. The region is in level axes."
-    document: Document = {"level": suggestion.document, "up": [round(value, 5) for value in level[2].tolist()]}
+    document: Document = {**suggestion.document, "up": [round(value, 5) for value in level[2].tolist()]}
     return Suggestion(document, suggestion.facts | {"notes": [note, *suggestion.facts["notes"]]})
 
 

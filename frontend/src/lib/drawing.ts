@@ -1,7 +1,18 @@
 /** A region as lines and handles in a plane: moving a handle gives another region. Metres. */
 
 import type { Extent } from "./points/cloud.ts";
-import { cornersOf, MAX_CORNERS, type Box, type Inequality, type Point, type Polygon, type Region } from "./region.ts";
+import {
+  cornersOf,
+  MAX_CORNERS,
+  withParts,
+  type Box,
+  type Inequality,
+  type Member,
+  type Part,
+  type Point,
+  type Polygon,
+  type Region,
+} from "./region.ts";
 
 export type Plane = "top" | "front" | "side";
 type Axis = 0 | 1 | 2;
@@ -33,21 +44,14 @@ export interface Drawing {
   handles: Handle[];
 }
 
-/** Replaces a node, and returns the whole region. */
-type Put = (node: Region) => Region;
-
-interface Found {
-  node: Region;
-  put: Put;
-  cut: boolean;
-  key: string;
-}
+/** Replaces a part, and returns the whole region. */
+type Put = (part: Part) => Region;
 
 const SMALLEST_M = 0.1;
 
 /** All that the plane shows of a region. `reach`: where the lines of inequalities end. */
 export function drawingOf(region: Region, plane: Plane, reach: Extent): Drawing {
-  const parts = found(region, (node) => node, false, "").map((one) => drawn(one, plane, reach));
+  const parts = [...drawnParts(region, "all", plane, reach), ...drawnParts(region, "none", plane, reach)];
   // Later ones lie over earlier ones, so a corner is taken before the middle under it.
   const handles = parts.flatMap((one) => one.handles).sort((a, b) => RANKS[a.kind] - RANKS[b.kind]);
   return { outlines: parts.flatMap((one) => one.outlines), handles };
@@ -55,25 +59,15 @@ export function drawingOf(region: Region, plane: Plane, reach: Extent): Drawing 
 
 const RANKS: Record<Handle["kind"], number> = { middle: 0, new: 1, turn: 2, edge: 3, corner: 4 };
 
-function found(node: Region, put: Put, cut: boolean, key: string): Found[] {
-  if ("and" in node) {
-    const { and } = node;
-    return and.flatMap((child, i) => found(child, (made) => put({ and: and.with(i, made) }), cut, `${key}.${i}`));
-  }
-  if ("or" in node) {
-    const { or } = node;
-    return or.flatMap((child, i) => found(child, (made) => put({ or: or.with(i, made) }), cut, `${key}.${i}`));
-  }
-  if ("not" in node) return found(node.not, (made) => put({ not: made }), !cut, `${key}.n`);
-  return [{ node, put, cut, key }];
-}
-
-function drawn({ node, put, cut, key }: Found, plane: Plane, reach: Extent): Drawing {
-  if ("box" in node) return plane === "top" ? boxAbove(node, put, cut, key) : boxBeside(node, put, cut, key, plane);
-  if ("polygon" in node) {
-    return plane === "top" ? polygonAbove(node, put, cut, key) : polygonBeside(node, put, cut, key, plane, reach);
-  }
-  return "quantity" in node ? limit(node, put, key, plane, reach) : { outlines: [], handles: [] };
+function drawnParts(region: Region, member: Member, plane: Plane, reach: Extent): Drawing[] {
+  const parts = region[member] ?? [];
+  return parts.map((part, i) => {
+    const put: Put = (moved) => withParts(region, member, parts.with(i, moved));
+    const [key, cut] = [`${member}.${i}`, member === "none"];
+    if ("box" in part) return plane === "top" ? boxAbove(part, put, cut, key) : boxBeside(part, put, cut, key, plane);
+    if (!("polygon" in part)) return limit(part, put, key, plane, reach);
+    return plane === "top" ? polygonAbove(part, put, cut, key) : polygonBeside(part, put, cut, key, plane, reach);
+  });
 }
 
 function boxAbove({ box }: Box, put: Put, cut: boolean, key: string): Drawing {

@@ -2,7 +2,7 @@
 
 import { dot, levelRows } from "./level.ts";
 import type { Operator, Quantity } from "./api/types.ts";
-import { cornersOf, levelOf, type Box, type Polygon, type Region, type WholeRegion } from "./region.ts";
+import { cornersOf, type Box, type Part, type Polygon, type Region } from "./region.ts";
 
 type Test = (x: number, y: number, z: number) => boolean;
 type Measure = (x: number, y: number, z: number) => number;
@@ -26,9 +26,9 @@ const OPERATORS: Record<Operator, (value: number, limit: number) => boolean> = {
 };
 
 /** 1 for each point (x, y, z each, metres) that lies inside, 0 for others. */
-export function maskOf(region: WholeRegion, positions: Float32Array): Uint8Array {
-  const { tree, up } = levelOf(region);
-  const within = testOf(tree);
+export function maskOf({ all, none = [], up }: Region, positions: Float32Array): Uint8Array {
+  const [held, cut] = [all.map(testOf), none.map(testOf)];
+  const within: Test = (x, y, z) => held.every((test) => test(x, y, z)) && !cut.some((test) => test(x, y, z));
   const rows = up && levelRows(up);
   const test: Test = rows
     ? (x, y, z) => within(dot(rows[0], [x, y, z]), dot(rows[1], [x, y, z]), dot(rows[2], [x, y, z]))
@@ -40,26 +40,14 @@ export function maskOf(region: WholeRegion, positions: Float32Array): Uint8Array
   return kept;
 }
 
-function testOf(node: Region): Test {
-  if ("and" in node) {
-    const tests = node.and.map(testOf);
-    return (x, y, z) => tests.every((test) => test(x, y, z));
-  }
-  if ("or" in node) {
-    const tests = node.or.map(testOf);
-    return (x, y, z) => tests.some((test) => test(x, y, z));
-  }
-  if ("not" in node) {
-    const test = testOf(node.not);
-    return (x, y, z) => !test(x, y, z);
-  }
-  if ("box" in node) return boxTest(node.box);
-  if ("polygon" in node) return polygonTest(node.polygon, node.z);
-  const measure = QUANTITIES[node.quantity];
-  const compare = OPERATORS[node.op];
-  const limit = node.value;
-  if (!node.divided_by) return (x, y, z) => compare(measure(x, y, z), limit);
-  const divisor = QUANTITIES[node.divided_by];
+function testOf(part: Part): Test {
+  if ("box" in part) return boxTest(part.box);
+  if ("polygon" in part) return polygonTest(part.polygon, part.z);
+  const measure = QUANTITIES[part.quantity];
+  const compare = OPERATORS[part.op];
+  const limit = part.value;
+  if (!part.divided_by) return (x, y, z) => compare(measure(x, y, z), limit);
+  const divisor = QUANTITIES[part.divided_by];
   return (x, y, z) => compare(measure(x, y, z) / divisor(x, y, z), limit);
 }
 

@@ -1,21 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { DEFAULT_ROWS, describe, levelOf, parseRegion, partsOf, wholeOf, type Region } from "./region.ts";
+import { DEFAULT_ROWS, describe, parseRegion, withParts, type Region } from "./region.ts";
 
-const read = (text: string): Region => levelOf(parseRegion(text)).tree;
-
-test("rows become a conjunction and come back", () => {
-  assert.deepEqual(partsOf(read(JSON.stringify({ and: DEFAULT_ROWS }))), [...DEFAULT_ROWS]);
-});
-
-test("a region with an alternative is no list of rows", () => {
-  const text = '{"or": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "y", "op": "<", "value": 1}]}';
-  assert.equal(partsOf(read(text)), null);
-  assert.equal(describe(parseRegion(text)), "x > 0 or y < 1");
-});
-
+const X = { quantity: "x", op: ">", value: 0 };
 const SHAPES = {
-  and: [
+  all: [
     {
       polygon: [
         [2, -3],
@@ -24,52 +13,48 @@ const SHAPES = {
       ],
       z: [-1.6, 0.8],
     },
-    { box: { min: [1, 2, 3], max: [4, 5, 6], yaw_deg: 20 } },
     { quantity: "range", divided_by: null, op: "<", value: 28 },
   ],
+  none: [{ box: { min: [1, 2, 3], max: [4, 5, 6], yaw_deg: 20 } }],
 };
 
-test("shapes are leaves: they come back as they were", () => {
-  const region = read(JSON.stringify(SHAPES));
-  assert.deepEqual(region, SHAPES);
-  assert.deepEqual(partsOf(region), SHAPES.and);
-  assert.equal(partsOf({ or: [region] }), null);
+const read = (region: unknown): Region => parseRegion(JSON.stringify(region));
+
+test("the default comes back as it was, and so do shapes and what is cut out", () => {
+  assert.deepEqual(read({ all: DEFAULT_ROWS }), { all: [...DEFAULT_ROWS] });
+  assert.deepEqual(read(SHAPES), SHAPES);
 });
 
-test("shapes and their opposite are described", () => {
+test("a list of nothing that is cut out is left out", () => {
+  assert.deepEqual(read({ all: [X], none: [] }), read({ all: [X], none: null }));
+  const shapes = read(SHAPES);
+  assert.deepEqual(withParts(shapes, "none", []), { all: shapes.all });
+});
+
+test("a region is told in words", () => {
   assert.equal(
-    describe({ not: SHAPES }),
-    "not (polygon (3 corners, z -1.6 to 0.8) and box (x 1 to 4, y 2 to 5, z 3 to 6, turned by 20°) and range < 28)",
+    describe(read(SHAPES)),
+    "polygon (3 corners, z -1.6 to 0.8) and range < 28, without box (x 1 to 4, y 2 to 5, z 3 to 6, turned by 20°)",
   );
-});
-
-test("mistakes in shapes are named with their place", () => {
-  assert.throws(() => parseRegion('{"box": {"min": [0, 0], "max": [1, 1, 1]}}'), /region\.box\.min/);
-  assert.throws(() => parseRegion('{"box": {"min": [0, 0, 0], "max": [1, 0, 1]}}'), /not below max in y/);
-  assert.throws(() => parseRegion('{"or": [{"polygon": [[0, 0], [1, 1]]}]}'), /region\.or\[0\]\.polygon/);
-  assert.throws(() => parseRegion('{"not": {"polygon": [[0, 0], [1, 1], [1, "0"]]}}'), /not\.polygon\[2\]/);
-  assert.throws(() => parseRegion('{"polygon": [[0, 0], [1, 1], [1, 0]], "z": [2, 1]}'), /region\.z/);
-});
-
-test("a ratio is described as one", () => {
-  assert.equal(describe({ quantity: "z", divided_by: "x", op: ">", value: 0.2 }), "z / x > 0.2");
+  assert.equal(describe(read({ all: [{ ...X, quantity: "z", divided_by: "x", value: 0.2 }] })), "z / x > 0.2");
+  assert.equal(describe(read({ all: [X], up: [0, 0.342, 0.94] })), "in level axes: x > 0");
 });
 
 test("mistakes are named with their place", () => {
-  assert.throws(() => parseRegion('{"and": [{"quantity": "w", "op": ">", "value": 0}]}'), /region\.and\[0\]\.quantity/);
-  assert.throws(() => parseRegion('{"quantity": "x", "op": "=", "value": 0}'), /region\.op/);
-  assert.throws(() => parseRegion('{"quantity": "x", "op": ">", "value": "0"}'), /region\.value/);
+  const cases: [unknown, RegExp][] = [
+    [[X], /region: expected/],
+    [X, /region: it has beside "quantity"/],
+    [{ none: [X] }, /region\.all: expected a filled list/],
+    [{ all: [X], none: X }, /region\.none: expected a list/],
+    [{ all: [{ ...X, quantity: "w" }] }, /region\.all\[0\]\.quantity/],
+    [{ all: [{ ...X, op: "=" }] }, /region\.all\[0\]\.op/],
+    [{ all: [X, { ...X, value: "0" }] }, /region\.all\[1\]\.value/],
+    [{ all: [{ box: { min: [0, 0], max: [1, 1, 1] } }] }, /region\.all\[0\]\.box\.min/],
+    [{ all: [X], none: [{ box: { min: [0, 0, 0], max: [1, 0, 1] } }] }, /region\.none\[0\]\.box: .*not below max in y/],
+    [{ all: [{ polygon: [X, X] }] }, /region\.all\[0\]\.polygon/],
+    [{ all: [X], up: [0, 0, 0] }, /direction/],
+    [{ all: [X], up: [0, 1] }, /region\.up/],
+  ];
+  for (const [region, place] of cases) assert.throws(() => read(region), place);
   assert.throws(() => parseRegion("{"), /not JSON/);
-});
-
-test("a region in level axes keeps its direction of up", () => {
-  const level = { level: { and: [{ quantity: "z", op: ">", value: -1.7 }] }, up: [0, 0.342, 0.94] };
-  const whole = parseRegion(JSON.stringify(level));
-  const { tree, up } = levelOf(whole);
-  assert.deepEqual(up, [0, 0.342, 0.94]);
-  assert.deepEqual(JSON.parse(JSON.stringify(wholeOf(tree, up))), JSON.parse(JSON.stringify(whole)));
-  assert.equal(describe(whole), "in level axes: z > -1.7");
-  assert.throws(() => parseRegion('{"level": {"quantity": "x", "op": ">", "value": 0}}'), /region\.up/);
-  assert.throws(() => parseRegion('{"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, 0]}'), /direction/);
-  assert.throws(() => parseRegion('{"level": {"quantity": "w", "op": ">", "value": 0}, "up": [0, 0, 1]}'), /level/);
 });

@@ -1,6 +1,6 @@
 /**
  * A region of interest as the service takes it: inequalities in x, y, z, range and angles, boxes and polygons on the
- * ground, combined by and / or / not. The service checks every number; here only the form is checked.
+ * ground; all of some hold, and none of others. The service checks every number; here only the form is checked.
  */
 
 import { every, type Operator, type Quantity } from "./api/types.ts";
@@ -29,26 +29,17 @@ export interface Polygon {
   z?: [number, number];
 }
 
-export type Leaf = Inequality | Box | Polygon;
-export type Region = { and: Region[] } | { or: Region[] } | { not: Region } | Leaf;
+export type Part = Inequality | Box | Polygon;
 
-/** A whole region in the level axes of a tilted LiDAR; `up` is in the LiDAR's frame. */
-export interface Level {
-  level: Region;
-  up: Point;
+/** All parts of `all` hold and none of `none`. With `up`, in the LiDAR's frame, they are in its level axes. */
+export interface Region {
+  all: Part[];
+  none?: Part[];
+  up?: Point;
 }
 
-export type WholeRegion = Region | Level;
-
-/** The tree of a region, and up where it is in level axes. */
-export function levelOf(region: WholeRegion): { tree: Region; up: Point | null } {
-  return "level" in region ? { tree: region.level, up: region.up } : { tree: region, up: null };
-}
-
-/** A tree as a whole region again. */
-export function wholeOf(tree: Region, up: Point | null): WholeRegion {
-  return up ? { level: tree, up } : tree;
-}
+export type Member = "all" | "none";
+const MEMBERS: readonly Member[] = ["all", "none"];
 
 export const MAX_CORNERS = 64;
 
@@ -61,23 +52,10 @@ export const DEFAULT_ROWS: readonly Inequality[] = [
   { quantity: "z", divided_by: null, op: ">", value: -1.7 },
 ];
 
-/** A line of the list of parts that all must hold: a leaf, or a cut-out. */
-export type Part = Leaf | { not: Leaf };
-
-/** The parts of a region that is a plain list of parts that all hold, else null. */
-export function partsOf(region: Region): Part[] | null {
-  if (isPart(region)) return [region];
-  if (!("and" in region) || !region.and.every(isPart)) return null;
-  return [...region.and];
-}
-
-function isPart(node: Region): node is Part {
-  return isLeaf(node) || ("not" in node && isLeaf(node.not));
-}
-
-/** The region with one more part that must hold. */
-export function withPart(region: Region, part: Part): Region {
-  return { and: [...("and" in region ? region.and : [region]), part] };
+/** The region with other parts in one of its lists; an empty list of what is cut out is left out. */
+export function withParts(region: Region, member: Member, parts: Part[]): Region {
+  const { none, ...rest } = { ...region, [member]: parts };
+  return none?.length ? { ...rest, none } : rest;
 }
 
 /** A box's four corners seen from above, turned about its middle. */
@@ -93,21 +71,16 @@ export function cornersOf({ min, max, yaw_deg = 0 }: Box["box"]): [number, numbe
 }
 
 /** The region in words, for lists. */
-export function describe(region: unknown): string {
-  if (typeof region !== "object" || region === null) return "";
-  const node = region as Record<string, unknown>;
-  for (const word of ["and", "or"] as const) {
-    const children = node[word];
-    if (Array.isArray(children)) {
-      return children.map((child) => (isLeaf(child) ? describe(child) : `(${describe(child)})`)).join(` ${word} `);
-    }
-  }
-  if ("not" in node) return `not (${describe(node.not)})`;
-  if ("level" in node) return `in level axes: ${describe(node.level)}`;
-  if ("box" in node) return describeBox((node as unknown as Box).box);
-  if ("polygon" in node) return describePolygon(node as unknown as Polygon);
-  const { quantity, divided_by, op, value } = node as unknown as Inequality;
-  return `${quantity}${divided_by ? ` / ${divided_by}` : ""} ${op} ${value}`;
+export function describe({ all, none, up }: Region): string {
+  const parts = all.map(describePart).join(" and ");
+  const cut = none?.length ? `, without ${none.map(describePart).join(" and ")}` : "";
+  return `${up ? "in level axes: " : ""}${parts}${cut}`;
+}
+
+function describePart(part: Part): string {
+  if ("box" in part) return describeBox(part.box);
+  if ("polygon" in part) return describePolygon(part);
+  return `${part.quantity}${part.divided_by ? ` / ${part.divided_by}` : ""} ${part.op} ${part.value}`;
 }
 
 function describeBox(box: Box["box"]): string {
@@ -121,54 +94,48 @@ function describePolygon({ polygon, z }: Polygon): string {
   return `polygon (${String(polygon.length)} corners${heights})`;
 }
 
-function isLeaf(node: unknown): node is Leaf {
-  return typeof node === "object" && node !== null && ("quantity" in node || "box" in node || "polygon" in node);
-}
-
 /** Reads a region from text. Throws an Error whose message says where it is wrong. */
-export function parseRegion(text: string): WholeRegion {
+export function parseRegion(text: string): Region {
   let value: unknown;
   try {
     value = JSON.parse(text);
   } catch (error) {
     throw new Error(`This is not JSON: ${(error as Error).message}`, { cause: error });
   }
-  if (typeof value !== "object" || value === null || !("level" in value)) return checked(value, "region");
-  const up = numbers("up" in value ? value.up : null, 3, "region.up") as Point;
+  const given = objectOf(value, "region", '{"all": [parts]}, perhaps with "none": [parts]');
+  const stray = Object.keys(given).find((name) => !["all", "none", "up"].includes(name));
+  if (stray) throw new Error(`region: it has beside "${stray}".`);
+  const [all = [], none = []] = MEMBERS.map((member) => partsOf(given[member] ?? [], `region.${member}`));
+  if (all.length === 0) throw new Error("region.all: expected a filled list.");
+  const region = withParts({ all }, "none", none);
+  if ((given.up ?? null) === null) return region;
+  const up = numbers(given.up, 3, "region.up") as Point;
   if (Math.hypot(...up) < SHORTEST) throw new Error("region.up: it has no direction.");
   if (up.some((value) => Math.abs(value) > MOST)) throw new Error(`region.up: no number may be beyond ${MOST}.`);
-  return { level: checked(value.level, "region.level"), up };
+  return { ...region, up };
 }
 
 const SHORTEST = 1e-3;
 const MOST = 1e6;
 
-function checked(value: unknown, path: string): Region {
-  if (typeof value !== "object" || value === null || Array.isArray(value)) {
-    throw new Error(
-      `${path}: expected {"and": [...]}, {"or": [...]}, {"not": ...}, a box, a polygon or an inequality.`,
-    );
-  }
-  const node = value as Record<string, unknown>;
-  for (const word of ["and", "or"] as const) {
-    const children = node[word];
-    if (children === undefined) continue;
-    if (!Array.isArray(children) || children.length === 0) throw new Error(`${path}.${word}: expected a filled list.`);
-    const list = children.map((child, index) => checked(child, `${path}.${word}[${index}]`));
-    return word === "and" ? { and: list } : { or: list };
-  }
-  if ("not" in node) return { not: checked(node.not, `${path}.not`) };
-  if ("box" in node) return { box: box(node.box, `${path}.box`) };
-  if ("polygon" in node) return polygon(node, path);
-  if ("level" in node) throw new Error(`${path}: only a whole region may be in level axes.`);
-  return inequality(node, path);
+function objectOf(value: unknown, path: string, form: string): Record<string, unknown> {
+  const isObject = typeof value === "object" && value !== null && !Array.isArray(value);
+  if (!isObject) throw new Error(`${path}: expected ${form}.`);
+  return value as Record<string, unknown>;
+}
+
+function partsOf(value: unknown, path: string): Part[] {
+  if (!Array.isArray(value)) throw new Error(`${path}: expected a list of parts.`);
+  return value.map((part: unknown, i) => {
+    const at = `${path}[${i}]`;
+    const node = objectOf(part, at, "an inequality, a box or a polygon");
+    if ("box" in node) return { box: box(node.box, `${at}.box`) };
+    return "polygon" in node ? polygon(node, at) : inequality(node, at);
+  });
 }
 
 function box(value: unknown, path: string): Box["box"] {
-  if (typeof value !== "object" || value === null) {
-    throw new Error(`${path}: expected {"min": [x, y, z], "max": [x, y, z]}, perhaps with "yaw_deg".`);
-  }
-  const given = value as Record<string, unknown>;
+  const given = objectOf(value, path, '{"min": [x, y, z], "max": [x, y, z]}, perhaps with "yaw_deg"');
   const min = numbers(given.min, 3, `${path}.min`) as Point;
   const max = numbers(given.max, 3, `${path}.max`) as Point;
   const wrong = ["x", "y", "z"].find((_, i) => !((min[i] ?? NaN) < (max[i] ?? NaN)));

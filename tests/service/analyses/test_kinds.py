@@ -16,7 +16,7 @@ from tests.support.rows import LEVEL
 
 pytestmark = pytest.mark.usefixtures("broker")
 
-REGION = {"and": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range", "op": "<", "value": 30}]}
+REGION = {"all": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range", "op": "<", "value": 30}]}
 K = [400.0, 0.0, 320.0, 0.0, 400.0, 240.0, 0.0, 0.0, 1.0]
 LENS = {"width": 640, "height": 480, "distortion_model": "plumb_bob", "K": K, "D": []}
 STATED = {"lens": LENS, "transform": LEVEL}

@@ -11,7 +11,7 @@ from tests.service.detections.seeding import seed_marking, seed_recording, seed_
 
 pytestmark = pytest.mark.usefixtures("broker")
 
-REGION = {"and": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range", "op": "<", "value": 30}]}
+REGION = {"all": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range", "op": "<", "value": 30}]}
 
 
 def test_a_detection_is_stored_with_all_its_options_and_its_jobs(make_api):
@@ -78,8 +78,8 @@ def test_up_is_as_the_rig_states_it_unless_the_request_does(api, fleet, engineer
         ({"options": {"min_pionts": 5}}, "invalid_options", "min_pionts"),
         ({"options": {"max_spread_m": -1}}, "invalid_options", "max_spread_m"),
         ({"options": {"min_points": True}}, "invalid_options", "min_points"),
-        ({"region": {"and": [{"quantity": "q", "op": ">", "value": 1}]}}, "invalid_request", "$.and[0].quantity"),
-        ({"region": {"quantity": "x", "op": "==", "value": 1}}, "invalid_request", "$.op"),
+        ({"region": {"all": [{"quantity": "q", "op": ">", "value": 1}]}}, "invalid_request", "$.all[0].quantity"),
+        ({"region": {"all": [{"quantity": "x", "op": "==", "value": 1}]}}, "invalid_request", "$.all[0].op"),
         ({"pairing": {"mode": "spline"}}, "invalid_request", "pairing.mode"),
         ({"pairing": {"max_gap_ns": -1}}, "invalid_request", "pairing.max_gap_ns"),
         ({"regoin": 1}, "invalid_request", "regoin"),

@@ -92,7 +92,7 @@ def region_before(mount: Mount, ground_z: float, far_m: float) -> Mapping[str, A
     """Where boards are carried up to a distance, off the ground, as a document for the sensor's frame."""
     low, high = (ground_z + above for above in _HEIGHTS_M)
     box = {"box": {"min": [2.0, -6.2, low], "max": [far_m + 0.3, 6.2, high]}}
-    return {"level": box, "up": mount.rotation()[2].tolist()}
+    return {"all": [box], "up": mount.rotation()[2].tolist()}
 
 
 def draw(seed: int) -> DrawnScene:

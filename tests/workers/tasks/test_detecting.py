@@ -20,7 +20,7 @@ from workers.tasks.detecting import Pair, _camera_stamps, _marked_frames, _pair
 from workers.vertices.vertex import Detections, PoseFacts, SizeFacts
 from workers.vertices.vertex import Vertex as Found
 
-REGION = {"quantity": "x", "op": ">", "value": 0}
+REGION = {"all": [{"quantity": "x", "op": ">", "value": 0}]}
 PAIRING = {"mode": "nearest", "offset_ns": 0, "max_gap_ns": 100_000_000}
 
 

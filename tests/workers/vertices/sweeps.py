@@ -5,8 +5,8 @@ import numpy as np
 from workers.readers.recording import Sweep
 from workers.vertices.region import Region
 
-EVERYTHING = Region.from_document({"quantity": "range", "op": ">", "value": 0})
-IN_FRONT = Region.from_document({"quantity": "x", "op": ">", "value": 0})
+EVERYTHING = Region.from_document({"all": [{"quantity": "range", "op": ">", "value": 0}]})
+IN_FRONT = Region.from_document({"all": [{"quantity": "x", "op": ">", "value": 0}]})
 
 
 def sweep(points, *, stamp_ns=1_000_000_000, offset_ns=None):

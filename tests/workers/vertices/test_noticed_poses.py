@@ -84,7 +84,7 @@ def test_a_vertex_of_a_pose_has_its_sweeps_own_stamp():
     recording = still_poses("room", 2, 6)
     late = [replace(each, offset_ns=np.full(len(each.xyz), 60_000_000)) for each in recording.sweeps]
     low, high = recording.apex.min(axis=0) - 1.0, recording.apex.max(axis=0) + 1.0
-    region = Region.from_document({"box": {"min": low.tolist(), "max": high.tolist()}})
+    region = Region.from_document({"all": [{"box": {"min": low.tolist(), "max": high.tolist()}}]})
     detections = detect_range(Listed(late), region, "tolerant", {"max_top_points": 30}, indices=range(len(late)))
     assert detections.poses is not None and detections.vertices
     assert all(vertex.time_ns == late[vertex.sweep_index].stamp_ns for vertex in detections.vertices)
@@ -95,7 +95,7 @@ def test_a_region_that_leaves_boards_out_says_in_which_sweeps():
     poses = find_poses(recording.source, stated=True)
     assert poses is not None
     low, high = recording.apex[1] - (0.8, 0.8, 2.0), recording.apex[1] + (0.8, 0.8, 1.0)
-    region = Region.from_document({"box": {"min": low.tolist(), "max": high.tolist()}})
+    region = Region.from_document({"all": [{"box": {"min": low.tolist(), "max": high.tolist()}}]})
     out = [k for k in range(6) if not region.mask(recording.apex[k : k + 1])[0]]
     assert 1 not in out and len(out) == 5
     listed = _boards_outside(recording.source, range(6), poses, region, lambda: None)

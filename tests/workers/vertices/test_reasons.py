@@ -30,7 +30,7 @@ def test_what_no_board_does_is_said_with_its_number(hold, cause):
 
 def test_a_board_outside_of_the_region_is_found_and_named():
     recorded = walk(27, 8.0)
-    elsewhere = Region.from_document({"box": {"min": [2.0, 3.0, -1.5], "max": [6.0, 6.0, 1.5]}})
+    elsewhere = Region.from_document({"all": [{"box": {"min": [2.0, 3.0, -1.5], "max": [6.0, 6.0, 1.5]}}]})
     found = detect_range(recorded.source, elsewhere, "refined", SIZE, indices=recorded.all)
     sweep, x, y = re.fullmatch(
         r"sweep (\d+): .* at x (\S+), y (\S+) m", found.examples["outside_the_region"]

@@ -107,7 +107,7 @@ def arms_forward():
 # Before, 6 and 0 of these sweeps gave a vertex.
 @pytest.mark.parametrize("edges", [(0.61, 0.91), (0.0, 0.0)])
 def test_a_person_with_arms_forward_is_no_board(arms_forward, edges):
-    region = Region.from_document({"box": {"min": [10.0, -6.0, -1.5], "max": [22.0, 6.0, 1.5]}})
+    region = Region.from_document({"all": [{"box": {"min": [10.0, -6.0, -1.5], "max": [22.0, 6.0, 1.5]}}]})
     size = {"board_width_m": edges[0], "board_height_m": edges[1]}
     found = detect_range(arms_forward, region, "refined", size, indices=range(70))
     assert not found.vertices

@@ -16,27 +16,30 @@ CROSSED = {"polygon": [[0, 0], [8, 8], [8, 0], [0, 8]]}
 TURNED = {"box": {"min": [2, -3, -1], "max": [7, 4, 1.5], "yaw_deg": 33}}
 STRAIGHT = {"box": {"min": [-4, -3, -1], "max": [7, 4, 1.5]}}
 REGIONS = [
-    POLYGON,
-    CROSSED,
-    TURNED,
-    STRAIGHT,
-    {"and": [STRAIGHT, {"not": TURNED}]},
-    {"or": [{"and": [POLYGON, {"quantity": "z", "op": ">", "value": 0}]}, {"not": {"or": [TURNED, CROSSED]}}]},
-    {"quantity": "z", "divided_by": "x", "op": ">", "value": 0.2},
-    {"quantity": "y", "divided_by": "z", "op": "<=", "value": -1.5},
-    {"level": {"and": [POLYGON, {"not": TURNED}]}, "up": [0.1, 0.35, 0.9]},
-    {"level": {"quantity": "z", "op": ">", "value": 0.5}, "up": [0, 0, -2]},
-    {"level": STRAIGHT, "up": [0.95, 0.0, 0.2]},
-    *({"quantity": name, "op": "<", "value": 4.0} for name in QUANTITIES),
+    {"all": [POLYGON]},
+    {"all": [CROSSED]},
+    {"all": [TURNED]},
+    {"all": [STRAIGHT]},
+    {"all": [STRAIGHT], "none": [TURNED]},
+    {"all": [POLYGON, {"quantity": "z", "op": ">", "value": 0}], "none": [TURNED, CROSSED]},
+    {"all": [{"quantity": "z", "divided_by": "x", "op": ">", "value": 0.2}]},
+    {"all": [{"quantity": "y", "divided_by": "z", "op": "<=", "value": -1.5}]},
+    {"all": [POLYGON], "none": [TURNED], "up": [0.1, 0.35, 0.9]},
+    {"all": [{"quantity": "z", "op": ">", "value": 0.5}], "up": [0, 0, -2]},
+    {"all": [STRAIGHT], "up": [0.95, 0.0, 0.2]},
+    *({"all": [{"quantity": name, "op": "<", "value": 4.0}]} for name in QUANTITIES),
 ]
 
 
-def drawn(rng, depth=4):
-    """A tree of shapes and inequalities; limits of coordinates are whole, as some points are."""
-    if depth and rng.random() < 0.8:
-        kind = str(rng.choice(["and", "or", "not"]))
-        nodes = [drawn(rng, depth - 1) for _ in range(1 if kind == "not" else rng.integers(1, 5))]
-        return {kind: nodes[0] if kind == "not" else nodes}
+def drawn(rng):
+    """Shapes and inequalities, some cut out."""
+    parts = {"all": [drawn_part(rng) for _ in range(rng.integers(1, 4))]}
+    cut = [drawn_part(rng) for _ in range(rng.integers(3))]
+    return parts | {"none": cut} if cut else parts
+
+
+def drawn_part(rng):
+    """Limits of coordinates are whole, as some points are."""
     if rng.random() < 0.4:
         return (POLYGON, CROSSED, TURNED, STRAIGHT)[rng.integers(4)]
     names = [str(name) for name in rng.choice(QUANTITIES, 2)][: rng.integers(1, 3)]

@@ -16,7 +16,7 @@ from workers.vertices.sweep_source import Listed
 
 _EDGES_M = 0.8, 0.6
 _SIZE = {"board_width_m": 0.8, "board_height_m": 0.6}
-_REGION = Region.from_document({"box": {"min": [1.0, -3.0, -1.2], "max": [6.0, 3.0, 2.0]}})
+_REGION = Region.from_document({"all": [{"box": {"min": [1.0, -3.0, -1.2], "max": [6.0, 3.0, 2.0]}}]})
 _WALL_M, _SWEEPS, _POINTS = 7.0, 16, 1_250
 
 
@@ -114,7 +114,7 @@ def test_a_real_board_with_level_edges():
         source = Listed(list(recording.sweeps(lidar)))
     finally:
         recording.close()
-    region = Region.from_document({"box": {"min": [2.5, -1.2, -0.6], "max": [4.2, 0.8, 0.9]}})
+    region = Region.from_document({"all": [{"box": {"min": [2.5, -1.2, -0.6], "max": [4.2, 0.8, 0.9]}}]})
     options = {"board_width_m": 0.6, "board_height_m": 0.34, "upper_corner": 1}
     found = detect_range(source, region, "refined", options, indices=range(4), still=True)
     assert [vertex.sweep_index for vertex in found.vertices] == [0, 1, 2, 3]

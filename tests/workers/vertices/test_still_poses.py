@@ -32,7 +32,7 @@ def around(place, recording, margin_m=1.5):
     """A region as somebody would write it who looks at the walls too little."""
     low, high = recording.apex.min(axis=0) - margin_m, recording.apex.max(axis=0) + 0.5
     low[2], high[:2] = SETTINGS[place].ground_z + 0.1, high[:2] + margin_m - 0.5
-    return Region.from_document({"box": {"min": low.tolist(), "max": high.tolist()}})
+    return Region.from_document({"all": [{"box": {"min": low.tolist(), "max": high.tolist()}}]})
 
 
 def detected(recording, region, options, name="refined", **more):
@@ -199,7 +199,7 @@ def test_what_stands_at_one_place_is_never_the_vertex():
     ]  # fmt: skip
     found = detect_range(Listed(sweeps), region, "strict", indices=range(8))
     assert not [vertex for vertex in found.vertices if np.linalg.norm(np.array(vertex.xyz) - pillar[0]) < 0.1]
-    only = Region.from_document({"box": {"min": [0.9, -0.1, 0.0], "max": [1.1, 0.1, 1.0]}})
+    only = Region.from_document({"all": [{"box": {"min": [0.9, -0.1, 0.0], "max": [1.1, 0.1, 1.0]}}]})
     nothing = detect_range(Listed(sweeps), only, "strict", indices=range(8))
     assert all({"nothing_differs", "same_pose"} <= set(words.reasons) for words in DETECTORS.values())
     assert set(nothing.rejected) <= {"nothing_differs", "no_points"}

@@ -39,7 +39,7 @@ export interface Candidate {
   height?: number;
 }
 
-export type RegionNode = Schemas["RegionNode"] | Schemas["Level"];
+export type RegionParts = Schemas["RegionParts"];
 export type Quantity = Schemas["Inequality"]["quantity"];
 export type Operator = Schemas["Inequality"]["op"];
 export type PairingMode = NonNullable<Schemas["Pairing"]["mode"]>;

@@ -92,7 +92,7 @@ BODIES = {
     "/rigs": RIG,
     "/detections/{detection_id}/correspondence-sets": {"camera": "front"},
     "/rigs/{rig_id}/correspondence-sets": {"pairs": [{"x": 1.0, "y": 0.0, "z": 0.0, "u": 10.0, "v": 10.0}]},
-    "/detections": {"region": {"quantity": "x", "op": ">", "value": 0}},
+    "/detections": {"region": {"all": [{"quantity": "x", "op": ">", "value": 0}]}},
     "/analyses": {"kind": "suggestion", "recording_id": WORTHLESS},
     "/fleet-requests": {"vehicles": {}},
     "/address": {"size": 1, "sha256": "0" * 64},
