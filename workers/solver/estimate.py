@@ -196,11 +196,12 @@ def _with_shared_errors(result: Estimate) -> Estimate:
     plain, bias = with_people(here, alone)
     # A planned noise has no residuals to be told from.
     plain = own_noise(plain) if plain.terms and spread.freedom else plain
+    plain = replace(plain, noise=max(plain.noise, _least_noise(here)))
     plain = replace(plain, moved=_moved(here, result.parameters, p))
     shared = shared_errors(here, p, plain)
     errors = plain if shared is None else shared.errors
     stated = beside_decentring(here, p, errors)
-    if stated is not plain or plain.common.shape[2] or np.any(plain.moved):
+    if stated is not plain or plain.common.shape[2] or np.any(plain.moved) or plain.noise > alone.noise:
         unit, free = units_of(spread.names), slice(len(spread.names))
         covariance = stated.covariance()[free, free]
         spread = replace(
@@ -212,6 +213,17 @@ def _with_shared_errors(result: Estimate) -> Estimate:
         )
     named, wider = (shared.named, shared.wider) if shared is not None else (None, None)
     return replace(result, spread=spread, errors=errors, plain=plain, wider=wider, shared=named, bias=bias)
+
+
+def _least_noise(problem: FitProblem) -> float:
+    """The least noise (px^2) of a whitened problem's pairs: what they state, where they are too few for blocks.
+
+    What pairs share is no scatter. Blocks tell how large it is; fewer pairs may be off by what they state, however
+    little they scatter (errors are scaled up by residuals, never down: Birge 1932; Particle Data Group).
+    """
+    stated = problem.covariances
+    states_points = stated is not None and bool(np.any(stated.points))
+    return problem.mark_sigma_px**2 if states_points and problem.blocks is None else 0.0
 
 
 def _moved(problem: FitProblem, to: Floats, begin: Floats) -> Floats:

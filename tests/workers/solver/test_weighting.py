@@ -10,7 +10,9 @@ from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, PLAIN, SIZE, finish_plain, simulated
 from workers.geometry.models import DEFAULT_MODELS
 from workers.geometry.spherical import axes
+from workers.solver.blocks import blocks_of
 from workers.solver.covariances import SIGMAS, Covariances, covariances_of
+from workers.solver.estimate import estimate
 from workers.solver.outcomes import SolveError
 from workers.solver.outliers import judge
 from workers.solver.polish import polish, weighted_residuals
@@ -109,6 +111,22 @@ def test_a_poor_vertex_is_no_outlier_and_a_good_one_is():
     # Equal weights name a poor vertex, and overlook the mark that is far off for a good one.
     assert [one.index for one in judge(replace(problem, covariances=None), truth).outliers] == [146]
     assert sigma[146] > 2.5 * np.median(sigma)
+
+
+def test_few_pairs_may_be_off_by_what_they_state_and_many_say_what_they_share():
+    """What pairs share does not scatter. Of 39 nothing tells it; of 120 of a walk their likelihood does."""
+    grown = []
+    for pairs in (39, 120):
+        problem, truth, _ = unequal("pinhole", 12, pairs=pairs)
+        blocks = blocks_of({"x": problem.points[:, 0], "stamp_ns": np.arange(pairs) * 400_000_000})
+        assert (blocks is None) == (pairs == 39)
+        wide = Covariances(9.0 * problem.covariances.points, 9.0 * problem.covariances.marks)
+        stated, larger = (
+            estimate(replace(problem, covariances=each, blocks=blocks), truth) for each in (problem.covariances, wide)
+        )
+        assert larger.spread.noise_scale < 0.5
+        grown.append(np.median(larger.spread.std / stated.spread.std))
+    assert grown[0] > 2.0 and grown[1] < 1.5
 
 
 @pytest.mark.parametrize("loss", ["mean", "saturating"])
