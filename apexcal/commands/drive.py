@@ -40,7 +40,7 @@ def check(
     Args:
         path: Recording of a drive, as `apexcal upload` takes it.
         tf_from: URDF, or recording with /tf_static, that the mounts are read from instead; or calibration files of
-            text (KITTI, OpenCV, Kalibr and more), one option each, that state mounts and lenses.
+            text (KITTI, nuScenes, OpenCV, Kalibr and more), one option each, that state mounts and lenses.
         output: Folder for the pictures; DRIVE.check if not given.
         as_json: Print the outcome as JSON.
     """
@@ -50,7 +50,7 @@ def check(
     if folder.is_dir() and any(folder.iterdir()) and not force:
         usage(f"{folder} holds files already", "Name another folder with -o, or say --force")
     reading = reading_of(topic, still=False, lidar_model=lidar_model, rings=rings)
-    answer = read_file("workers.validation.drive_check", path, folder, reading, **_mounts(tf_from or []))
+    answer = read_file("workers.validation.drive_check", path, folder, reading, **_mounts(path, tf_from or []))
     if "error" in answer:
         refuse(answer["error"], f"apexcal check {path}")
     checked = DriveCheck.model_validate(answer["check"])
@@ -60,14 +60,13 @@ def check(
     raise typer.Exit(WITHHELD if verdicts & {"look", "stop"} else 0 if verdicts == {"pass"} else FAILED)
 
 
-def _mounts(files: list[Path]) -> dict[str, Any]:
+def _mounts(recording: Path, files: list[Path]) -> dict[str, Any]:
     """Where the mounts are read from, as the reader is asked."""
     if not files:
         return {}
     if all(file.is_file() and file.suffix.lower() in _TEXTS for file in files):
-        child = subprocess.run(
-            (sys.executable, "-m", "service.imports", *map(str, files)), stdout=subprocess.PIPE, text=True
-        )
+        command = (sys.executable, "-m", "service.imports", str(recording), *map(str, files))
+        child = subprocess.run(command, stdout=subprocess.PIPE, text=True)
         outcome = json.loads(child.stdout.splitlines()[-1]) if child.stdout else {}
         if "read" not in outcome:
             error = outcome.get("error") or {
@@ -102,4 +101,14 @@ def _words(verdict: str) -> str:
 
 
 def _turn(axis: AxisCheck) -> str:
-    return "" if axis.turn_deg is None else f" ({axis.turn_deg:+.2f} +- {axis.sigma_deg:.2f} degrees)"
+    """The turn that fits; to a degree of a mount that is far off. Of what is not told: why."""
+    if axis.verdict == "not_told":
+        return f": {axis.sentence}"
+    if axis.turn_deg is None or axis.sigma_deg is None:
+        return ""
+    is_rough = axis.sigma_deg >= 1.0
+    return (
+        f" (about {axis.turn_deg:+.0f} degrees)"
+        if is_rough
+        else f" ({axis.turn_deg:+.2f} +- {axis.sigma_deg:.2f} degrees)"
+    )

@@ -23,6 +23,7 @@ ImportFormat = Literal[
     "orb_slam",
     "direct_visual",
     "sensors_calibration",
+    "nuscenes",
 ]
 FileText = Annotated[str, Field(max_length=60_000)]
 

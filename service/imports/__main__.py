@@ -1,6 +1,7 @@
-"""Calibration files read without a service: ``python -m service.imports FILE...``.
+"""Calibration files read without a service: ``python -m service.imports RECORDING FILE...``.
 
-One line of JSON: ``read``, as ``POST /v1/calibration-files/reading`` answers, or ``error``.
+One line of JSON: ``read``, as ``POST /v1/calibration-files/reading`` answers, or ``error``. Of a dataset's tables the
+recording's files tell which records count; a lens without an image size has 0 x 0 pixels.
 """
 
 from __future__ import annotations
@@ -13,14 +14,16 @@ from pydantic import ValidationError
 
 from apexcal.documents.imports import CalibrationFiles
 from service.imports.formats import files_view
+from service.imports.nuscenes import of_recording
 from service.platform.http.problems import Problem
 
 
-def main(paths: list[str]) -> int:
+def main(recording: str, *paths: str) -> int:
     """Print what the files hold."""
     texts = {Path(path).name: Path(path).read_text("utf-8", "replace") for path in paths}
     try:
-        print(json.dumps({"read": files_view(CalibrationFiles(files=texts)).model_dump(mode="json")}))
+        sent = CalibrationFiles(files=of_recording(texts, Path(recording)))
+        print(json.dumps({"read": files_view(sent, needs_size=False).model_dump(mode="json")}))
     except ValidationError as error:
         what = f"{' and '.join(texts)}: {error.errors()[0]['msg']}."
         print(json.dumps({"error": {"message": what, "hint": "Name one to four calibration files of text."}}))
@@ -32,4 +35,4 @@ def main(paths: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(*sys.argv[1:]))

@@ -26,6 +26,7 @@ from service.imports.lidar_tools import (
 from service.imports.members import AS_CAMERA_INFO, blocks, listed
 from service.imports.mounts import AS_MOUNT, is_pose, with_mounts
 from service.imports.named_lens import named_cameras
+from service.imports.nuscenes import is_nuscenes, read_nuscenes
 from service.imports.opencv import is_opencv_stereo, read_opencv_stereo
 from service.imports.ost import is_ost, read_ost
 from service.imports.plausibility import known_lens, lens_doubts, mount_doubts
@@ -47,13 +48,6 @@ def _read_camera_info(name: str, document: _Member) -> Contents:
 
 
 def _read_named(name: str, document: _Member) -> Contents:
-    if any({"sensor_token", "camera_intrinsic"} <= set(block) for _, block in blocks(document)):
-        raise refused(
-            f"{name} is nuScenes' calibrated_sensor.json: poses of sensors on the vehicle, for every log.",
-            "A record's rotation (w x y z) and translation map the sensor's points into the vehicle's frame, so "
-            "T_camera_lidar is the camera's inverse times the LiDAR's, both of one log. Its images are undistorted. "
-            + AS_CAMERA_INFO,
-        )
     cameras, notes = named_cameras(name, document)
     contents = with_mounts(Contents(cameras, notes=notes), document)
     if contents.cameras:
@@ -94,9 +88,12 @@ def read_files(sent: CalibrationFiles) -> Read:
     if of_kitti:
         of_kitti |= {name: text for name, text in sent.files.items() if bare_matrix(text)}
     reads = {" and ".join(of_kitti): Read("kitti", read_kitti(of_kitti))} if of_kitti else {}
+    of_nuscenes = {name: text for name, text in sent.files.items() if is_nuscenes(text)}
+    if of_nuscenes:
+        reads[" and ".join(of_nuscenes)] = Read("nuscenes", read_nuscenes(of_nuscenes))
     documents: dict[str, _Member] = {}
     for name, text in sent.files.items():
-        if name in of_kitti:
+        if name in of_kitti or name in of_nuscenes:
             continue
         if is_ost(text):
             reads[name] = Read("camera_info", read_ost(name, text))
@@ -144,12 +141,16 @@ def _joined(reads: Mapping[str, Read]) -> Read:
     )
 
 
-def files_view(sent: CalibrationFiles) -> ReadFiles:
-    """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
+def files_view(sent: CalibrationFiles, *, needs_size: bool = True) -> ReadFiles:
+    """What files hold. A lens without an image size has 0 x 0 pixels where ``needs_size`` is false.
+
+    Raises:
+        Problem: 422 ``calibration_file_not_read``.
+    """
     kind, content = read_files(sent)
     return ReadFiles(
         format=kind,
-        cameras=[_camera(camera, sent.image_size) for camera in content.cameras],
+        cameras=[_camera(camera, sent.image_size or (None if needs_size else (0, 0))) for camera in content.cameras],
         camera_transforms=[transform_view(transform) for transform in content.camera_transforms],
         notes=content.notes,
     )
@@ -164,8 +165,8 @@ def _camera(camera: FileCamera, size: tuple[int, int] | None) -> ReadCamera:
     doubts: list[str] = []
     lens = mount = None
     if camera.lens is not None:
-        read = known_lens(camera.name, camera.lens, size)
-        doubts += lens_doubts(read)
+        read = known_lens(camera.name, camera.lens, camera.lens.size if size == (0, 0) and camera.lens.size else size)
+        doubts += lens_doubts(read) if read.width else []
         lens = ReadLens(
             width=read.width,
             height=read.height,

@@ -50,6 +50,7 @@ def other_data(session: Session, results: Sequence[Result]) -> dict[UUID, list[J
         data = names.get(row.recording_id or of_pairs) or f"pairs from {pairs.source if pairs else 'elsewhere'}"
         at = f"{row.created_at:%Y-%m-%d %H:%M} UTC"
         content = row.result | {"kind": DATA_BY_KIND[row.kind], "data": data, "at": at, "id": str(row.id)}
+        content["recording_id"] = row.recording_id and str(row.recording_id)
         assert row.result_id is not None
         by_result[row.result_id].setdefault((row.kind, row.set_id or row.recording_id), content)
     return {result.id: list(by_result[result.id].values()) for result in results}

@@ -69,6 +69,8 @@ def watch(
     places, colour = [(offset, length) for _, offset, length in frames], isinstance(check, LaneCheck)
     images = decoded_frames(camera, places, scratch, colour=colour, widest=check.widest_px, must_stop=must_stop)
     motion = motion or drive_motion(lidar, check.calibration, frames)
+    if isinstance(check, EdgeCheck):
+        check.is_motion_told = motion.is_told
     for number, (sweep, at, image) in enumerate(zip(motion.sweeps, motion.motions, images, strict=True)):
         on_share(number / len(frames))
         if image is not None and at is not None:
@@ -156,17 +158,13 @@ def _deployed(inspection: Inspection, camera: InspectedSensor, of_rig: Camera) -
 
 
 def _of_files(camera: InspectedSensor, calibrations: Sequence[ReadCamera]) -> KnownCalibration | str:
-    """The calibration that files state of a camera: of its size, and of its name's number where there are several."""
+    """The calibration that files state of a camera: of its size, and of its name where there are several."""
     fitting = [
         stated for stated in calibrations
         if stated.lens and stated.T_camera_lidar
-        and camera.image_size in (None, (stated.lens.width, stated.lens.height))
+        and (not stated.lens.width or camera.image_size in (None, (stated.lens.width, stated.lens.height)))
     ]  # fmt: skip
-    number = re.findall(r"\d+", camera.name)[-1:]
-    named = [
-        stated for stated in fitting if stated.name == camera.name or re.findall(r"\d+", stated.name)[-1:] == number
-    ]
-    chosen = named if len(fitting) > 1 else fitting
+    chosen = _named(camera, fitting) if len(fitting) > 1 else fitting
     if len(chosen) != 1:
         names = ", ".join(stated.name for stated in calibrations)
         what = "no lens with a mount" if not fitting else "several calibrations"
@@ -176,8 +174,24 @@ def _of_files(camera: InspectedSensor, calibrations: Sequence[ReadCamera]) -> Kn
     values = parameters_of(lens.model_dump(), lens.model)
     if not values:
         return f"Its lens ({lens.distortion_model}) has no equal here."
-    intrinsics = {"model": lens.model, "image_size": [lens.width, lens.height], **values}
+    size = [lens.width, lens.height] if lens.width else [*(camera.image_size or ())]
+    intrinsics = {"model": lens.model, "image_size": size, **values}
     return KnownCalibration.of({"intrinsics": intrinsics, "transform": mount.model_dump(mode="json")})
+
+
+def _named(camera: InspectedSensor, calibrations: Sequence[ReadCamera]) -> Sequence[ReadCamera]:
+    """Those of a camera's name or folder, else of its number: KITTI's image_02 is 02, P2, or rectified rect_02."""
+    names = {camera.name.lower(), *camera.topic.lower().split("/")}
+    if named := [stated for stated in calibrations if stated.name.lower() in names]:
+        return named
+    number = _number(camera.name)
+    named = [stated for stated in calibrations if number is not None and _number(stated.name) == number]
+    is_rectified = "rect" in camera.topic
+    return [stated for stated in named if ("rect" in stated.name) == is_rectified] if len(named) > 1 else named
+
+
+def _number(name: str) -> int | None:
+    return int(digits[-1]) if (digits := re.findall(r"\d+", name)) else None
 
 
 def _checked(

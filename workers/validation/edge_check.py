@@ -37,6 +37,7 @@ class EdgeCheck:
 
     def __init__(self, calibration: KnownCalibration) -> None:
         self.calibration = calibration
+        self.is_motion_told = True
         self._frames: list[EdgeFrame] = []
 
     def add(self, sweep: Sweep, image: NDArray[np.uint8], motion: Motion = STANDING) -> None:
@@ -66,7 +67,7 @@ class EdgeCheck:
 
     def verdict(self, lanes: dict[str, Any] | None = None) -> MountVerdict:
         """What the frames, and lane markers where their result is given, say of the mount."""
-        return judge_mount(self._summits, len(self._frames), lanes)
+        return judge_mount(self._summits, len(self._frames), lanes, is_motion_told=self.is_motion_told)
 
     @property
     def score(self) -> float:

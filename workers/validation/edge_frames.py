@@ -19,9 +19,11 @@ Floats = NDArray[np.float64]
 
 # A gradient of its surroundings' strength, as a byte of a map.
 UNIT: Final = 24.0
-# Cells of the image, and how much nearer than an edge something in its cell must be to hide it from the camera.
+# Cells across the image, and how much nearer than an edge something in its cell must be to hide it from the camera.
 _CELLS: Final = 24
 _NEARER: Final = 1.3
+# How wide an image's edge is, with its blur and the beam's: what is less well placed by the LiDAR tells less.
+_WIDTH_RAD: Final = np.radians(0.25)
 # Regions of the image that take turns among the groups.
 _REGIONS: Final = (10, 6)
 # Edges of a frame that are looked at, and how far beside the image they may lie, in focal lengths (15 degrees).
@@ -33,17 +35,18 @@ class EdgeFrame(NamedTuple):
     """A frame and what its LiDAR saw, at the frame's moment.
 
     Attributes:
-        points, beyond: (N, 3) depth edges as :class:`DepthEdges` has them, metres, LiDAR frame.
+        points, beyond: (N, 3) depth edges as :class:`DepthEdges` has them, metres, LiDAR frame; without those that
+            something nearer hides from the camera, which stands elsewhere than the LiDAR.
         group: (N,) groups whose errors are independent: regions of the image.
-        cloud: (M, 3) all points in view.
         maps: (2, h, w) bytes: gradients across u and v.
+        weight: (N,) what an edge tells: a half, where the directions it lies between are as far apart as it is wide.
         scale: pixels of the maps that make one of the calibration.
     """
 
     points: Floats
     beyond: Floats
     group: NDArray[np.int64]
-    cloud: Floats
+    weight: Floats
     maps: NDArray[np.uint8]
     scale: float
 
@@ -57,6 +60,7 @@ class EdgeFrame(NamedTuple):
         cloud = motion.applied(sweep.xyz.astype(np.float64), sweep.offset_ns)
         beside = _BESIDE * float(calibration.intrinsics[0])
         pixels, is_near = _near(calibration, points, beside)
+        is_near &= ~_hidden(calibration, points, cloud)
         chosen = np.flatnonzero(is_near)
         if len(chosen) > _MOST_EDGES:
             chosen = np.sort(np.random.default_rng(0).choice(chosen, _MOST_EDGES, replace=False))
@@ -64,9 +68,10 @@ class EdgeFrame(NamedTuple):
         column, row = cell.astype(np.int64).T
         group = (row * _REGIONS[0] + column) % MOST_GROUPS
         maps = np.clip(UNIT * edge_image(image), 0.0, 255.0).astype(np.uint8)
-        in_view = cloud[_near(calibration, cloud, beside)[1]]
         scale = image.shape[1] / calibration.image_size[0]
-        return cls(points[chosen], beyond[chosen], group, in_view, maps, scale)
+        points, beyond = points[chosen], beyond[chosen]
+        gap = 2.0 * np.linalg.norm(beyond - points, axis=1) / np.linalg.norm(points, axis=1)
+        return cls(points, beyond, group, _WIDTH_RAD / (_WIDTH_RAD + gap), maps, scale)
 
     def made_smaller(self, pixel_rad: float, focal_px: float) -> EdgeFrame:
         """The same with maps whose pixels are so large, if theirs are smaller."""
@@ -85,27 +90,26 @@ class EdgeFrame(NamedTuple):
         pixels, is_visible = calibration.project(points)
         far_pixels = calibration.project(beyond)[0]
         is_visible &= np.isfinite(far_pixels).all(axis=1)
-        is_visible[is_visible] = ~self._hidden(calibration, points[is_visible], pixels[is_visible])
         pixels = pixels[is_visible]
         across = np.abs(far_pixels[is_visible] - pixels)
-        across /= np.maximum(np.linalg.norm(across, axis=1), 1e-9)[:, None]
+        across *= (self.weight[::every][is_visible] / np.maximum(np.linalg.norm(across, axis=1), 1e-9))[:, None]
         return ImageParts(pixels, calibration.jacobians(points[is_visible])[0], across, group[is_visible])
 
-    def _hidden(self, calibration: KnownCalibration, points: Floats, pixels: Floats) -> NDArray[np.bool_]:
-        """Which points something nearer may hide from the camera, which stands elsewhere than the LiDAR."""
-        where, is_visible = calibration.project(self.cloud)
-        size = calibration.image_size[0] / _CELLS
-        rows = int(calibration.image_size[1] / size) + 2
 
-        def cell(pixels: Floats) -> NDArray[np.int64]:
-            column, row = np.floor((pixels + 0.5) / size).astype(np.int64).T
-            return (row + 1) * (_CELLS + 2) + column + 1
+def _hidden(calibration: KnownCalibration, points: Floats, cloud: Floats) -> NDArray[np.bool_]:
+    """(N,) which points something nearer may hide from the camera. A turn of the mount changes nothing of it."""
+    size = calibration.image_size[0] / calibration.intrinsics[0] / _CELLS
 
-        nearest = np.full((rows + 1) * (_CELLS + 2), np.inf)
-        depth = calibration.mount.apply(self.cloud[is_visible])[:, 2]
-        np.minimum.at(nearest, cell(where[is_visible]), depth)
-        own = calibration.mount.apply(points)[:, 2]
-        return own > _NEARER * nearest[cell(pixels)]
+    def cells(points: Floats) -> tuple[NDArray[np.int64], Floats]:
+        x, y, z = calibration.mount.apply(points).T
+        column, row = np.floor(np.arctan2(x, z) / size), np.floor(np.arctan2(y, np.hypot(x, z)) / size)
+        return (row * 1000 + column).astype(np.int64), np.sqrt(x * x + y * y + z * z)
+
+    (cell, own), (of_cloud, distance) = cells(points), cells(cloud)
+    numbers, index = np.unique(np.concatenate([cell, of_cloud]), return_inverse=True)
+    nearest = np.full(len(numbers), np.inf)
+    np.minimum.at(nearest, index[len(points) :], distance)
+    return own > _NEARER * nearest[index[: len(points)]]
 
 
 def _near(calibration: KnownCalibration, points: Floats, beside_px: float) -> tuple[Floats, NDArray[np.bool_]]:

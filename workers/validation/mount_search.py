@@ -11,9 +11,11 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from apexcal.geometry.rotations import vector_from_rotation
+from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
+from workers.geometry.projection import project
 from workers.validation.calibration import KnownCalibration
 from workers.validation.edge_frames import UNIT, EdgeFrame
 from workers.validation.offsets import MOST_GROUPS, jackknife, look_up
@@ -97,23 +99,23 @@ class MountSearch:
         """The best turns of the coarse grid, each APART_DEG from the others, the deployed mount first."""
         every = max(self._edges // _COARSE_EDGES, 1)
         small = [frame.made_smaller(np.radians(_COARSE_DEG), self._focal_px) for frame in self._frames]
-        points, beyond = (
-            np.concatenate([getattr(frame, name)[::every] for frame in small]) for name in ("points", "beyond")
+        points, beyond, weight = (
+            np.concatenate([getattr(frame, name)[::every] for frame in small])
+            for name in ("points", "beyond", "weight")
         )
         of_frame = np.repeat(np.arange(len(small)), [len(frame.points[::every]) for frame in small])
         maps, scale = np.stack([frame.maps for frame in small]), small[0].scale
         steps = np.arange(-REACH_DEG, REACH_DEG + 0.1, _STEP_DEG)
         rolls = np.arange(-REACH_DEG, REACH_DEG + 0.1, _ROLL_STEP_DEG)
         turns = np.stack(np.meshgrid(steps, steps, rolls, indexing="ij"), axis=-1).reshape(-1, 3)
-        across = _across(self._calibration, points, beyond)
+        across = weight[:, None] * _across(self._calibration, points, beyond)
+        in_camera = self._calibration.mount.apply(points)
         sums, counts = np.zeros(len(turns)), np.zeros(len(turns))
         for number, turn in enumerate(turns):
-            pixels, is_visible = self._calibration.moved(turn, np.zeros(3)).project(points)
-            column, row = ((pixels[is_visible] + 0.5) * scale).astype(np.int64).T
-            column, row = np.minimum(column, maps.shape[3] - 1), np.minimum(row, maps.shape[2] - 1)
-            layer = of_frame[is_visible]
-            sums[number] = sum(across[is_visible, c] @ maps[layer, c, row, column] for c in range(2))
-            counts[number] = len(layer)
+            R = rotation_from_vector(np.radians(turn))
+            pixels, violation = project(self._calibration.model, self._calibration.intrinsics, in_camera @ R.T)
+            is_visible = self._calibration.shows(pixels, violation)
+            sums[number], counts[number] = _looked_up(maps, scale, pixels, is_visible, across, of_frame)
         # Few edges in the image have a high mean by chance.
         excess = (sums - UNIT * counts) / np.maximum(counts, 0.5 * counts.max() + 1.0)
         chosen = [np.zeros(3)]
@@ -198,6 +200,28 @@ def _across(calibration: KnownCalibration, points: Floats, beyond: Floats) -> Fl
     with np.errstate(invalid="ignore"):
         across = np.abs(np.nan_to_num(calibration.project(beyond)[0] - calibration.project(points)[0]))
     return across / np.maximum(np.linalg.norm(across, axis=1), 1e-9)[:, None]
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def _looked_up(
+    maps: NDArray[np.uint8],
+    scale: float,
+    pixels: Floats,
+    is_visible: NDArray[np.bool_],
+    across: Floats,
+    of_frame: NDArray[np.int64],
+) -> tuple[float, float]:
+    """Sum and weight of the visible pixels (N, 2) of edges in the maps (frames, 2, h, w), weighted by `across`."""
+    _, _, height, width = maps.shape
+    whole, count = 0.0, 0.0
+    for i in range(len(pixels)):
+        if is_visible[i]:
+            column = min(int((pixels[i, 0] + 0.5) * scale), width - 1)
+            row = min(int((pixels[i, 1] + 0.5) * scale), height - 1)
+            for c in range(2):
+                whole += across[i, c] * maps[of_frame[i], c, row, column]
+            count += np.hypot(across[i, 0], across[i, 1])
+    return whole, count
 
 
 def _mean(sums: Floats, counts: Floats) -> Floats:

@@ -12,6 +12,7 @@ from scipy import special
 
 from apexcal.documents.validations import AxisCheck, AxisVerdict, TurnAxis
 from workers.validation.mount_search import REACH_DEG, Summit
+from workers.validation.road_verdict import contradiction
 
 # The peak leads by so many deviations of its lead. With images turned around, where nothing fits, it leads by 0.6.
 CLEAR: Final = 2.0
@@ -32,9 +33,6 @@ _SHARED_M: Final = 0.02
 # A drive tells an axis if it would show a turn of half a degree in nine of ten cases.
 _MUST_SHOW_DEG: Final = 0.5
 _NINE_OF_TEN: Final = 1.2816
-# Two tests that differ by more, and by what chance gives once in a thousand times, contradict each other.
-_CONTRADICTION_DEG: Final = 0.3
-_ONCE_IN_A_THOUSAND: Final = 13.816
 GRAVITY: Final[tuple[AxisVerdict, ...]] = ("pass", "not_told", "look", "stop")
 _SHIFTS: Final = ("x (right)", "y (down)", "z (ahead)")
 _student_quantile: Callable[[float, float], float] = special.stdtrit
@@ -77,21 +75,26 @@ class MountVerdict(NamedTuple):
     axes: list[AxisCheck]
 
 
-def judge_mount(summits: Summits | None, frames: int, lanes: dict[str, Any] | None = None) -> MountVerdict:
-    """The verdict of depth edges, and of lane markers where their document is given. One frame gives no `stop`."""
+def judge_mount(
+    summits: Summits | None, frames: int, lanes: dict[str, Any] | None = None, *, is_motion_told: bool = True
+) -> MountVerdict:
+    """The verdict of depth edges, and of lane markers where their document is given.
+
+    One frame alone, and frames of a vehicle whose motion is not told, give no `stop`.
+    """
+    proof = "" if is_motion_told else "Points stay where they were measured, which is no proof: record at 10 Hz."
+    proof = "One frame alone is no proof: record a drive." if frames == 1 else proof
+    gravest: AxisVerdict = "look" if proof else "stop"
     if summits is None or summits.parts < FEWEST_PARTS or summits.groups < _FEWEST_GROUPS:
         parts = summits.parts if summits else 0
         judged = _no_verdict(f"{frames} frames show {parts} depth edges: too few for a verdict.")
     else:
-        judged = _judged(summits)
+        judged = _judged(summits, gravest)
     judged = _with_lanes(judged, lanes or {"verdict": "unknown"})
-    if frames > 1 or judged.verdict != "stop":
-        return judged
-    axes = [axis.model_copy(update={"verdict": "look"}) if axis.verdict == "stop" else axis for axis in judged.axes]
-    return MountVerdict("look", f"{judged.sentence} One frame alone is no proof: record a drive.", axes)
+    return judged._replace(sentence=f"{judged.sentence} {proof}") if proof and judged.verdict == "look" else judged
 
 
-def _judged(summits: Summits) -> MountVerdict:
+def _judged(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
     turned, is_far = summits.turned, summits.apart_deg > FAR_DEG
     if not turned.is_summit:
         return _no_verdict(
@@ -102,11 +105,11 @@ def _judged(summits: Summits) -> MountVerdict:
     if min(leads, default=1.0) < 1.0:
         return _no_verdict("Depth edges fit in several places about equally well.")
     if is_far:
-        return _far_off(summits)
-    axes = _axes(summits, (turned, turned, turned))
+        return _far_off(summits, gravest)
+    axes = _axes(summits, (turned, turned, turned), gravest)
     if all(axis.verdict in ("pass", "not_told") for axis in axes):
         # Next to a mount that may be sound each axis is told better while the others stay as they are.
-        axes = _axes(summits, (summits.aimed, summits.aimed, summits.rolled))
+        axes = _axes(summits, (summits.aimed, summits.aimed, summits.rolled), gravest)
         is_rolled = summits.rolled.score > summits.aimed.score
         if any(axis.verdict in ("look", "stop") for axis in (axes[2:] if is_rolled else axes[:2])):
             why = "It is told once the other turns fit."
@@ -140,7 +143,7 @@ def _accused(summits: Summits, axes: list[AxisCheck], worst: AxisVerdict, *, is_
     return MountVerdict(worst, f"The camera {may} turned{also}: the frames fit best with {turns}.", axes)
 
 
-def _far_off(summits: Summits) -> MountVerdict:
+def _far_off(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
     turns: dict[TurnAxis, float] = dict(zip(SHARED_DEG, np.degrees(summits.turned.offset[:3]).tolist(), strict=True))
     largest = max(map(abs, turns.values()))
     axes: list[AxisCheck] = []
@@ -150,42 +153,31 @@ def _far_off(summits: Summits) -> MountVerdict:
             continue
         sentence = f"About {turn:+.0f} degrees."
         axes.append(
-            AxisCheck(axis=axis, verdict="stop", sentence=sentence, turn_deg=round(turn), sigma_deg=ABOUT_DEG)
+            AxisCheck(axis=axis, verdict=gravest, sentence=sentence, turn_deg=round(turn), sigma_deg=ABOUT_DEG)
         )
-    named = [f"{axis.turn_deg:+.0f} degrees of {axis.axis}" for axis in axes if axis.verdict == "stop"]
-    about = f"about {' and '.join(named)}"
-    sentence = f"The mount is far off: the frames fit with {about}."
+    named = [f"{axis.turn_deg:+.0f} degrees of {axis.axis}" for axis in axes if axis.verdict == gravest]
+    about, where = f"about {' and '.join(named)}", "is" if gravest == "stop" else "may be"
+    sentence = f"The mount {where} far off: the frames fit with {about}."
     if summits.turned.lead_over(summits.shifted) < CLEAR and summits.shifted.is_summit:
-        sentence = f"The mount is far off: {about}, or shifted {_shift(summits.shifted)}."
-    return MountVerdict("stop", sentence, axes)
+        sentence = f"The mount {where} far off: {about}, or shifted {_shift(summits.shifted)}."
+    return MountVerdict(gravest, sentence, axes)
 
 
 def _with_lanes(judged: MountVerdict, lanes: dict[str, Any]) -> MountVerdict:
     """Where both tests tell a turn and contradict each other there is no verdict; markers alone give a `look`."""
     if lanes["verdict"] == "unknown":
         return judged
-    by_axis = {axis.axis: axis for axis in judged.axes}
-    for name in ("pitch", "yaw"):
-        axis: AxisCheck = by_axis[name]
-        if (
-            axis.turn_deg is None
-            or axis.sigma_deg is None
-            or axis.verdict == "not_told"
-            or axis.sigma_deg >= ABOUT_DEG
-        ):
-            continue
-        of_lanes, sigma = lanes[f"{name}_deg"], np.hypot(lanes[f"sigma_{name}_deg"], axis.sigma_deg)
-        apart = abs(of_lanes - axis.turn_deg)
-        if apart > _CONTRADICTION_DEG and apart**2 > _ONCE_IN_A_THOUSAND * sigma**2:
-            return _no_verdict(
-                f"Depth edges and lane markers contradict each other: {axis.turn_deg:+.2f} and {of_lanes:+.2f} "
-                f"degrees of {name}."
-            )
+    edges: dict[str, Any] = {}
+    for axis in judged.axes:
+        if axis.verdict != "not_told" and (axis.sigma_deg or ABOUT_DEG) < ABOUT_DEG:
+            edges |= {f"{axis.axis}_deg": axis.turn_deg, f"sigma_{axis.axis}_deg": axis.sigma_deg}
+    if turns := contradiction(edges, lanes):
+        return _no_verdict(f"Depth edges and lane markers contradict each other: {turns}.")
     if lanes["verdict"] == "disagrees":
         if judged.verdict in ("look", "stop"):
             return judged
         alone = "Lane markers do not lie on their paint: the camera may have turned or shifted."
-        return MountVerdict("look", f"{alone} {judged.sentence}", judged.axes)
+        return MountVerdict("look", f"{alone} By depth edges alone: {judged.sentence}", judged.axes)
     return judged._replace(sentence=f"{judged.sentence} Lane markers agree.") if judged.verdict == "pass" else judged
 
 
@@ -198,7 +190,7 @@ def _is_shifted(summits: Summits) -> bool:
     return summits.moved.is_summit and summits.moved.lead_over(summits.turned) > CLEAR and chi2 > limit
 
 
-def _axes(summits: Summits, of_axes: tuple[Summit, Summit, Summit]) -> list[AxisCheck]:
+def _axes(summits: Summits, of_axes: tuple[Summit, Summit, Summit], gravest: AxisVerdict) -> list[AxisCheck]:
     """The verdicts of pitch, yaw and roll, each by its summit."""
     return [
         _axis(
@@ -206,12 +198,13 @@ def _axes(summits: Summits, of_axes: tuple[Summit, Summit, Summit]) -> list[Axis
             float(np.degrees(summit.offset[k])),
             float(np.degrees(np.sqrt(summit.covariance[k, k]))),
             summits.groups,
+            gravest,
         )
         for k, (axis, summit) in enumerate(zip(SHARED_DEG, of_axes, strict=True))
     ]
 
 
-def _axis(axis: TurnAxis, turn_deg: float, own_sigma_deg: float, groups: int) -> AxisCheck:
+def _axis(axis: TurnAxis, turn_deg: float, own_sigma_deg: float, groups: int, gravest: AxisVerdict) -> AxisCheck:
     """The verdict of one axis, by Student's t of as many freedoms as a jackknife over so many groups has."""
     sigma_deg = float(np.hypot(own_sigma_deg, SHARED_DEG[axis]))
     look_deg, stop_deg = (
@@ -219,18 +212,26 @@ def _axis(axis: TurnAxis, turn_deg: float, own_sigma_deg: float, groups: int) ->
     )
     shown_deg = look_deg + _NINE_OF_TEN * sigma_deg
     verdict: AxisVerdict = "pass"
-    sentence = f"It fits: {turn_deg:+.2f} +- {sigma_deg:.2f} degrees."
+    figures = f"{turn_deg:+.2f} +- {_up(sigma_deg):.2f} degrees"
+    sentence = f"It fits: {figures}."
     if abs(turn_deg) > look_deg:
-        verdict = "stop" if abs(turn_deg) > stop_deg else "look"
-        sentence = f"The frames fit best with {turn_deg:+.2f} +- {sigma_deg:.2f} degrees more {axis}."
+        verdict = gravest if abs(turn_deg) > stop_deg else "look"
+        sentence = f"The frames fit best with {figures} more {axis}."
     elif shown_deg > _MUST_SHOW_DEG:
         verdict = "not_told"
-        sentence = f"This drive would show {ceil(100.0 * shown_deg) / 100.0:.2f} degrees, not half a degree."
+        sentence = f"This drive would show {_up(shown_deg):.2f} degrees, not half a degree."
     return AxisCheck(axis=axis, verdict=verdict, sentence=sentence, turn_deg=turn_deg, sigma_deg=sigma_deg)
 
 
 def _turns(axes: Sequence[AxisCheck]) -> str:
-    return " and ".join(f"{axis.turn_deg:+.2f} +- {axis.sigma_deg:.2f} degrees of {axis.axis}" for axis in axes)
+    return " and ".join(
+        f"{axis.turn_deg:+.2f} +- {_up(axis.sigma_deg or 0.0):.2f} degrees of {axis.axis}" for axis in axes
+    )
+
+
+def _up(degrees: float) -> float:
+    """Rounded up to a hundredth, so that what is said of an uncertainty is true."""
+    return ceil(100.0 * degrees - 1e-6) / 100.0
 
 
 def _shift(summit: Summit) -> str:

@@ -109,7 +109,8 @@ def look_up(
 ) -> None:
     """Add the image's values at moved pixels to sums and counts (K, G), of offsets (K, 6).
 
-    image: (C, h, w), `scale` of whose pixels make one of `pixels`. Pixels outside of the image count nowhere.
+    image: (C, h, w), `scale` of whose pixels make one of `pixels`. Pixels outside of the image count nowhere, others
+    by the length of their weights.
     """
     channels, height, width = image.shape
     for k in range(offsets.shape[0]):
@@ -120,9 +121,11 @@ def look_up(
                 v += by_offset[i, 1, j] * offsets[k, j]
             column, row = int(np.floor((u + 0.5) * scale)), int(np.floor((v + 0.5) * scale))
             if 0 <= column < width and 0 <= row < height:
+                square = 0.0
                 for c in range(channels):
                     sums[k, group[i]] += weights[i, c] * image[c, row, column]
-                counts[k, group[i]] += 1.0
+                    square += weights[i, c] * weights[i, c]
+                counts[k, group[i]] += np.sqrt(square)
 
 
 def total(sums: Floats, counts: Floats) -> Floats:

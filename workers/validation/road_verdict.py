@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,6 +18,8 @@ _CLEAR: Final = 2.0
 # An offset that is known less well says nothing about a knock of a quarter of a degree.
 _VAGUE_DEG: Final = 0.25
 _FEWEST_PARTS: Final = 8
+# Two tests of one drive contradict each other if they differ by more, and by more than chance in 1000 times.
+_CONTRADICTION_DEG: Final = 0.3
 
 
 class ScoredDrive(NamedTuple):
@@ -29,6 +32,28 @@ class ScoredDrive(NamedTuple):
     score: float
     at_one_degree: float
     peak: Peak | None
+
+
+def contradiction(first: Mapping[str, Any], second: Mapping[str, Any]) -> str | None:
+    """What two tests of one drive say of a turn that cannot both be right; None where they agree or do not tell.
+
+    Both may see a turn to the same side and of different sizes: a shift moves what is near by more.
+
+    first, second: ``pitch_deg`` with ``sigma_pitch_deg``, and of yaw, as road scores have them.
+    """
+    for name in ("pitch", "yaw"):
+        turns = first.get(f"{name}_deg"), second.get(f"{name}_deg")
+        if None in turns:
+            continue
+        sigmas = first[f"sigma_{name}_deg"], second[f"sigma_{name}_deg"]
+        apart = abs(turns[0] - turns[1])
+        is_apart = apart > _CONTRADICTION_DEG and apart**2 > _ONCE_IN_A_THOUSAND * np.sum(np.square(sigmas))
+        sides = [
+            np.sign(turn) if abs(turn) > _CLEAR * sigma else 0.0 for turn, sigma in zip(turns, sigmas, strict=True)
+        ]
+        if is_apart and not (sides[0] == sides[1] != 0.0):
+            return f"{turns[0]:+.2f} and {turns[1]:+.2f} degrees of {name}"
+    return None
 
 
 def judge(watched: ScoredDrive) -> dict[str, Any]:
@@ -57,8 +82,8 @@ def judge(watched: ScoredDrive) -> dict[str, Any]:
     }
     where = (
         f"{watched.parts} {noun} in {watched.frames} frames fit best with the camera turned by "
-        f"{abs(peak.yaw_deg):.2f} +- {peak.sigma_yaw_deg:.2f} degrees of yaw and "
-        f"{abs(peak.pitch_deg):.2f} +- {peak.sigma_pitch_deg:.2f} of pitch"
+        f"{peak.yaw_deg:+.2f} +- {peak.sigma_yaw_deg:.2f} degrees of yaw and "
+        f"{peak.pitch_deg:+.2f} +- {peak.sigma_pitch_deg:.2f} of pitch"
     )
     if sigma > _VAGUE_DEG:
         return document | {"verdict": "unknown", "sentence": f"{where}, which is too uncertain to judge the mount."}

@@ -493,7 +493,7 @@ ASKED = {
         json.dumps(
             [SENSOR | {"camera_intrinsic": np.reshape(K, (3, 3)).tolist()}, SENSOR | {"camera_intrinsic": []}]
         ),
-        ["nuScenes' calibrated_sensor.json", "w x y z"],
+        ["poses or names of nuScenes' sensors, not both", "sensor.json together"],
     ),
     "VINS' main file": (
         '%YAML:1.0\nimu: 1\ncam0_calib: "cam0_mei.yaml"\n' + opencv_matrix("body_T_cam0", np.eye(4)),

@@ -272,6 +272,27 @@ def test_other_data_that_disagrees_stops():
     assert check.figures == {"agrees": 1, "disagrees": 1, "unknown": 1}
 
 
+def test_tests_of_one_drive_that_contradict_each_other_give_no_verdict():
+    """A sound simulated walk: edges said -0.81 and markers +0.92 degrees of pitch, +-0.02 each."""
+    sigmas = {"sigma_pitch_deg": 0.02, "sigma_yaw_deg": 0.02}
+    drive = sigmas | {
+        "data": "a.bag",
+        "recording_id": "1",
+        "verdict": "disagrees",
+        "sentence": "It turned.",
+        "yaw_deg": 0,
+    }
+    edges, markers = drive | {"kind": "edges", "pitch_deg": -0.81}, drive | {"kind": "lanes", "pitch_deg": 0.92}
+    check = elsewhere([markers, edges])
+    assert check.verdict == "not_checked" and check.figures == {"agrees": 0, "disagrees": 0, "unknown": 2}
+    assert check.sentence.startswith("Lane markers and depth edges of a.bag contradict each other")
+    assert "+0.92 and -0.81 degrees of pitch" in check.sentence
+    # Another drive decides, and what was seen on two drives is no contradiction: the camera may have moved between.
+    assert elsewhere([markers, edges, {"verdict": "agrees", "sentence": "It holds."}]).verdict == "pass"
+    assert elsewhere([markers, edges | {"recording_id": "2"}]).verdict == "stop"
+    assert elsewhere([markers, edges | {"verdict": "unknown"}]).verdict == "stop"
+
+
 def test_an_effect_is_graded_by_chance_and_size():
     assert graded(1e-4, Effect(2.0, 1.1, 0.4)) == "stop"
     assert graded(1e-4, Effect(2.0, 0.9, 0.6)) == graded(4e-3, Effect(9.0, 8.0, 0.5)) == "look"

@@ -73,7 +73,16 @@ def test_one_frame_is_never_a_stop():
     assert verdict(turn_deg=(0.0, 0.8, 0.0)).verdict == "stop"
     judged = verdict(1, turn_deg=(0.0, 0.8, 0.0))
     assert (judged.verdict, judged.axes[1].verdict) == ("look", "look")
-    assert verdict(1, turn_deg=(0.0, 5.0, 0.0)).verdict == "look"
+    assert "has turned" not in judged.sentence and "no proof" in judged.sentence
+    far = verdict(1, turn_deg=(0.0, 5.0, 0.0))
+    assert (far.verdict, far.axes[1].verdict) == ("look", "look") and "may be far off" in far.sentence
+
+
+def test_a_vehicle_whose_motion_is_not_told_is_never_a_stop():
+    judged = judge_mount(seen((0.0, 0.8, 0.0)), 30, is_motion_told=False)
+    assert (judged.verdict, judged.axes[1].verdict) == ("look", "look")
+    assert "may have turned" in judged.sentence and "stay where they were measured" in judged.sentence
+    assert judge_mount(seen(), 30, is_motion_told=False).verdict == "pass"
 
 
 def test_far_off_is_said_to_a_degree_and_the_end_of_the_search_is_no_figure():
@@ -99,6 +108,13 @@ def test_edges_and_markers_that_contradict_each_other_give_no_verdict():
     assert {axis.verdict for axis in judged.axes} == {"not_told"}
     assert verdict(turn_deg=(-0.81, 0.0, 0.0), lanes=lanes(pitch=-0.8, said="disagrees")).verdict == "stop"
     assert verdict(lanes=lanes(pitch=0.2, said="disagrees")).verdict == "look"
+    assert verdict(lanes=lanes(pitch=0.6, said="disagrees")).verdict == "not_told"
+
+
+def test_a_shift_moves_near_markers_by_more_than_far_edges_which_is_no_contradiction():
+    """Simulated, shifted by 10 cm down: edges said -0.20 and markers -0.57 degrees of pitch."""
+    judged = verdict(turn_deg=(-0.2, 0.0, 0.0), lanes=lanes(pitch=-0.57, said="disagrees"))
+    assert judged.verdict == "look" and judged.axes[0].verdict == "look"
 
 
 def test_turned_shifted_and_either():
