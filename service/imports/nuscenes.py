@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from apexcal.documents.errors import GeometryError
 from apexcal.geometry.rotations import rotation_from_quaternion
 from apexcal.geometry.se3 import SE3
@@ -19,6 +21,7 @@ from service.imports.yaml_text import read_yaml
 
 Record = Mapping[str, Any]
 _EGO = "ego"
+_TABLE = TypeAdapter(list[dict[str, Any]])
 _AS_WRITTEN = "Send calibrated_sensor.json and sensor.json together, as the dataset has them."
 
 
@@ -115,7 +118,6 @@ def _pose(channel: str, record: Record) -> SE3:
 
 def _rows(name: str, text: str) -> list[dict[str, Any]]:
     try:
-        rows = json.loads(text)
-    except ValueError as error:
-        raise refused(f"{name} is no JSON: {error}.", _AS_WRITTEN) from None
-    return [row for row in rows if isinstance(row, dict)]
+        return _TABLE.validate_json(text)
+    except ValidationError as error:
+        raise refused(f"{name} is no table: {error.errors()[0]['msg']}.", _AS_WRITTEN) from None

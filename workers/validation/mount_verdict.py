@@ -212,7 +212,8 @@ def _axis(axis: TurnAxis, turn_deg: float, own_sigma_deg: float, groups: int, gr
     )
     shown_deg = look_deg + _NINE_OF_TEN * sigma_deg
     verdict: AxisVerdict = "pass"
-    figures = f"{turn_deg:+.2f} +- {_up(sigma_deg):.2f} degrees"
+    sigma_deg = _up(sigma_deg)
+    figures = f"{turn_deg:+.2f} +- {sigma_deg:.2f} degrees"
     sentence = f"It fits: {figures}."
     if abs(turn_deg) > look_deg:
         verdict = gravest if abs(turn_deg) > stop_deg else "look"
@@ -224,9 +225,7 @@ def _axis(axis: TurnAxis, turn_deg: float, own_sigma_deg: float, groups: int, gr
 
 
 def _turns(axes: Sequence[AxisCheck]) -> str:
-    return " and ".join(
-        f"{axis.turn_deg:+.2f} +- {_up(axis.sigma_deg or 0.0):.2f} degrees of {axis.axis}" for axis in axes
-    )
+    return " and ".join(f"{axis.turn_deg:+.2f} +- {axis.sigma_deg:.2f} degrees of {axis.axis}" for axis in axes)
 
 
 def _up(degrees: float) -> float:
