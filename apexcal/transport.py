@@ -18,7 +18,7 @@ from urllib.parse import SplitResult, quote, urlsplit
 import httpx
 from pydantic import BaseModel, ValidationError
 
-from apexcal.documents.base import Page, not_finite
+from apexcal.documents.base import Page, first_fault, not_finite
 from apexcal.errors import ApiError, ForeignAnswerError, InputError, TokenError, UnreachableError
 from apexcal.pull_alone import BUSY, LONGEST_ANSWER, LONGEST_WAIT_S, PAUSES_S, retry_after_s
 
@@ -196,9 +196,8 @@ def read(response: httpx.Response, kind: type[M]) -> M:
     try:
         return kind.model_validate_json(response.content, extra="allow")
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(step) for step in first["loc"])
-        what = f"answered something else than this client knows: {where}: {first['msg']}"
+        where, wrong = first_fault(error)
+        what = f"answered something else than this client knows: {where}: {wrong}"
         raise ForeignAnswerError(response.request.url, what) from None
 
 

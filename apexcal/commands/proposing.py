@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from apexcal.commands.named import assignments
 from apexcal.commands.recordings import candidates_of
 from apexcal.commands.terminal import USAGE, complain, note, usage
+from apexcal.documents.base import first_fault
 from apexcal.documents.inspections import Inspection
 from apexcal.documents.rig_proposals import RigAnswers, RigProposal, RigQuestion
 from apexcal.transport import Document
@@ -57,10 +58,8 @@ def answers_of(frame: list[str] | None, looks: list[str] | None, joint: list[str
     try:
         return RigAnswers.model_validate(texts)
     except ValidationError as error:
-        first = error.errors()[0]
-        usage(
-            f"{'.'.join(map(str, first['loc']))}: {first['msg']}", "`apexcal inspect --help` shows how it is written"
-        )
+        where, wrong = first_fault(error)
+        usage(f"{where}: {wrong}", "`apexcal inspect --help` shows how it is written")
 
 
 def inspect_file(

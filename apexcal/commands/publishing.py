@@ -68,9 +68,10 @@ def withdraw(
     if newest is None or newest.result_id is None:
         raise ClientError(f"camera {of} of {on.name} has no current calibration", "There is nothing to withdraw.")
     move = session.client.calibrations.withdraw(newest.id, reason)
-    when = move.published_at.isoformat()
+    when = f"{newest.published_at:%Y-%m-%d %H:%M}"
     return Reply(
-        move, f"Camera {of} of {on.name} has no current calibration now: {move.model} of {when} is withdrawn."
+        move,
+        f"Camera {of} of {on.name} has no current calibration now: {newest.model}, published {when}, is withdrawn.",
     )
 
 

@@ -16,6 +16,7 @@ from pydantic import (
     Field,
     PlainSerializer,
     StringConstraints,
+    ValidationError,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
     WrapValidator,
@@ -48,6 +49,12 @@ def legible_text(text: str) -> str:
     if all(letter in _BLANK or letter in _JOINERS or letter.isspace() for letter in text):
         raise ValueError("holds nothing that can be seen")
     return text
+
+
+def first_fault(error: ValidationError) -> tuple[str, str]:
+    """Return where the first thing that is wrong stands, steps joined by dots, and what is wrong with it."""
+    first = error.errors(include_url=False)[0]
+    return ".".join(map(str, first["loc"])), first["msg"].removeprefix("Value error, ")
 
 
 def visible(text: str, keep: str = "") -> str:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from apexcal.documents.base import Magnitude
+from apexcal.documents.base import Magnitude, first_fault
 from apexcal.documents.bounds import DEFAULT_ROTATION_RANGE_DEG, BoundsPreset, Interval
 from apexcal.documents.calibrations import Prior
 from apexcal.documents.camera_models import (
@@ -143,9 +143,8 @@ def fit_request(
             fold=fold,
         )
     except ValidationError as error:
-        first = error.errors()[0]
-        path = ".".join(map(str, first["loc"]))
-        raise DocumentError("bad_fit_request", f"`{path}` of the fit: {first['msg']}.", "") from error
+        path, wrong = first_fault(error)
+        raise DocumentError("bad_fit_request", f"`{path}` of the fit: {wrong}.", "") from error
 
 
 def in_radians(values: Mapping[str, Any]) -> dict[str, Any]:

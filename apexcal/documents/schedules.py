@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import ConfigDict, Field, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
+from apexcal.documents.base import first_fault
 from apexcal.documents.bounds import BoundsPreset
 from apexcal.documents.camera_models import SearchForm
 from apexcal.documents.errors import DocumentError, chosen
@@ -86,5 +87,5 @@ def schedule_of(preset: Preset, overrides: Mapping[str, Any]) -> Schedule:
         return replace(narrowing, **overrides)
     except ValidationError as error:
         first = error.errors()[0]
-        what = f"`{first['loc'][-1]}` of the schedule cannot be {first['input']!r:.60}: {first['msg']}."
+        what = f"`{first['loc'][-1]}` of the schedule cannot be {first['input']!r:.60}: {first_fault(error)[1]}."
         raise DocumentError("bad_schedule", what, f"It has {', '.join(vars(narrowing))}.") from None

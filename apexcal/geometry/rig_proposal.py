@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from apexcal.documents.base import legible_text
+from apexcal.documents.base import first_fault, legible_text
 from apexcal.documents.errors import InputError
 from apexcal.documents.fleets import NewRig
 from apexcal.documents.name_words import telling, words
@@ -90,9 +90,8 @@ def propose_rig(
     try:
         return RigProposal(rig=NewRig.model_validate(rig), notes=notes, questions=questions)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise unusable(f"The rig would be refused: {where}: {first['msg']}.", "Name other frames.") from None
+        where, wrong = first_fault(error)
+        raise unusable(f"The rig would be refused: {where}: {wrong}.", "Name other frames.") from None
 
 
 def _check_answers(answers: RigAnswers, sensors: Sequence[RecordedSensor]) -> None:

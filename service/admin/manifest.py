@@ -8,6 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 from sqlalchemy import Connection, func, insert, select, text
 
+from apexcal.documents.base import first_fault
 from service.admin.context import AdminError
 from service.platform.db.migrate import upgrade
 from service.platform.db.models import Base
@@ -73,10 +74,9 @@ def read_manifest(folder: Path) -> Manifest:
             f"{folder} is no finished backup: it has no {MANIFEST}", "Name the folder that `backup` printed."
         ) from None
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"])) or "all of it"
+        where, wrong = first_fault(error)
         raise AdminError(
-            f"{folder / MANIFEST} cannot be read: {where}: {first['msg']}", "Use another backup."
+            f"{folder / MANIFEST} cannot be read: {where or 'all of it'}: {wrong}", "Use another backup."
         ) from None
     if manifest.format != FORMAT:
         raise AdminError(

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from apexcal.documents.base import first_fault
 from apexcal.documents.imports import CalibrationFiles
 from service.imports.formats import files_view
 from service.imports.nuscenes import of_recording
@@ -25,7 +26,7 @@ def main(recording: str, *paths: str) -> int:
         sent = CalibrationFiles(files=of_recording(texts, Path(recording)))
         print(json.dumps({"read": files_view(sent, needs_size=False).model_dump(mode="json")}))
     except ValidationError as error:
-        what = f"{' and '.join(texts)}: {error.errors()[0]['msg']}."
+        what = f"{' and '.join(texts)}: {first_fault(error)[1]}."
         print(json.dumps({"error": {"message": what, "hint": "Name one to four calibration files of text."}}))
         return 1
     except Problem as problem:

@@ -7,18 +7,19 @@ from pathlib import Path
 from playwright.sync_api import Locator, Page, expect
 
 from tests.e2e.conftest import Track
+from tests.e2e.effort import count_effort, effort_of
 from tests.e2e.test_region import counted, drag
 from tests.e2e.test_taking import publish_anyway
 
 MARKS = 24
 WRONG, WRONG_PX = 5, 60  # one mark, so far to the side
-COUNTING = "window.clicks = 0; addEventListener('click', event => void (clicks += event.isTrusted), true)"
 SignIn = Callable[[str, str], Page]
 
 
 def test_an_engineer_goes_the_whole_way(sign_in: SignIn, track: Track, simulated: Callable[[], Path]) -> None:
     folder = simulated()
     page = sign_in("Nora", "engineer")
+    count_effort(page.context)
     page.goto(f"{track.url}/fleets/{track.fleet_id}")
     page.set_viewport_size({"width": 1280, "height": 1000})
     describe(page, "Walker", folder / "rig.json")
@@ -111,25 +112,25 @@ def calibrate(page: Page) -> None:
 
 def correct(page: Page, apexes: list[list[float]]) -> None:
     """From the result to its wrong mark in at most two clicks; two more correct it. Then the fit is good."""
-    page.evaluate(COUNTING)
+    before = effort_of(page)
     again = page.get_by_role("link", name=re.compile("^Mark pair .* again$"))
     expect(again).to_have_count(1)
     again.click()
     application = page.get_by_role("application", name=re.compile("^Camera frame"))
     application.wait_for()
-    assert page.evaluate("clicks") <= 2
+    assert effort_of(page).minus(before).clicks <= 2
     page.get_by_role("button", name="Reject").and_(page.locator(":enabled")).wait_for()
     said = re.search(r"frame (\d+)", application.get_attribute("aria-label") or "")
     assert said
-    reached = page.evaluate("clicks")
+    reached = effort_of(page)
     page.mouse.click(*place_of(application.locator("img"), apexes[int(said[1])]))
     page.get_by_role("button", name="Save mark").click()
     button = page.get_by_role("button", name="Calibrate again with the marks as they are now")
     expect(button).to_be_visible()
-    assert page.evaluate("clicks") - reached <= 2
-    before = page.url
+    assert effort_of(page).minus(reached).clicks <= 2
+    address = page.url
     button.click()
-    expect(page).not_to_have_url(before)
+    expect(page).not_to_have_url(address)
     expect(page.get_by_role("button", name="Publish for the vehicle")).to_be_visible(timeout=300_000)
     expect(again).to_have_count(0)
     row = page.get_by_role("row").filter(has_text="brown_conrady").first

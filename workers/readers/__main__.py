@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import ValidationError
 
+from apexcal.documents.base import first_fault
 from apexcal.documents.errors import InputError
 from apexcal.documents.readings import ReadOptions
 from workers.readers.confine import add_child_options, confine
@@ -114,9 +115,9 @@ def options_of(request: dict[str, Any]) -> ReadOptions:
     try:
         return ReadOptions.model_validate(request.get("options", {}))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        why = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-        raise ReadError("request_invalid", f"The options of the ingestion are wrong: {why}.", _OPTIONS) from None
+        where, wrong = first_fault(error)
+        what = f"The options of the ingestion are wrong: {where}: {wrong}."
+        raise ReadError("request_invalid", what, _OPTIONS) from None
 
 
 def _inspected(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,19 +20,20 @@ _HALF: Final = 0.5 + MOST_SHIFT_SHARE
 
 
 def write_tiles(
-    rows: Sequence[dict[str, Any]], frame_of: Mapping[str, int], frames: Mapping[int, Image], file: Path
+    rows: Sequence[dict[str, Any]], frame_of: Mapping[str, int], frames: Iterable[tuple[int, Image]], file: Path
 ) -> None:
     """Write a PNG of each mark into one file, and where it is into the mark's row (`TILE_COLUMNS`).
 
     ``rows``: marks with ``vertex_id``, ``u``, ``v``, ``edge_px`` (px) and ``reason``. ``frame_of``: the index of each
-    vertex's frame. ``frames``: (H, W) grey, by index; those of 16 bits are shown as the frames' own PNG shows them.
+    vertex's frame. ``frames``: indices and (H, W, 3) BGR or (H, W) grey; 16 bits are shown as in the frame's PNG.
     """
+    marks: defaultdict[int, list[dict[str, Any]]] = defaultdict(list)
+    for row in rows:
+        if row["reason"] is None:
+            marks[frame_of[row["vertex_id"]]].append(row)
     offset = 0
     with file.open("wb") as out:
-        for row in rows:
-            if row["reason"] is not None:
-                continue
-            image = frames[frame_of[row["vertex_id"]]]
+        for row, image in ((row, image) for index, image in frames for row in marks[index]):
             if image.dtype == np.uint16:
                 image = shown_levels(image.astype(np.uint16, copy=False))
             side = side_of(row["edge_px"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -71,7 +71,8 @@ def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Ses
         of_none = _result(_rows(work, dict.fromkeys(range(len(work.sights)), none)), _LEVEL)
         return lambda session: of_none
     with context.scratch() as folder:
-        frames = _decoded(context, work, folder, lease)
+        source = context.fetch(work.camera_key, folder)
+        frames = _decoded(context, work, source, folder, lease)
         usable = [number for number, sight in enumerate(work.sights) if sight.frame in frames]
         sights = [work.sights[number] for number in usable]
         height, width = frames[sights[0].frame].shape if sights else (1, 1)
@@ -86,7 +87,8 @@ def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Ses
             on_sight=lease.check,
         )
         rows = _rows(work, dict(zip(usable, proposals.answers, strict=True)))
-        write = _storing_tiles(context, claim, work, rows, frames, folder / "crops.png")
+        shown = _as_shown(work, source, frames, folder, lease)
+        write = _storing_tiles(context, claim, work, rows, shown, folder / "crops.png")
     result = _result(rows, proposals.failure)
 
     def finish(session: Session) -> Json:
@@ -101,7 +103,7 @@ def _storing_tiles(
     claim: Claim,
     work: _MarkingWork,
     rows: list[dict[str, Any]],
-    frames: Mapping[int, Image],
+    frames: Iterable[tuple[int, Image]],
     file: Path,
 ) -> Callable[[Session], object]:
     """Store a tile of each mark. Without room for them people look at whole frames."""
@@ -178,14 +180,27 @@ def _sight(vertex: Vertex, frame: VertexFrame, roll: float) -> Sight:
     return Sight(frame.frame_index, corners, covariance, roll)
 
 
-def _decoded(context: Context, work: _MarkingWork, folder: Path, lease: Lease) -> dict[int, Image]:
+def _as_shown(
+    work: _MarkingWork, source: Path, frames: Mapping[int, Image], folder: Path, lease: Lease
+) -> Iterator[tuple[int, Image]]:
+    """The frames as people see them, one after the other: in colour, those of 16 bits as they were measured."""
+    if any(image.dtype == np.uint16 for image in frames.values()):
+        yield from frames.items()
+        return
+    places = [work.frames[index] for index in frames]
+    images = decoded_frames(source, places, folder, colour=True, widest=_WIDEST, must_stop=lease.check)
+    for index, image in zip(frames, images, strict=True):
+        yield index, frames[index] if image is None else image
+
+
+def _decoded(context: Context, work: _MarkingWork, source: Path, folder: Path, lease: Lease) -> dict[int, Image]:
     """Grey frames by their index, in a file of the scratch folder; none that is damaged, or of another kind or size.
 
     Frames of 16 bits are marked as they were measured: what people see of them was stretched part by part.
     """
-    camera, indices = context.fetch(work.camera_key, folder), sorted({sight.frame for sight in work.sights})
+    indices = sorted({sight.frame for sight in work.sights})
     places = [work.frames[index] for index in indices]
-    images = decoded_frames(camera, places, folder, colour=False, widest=_WIDEST, must_stop=lease.check, deep=True)
+    images = decoded_frames(source, places, folder, colour=False, widest=_WIDEST, must_stop=lease.check, deep=True)
     frames: dict[int, Image] = {}
     whole: Image | None = None
     for number, (index, image) in enumerate(zip(indices, images, strict=True)):

@@ -1,5 +1,6 @@
 /** Files that were dropped or chosen on one page and are used on another: a recording, a URDF or a lens beside it. */
 
+import { store } from "./drafts.ts";
 import { tarOf, type Entry } from "./tar.ts";
 
 type FileEntry = Entry & { file: File };
@@ -12,9 +13,10 @@ interface Dropped {
 }
 
 let carried: Dropped | null = null;
-/** The text of the URDF that was given with a recording, by the recording's id; until the page is loaded anew. */
-const urdfs = new Map<string, string>();
-const lenses = new Map<string, File>();
+/** Files beside recordings that stay in the browser, each as its name and text: what is given once is not asked again. */
+const BESIDE = "apexcal.beside.";
+/** So many; the oldest goes. */
+const MOST = 8;
 
 export function carry(dropped: Dropped): void {
   carried = dropped;
@@ -77,16 +79,32 @@ async function filesBelow(entry: FileSystemEntry): Promise<FileEntry[]> {
   }
 }
 
-/** Keeps the URDF and the lens among some files for the rig of a recording. */
-export async function keepBeside(recordingId: string, files: FileList | undefined): Promise<void> {
-  const [urdf, lens] = [isUrdf, isLens].map((is) => [...(files ?? [])].find(is));
-  if (lens) lenses.set(recordingId, lens);
-  if (urdf) urdfs.set(recordingId, await urdf.text());
+/** Keeps the URDF among some files for the vehicle, and the lens for the recording: a closed tab does not lose them. */
+export async function keepBeside(vehicleId: string, recordingId: string, files: FileList | undefined): Promise<void> {
+  for (const [id, is] of [
+    [vehicleId, isUrdf],
+    [recordingId, isLens],
+  ] as const) {
+    const file = [...(files ?? [])].find(is);
+    if (file) await keepFile(id, file);
+  }
 }
 
-export const lensOf = (recordingId: string): File | undefined => lenses.get(recordingId);
+/** Keeps one file for a vehicle or a recording. */
+export async function keepFile(id: string, file: File): Promise<void> {
+  const ages = Object.keys(localStorage)
+    .filter((key) => key.startsWith(BESIDE))
+    .map((key): [string, number] => [key, (JSON.parse(localStorage.getItem(key) ?? "{}") as { at: number }).at])
+    .sort(([, one], [, other]) => one - other);
+  for (const [key] of ages.slice(0, 1 - MOST)) localStorage.removeItem(key);
+  store(BESIDE + id, { name: file.name, text: await file.text(), at: Date.now() });
+}
 
-export const urdfOf = (recordingId: string): string | null => urdfs.get(recordingId) ?? null;
+/** A vehicle's URDF or a recording's lens, where this browser was given it. */
+export function fileOf(id: string): File | undefined {
+  const kept = JSON.parse(localStorage.getItem(BESIDE + id) ?? "null") as { name: string; text: string } | null;
+  return kept ? new File([kept.text], kept.name) : undefined;
+}
 
 /** A vehicle's name after a recording's file. */
 export const nameAfter = (file: File): string => file.name.replace(/\.[A-Za-z0-9.]{1,10}$/, "") || file.name;

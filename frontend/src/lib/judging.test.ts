@@ -42,7 +42,7 @@ test("each sweep has its verdict and reason", () => {
       "refused: too uncertain",
       "uncertain: head above, occluded",
       "refused: no points",
-      "refused: the reason was not kept",
+      "refused: ",
     ],
   );
   assert.deepEqual(

@@ -32,7 +32,7 @@ export function judgedSweeps(detection: DetectionView, vertices: readonly Vertex
   const judged = Array.from({ length: count }, (_, index): Judged => ({
     index,
     verdict: "refused",
-    reason: "the reason was not kept",
+    reason: "",
     sentence: "",
     vertex: null,
   }));

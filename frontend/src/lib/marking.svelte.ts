@@ -1,41 +1,29 @@
 /**
- * One person's way through the vertices of a detection in one camera: a task, an answer, the next task. The next ones
- * are leased and their frames loaded ahead, so that a frame is shown at once and the answer is saved behind it.
+ * One person's way through the vertices of a detection in one camera: a task, an answer, the next task. A frame is shown
+ * at once, and the answer is saved behind it.
  */
 
 import * as annotations from "./api/annotations.ts";
 import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
-import * as people from "./api/people.ts";
 import type { VerdictName } from "./api/types.ts";
-import type { ExpectedCorner, Me, Progress, TaskView } from "./api/schema.ts";
+import type { Me, Progress, TaskView } from "./api/schema.ts";
+import { AnswersUnderWay } from "./answers_under_way.ts";
 import { cache } from "./cache.svelte.ts";
 import { cornerWords } from "./corners.ts";
 import { keepDraft, shownMark } from "./drafts.ts";
-import type { KeptAnswer } from "./answers_kept.ts";
+import { ExpectedCorners } from "./expected_corners.svelte.ts";
 import { History } from "./history.svelte.ts";
-import { loadFile, loadImage, preload } from "./images.ts";
+import { loadImage } from "./images.ts";
 import { outbox } from "./outbox.svelte.ts";
 import { painted } from "./painted.ts";
 import type { Pixel } from "./pixels.ts";
-import { session } from "./session.svelte.ts";
 import { Strip } from "./strip.svelte.ts";
+import { TasksAhead } from "./tasks_ahead.svelte.ts";
 
-/** With the first frame come so many: two round trips of a third of a second are over before they are marked. */
-const FIRST_AHEAD = 2;
-/** So many come behind it, for a person whose network goes; asked for again when half of them are marked. */
-const AHEAD = 50;
-/** Of these so many are decoded. */
-const DECODED = 5;
 const RENEW_MS = 45_000;
 const AWAY_MS = 10 * 60_000;
 /** Nobody reacts to a new picture faster (simple visual reaction time): an earlier click meant the one before. */
 const REACTION_MS = 200;
-
-/** An answer that was given here and is not known to have arrived, with the task that it answers. */
-interface Given {
-  answer: KeptAnswer;
-  task: TaskView;
-}
 
 export class Marking {
   task = $state.raw<TaskView | null>(null);
@@ -56,41 +44,31 @@ export class Marking {
   readonly history: History;
   /** The last marks that were given on this page, to compare by eye. */
   readonly strip = new Strip();
+  readonly corners = new ExpectedCorners();
   /** Where to look for the shown corner; null where nothing says it. */
-  readonly expected = $derived.by(() => this.#expected[this.task?.vertex.id ?? ""] ?? null);
-  /** Asked about a mark that is far from there: pixels between them, and up to how many are usual. */
-  question = $state.raw<{ distance: number; usual: number } | null>(null);
-  #expected = $state.raw<Readonly<Record<string, ExpectedCorner>>>({});
+  readonly expected = $derived.by(() => this.corners.of(this.task?.vertex.id));
 
   private readonly me: Me;
   private readonly detectionId: string;
   private readonly camera: string;
-  private asked = 0;
-  /** How many came with the last refill. */
-  private stock = 0;
-  /** What comes next, leased. */
-  ahead = $state.raw<readonly TaskView[]>([]);
-  private given: readonly Given[] = [];
-  /** By task: the version of the own answer that an answer given here replaces. */
-  private answeredOn: Readonly<Record<string, number>> = {};
+  /** What comes next. */
+  readonly coming: TasksAhead;
+  private readonly underWay: AnswersUnderWay;
+  /** Vertices that were skipped since the last answer. */
+  private skipped: readonly string[] = [];
   private lastTouch = Date.now();
   /** From when on, in time stamps of events, the shown frame was seen. */
   private seenFrom = Infinity;
 
   /** How many answers were given on this page. */
   answered = $state(0);
-  /** The vertex that is shown first. */
-  private first: string | null;
-  /** How many are leased ahead. */
-  private readonly most: number;
-
   /** After `answers` the person leaves the page; 0: nothing says when. */
   constructor(me: Me, detectionId: string, camera: string, first: string | null, answers: number) {
     this.me = me;
-    this.first = first;
-    this.most = Math.min(AHEAD, answers || AHEAD);
     this.detectionId = detectionId;
     this.camera = camera;
+    this.coming = new TasksAhead(me, detectionId, camera, first, answers);
+    this.underWay = new AnswersUnderWay(detectionId, camera);
     this.history = new History(`${me.id}.${detectionId}.${camera}`);
   }
 
@@ -101,26 +79,20 @@ export class Marking {
 
   async start(): Promise<void> {
     await this.guarded(async () => {
-      await this.look();
+      await this.corners.read(this.detectionId, this.camera);
       await outbox.start();
       // Until the service has these, it would hand out the very vertices that they answer.
-      this.waiting = outbox.unsent.some((one) => this.isOfThisPage(one));
+      this.waiting = this.underWay.areUnsent;
       if (!this.waiting) await this.advance(null);
     });
     void this.count();
-  }
-
-  /** Reads where the corners are expected. Without it frames are shown as they come, and nothing is asked. */
-  private async look(): Promise<void> {
-    const corners = await cache.query(annotations.expectedCorners(this.detectionId, this.camera)).catch(() => []);
-    this.#expected = Object.fromEntries(corners.map((one) => [one.vertex_id, one]));
   }
 
   /** Keeps the leases while their person is there, and follows the outbox. Returns the end of it. */
   keep(): () => void {
     const timer = setInterval(() => {
       const away = Date.now() - this.lastTouch > AWAY_MS || document.visibilityState === "hidden";
-      if (this.idle && !away) void this.refill();
+      if (this.idle && !away) void this.coming.refill(() => this.task);
     }, RENEW_MS);
     const deaf = outbox.onChange(() => void this.settle());
     return () => {
@@ -135,7 +107,7 @@ export class Marking {
     const task = this.task;
     if (!task || !this.takes(at)) return;
     this.mark = mark;
-    this.question = null;
+    this.corners.question = null;
     const isKept = keepDraft(this.me.id, task, mark);
     this.advice = isKept ? "" : "This browser cannot keep the mark: save it before you leave the page.";
   }
@@ -149,7 +121,7 @@ export class Marking {
       this.advice = `Click the board's ${cornerWords(task.vertex.corner, this.upper)} first, or press R where it is no such corner.`;
       return;
     }
-    if (mark && !sure && this.asksAbout(mark)) return;
+    if (mark && !sure && this.corners.asksAbout(task.vertex.id, mark)) return;
     const { task_id: taskId, vertex, frame, own } = task;
     await this.guarded(async () => {
       const answer = await outbox.add({
@@ -159,16 +131,16 @@ export class Marking {
       });
       // From here on it is no draft any more: the outbox has it.
       keepDraft(this.me.id, task, null);
-      this.given = [...this.given, { answer, task }];
-      this.answeredOn = { ...this.answeredOn, [taskId]: own.version };
+      this.underWay.add(answer, task);
+      this.coming.note(taskId, own.version);
       this.answered += 1;
+      this.skipped = [];
       if (mark && this.image) this.strip.add(taskId, this.image, mark);
-      const [next, ...ahead] = this.ahead;
-      this.ahead = ahead;
+      const next = this.coming.take();
       if (next) {
         void outbox.send();
-        if (ahead.length <= this.stock / 2) void this.refill();
-        else this.preload();
+        if (this.coming.isLow) void this.coming.refill(() => this.task);
+        else this.coming.preload();
         await this.showNext(() => this.show(next));
       } else {
         this.waiting = true;
@@ -176,14 +148,6 @@ export class Marking {
         await this.goOn();
       }
     });
-  }
-
-  private asksAbout(mark: Pixel): boolean {
-    if (!this.expected) return false;
-    const { u, v, within_px: usual } = this.expected;
-    const distance = Math.hypot(mark.u - u, mark.v - v);
-    this.question = distance > usual ? { distance, usual } : null;
-    return this.question !== null;
   }
 
   /** Where the next frame fails to come, the answered vertex is shown no longer: it must not take another answer. */
@@ -198,12 +162,16 @@ export class Marking {
 
   async skip(at: number): Promise<void> {
     const task = this.task;
-    if (task && this.takes(at)) await this.guarded(() => this.advance(task.task_id));
+    if (!task || !this.takes(at)) return;
+    await this.guarded(async () => {
+      await this.advance(task.task_id);
+      this.skipped = [...this.skipped, task.vertex.id];
+    });
   }
 
   /**
-   * Takes back the last thing done: an answer not yet sent, else a mark not yet saved, else the last answer, whose
-   * vertex is shown again.
+   * Takes back the last thing done: a mark not yet saved, else a skip, else the last answer. The vertex of these is
+   * shown again.
    */
   async undo(at: number): Promise<void> {
     if (this.busy) return;
@@ -213,6 +181,7 @@ export class Marking {
       return;
     }
     await this.guarded(async () => {
+      if (await this.takeUp()) return;
       if (await this.withdraw()) return;
       this.follow();
       await this.takeBack();
@@ -220,22 +189,30 @@ export class Marking {
     void this.count();
   }
 
+  /** Shows the vertex again that was skipped last. */
+  private async takeUp(): Promise<boolean> {
+    const vertexId = this.skipped.at(-1);
+    if (!vertexId) return false;
+    this.skipped = this.skipped.slice(0, -1);
+    this.coming.first = vertexId;
+    this.waiting = false;
+    await this.advance(null);
+    return true;
+  }
+
   /** Takes the last answer out of the outbox, unless it has left meanwhile. Its vertex is answered anew. */
   private async withdraw(): Promise<boolean> {
-    const last = this.given.at(-1);
-    // After a reload the task of an answer that waits is not known: it is asked for.
-    const answer = last?.answer ?? (this.waiting ? this.ofThisPage().at(-1) : undefined);
-    if (!answer || !(await outbox.drop(answer.order))) return false;
+    const withdrawn = await this.underWay.withdraw(this.waiting);
+    if (!withdrawn) return false;
+    const { answer, task } = withdrawn;
     this.forget(answer.taskId);
-    this.given = this.given.filter((one) => one.answer.order !== answer.order);
     this.waiting = false;
-    if (!last) {
+    if (!task) {
       await this.advance(null);
       return true;
     }
-    const { task } = last;
     if (answer.mark) keepDraft(this.me.id, task, answer.mark);
-    if (this.task && this.task.task_id !== task.task_id) this.ahead = [this.task, ...this.ahead];
+    if (this.task && this.task.task_id !== task.task_id) this.coming.putBack(this.task);
     await this.show(task);
     return true;
   }
@@ -254,7 +231,7 @@ export class Marking {
     });
     this.history.pop();
     this.forget(last.taskId);
-    if (this.task && this.task.task_id !== task.task_id) this.ahead = [this.task, ...this.ahead];
+    if (this.task && this.task.task_id !== task.task_id) this.coming.putBack(this.task);
     await this.show(task);
     this.advice = `Your answer "${last.verdict}" was taken back. Answer this corner again.`;
   }
@@ -276,17 +253,8 @@ export class Marking {
     return false;
   }
 
-  /** What the service does not have of this page's answers, refused ones included. */
-  private ofThisPage(): readonly KeptAnswer[] {
-    return [...outbox.unsent, ...outbox.refused].filter((one) => this.isOfThisPage(one));
-  }
-
-  private isOfThisPage(answer: KeptAnswer): boolean {
-    return answer.detectionId === this.detectionId && answer.camera === this.camera;
-  }
-
   private forget(taskId: string): void {
-    this.answeredOn = { ...this.answeredOn, [taskId]: -1 };
+    this.coming.note(taskId, null);
     this.strip.remove(taskId);
   }
 
@@ -294,30 +262,25 @@ export class Marking {
   private async settle(): Promise<void> {
     if (this.busy) return;
     this.follow();
-    if (this.waiting && this.ofThisPage().length === 0) await this.guarded(() => this.goOn());
+    if (this.waiting && this.underWay.all.length === 0) await this.guarded(() => this.goOn());
   }
 
   /** Notes what became of the answers. */
   private follow(): void {
-    const left = this.given.filter((one) => !outbox.find(one.answer.order));
-    // An answer may be sent again in place of another version.
-    this.given = this.given.flatMap((one) => {
-      const answer = outbox.find(one.answer.order);
-      return answer ? [{ ...one, answer }] : [];
-    });
-    for (const { answer } of left) {
+    const left = this.underWay.left();
+    for (const answer of left) {
       if (outbox.wasDropped(answer.order)) this.forget(answer.taskId);
       else this.history.push(answer);
     }
     const last = left.at(-1);
-    const progress = last && outbox.progress.get(last.answer.order);
+    const progress = last && outbox.progress.get(last.order);
     if (progress) this.progress = progress;
     else if (last) void this.count();
   }
 
   /** The next task, if there is one that takes an answer. */
   private async goOn(): Promise<void> {
-    if (this.ofThisPage().length > 0) return;
+    if (this.underWay.all.length > 0) return;
     this.waiting = false;
     await this.showNext(() => this.advance(null));
   }
@@ -329,47 +292,16 @@ export class Marking {
   }
 
   private async advance(skip: string | null): Promise<void> {
-    const tasks = await this.ask(skip, FIRST_AHEAD);
-    if (!tasks) return;
-    const [next, ...ahead] = tasks;
-    this.ahead = ahead;
-    if (!next && this.ofThisPage().length > 0) {
+    const next = await this.coming.start(skip);
+    if (next === undefined) return;
+    if (!next && this.underWay.all.length > 0) {
       this.clear();
       this.waiting = true;
       return;
     }
-    await this.show(next ?? null);
-    this.preload();
-    if (next) void this.refill();
-  }
-
-  /** Leases what comes after the shown task, and renews what is leased. A failure shows when the next task is wanted. */
-  private async refill(): Promise<void> {
-    const asked = this.asked + 1;
-    const tasks = await this.ask(null, this.most).catch(() => null);
-    // A later question may have been answered first.
-    if (!tasks || !this.task || this.asked !== asked) return;
-    const shown = this.task.task_id;
-    this.ahead = tasks.filter((one) => one.task_id !== shown && this.isOpen(one));
-    this.stock = this.ahead.length;
-    this.preload();
-  }
-
-  /** The tasks of this person that no answer on its way answers. Null where the browser has become somebody else's. */
-  private async ask(skip: string | null, ahead: number): Promise<readonly TaskView[] | null> {
-    this.asked += 1;
-    const task = await annotations.nextTask(this.detectionId, this.camera, skip, ahead, this.first);
-    this.first = null;
-    if (task && task.person_id !== this.me.id) {
-      // Another tab has signed in as somebody else: from here on this page is theirs too.
-      session.enter(await people.me());
-      return null;
-    }
-    return task ? [task, ...(task.ahead ?? [])].filter((one) => this.isOpen(one)) : [];
-  }
-
-  private isOpen(task: TaskView): boolean {
-    return task.own.version > (this.answeredOn[task.task_id] ?? -1);
+    await this.show(next);
+    this.coming.preload();
+    if (next) void this.coming.refill(() => this.task);
   }
 
   private async show(task: TaskView | null): Promise<void> {
@@ -386,7 +318,7 @@ export class Marking {
     this.image = image;
     this.task = task;
     this.mark = mark;
-    this.question = null;
+    this.corners.question = null;
     if (mark) this.advice = "Your mark from before is shown again. Enter saves it.";
     void this.watch(task);
   }
@@ -403,24 +335,7 @@ export class Marking {
 
   private clear(): void {
     this.task = this.image = this.mark = null;
-    this.ahead = [];
-  }
-
-  private preload(): void {
-    for (const task of this.ahead.slice(0, DECODED)) preload(task.frame.url);
-    void this.fetchAhead();
-  }
-
-  /**
-   * One after the other, so that what is asked for meanwhile waits for none of them, until others come ahead. Those that
-   * could not come now are asked for with the next answer.
-   */
-  private async fetchAhead(): Promise<void> {
-    const ahead = this.ahead;
-    for (const { frame } of ahead) {
-      if (ahead !== this.ahead) return;
-      await loadFile(frame.url).catch(() => undefined);
-    }
+    this.coming.clear();
   }
 
   private async guarded(work: () => Promise<void>): Promise<void> {

@@ -13,7 +13,7 @@ from sqlalchemy import select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from apexcal.documents.base import Name
+from apexcal.documents.base import Name, first_fault
 from service.platform.auth.credential_actions import TOKEN_PREFIX, hand_over, hold, new_secret, secret_hash
 from service.platform.auth.session_actions import make_link
 from service.platform.db.base import new_id
@@ -69,7 +69,7 @@ def _name(text: str) -> str:
     try:
         return TypeAdapter(Name).validate_python(text)
     except ValidationError as error:
-        raise argparse.ArgumentTypeError(error.errors()[0]["msg"].removeprefix("Value error, ")) from None
+        raise argparse.ArgumentTypeError(first_fault(error)[1]) from None
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
