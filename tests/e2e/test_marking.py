@@ -99,6 +99,15 @@ def test_reject_unsure_skip_and_undo_by_keys(sign_in: SignIn, track: Track) -> N
         emil.page.keyboard.press("s")
     emil.ready()
     assert emil.vertex not in {first, second, skipped}
+    # A skip is taken back before the answer that was given before it.
+    with emil.page.expect_response("**/tasks/next"):
+        emil.page.keyboard.press("z")
+    emil.ready()
+    assert emil.vertex == skipped and emil.own_marks().keys() == {first, second}
+    with emil.page.expect_response("**/tasks/next"):
+        emil.page.keyboard.press("s")
+    emil.page.wait_for_function("shown => document.querySelector('.stage')?.dataset.vertex !== shown", arg=skipped)
+    emil.ready()
 
     third = emil.vertex
     emil.click(0.4, 0.5)
