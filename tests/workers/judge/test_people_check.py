@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from apexcal.documents.person_bias import person_px
+from apexcal.documents.person_bias import SHARED, person_px
 from apexcal.documents.results import FitResult
 from tests.support.results import fit_result
 from workers.judge.people_check import people
@@ -48,3 +48,14 @@ def test_a_person_alone_and_unseen_is_not_checked():
         assert check.verdict == "not_checked" and "0.29 px" in check.sentence and "second person" in check.remedy
         assert person_px(pairs, HABIT_PX) == HABIT_PX
     assert people(result(), {"machine": [True, True]}).verdict == "pass"
+
+
+def test_rims_shift_the_machines_marks_alike_and_the_more_the_less_sure_they_are():
+    def of_machine(*sigmas_px):
+        machine = [sigma is not None for sigma in sigmas_px]
+        return {"machine": machine, "sigma_px": list(sigmas_px), "marked_by": [[0]] * len(machine)}
+
+    assert person_px(of_machine(0.2, 0.3), HABIT_PX) == HABIT_PX
+    unsure = person_px(of_machine(1.4, 1.4), HABIT_PX)
+    assert unsure == pytest.approx(SHARED * 1.4)
+    assert HABIT_PX < person_px(of_machine(1.4, None), HABIT_PX) < unsure, "a person marked the other half"
