@@ -78,14 +78,10 @@ def parse_preset(name: object) -> Preset:
 
 
 def schedule_of(preset: Preset, overrides: Mapping[str, Any]) -> Schedule:
-    """The preset's schedule with single numbers replaced. Raises DocumentError ``bad_schedule``.
-
-    Whoever replaces a number asks for Algorithm 2, whose slots narrow their bounds and need not agree.
-    """
-    narrowing = Schedule() if overrides and preset.schedule.agreeing else preset.schedule
+    """The preset's schedule with single numbers replaced. Raises DocumentError ``bad_schedule``."""
     try:
-        return replace(narrowing, **overrides)
+        return replace(preset.schedule, **overrides)
     except ValidationError as error:
         first = error.errors()[0]
         what = f"`{first['loc'][-1]}` of the schedule cannot be {first['input']!r:.60}: {first_fault(error)[1]}."
-        raise DocumentError("bad_schedule", what, f"It has {', '.join(vars(narrowing))}.") from None
+        raise DocumentError("bad_schedule", what, f"It has {', '.join(vars(preset.schedule))}.") from None

@@ -1,7 +1,7 @@
 """Transform documents as people send them: both frames named, a rotation that is one, and metres.
 
 ``T_to_from`` maps points of ``from_frame`` into ``to_frame``: p_to = R p_from + t. The document is kept as it was
-written; the workers compute with it (SPEC.md: the Euler orders).
+written; the workers compute with it.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.accuracy.error_bars import error_bars
-from benchmarks.accuracy.rigs import draw_rig
+from benchmarks.accuracy.rigs import algorithm_2, draw_rig
 from workers.geometry.models import DEFAULT_MODELS as MODELS
 from workers.geometry.models import ModelName
 from workers.solver.estimate import estimate
@@ -23,7 +23,7 @@ def measure(model: ModelName, seed: tuple[int, int]) -> dict[str, Any]:
     """All measures of one fresh rig, reproducible from (seed, number)."""
     rng = np.random.default_rng((*seed, MODELS.index(model)))
     rig = draw_rig(model, rng)
-    problem = rig.problem(seed=int(rng.integers(2**31)), schedule=PAPER)
+    problem = algorithm_2(rig.problem(seed=int(rng.integers(2**31)), schedule=PAPER))
     began = time.process_time()
     state, _ = run_schedule(problem)
     searched = time.process_time()

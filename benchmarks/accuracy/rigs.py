@@ -1,6 +1,6 @@
 """Fresh random rigs: a lens that could be, a mount, a walk over the paper's field, and marks with noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,11 @@ class Rig:
         """The fit of these pairs inside the default bounds; `request` as in `fit_request`."""
         document = {"model": self.model, "image_size": self.image_size, "nominal": to_document(NOMINAL), **request}
         return fit_problem(fit_request(**document), self.points, self.marks if marks is None else marks)
+
+
+def algorithm_2(problem: FitProblem) -> FitProblem:
+    """The same fit by the paper's Algorithm 2 alone: no slot is polished, and none need agree."""
+    return replace(problem, schedule=replace(problem.schedule, agreeing=0))
 
 
 def draw_rig(model: ModelName, rng: np.random.Generator, any_mount: bool = False) -> Rig:

@@ -18,7 +18,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
-from benchmarks.accuracy.rigs import PLAIN, draw_rig  # noqa: E402
+from benchmarks.accuracy.rigs import PLAIN, algorithm_2, draw_rig  # noqa: E402
 from benchmarks.solver.contest import GENERATIONS, POPULATION, Contest, time_slot  # noqa: E402
 from workers.geometry.models import DEFAULT_MODELS as MODELS  # noqa: E402
 from workers.geometry.models import ModelName  # noqa: E402
@@ -31,7 +31,7 @@ def measure(model: ModelName, peers: dict[str, Any], seed: int, rounds: int) -> 
     contests: list[Contest] = []
     for number in range(rounds):
         rig = draw_rig(model, np.random.default_rng((seed, number, MODELS.index(model))))
-        contests.append(Contest(rig.problem(seed=number, schedule=schedule, **PLAIN), seed + number))
+        contests.append(Contest(algorithm_2(rig.problem(seed=number, schedule=schedule, **PLAIN)), seed + number))
     times = [time_slot(contest) for contest in contests]
     slot_s, _, loss = (float(np.median(column)) for column in zip(*times, strict=True))
     return {

@@ -1,4 +1,4 @@
-/** Level axes of a tilted LiDAR, by the rule of `workers/vertices/gravity.py`. */
+/** Level axes of a tilted LiDAR, by the rule of `workers/vertices/sensor_grid.py`. */
 
 import type { Cloud } from "./points/cloud.ts";
 import type { Point } from "./region.ts";

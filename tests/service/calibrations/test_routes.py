@@ -346,7 +346,7 @@ def test_only_what_a_model_has_goes_into_its_document(api, engineer, rig):
         "max_iterations": 60,
         "patience": 3,
         "tolerance": 1e-4,
-        "agreeing": 0,
+        "agreeing": 2,
     }
     assert pinhole["schedule"] == {"slots": 3, "goal_px": 0.5, **usual}
     with api.database.reading() as session:

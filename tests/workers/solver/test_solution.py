@@ -104,6 +104,7 @@ def test_what_the_solution_forbids_counts_with_its_cost():
 
 def test_a_run_stopped_from_outside_says_so():
     problem, _ = simulated("pinhole", 54, schedule={"slots": 4})
+    problem = replace(problem, schedule=replace(problem.schedule, agreeing=0))
     with pytest.raises(SolveError):
         finish_plain(problem, start(problem))
     calls = iter(range(100))
