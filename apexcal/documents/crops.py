@@ -12,6 +12,7 @@ from pydantic import Field
 
 from apexcal.documents.base import Received, Sent
 from apexcal.documents.corners import CornerName
+from apexcal.documents.machine_marks import MarkPlace
 from apexcal.documents.marking import CameraName
 
 CROPS_PER_PAGE: Final = 24
@@ -134,10 +135,11 @@ class ExpectedCorner(Sent):
     """Where to look for a vertex in its frame: the corner lies within ``within_px`` of (``u``, ``v``), pixels.
 
     It is the machine's mark, moved at random by an eighth to a quarter of a crop's side: it says where, not what to
-    mark.
+    mark. Where the machine cannot decide between two ``places``, both are told, and it is between them.
     """
 
     vertex_id: UUID
     u: float
     v: float
     within_px: float
+    places: list[MarkPlace] = []

@@ -16,7 +16,7 @@ MOST_VERTICES = 300
 TILE_COLUMNS: Final = ("tile_u", "tile_v", "tile_width", "tile_height", "tile_offset", "tile_length")
 """Where the piece of the frame around a mark lies in the frame (px), and its PNG in the analysis's file (bytes)."""
 MarkReason = Literal[
-    "no_mount", "outside", "few_pixels", "no_edge", "moved_far", "off_mount", "no_corner", "no_frame"
+    "no_mount", "outside", "few_pixels", "no_edge", "moved_far", "off_mount", "two_places", "no_corner", "no_frame"
 ]
 
 
@@ -49,10 +49,19 @@ class MarksView(AnalysisView):
     camera: str
 
 
+class MarkPlace(Sent):
+    """Where a corner may be, pixels, and how likely (``weight``, 0 to 1)."""
+
+    u: float
+    v: float
+    weight: float
+
+
 class MachineMark(Sent):
     """A vertex and its mark with standard deviations, pixels, or the ``reason`` why it has none.
 
-    ``edge_px``: length of the shorter of the corner's two edges in the frame.
+    ``edge_px``: length of the shorter of the corner's two edges in the frame. ``places``: the two between which the
+    machine cannot decide (reason ``two_places``).
     """
 
     vertex_id: UUID
@@ -62,6 +71,7 @@ class MachineMark(Sent):
     sigma_u: float | None = None
     sigma_v: float | None = None
     edge_px: float | None = None
+    places: list[MarkPlace] = []
     reason: MarkReason | None = None
 
 

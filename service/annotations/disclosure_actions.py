@@ -8,7 +8,7 @@ afterwards is reviewed, and not independent.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal, NamedTuple
 from uuid import UUID
 
@@ -61,6 +61,14 @@ def answered_by_others(session: Session, detection_id: UUID, sensor_id: UUID, pe
     columns = (VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner)
     statement = answers_of(detection_id, sensor_id, *columns).where(VERDICT.person_id != person_id)
     return {DisclosureKey(*row) for row in session.execute(statement.distinct())}
+
+
+def keys_of(session: Session, sensor_id: UUID, vertices: Sequence[UUID]) -> set[DisclosureKey]:
+    """What answers on these vertices in a camera are about."""
+    columns = (VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner)
+    paired = select(*columns).join(Vertex, Vertex.id == VertexFrame.vertex_id)
+    rows = session.execute(paired.where(VertexFrame.sensor_id == sensor_id, Vertex.id.in_(vertices)))
+    return {DisclosureKey(*row) for row in rows}
 
 
 def keep(session: Session, person_id: UUID, camera: Sensor, keys: Iterable[DisclosureKey], told_in: Place) -> None:

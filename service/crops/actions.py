@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.corners import CornerName
 from apexcal.documents.crops import LEAST_MARKS, CropAnswer, CropSheet, CropVerdict, CropView, expected_pixel, side_of
 from apexcal.documents.machine_marks import TILE_COLUMNS
-from service.annotations.disclosure_actions import DisclosureKey, keep
+from service.annotations.disclosure_actions import keep, keys_of
 from service.annotations.locks import lock_person
 from service.annotations.progress_queries import opinions_of
 from service.crops.confirmation_actions import keep_outcome
@@ -75,7 +75,7 @@ def next_page(session: Session, detection: Detection, camera: Sensor, person_id:
     of = {"detection_id": detection.id, "analysis_id": analysis.id, "sensor_id": camera.id, "person_id": person_id}
     page = CropPage(**of, crops=crops)
     session.add(page)
-    keep(session, person_id, camera, _keys(session, page), "crops")
+    keep(session, person_id, camera, keys_of(session, camera.id, _vertices(page)), "crops")
     return page
 
 
@@ -140,15 +140,6 @@ def _frames(
         .order_by(Vertex.rank, Vertex.id)
     )
     return {vertex_id: (corner, *frame) for vertex_id, corner, *frame in rows}  # pyright: ignore[reportReturnType]
-
-
-def _keys(session: Session, page: CropPage) -> set[DisclosureKey]:
-    rows = session.execute(
-        select(VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner)
-        .join(Vertex)
-        .where(VertexFrame.sensor_id == page.sensor_id, Vertex.id.in_(_vertices(page)))
-    )
-    return {DisclosureKey(*row) for row in rows}
 
 
 def _vertices(page: CropPage) -> Sequence[UUID]:

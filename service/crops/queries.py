@@ -18,6 +18,7 @@ from apexcal.documents.crops import (
     expected_pixel,
     side_of,
 )
+from apexcal.documents.machine_marks import MarkPlace
 from service.annotations.consensus import Opinion
 from service.annotations.progress_queries import opinions_of
 from service.crops.shifts import MOST_MISSED
@@ -52,15 +53,25 @@ def marks_of(analysis: Analysis) -> list[Json]:
 
 
 def expected_corners(session: Session, detection_id: UUID, camera: str) -> list[ExpectedCorner]:
-    """Return where to look for each vertex that the machine marked: its mark, moved at random, always alike."""
+    """Return where to look for each vertex that the machine marked: its mark, moved at random, always alike.
+
+    Of a vertex with two places both.
+    """
     analysis = newest_marks(session, detection_id, camera)
-    return [] if analysis is None else [_expected(mark) for mark in marks_of(analysis) if not mark["reason"]]
+    marks = [] if analysis is None else marks_of(analysis)
+    return [_expected(mark) for mark in marks if not mark["reason"] or mark.get("places")]
 
 
 def _expected(mark: Json) -> ExpectedCorner:
+    side_px = side_of(mark["edge_px"])
+    if mark["reason"]:
+        first, second = (MarkPlace(**place) for place in mark["places"])
+        within_px = 0.5 * (math.dist((first.u, first.v), (second.u, second.v)) + side_px)
+        middle = {"u": 0.5 * (first.u + second.u), "v": 0.5 * (first.v + second.v)}
+        return ExpectedCorner(vertex_id=mark["vertex_id"], **middle, within_px=within_px, places=[first, second])
     u, v = expected_pixel(mark)
     sigma_px = math.hypot(_LEAST_SIGMA_PX, max(mark["sigma_u"], mark["sigma_v"]))
-    within_px = MOST_SHIFT_SHARE * side_of(mark["edge_px"]) + _ONCE_IN_A_THOUSAND * sigma_px
+    within_px = MOST_SHIFT_SHARE * side_px + _ONCE_IN_A_THOUSAND * sigma_px
     return ExpectedCorner(vertex_id=mark["vertex_id"], u=u, v=v, within_px=within_px)
 
 

@@ -10,6 +10,7 @@ from fastapi import Depends, Path, Query, Request, Response
 from apexcal.documents.base import Sought
 from apexcal.documents.crops import CropAnswer, CropProgress, CropSheet, CropVerdict, ExpectedCorner, NextCrops
 from apexcal.documents.marking import MarkingWork
+from service.annotations.disclosure_actions import keys_of, tell
 from service.crops.actions import find_page, judge, next_page, sheet_of
 from service.crops.pictures import tile_of
 from service.crops.queries import expected_corners, newest_marks, progress_of
@@ -46,11 +47,19 @@ def get_crop_progress(detection_id: UUID, access: ReadAccess, camera: CameraQuer
 
 
 @router.get("/detections/{detection_id}/expected-corners")
-def list_expected_corners(detection_id: UUID, access: ReadAccess, camera: CameraQuery) -> list[ExpectedCorner]:
-    """Where to look for each corner that the machine marked in one camera. Nothing of what people said is told."""
+def list_expected_corners(
+    detection_id: UUID, access: ReadAccess, camera: CameraQuery, request: Request
+) -> list[ExpectedCorner]:
+    """Where to look for each corner that the machine marked in one camera. Nothing of what people said is told.
+
+    Where the machine cannot decide between two places, both are told; what one answers there counts as reviewed.
+    """
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera)
-    return expected_corners(access.session, detection.id, sensor.name)
+    corners = expected_corners(access.session, detection.id, sensor.name)
+    undecided = [corner.vertex_id for corner in corners if corner.places]
+    tell(access, request.app.state.database, sensor, keys_of(access.session, sensor.id, undecided), "crops")
+    return corners
 
 
 @router.post(

@@ -40,12 +40,20 @@ _AVERAGE: Final = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # of five profiles
 _AVERAGED: Final = float(np.linalg.norm(_AVERAGE))
 
 
+class SecondPlace(NamedTuple):
+    """Where else a corner may be (2,) px, and how likely."""
+
+    pixel: Floats
+    weight: float
+
+
 class CornerFit(NamedTuple):
     """The corner (2,) px, its covariance (2, 2) by the profiles' scatter, and how soft the edges are, px.
 
     `lines` (2, 2): offset and slope of both edges against their projections; `normals` (2, 2): of both lines.
     `extrapolation` (2, 2): what an error of both edges of variance 1 adds to the corner's, because it lies farther
-    out than the edges are seen. `ambiguity` (2, 2): what other edges add that may be the board's.
+    out than the edges are seen. `ambiguity` (2, 2): what other edges add that may be the board's. `second`: the other
+    place of a corner that has two.
     """
 
     pixel: Floats
@@ -55,6 +63,7 @@ class CornerFit(NamedTuple):
     extrapolation: Floats
     normals: Floats
     ambiguity: Floats
+    second: SecondPlace | None = None
 
     def shifted(self, offsets: Floats, variances: Floats) -> CornerFit:
         """The corner after its lines' shifts (2,) px along the normals, known to variances (2,)."""

@@ -32,6 +32,7 @@ from workers.marks.sights import (
     FrameSource,
     Lens,
     MachineMarks,
+    MarkPlace,
     MarkProposal,
     MarkRefusal,
     MountedLens,
@@ -269,11 +270,14 @@ def _answers(
     return answers
 
 
-def _proposal(sight: Sight, name: CornerName, fit: CornerFit, camera: MountedLens) -> MarkProposal:
+def _proposal(sight: Sight, name: CornerName, fit: CornerFit, camera: MountedLens) -> MarkProposal | MarkRefusal:
     u, v = fit.pixel.tolist()
     ends = sight.neighbours(name)
     assert ends is not None
     lengths = np.hypot(*(camera.pixels(ends) - fit.pixel).T)
+    if fit.second is not None:
+        places = MarkPlace(u, v, 1.0 - fit.second.weight), MarkPlace(*fit.second.pixel.tolist(), fit.second.weight)
+        return MarkRefusal("two_places", places, float(lengths.min()))
     return MarkProposal((u, v), _stated_covariance(fit, _by_point(sight.corners[name], camera)), float(lengths.min()))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ NEIGHBOURS: Final[Mapping[CornerName, tuple[CornerName, CornerName]]] = {
 }
 """The far ends of the two edges that meet in a corner."""
 
-RefusalReason = Literal["no_mount", "outside", "few_pixels", "no_edge", "moved_far", "off_mount"]
+RefusalReason = Literal["no_mount", "outside", "few_pixels", "no_edge", "moved_far", "off_mount", "two_places"]
 FailureReason = Literal[
     "few_poses",
     "in_one_place",
@@ -127,11 +127,26 @@ class MarkProposal:
         return float(np.sqrt(0.5 * np.trace(self.covariance)))
 
 
+class MarkPlace(NamedTuple):
+    """Where a corner may be, px, and how likely."""
+
+    u: float
+    v: float
+    weight: float
+
+
 @dataclass(frozen=True)
 class MarkRefusal:
-    """Why a corner has no proposal."""
+    """Why a corner has no proposal.
+
+    Attributes:
+        places: of `two_places`: both, farther apart than a mark may be off. A person decides.
+        short_side_px: of these, as a proposal's.
+    """
 
     reason: RefusalReason
+    places: tuple[MarkPlace, ...] = ()
+    short_side_px: float | None = None
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from workers.tasks.originals import camera_of, require_room
 # Of a vertex whose detector states none: the ring rules' errors (docs/decisions/0008).
 _UNSTATED: Final = np.diag([0.02, 0.02, 0.02]) ** 2
 Answers = Mapping[CornerName, MarkProposal | MarkRefusal]
-_COLUMNS: Final = ("u", "v", "sigma_u", "sigma_v", "edge_px")
+_COLUMNS: Final = ("u", "v", "sigma_u", "sigma_v", "edge_px", "places")
 _WIDEST: Final = 1 << 14  # frames are marked as they are
 _LEVEL: Final = RecordingFailure(
     "level_edges",
@@ -229,10 +229,12 @@ def _rows(work: _MarkingWork, answers_of: Mapping[int, Answers]) -> list[dict[st
             answer = answers.get(corner)
             if isinstance(answer, MarkProposal):
                 deviations = np.sqrt(np.diag(answer.covariance)).tolist()
-                values = (*answer.pixel, *deviations, answer.short_side_px)
+                values = (*answer.pixel, *deviations, answer.short_side_px, [])
                 row |= dict(zip(_COLUMNS, values, strict=True))
             else:
                 row["reason"] = answer.reason if answer else "no_corner" if number in answers_of else "no_frame"
+                row["edge_px"] = answer and answer.short_side_px
+                row["places"] = [place._asdict() for place in answer.places] if answer else []
             rows.append({"vertex_id": str(vertices[corner]), "corner": corner, **row})
     return rows
 

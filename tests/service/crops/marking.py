@@ -1,5 +1,6 @@
 """A detection that the machine has marked, and people who judge its marks."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 from uuid import UUID, uuid4
 
@@ -18,8 +19,8 @@ def true_pixel(rank: int) -> tuple[float, float]:
     return 100.0 + 8.0 * rank, 200.0 + rank
 
 
-def seed_marks(database: Database, seed: Seed, refused: int = 0) -> UUID:
-    """The machine's marks of all vertices but the last ``refused``; the analysis's id."""
+def seed_marks(database: Database, seed: Seed, refused: int = 0, places: Sequence[Mapping[str, float]] = ()) -> UUID:
+    """The machine's marks of all vertices but the last ``refused``, which may have two places; the analysis's id."""
     count, marked = len(seed.vertices), len(seed.vertices) - refused
     pixels = [true_pixel(rank) for rank in range(marked)]
     columns: dict[str, list[Any]] = {
@@ -30,7 +31,8 @@ def seed_marks(database: Database, seed: Seed, refused: int = 0) -> UUID:
         "sigma_u": [SIGMA_PX] * marked,
         "sigma_v": [SIGMA_PX] * marked,
         "edge_px": [60.0] * marked,
-        "reason": [None] * marked + ["no_edge"] * refused,
+        "reason": [None] * marked + ["two_places" if places else "no_edge"] * refused,
+        "places": [[]] * marked + [list(places)] * refused,
     }
     marks = {name: values + [None] * (count - len(values)) for name, values in columns.items()}
     with database.writing() as session:

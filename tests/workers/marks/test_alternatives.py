@@ -53,6 +53,18 @@ def test_a_rim_in_one_frame_is_within_what_is_stated():
         assert np.all(np.abs(fit.pixel - truth) < 3.0 * spread + 0.3)
 
 
+def test_places_that_lie_far_apart_leave_a_corner_open():
+    """Six pixels across both edges are seven of a corner: a person decides, and the machine offers neither."""
+    plain = [painted(TIP, ANGLES, 60.0, 0.8, 1.0, seed) for seed in range(9)]
+    rimmed, face = strip(20, 6.0)
+    *others, fit = corners([*plain, rimmed])
+    assert all(one.second is None for one in others)
+    assert fit.second is not None and 0.25 <= fit.second.weight < 0.75
+    assert np.hypot(*(fit.pixel - TIP)) < 0.5
+    # One of both edges is moved at a time: the second place is on the way to the face's corner.
+    assert 5.0 < np.hypot(*(fit.second.pixel - fit.pixel)) < np.hypot(*(face - TIP))
+
+
 @pytest.mark.parametrize("blur", [0.6, 1.5])
 def test_sharpening_is_no_edge(blur):
     fits = corners([sharpened(painted(TIP, ANGLES, 60.0, blur, 1.0, seed)) for seed in range(10)])
