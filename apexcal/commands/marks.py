@@ -10,6 +10,7 @@ from apexcal.commands.camera_files import state_lenses
 from apexcal.commands.named import find_camera, find_detection
 from apexcal.commands.options import CameraOption, DetectionArgument, IntrinsicsOption
 from apexcal.commands.session import Reply, Session
+from apexcal.documents.detections import DetectionView
 from apexcal.documents.machine_marks import MachineMark, MarksFacts, MarksView
 
 
@@ -26,15 +27,21 @@ def marks(
     name = find_camera([client.vehicles.rig(recording.rig_id)], camera)
     if intrinsics:
         state_lenses(client, recording, intrinsics, None)
-    analyses = () if intrinsics else client.analyses.list(MarksView, recording_id=of.recording_id)
-    analysis = next((each for each in analyses if (each.detection_id, each.camera) == (of.id, name)), None)
+    return marks_of(session, of, name, again=bool(intrinsics))
+
+
+def marks_of(session: Session, of: DetectionView, camera: str, *, again: bool) -> Reply:
+    """The machine's newest marks of a detection in a camera; where there are none, or with ``again``, new ones."""
+    client = session.client
+    analyses = () if again else client.analyses.list(MarksView, recording_id=of.recording_id)
+    analysis = next((each for each in analyses if (each.detection_id, each.camera) == (of.id, camera)), None)
     if analysis is None or analysis.state in ("failed", "cancelled"):
-        analysis = client.analyses.mark(of.id, name)
+        analysis = client.analyses.mark(of.id, camera)
     view = session.wait(analysis, "Marking")
     assert view.result is not None
     answers = client.analyses.marks(view.id)
     document = {"analysis": view, "marks": answers}
-    sentence = _sentence(view.result, name)
+    sentence = _sentence(view.result, camera)
     return Reply(document, sentence if session.as_json else [_table(answers), sentence])
 
 

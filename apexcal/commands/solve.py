@@ -15,7 +15,7 @@ import typer
 from apexcal.commands import calibrate, detect, recordings
 from apexcal.commands.calibrated import doubts, verdict_line
 from apexcal.commands.export import FormatOption, export
-from apexcal.commands.marks import marks
+from apexcal.commands.marks import marks_of
 from apexcal.commands.named import find_camera
 from apexcal.commands.options import CameraOption, ForceOption, IntrinsicsOption, LockOption, OutputOption
 from apexcal.commands.proposing import (
@@ -40,10 +40,13 @@ from apexcal.commands.session import Reply, Session
 from apexcal.commands.stated_files import read_text
 from apexcal.commands.terminal import WITHHELD, check_target, complain, note, usage
 from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.corners import CORNERS
 from apexcal.documents.crops import LEAST_MARKS
+from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleets import RigOut
 from apexcal.documents.recordings import RecordingView
 from apexcal.embedded.serving import serving
+from apexcal.errors import ApiError
 from apexcal.rigs import read_rig
 
 # The check `pairs` passes with so many pairs in six places: 2 x 33 pixels leave the 16 parameters of the largest lens
@@ -91,7 +94,7 @@ def solve(
         board: Size of the board in metres, as 0.61x0.91.
         corner: Which corner of the board is looked for: see `apexcal detect`. People mark an upper corner.
         description: JSON file of the rig (docs/rigs.md), instead of what the recording proposes.
-        machine_marks: The machine marks, and nobody looks at its marks.
+        machine_marks: The machine marks, all corners where --board is there and poses are few. Nobody looks at them.
         yes: Do not ask whether to use the clock offset that the times of recording tell.
         fleet: Fleet, by name; a new name makes one.
         vehicle: Vehicle, by name; a new name makes one. Without it, it is called as the recording's file.
@@ -128,8 +131,9 @@ def solve(
             region = Path(folder) / "region.json"
             _step(detect.suggest(session, of, out=region))
             looked_for = {"region": region, "board": board, "corner": corner, "offset_ms": offset_ms}
-            detection = str(_step(detect.detect(session, of, **looked_for)).id)
-        of_machine = _step(marks(session, detection, camera=name))["analysis"].result
+            seen: DetectionView = _step(detect.detect(session, of, **looked_for))
+        detection, asks_all = str(seen.id), machine_marks and _ask_all_corners(session, seen)
+        of_machine = _step(marks_of(session, seen, name, again=asks_all))["analysis"].result
         if not machine_marks:
             _people_mark(session, detection, name, is_own=bool(link))
         elif not of_machine.marked:
@@ -154,6 +158,23 @@ def solve(
             publish = f"`apexcal publish {model.result_id} --reason WHY`"
             sentences.append(f"Nothing is published by itself while a check says look. {publish} does. {look}")
     return Reply(calibration, "\n".join(sentences))
+
+
+def _ask_all_corners(session: Session, detection: DetectionView) -> bool:
+    """Have all corners of the board marked where its tips alone are too few pairs; False where no size tells them.
+
+    What few tips share (how far out the edges seem, the board's shape) is no scatter, so that nothing shows it.
+    Opposite corners of one pose have it with opposite signs.
+    """
+    if detection.counts.accepted >= _SUFFICIENT:
+        return False
+    try:
+        session.client.detections.ask_corners(detection.id, CORNERS)
+    except ApiError as error:
+        if error.code != "corners_not_known":
+            raise
+        return False
+    return True
 
 
 def _left_undone(*, board: str, has_lens: bool, machine_marks: bool) -> list[str]:

@@ -98,8 +98,9 @@ class CalibrationTemplate(Received):
     ``intrinsics`` states lenses by camera. For other cameras ``intrinsics_from: auto`` takes the lens that the
     recording states (CameraInfo) if it states one, ``recording`` insists on it, ``bounds`` ignores it.
     ``intrinsics_as``: ``prior`` draws the lens to the stated one, ``locked`` fixes it there, both with distortion;
-    ``auto`` locks it where the pairs leave fewer than 50 degrees of freedom, else it is ``prior``; ``bounds`` looks
-    for focal lengths and principal point near it, where neither rig nor request bounds them;
+    ``auto`` locks it where the pairs (or groups of them) leave fewer than 50 degrees of freedom, else it is
+    ``prior``; ``bounds`` looks for focal lengths and principal point near it, where neither rig nor request bounds
+    them;
     ``free`` fits the lens from the pairs alone. Models that cannot be the stated lens are fitted freely, or left out
     if it is locked. Skew is locked at 0 unless bounds, a lock, a prior or ``paper-table-1`` name it. ``seed``
     defaults to one derived from the request and the pairs: the same request gives the same bits.

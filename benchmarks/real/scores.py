@@ -50,14 +50,13 @@ def outcome(
     detection = next(iter(client.detections.list(recording.id)), None) if recording else None
     vertices, marks = "none", ""
     if recording and detection:
-        everything = list(client.detections.vertices(detection.id))
-        listed = [each for each in everything if each.corner == "top"]
+        listed = list(client.detections.vertices(detection.id))
         true = judge(case.recording)
         off = [1e3 * float(np.linalg.norm(np.array([v.x, v.y, v.z]) - true[v.sweep_index])) for v in listed]
         vertices = f"{len(off)}/{len(true)} {np.median(off):.0f}/{max(off):.0f} mm" if off else "0"
         analysis = next(iter(client.analyses.list(MarksView, recording_id=recording.id)), None)
         if analysis and analysis.result:
-            frame_of = {v.id: v.sweep_index for v in everything}
+            frame_of = {v.id: v.sweep_index for v in listed}
             marks = _marks(case, client.analyses.marks(analysis.id), frame_of) if analysis.result.marked else "0"
     verdict, mount, why = "-", "", " ".join(said.rpartition("apexcal: ")[2].split())[:400]
     if document:
@@ -79,9 +78,10 @@ def _marks(case: Case, marks: Any, frame_of: dict[Any, int]) -> str:
         return f"{len(offered)}/{len(marks)}"
     poses = published()
     near = scaled = judged = 0
-    for mark in offered:
-        frame = frame_of[mark.vertex_id]
-        if frame == WRONG_POSE or mark.sigma_u is None or mark.sigma_v is None:
+    frame = WRONG_POSE
+    for mark in marks:
+        frame = frame_of.get(mark.vertex_id, frame)  # the other corners of a sweep follow its tip
+        if frame == WRONG_POSE or mark.u is None or mark.sigma_u is None or mark.sigma_v is None:
             continue
         off = np.array([mark.u, mark.v]) - poses[frame][mark.corner].uv
         judged += 1

@@ -95,7 +95,7 @@ def take_over(
 ) -> LensConstraints:
     """The lens as the models take it over. If it is locked, those that cannot be it are left out.
 
-    ``pairs``: how many there are, which says what ``auto`` is; None where no camera is known yet.
+    ``pairs``: how many there are, or groups of them, which says what ``auto`` is; None where no camera is known yet.
 
     Raises:
         Problem: 422 ``intrinsics_of_another_model`` where none is left.

@@ -147,7 +147,9 @@ def _camera(template: ResolvedTemplate, source: CameraPairs) -> ResolvedCamera:
     stated = lens.stated if lens else source.stated
     if stated is not None:
         models = _with_own(template.request, template.models, stated)
-        lens = take_over(camera.name, stated, models, template.request.intrinsics_as, source.pairs.count)
+        # Corners of one pose err together: they tell no more of a lens than one does.
+        independent = len(set(source.pairs.columns.get("group", ()))) or source.pairs.count
+        lens = take_over(camera.name, stated, models, template.request.intrinsics_as, independent)
     models = template.models if lens is None else list(lens.by_model)
     return ResolvedCamera(camera, source.pairs, lens, models)
 

@@ -18,11 +18,13 @@ def rig(api, fleet):
     return seed_rig(api.database, fleet, bounds={"f_x": [300.0, 900.0], "k5": [-0.1, 0.1], "fx": [0.0, 1.0]})
 
 
-def add_set(engineer, rig, count=60, camera="front", **extra):
+def add_set(engineer, rig, count=60, camera="front", groups=(), **extra):
     pairs = [
         {"x": 4 + 0.1 * n, "y": n % 7 - 3.0, "z": 0.3, "u": 10.0 + n, "v": 20.0, "stamp_ns": n * 10**8} | extra
         for n in range(count)
     ]
+    for pair, group in zip(pairs, groups, strict=False):
+        pair["group"] = group
     return bring_pairs(engineer, rig.id, pairs, camera)
 
 
@@ -89,17 +91,23 @@ def test_intrinsics_that_the_recording_states_hold_the_lens(api, fleet, engineer
 
 
 def test_a_stated_lens_is_locked_where_few_pairs_could_refine_it(api, engineer, rig):
-    """Of brown_conrady 33 pairs leave 50 degrees of freedom; a model that is asked for and cannot be it is drawn."""
+    """Of brown_conrady 33 pairs leave 50 degrees of freedom; a model that is asked for and cannot be it is drawn.
 
-    def lens_of(count, **body):
+    Corners of one pose err together, and count as one.
+    """
+
+    def lens_of(count, corners=1, **body):
         request = {"folds": 0, "intrinsics": {"front": PLUMB_BOB}} | body
-        answer = ask(engineer, rig, add_set(engineer, rig, count), **request).json()
+        poses = [n // corners for n in range(count)]
+        answer = ask(engineer, rig, add_set(engineer, rig, count, groups=poses), **request).json()
         made = {model: document for (model, _), document in documents(api, answer["id"]).items()}
         return {model: (of["locked"].get("f_x"), "f_x" in of["priors"]) for model, of in made.items()}
 
     own = {"pinhole": (None, False), "kannala_brandt": (None, False)}
     assert lens_of(32) == {"brown_conrady": (500.0, False)}
     assert lens_of(33) == {"brown_conrady": (None, True)} | own
+    assert lens_of(80, corners=4) == {"brown_conrady": (500.0, False)}
+    assert lens_of(132, corners=4) == {"brown_conrady": (None, True)} | own
     assert lens_of(32, intrinsics_as="prior") == {"brown_conrady": (None, True)} | own
     assert lens_of(32, models=["pinhole"]) == {"pinhole": (None, False)}
 
