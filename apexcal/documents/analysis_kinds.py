@@ -21,6 +21,7 @@ from apexcal.documents.copies import CopyRequest, CopyView
 from apexcal.documents.machine_marks import MarksRequest, MarksView
 from apexcal.documents.marking_precision import PrecisionRequest, PrecisionView
 from apexcal.documents.pixel_points import PixelPointsRequest, PixelPointsView
+from apexcal.documents.remedies import RemediesRequest, RemediesView
 from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import (
     PairValidationRequest,
@@ -39,6 +40,7 @@ AnalysisKind = Literal[
     "precision",
     "pixel_points",
     "report",
+    "remedies",
     "pair_validation",
     "lane_validation",
     "edge_validation",
@@ -53,6 +55,7 @@ AnalysisRequest = Annotated[
     | PrecisionRequest
     | PixelPointsRequest
     | ReportRequest
+    | RemediesRequest
     | PairValidationRequest
     | RoadValidationRequest,
     Field(discriminator="kind"),
@@ -67,6 +70,7 @@ AnyAnalysis = Annotated[
     | PrecisionView
     | PixelPointsView
     | ReportView
+    | RemediesView
     | PairValidationView
     | RoadValidationView,
     Field(discriminator="kind"),

@@ -49,17 +49,23 @@ def person_offsets(pairs: Mapping[str, Sequence[Any]]) -> list[PersonOffset]:
     ]
 
 
-def person_px(pairs: Mapping[str, Sequence[Any]], habit_px: float) -> float:
+def person_px(pairs: Mapping[str, Sequence[Any]], habit_px: float, alone_px: float) -> float:
     """Return the deviation of a person's shift per coordinate, px: the habit of aiming, or what these people show.
 
     The machine's is a share of what its marks state: rims and shadows shift all of them alike.
 
-    habit_px: what is assumed of people of whom nothing shows more.
+    habit_px: what is assumed of people of whom nothing shows more; alone_px: of one who marked alone, unseen by
+    others and by the machine.
     """
     offsets = person_offsets(pairs)
     shown = max(fmean(offset.square for offset in offsets), 0.0) if offsets else 0.0
+    machine = pairs.get(MACHINE) or [False] * len(pairs.get(MARKED_BY, ()))
+    rows = zip(pairs.get(MARKED_BY, ()), machine, strict=False)
+    people = {person for markers, is_machine in rows for person in markers if not is_machine}
     variance = max(habit_px**2, shown)
+    of_people = variance if offsets or len(people) != 1 else alone_px**2
     of_machine = zip(pairs.get(MACHINE, ()), pairs.get(MARK_SIGMA, ()), strict=False)
-    sigmas = [sigma if is_machine and sigma else 0.0 for is_machine, sigma in of_machine]
-    each = [max(variance, (SHARED * sigma) ** 2) for sigma in sigmas]
-    return (fmean(each) if each else variance) ** 0.5
+    each = [
+        max(variance, (SHARED * (sigma or 0.0)) ** 2) if is_machine else of_people for is_machine, sigma in of_machine
+    ]
+    return (fmean(each) if each else of_people) ** 0.5

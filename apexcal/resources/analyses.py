@@ -12,6 +12,7 @@ from apexcal.documents.copies import CopyView
 from apexcal.documents.machine_marks import MachineMark, MarksList, MarksView
 from apexcal.documents.marking_precision import PrecisionView
 from apexcal.documents.pixel_points import PixelPointsView
+from apexcal.documents.remedies import RemediesView
 from apexcal.documents.sweeps import PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
 from apexcal.resources.recordings import write_new
@@ -85,6 +86,10 @@ class Analyses(Resource):
     def report(self, result_id: UUID | str) -> ReportView:
         """Ask for the report of a result, which must be a fit to all pairs. Its file is HTML."""
         return self._ask(ReportView, "report", result_id=result_id)
+
+    def try_remedies(self, result_id: UUID | str) -> RemediesView:
+        """Try what the checks of a result advise; its ``result`` says what each remedy brings on held-out pairs."""
+        return self._ask(RemediesView, "remedies", result_id=result_id)
 
     def validate_on_pairs(
         self, set_id: UUID | str, *, result_id: UUID | str | None = None, calibration: Mapping[str, Any] | None = None

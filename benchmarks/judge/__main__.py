@@ -1,15 +1,16 @@
 """`python -m benchmarks.judge`: is what is published by itself right, and are sound calibrations published?
 
-ONLY=walk judges whole walks instead, apart from the asked figures: clocks and lenses nearly right, people's habits.
-
 Every case draws rigs, lenses, walks and marks anew and goes the product's way: request, search, fit, held-out pairs,
-checks. DRAWS: of each case (300); ONLY: parts of the names of cases; SEED: of the first draw; WORKERS: processes.
+checks. Beside the cases stand walks (clocks and lenses nearly right, people's habits) and remedies that are followed.
+DRAWS: of everything at most so many; ONLY: parts of the names of cases, or `remedies`;
+SEED: of the first draw; WORKERS: processes.
 A calibration is published by itself if all its checks pass. It is wrong if points at 20 m, over the field that marks
 cover, are off by more than 3 stated deviations and by more than 2 px and 1.5 mrad.
 
-Two tables go to stderr: the cases, with 95 % intervals (Clopper and Pearson 1934), and which check finds what, as
-`docs/checks.md` has it. One line of JSON goes to stdout. Of each case the first 60 draws make the second table; the
-others hold pairs out only where the fit's own checks pass, which changes no verdict on publishing.
+Tables go to stderr, with 95 % intervals (Clopper and Pearson 1934): the cases and walks, what is true of them, which
+check finds what, as `docs/checks.md` has it, and remedies. One line of JSON goes to stdout. Of each case the first 60
+draws make the table of checks; the others hold pairs out only where the fit's own checks pass, which changes no
+verdict on publishing.
 """
 
 from __future__ import annotations
@@ -31,30 +32,82 @@ import numpy as np  # noqa: E402
 
 from benchmarks.judge.cases import CASES, Case  # noqa: E402
 from benchmarks.judge.judging import ALL, BROKEN, CAUSES, Outcome, numbered  # noqa: E402
+from benchmarks.judge.remedies import REMEDIED, followed, remedies_summary, remedies_table  # noqa: E402
+from benchmarks.judge.walk_cases import WALKS, WHOLE_WALK  # noqa: E402
 from benchmarks.shares import interval, share  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
 IN_TABLE: Final = 60
 NAMED: Final = 0.05
 """A case is named beside a check that finds this share of its draws."""
+SOUND, FAULTS, WHOLE, WALKED, FOLLOWED = 240, 50, 40, 100, 100
+"""Draws of each sound case, each other case, each cell of whole walks, each other walk, each case with remedies."""
 
 
 def main() -> None:
     """Judge all draws of all cases, and print the figures."""
-    draws, seed = int(os.environ.get("DRAWS", "300")), int(os.environ.get("SEED") or secrets.randbelow(10**8))
+    draws, seed = int(os.environ.get("DRAWS", "240")), int(os.environ.get("SEED") or secrets.randbelow(10**8))
     only = [part for part in os.environ.get("ONLY", "").split(",") if part]
-    cases = [case for case in ALL if any(part in case.name for part in only)] if only else list(CASES)
+    chosen = [case for case in ALL if not only or any(part in case.name for part in only)]
+    cases, walks = [case for case in chosen if case in CASES], [case for case in chosen if case in WALKS]
     began = time.perf_counter()
-    asked = [(number, seed + draw, draw < IN_TABLE) for draw in range(draws) for number in map(ALL.index, cases)]
+    asked = [
+        (ALL.index(case), seed + draw, draw < IN_TABLE)
+        for draw in range(draws)
+        for case in chosen
+        if draw < _most(case)
+    ]
+    to_follow = range(min(draws, FOLLOWED) if not only or "remedies" in only else 0)
+    remedied = [(number, seed + draw) for draw in to_follow for number in range(len(REMEDIED))]
     workers = int(os.environ.get("WORKERS") or os.cpu_count() or 1)
     with ProcessPoolExecutor(workers, get_context("spawn"), warm_up) as pool:
         outcomes = list(pool.map(numbered, asked, chunksize=4))
-    by_case = {case.name: [one for one in outcomes if one.case == case.name] for case in cases}
-    tables = [cases_table(cases, by_case), truth_table(cases, by_case), checks_table(cases, by_case)]
+        trials = list(pool.map(followed, remedied, chunksize=2))
+    by_case = {case.name: [one for one in outcomes if one.case == case.name] for case in chosen}
+    tables = [cases_table(cases, by_case), truth_table(chosen, by_case), checks_table(cases, by_case)]
+    tables += [remedies_table(trials)] if trials else []
     print(*tables, sep="\n\n", file=sys.stderr)
     said = {"bench": "judge", "seed": seed, "draws": draws, **summary(cases, by_case)}
+    said |= {"walks": walks_summary(walks, by_case), "remedies": remedies_summary(trials)}
     print(json.dumps(said | {"seconds": round(time.perf_counter() - began, 1)}))
-    sys.exit(any(one.verdict == BROKEN for one in outcomes))
+    sys.exit(BROKEN in {*(one.verdict for one in outcomes), *(one.check for one in trials)})
+
+
+def _most(case: Case) -> int:
+    if case in CASES:
+        return SOUND if case.is_sound else FAULTS
+    return WHOLE if case.name.startswith(WHOLE_WALK) else WALKED
+
+
+def walks_summary(walks: Sequence[Case], by_case: dict[str, list[Outcome]]) -> dict[str, Any]:
+    """Figures of whole walks, each as count, of how many, and its interval; sound is what lies within use.
+
+    ``people``: draws in which a habit is told, or else the share of coordinates within their stated intervals.
+    """
+    results = [(case, one) for case in walks for one in by_case[case.name] if one.verdict not in ("refused", BROKEN)]
+    whole = [(case, one) for case, one in results if case.is_sound]
+    sound = [one for _, one in whole if one.over_limit <= 1.0]
+    named = [(name in case.causes) for case, one in results for name in one.named]
+    stops = [one.over_limit > 1.0 for _, one in whole if one.verdict == "stop"]
+    figures: dict[str, Any] = {
+        "sound_published": _share([one.verdict == "pass" for one in sound]),
+        "published_wrong": _share([one.is_wrong for _, one in whole if one.verdict == "pass"]),
+        "stopped_beyond_limit": _share(stops),
+        "causes_named_right": _share(named),
+    }
+    for case in walks:
+        if "people" in case.causes:
+            held = [1.0 if "people" in one.named else one.held for of, one in results if of is case]
+            figures[case.name] = {
+                "draws": len(held),
+                "told_or_held": round(float(np.mean(held)), 3) if held else None,
+            }
+    return figures
+
+
+def _share(is_so: Sequence[bool]) -> list[float] | None:
+    count, of = sum(is_so), len(is_so)
+    return [count, of, *(round(end, 4) for end in interval(count, of))] if of else None
 
 
 def summary(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> dict[str, Any]:
@@ -72,6 +125,12 @@ def summary(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> dict[st
     for name, count in (("sound_published", published), ("sound_stopped", stopped)):
         figures[name] = round(count / len(sound), 4) if sound else None
         figures[f"{name}_interval"] = [round(end, 4) for end in interval(count, len(sound))] if sound else None
+    accused = ["precision" in one.failed for one in sound if one.verdict != "refused"]
+    at_use = np.array([one.at_use for one in sound if one.verdict != "refused"])
+    for name, chosen in (("accused", np.array(accused, np.bool_)), ("others", ~np.array(accused, np.bool_))):
+        # Right is an accusation if the middle 95 % of such results are not within what use allows.
+        worst = round(float(np.quantile(at_use[chosen], 0.95)), 3) if chosen.any() else None
+        figures[f"precision_{name}"] = {"draws": int(chosen.sum()), "error_over_limit_95": worst}
     clean, hand = (_median_px(by_case.get(name, [])) for name in ("people, none wrong", "15 % on the hand"))
     return figures | {"median_px_15_over_none": round(hand / clean, 3) if clean and hand else None}
 

@@ -34,12 +34,16 @@ class Draw(NamedTuple):
 
 @dataclass(frozen=True)
 class Case:
-    """A name and how to draw it. ``is_sound``: nothing but noise and slips; ``has_trace``: residuals can show it."""
+    """A name and how to draw it. ``is_sound``: nothing but noise and slips; ``has_trace``: residuals can show it.
+
+    ``causes``: names of the checks that tell what was planted.
+    """
 
     name: str
     make: Callable[[int, Random], Draw]
     is_sound: bool = False
     has_trace: bool = True
+    causes: tuple[str, ...] = ()
 
 
 def drawn(paired: Paired, errors: Errors, random: Random, model: str | None = None, **request: Any) -> Draw:
@@ -153,3 +157,10 @@ CASES: Final = (
     Case("worn tip", _worn_tip, has_trace=False),
     Case("elevation that lasts", _lasting, has_trace=False),
 )
+KEPT: Final = Case(
+    "15 % on the hand, kept",
+    lambda seed, random: drawn(
+        draw_pairs(seed, random_lens(random)), Errors(on_hand=0.15), random, outliers="keep", loss="mean"
+    ),
+)
+"""Of remedies alone: a request that leaves out no pairs, and counts all of them whole."""

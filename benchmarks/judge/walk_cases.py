@@ -20,6 +20,7 @@ OVERHEAD_M: Final = (0.15, 0.6)
 """Heights of the tip within a walk: marks then span 9 to 26 % of the image's height."""
 MACHINE_PX: Final = 0.2
 HABIT_PX: Final = 1.5
+_PEOPLE: Final = ("people",)
 CLOCKS_MS: Final = (0.0, 2.0, 4.0)
 
 
@@ -70,6 +71,12 @@ def _whole(by_machine: bool, late_ms: float, scale: float) -> Callable[[int, Ran
     return make
 
 
+def _free_lens(seed: int, random: Random) -> Draw:
+    """The true lens is stated, and the request leaves it to marks over a low part of the image."""
+    paired = _overhead(seed, random)
+    return drawn(paired, Errors(), random, **_lens(paired) | {"intrinsics_as": "free"})
+
+
 def _habit(people: int, *, is_compared: bool) -> Callable[[int, Random], Draw]:
     """One of the people marks 1.5 px beside the corner; the machine's marks are compared, or there are none."""
 
@@ -93,6 +100,10 @@ def _habit(people: int, *, is_compared: bool) -> Callable[[int, Random], Draw]:
     return make
 
 
+WHOLE_WALK: Final = ("walk, people's marks", "walk, machine's marks")
+"""How names of whole walks begin."""
+
+
 def _name(by_machine: bool, late_ms: float, scale: float) -> str:
     who, lens = "machine's" if by_machine else "people's", "right" if scale == 1.0 else "0.2 % off"
     return f"walk, {who} marks, clock {late_ms:g} ms, lens {lens}"
@@ -100,14 +111,22 @@ def _name(by_machine: bool, late_ms: float, scale: float) -> str:
 
 WALKS: Final = (
     Case("walk, true lens, lasting errors", _true_lens, is_sound=True),
-    *(Case(f"walk, few marks, clock {late_ms:g} ms", _late(late_ms)) for late_ms in (5.0, 20.0, 50.0)),
     *(
-        Case(_name(by_machine, late_ms, scale), _whole(by_machine, late_ms, scale), is_sound=True)
+        Case(f"walk, few marks, clock {late_ms:g} ms", _late(late_ms), causes=("clock",))
+        for late_ms in (5.0, 20.0, 50.0)
+    ),
+    *(
+        Case(
+            *(_name(by_machine, late_ms, scale), _whole(by_machine, late_ms, scale)),
+            is_sound=True,
+            causes=("clock",) * (late_ms > 0.0) + ("stated_lens", "lens_model") * (scale != 1.0),
+        )
         for by_machine in (False, True)
         for late_ms in CLOCKS_MS
         for scale in (1.0, 1.002)
     ),
-    Case("walk, one of three aims 1.5 px beside", _habit(3, is_compared=True)),
-    Case("walk, one alone aims 1.5 px beside, seen", _habit(1, is_compared=True)),
-    Case("walk, one alone aims 1.5 px beside, unseen", _habit(1, is_compared=False), has_trace=False),
+    Case("walk, one of three aims 1.5 px beside", _habit(3, is_compared=True), causes=_PEOPLE),
+    Case("walk, one alone aims 1.5 px beside, seen", _habit(1, is_compared=True), causes=_PEOPLE),
+    Case("walk, one alone aims 1.5 px beside, unseen", _habit(1, is_compared=False), has_trace=False, causes=_PEOPLE),
 )
+FREE_LENS: Final = Case("walk, the stated lens left free", _free_lens)

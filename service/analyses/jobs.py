@@ -30,6 +30,7 @@ _QUEUES = {
     "calibrated_copy": "ingest",
     "pixel_points": "report",
     "report": "report",
+    "remedies": "solve",
     "pair_validation": "report",
     "lane_validation": "detect",
     "edge_validation": "detect",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, cast
+from uuid import UUID
 
 from apexcal.documents.analyses import (
     AnalysisView,
@@ -20,6 +21,8 @@ from apexcal.documents.copies import CopyRequest, CopyView
 from apexcal.documents.machine_marks import MarksView
 from apexcal.documents.marking_precision import PrecisionView
 from apexcal.documents.pixel_points import PixelPointsView
+from apexcal.documents.remedies import RemediesRequest, RemediesView
+from apexcal.documents.roles import Role
 from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
 from service.analyses import clock_offsets, machine_marks, pixel_points, precision, validations
@@ -58,23 +61,36 @@ def _copy(access: Access, request: CopyRequest) -> Analysis:
 
 
 def _report(access: Access, request: ReportRequest) -> Analysis:
-    """A report of a fit to all pairs. Raises :class:`Problem` 404, 403, 409 ``not_a_fit_to_all_pairs``."""
-    result = access.find(Result, request.result_id, "reviewer")
+    """A report of a fit to all pairs. Raises :class:`Problem` as `_of_result` does."""
+    row, result = _of_result(access, request.result_id, "reviewer")
+    # What only the database tells now; checks of the fit and its calibration are read when the report is made.
+    now = moment_checks(access.session, result).checks
+    row.asked = {"checks": [check.model_dump(mode="json") for check in now]}
+    return row
+
+
+def _remedies(access: Access, request: RemediesRequest) -> Analysis:
+    """Trials of a result's remedies. Raises :class:`Problem` as `_of_result` does."""
+    return _of_result(access, request.result_id, "engineer")[0]
+
+
+def _of_result(access: Access, result_id: UUID, role: Role) -> tuple[Analysis, Result]:
+    """The row of a question to a fit to all pairs. Raises :class:`Problem` 404, 403, 409."""
+    result = access.find(Result, result_id, role)
     if result.fold != FULL:
         raise conflict(
             "not_a_fit_to_all_pairs",
-            "This result is from a fit that holds pairs out. Only fits to all pairs have reports.",
-            "Ask for the report of the model's fit to all pairs: its fold is -1.",
+            "This result is from a fit that holds pairs out. Only fits to all pairs have reports and remedies.",
+            "Ask for that of the model's fit to all pairs: its fold is -1.",
         )
-    # What only the database tells now; checks of the fit and its calibration are read when the report is made.
-    now = moment_checks(access.session, result).checks
-    return Analysis(
+    row = Analysis(
         fleet_id=result.fleet_id,
         vehicle_id=access.session.get_one(Calibration, result.calibration_id).vehicle_id,
         set_id=access.session.get_one(CalibrationRun, result.run_id).set_id,
         result_id=result.id,
-        asked={"checks": [check.model_dump(mode="json") for check in now]},
+        asked={},
     )
+    return row, result
 
 
 def _shown(*names: str) -> Callable[[Analysis], Json]:
@@ -101,6 +117,7 @@ _KINDS: Final[Mapping[str, _Kind]] = {
     "precision": _Kind(precision.plan, PrecisionView, _shown("camera")),
     "pixel_points": _Kind(pixel_points.plan, PixelPointsView, _shown("camera")),
     "report": _Kind(_report, ReportView),
+    "remedies": _Kind(_remedies, RemediesView),
     "pair_validation": _Kind(validations.plan_on_pairs, PairValidationView, _shown("camera")),
     "lane_validation": _ROAD,
     "edge_validation": _ROAD,

@@ -48,7 +48,8 @@ def ask(request: Annotated[AnalysisRequest, Body()], access: WriteAccess) -> JSO
     CameraInfo and `/tf_static` as published; every other message stays, byte for byte. With `for_viewers` it is an
     MCAP file for Foxglove and Lichtblick, of any recording, with undistorted frames beside the recorded ones.
     `pixel_points` answers which points in 3D pixels of a camera show, with their covariances.
-    `report` saves what is known of a result as one HTML file. `pair_validation`, `lane_validation` and
+    `report` saves what is known of a result as one HTML file. `remedies` tries what its checks advise, and says what
+    each would bring on held-out pairs. `pair_validation`, `lane_validation` and
     `edge_validation` test a calibration on pairs that it was not fitted to, or on a drive. Files count towards the
     fleet's quota until they are deleted.
     """

@@ -25,6 +25,9 @@ _UPPER_CORNER_MM = {"tip_across_mm": 4.8, "tip_up_mm": 4.8}
 # A habit of aiming anywhere within the pixel that shows the corner, alike likely: half a pixel over the root of three
 # (JCGM 100:2008, 4.3.7).
 _PERSON_PX = 0.289
+# Whom nobody and nothing contradicts may be worse: on good targets an operator is accurate to one to three pixels
+# (PhotoModeler's manual, "Sub-pixel target marking"); the least of it, in each coordinate.
+_ALONE_PX = 1.0
 
 
 def weighing(camera: str, pairs: Json, rule: WeightRule) -> Weights:
@@ -67,7 +70,7 @@ def common_errors(pairs: CorrespondenceSet, deviations: Json) -> Json:
         refined = all(name in pairs.columns for name in SIGMAS)
         defaults["elevation_deg"] = _ELEVATION_DEG["refined" if refined else "ring_rules"]
         defaults |= _BOARD_MM | (_UPPER_CORNER_MM if _is_upper(pairs) else {})
-        defaults["person_px"] = person_px(pairs.columns, _PERSON_PX)
+        defaults["person_px"] = person_px(pairs.columns, _PERSON_PX, _ALONE_PX)
         if CLOCK_SIGMA in pairs.columns and "stamp_ns" in pairs.columns:
             defaults["clock_ms"] = pairs.columns[CLOCK_SIGMA][0]
     return {name: value for name, value in (defaults | deviations).items() if value}

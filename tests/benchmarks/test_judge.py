@@ -5,6 +5,7 @@ import pytest
 from benchmarks.judge.__main__ import cases_table, checks_table, summary
 from benchmarks.judge.cases import CASES
 from benchmarks.judge.judging import outcome
+from benchmarks.judge.remedies import REMEDIED, followed, remedies_summary, remedies_table
 
 
 def test_a_sound_walk_is_published_and_a_wrong_lens_model_is_not():
@@ -19,6 +20,18 @@ def test_a_sound_walk_is_published_and_a_wrong_lens_model_is_not():
     assert figures["sound_published_interval"] == [0.025, 1.0]
     assert "| wrong model | 1 | 0.000 (0.000-0.975) |" in cases_table(cases, by_case)
     assert "| `lens_model` | 0 | wrong model 1.00 |" in checks_table(cases, by_case)
+
+
+def test_remedies_that_trials_advise_lessen_the_error_and_intervals_hold():
+    numbers = {case.name: number for number, case in enumerate(REMEDIED)}
+    kept = followed((numbers["15 % on the hand, kept"], 10))
+    late = followed((numbers["clocks apart"], 10))
+    assert (kept.check, late.check) == ("wrong_pairs", "clock")
+    assert all(one.after.px < one.before.px and one.after.held > 0.8 for one in (kept, late))
+    figures = remedies_summary([kept, late])
+    assert (figures["draws"], figures["followed"]) == (2, 2)
+    assert figures["rms_px_after"] < figures["rms_px_before"]
+    assert "wrong_pairs 1" in remedies_table([kept, late])
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from apexcal.documents.pairs import CONFIRMED, MACHINE, MACHINE_OFF
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import CameraSummary, RigSummary
 from workers.judge.held_out_check import HeldOutPairs, held_out
+from workers.judge.topics import HALF
 
 _MODELS: Final = CheckTopic("models", "Other lens models")
 _RUNS: Final = CheckTopic("runs", "Fits of the calibration")
@@ -190,7 +191,7 @@ def beside_current(result: FitResult, heldout_px: float | None, current: Current
                 "one of them states too little."
             )
     own, other = (_over_limit(of) for of in (result.checks, current.result.checks))
-    if own is not None and other is not None and own > _LESS_PRECISE * other:
+    if own is not None and other is not None and own >= HALF and own > _LESS_PRECISE * other:
         figures["times_less_precise"] = own / other if other > 0.0 else None
         doubts.append(f"Its stated deviations are {own / other:.1f} times those of the vehicle's current result.")
     worse = current.heldout_mean_px

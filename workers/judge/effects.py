@@ -44,6 +44,15 @@ def worst_axis(estimate: Estimate, covariance: Floats | None = None) -> tuple[Fl
     return np.sqrt(np.linalg.eigvalsh(px)[..., -1]), np.sqrt(np.linalg.eigvalsh(mm)[..., -1])
 
 
+def freedoms_of_use(estimate: Estimate) -> Floats:
+    """(distances, R) degrees of freedom of those points' variances in the direction in which each is known worst."""
+    assert estimate.errors is not None
+    rays = marked_rays(estimate)
+    axes = np.linalg.eigh(covariances_along(estimate, rays)[0])[1][..., -1].reshape(-1, 2)
+    along = np.einsum("nc,ncf->nf", axes, derivatives_along(estimate, rays)[1])
+    return estimate.errors.freedoms(along).reshape(len(DISTANCES_M), -1)
+
+
 class Effect(NamedTuple):
     """What a cause does to those points, over what use allows: by its estimate, and at least, as far as that is sure.
 

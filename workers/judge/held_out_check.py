@@ -13,7 +13,8 @@ from apexcal.documents.checks import USE_LIMIT_PX, USE_LIMIT_RAD, Check, CheckTo
 from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import ModelSummary
 from apexcal.geometry.se3 import from_document
-from workers.judge.topics import LOOK_RATE, STOP_RATE
+from workers.judge.pair_checks import UNEXPLAINED, unexplained_px
+from workers.judge.topics import HALF, LOOK_RATE, STOP_RATE
 from workers.solver.prediction import DISTANCES_M
 
 Floats = NDArray[np.float64]
@@ -21,8 +22,6 @@ _HELD_OUT: Final = CheckTopic("held_out", "Held-out pairs")
 # Ratio of held-out to fitted error from which a fit says little about other places. Twenty real pairs for sixteen
 # parameters give 3.3, enough pairs 1.1.
 _FAR: Final = 3.0
-# Above this multiple of what marks and vertices explain, held-out pairs contradict it (`pair_checks.noise`).
-_UNEXPLAINED: Final = 1.5
 # An error below this is no doubt, whatever it is compared with.
 _FINE_PX: Final = 0.5
 _FEWEST: Final = 10  # pairs of one distance that are judged together
@@ -69,7 +68,8 @@ def held_out(result: FitResult, summary: ModelSummary, pairs: HeldOutPairs | Non
     doubts: list[str] = []
     if mean_px > max(_FAR * fitted_px, _FINE_PX):
         doubts.append("the pairs are too few, too uneven, or some of them wrong")
-    if noise and explained and noise > _UNEXPLAINED * explained:
+    unexplained = unexplained_px(noise, explained) if noise and explained else 0.0
+    if noise and explained and noise > UNEXPLAINED * explained and unexplained > HALF * _limit_px(result):
         of_noise = f"a noise of {figure(noise)} px per coordinate, of which {figure(explained)} are explained"
         doubts.append(f"they show {of_noise}")
     verdict: CheckVerdict = "look" if doubts else "pass"

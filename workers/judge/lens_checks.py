@@ -5,7 +5,7 @@ about it hold.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -13,7 +13,7 @@ from scipy import special
 from apexcal.documents.checks import Check, CheckTopic, figure
 from apexcal.documents.results import FitResult
 from workers.judge.causes import CLOCK, LENS, SHUTTER, Finding
-from workers.judge.effects import PointsOfUse
+from workers.judge.effects import Effect, PointsOfUse
 from workers.judge.topics import LOOK_RATE, graded
 from workers.solver.error_model import weighed
 from workers.solver.estimate import Estimate
@@ -73,18 +73,26 @@ def bounds(result: FitResult) -> Check:
     )
 
 
-def priors(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
-    """Whether what the request expects of parameters agrees with the pairs, beside a named cause of time.
+class PriorGap(NamedTuple):
+    """The prior that the pairs contradict most: by how many deviations, how often chance does, and what it does."""
+
+    name: str
+    deviations: float
+    probability: float
+    effect: Effect
+
+
+def worst_prior(estimate: Estimate, causes: Mapping[str, Finding]) -> PriorGap | None:
+    """Compare what the request expects of parameters with the pairs, beside a named cause of time.
 
     The distance between the means of prior and posterior has the prior's variance less that which the fit itself
-    counts on, and what pairs share besides. A prior that is off matters if points of use move without it.
+    counts on, and what pairs share besides. A prior that is off matters if points of use move without it. None
+    where there is no prior, or the pairs leave parameters open.
     """
     problem, errors = estimate.fitted, estimate.errors
-    names = [name for name in problem.priors if name not in estimate.weak and name in estimate.spread.names]
-    if not names:
-        return _PRIORS.passes("The request states no priors.")
-    if errors is None:
-        return _PRIORS.not_checked("The pairs leave parameters open.", "Mark more corners.")
+    names = _prior_names(estimate)
+    if not names or errors is None:
+        return None
     free, p = len(errors.scale), np.array(estimate.parameters)
     rivals = [causes[name] for name in (CLOCK, SHUTTER) if name in causes and causes[name].is_named]
     if rivals:
@@ -110,14 +118,30 @@ def priors(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
     probability = min(len(names) * 2.0 * float(special.ndtr(-most)), 1.0)
     points = PointsOfUse(estimate)
     effect = points.effect(points.by_parameters @ step[:, None], np.array([off]), np.array([[variance]]))
-    gap = f"{worst} lies {most:.1f} deviations from its prior"
+    return PriorGap(worst, most, probability, effect)
+
+
+def _prior_names(estimate: Estimate) -> list[str]:
+    """The request's own priors, without the weak ones."""
+    return [name for name in estimate.fitted.priors if name not in estimate.weak and name in estimate.spread.names]
+
+
+def priors(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
+    """Whether what the request expects of parameters agrees with the pairs."""
+    if not _prior_names(estimate):
+        return _PRIORS.passes("The request states no priors.")
+    found = worst_prior(estimate, causes)
+    if found is None:
+        return _PRIORS.not_checked("The pairs leave parameters open.", "Mark more corners.")
+    worst, effect = found.name, found.effect
+    gap = f"{worst} lies {found.deviations:.1f} deviations from its prior"
     moves = f"without it points at 5 to 50 m move by {figure(effect.estimate)} times what use allows"
     return _PRIORS.fails(
-        graded(probability, effect),
-        f"{gap}; {moves}." if probability < LOOK_RATE else f"The pairs agree with the priors: {gap} at most.",
+        graded(found.probability, effect),
+        f"{gap}; {moves}." if found.probability < LOOK_RATE else f"The pairs agree with the priors: {gap} at most.",
         f"Is the prior of {worst} right? Calibrate without it, and compare held-out errors.",
-        deviations=most,
-        probability=probability,
+        deviations=found.deviations,
+        probability=found.probability,
         over_limit=effect.estimate,
         at_least=effect.at_least,
     )

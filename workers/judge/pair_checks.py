@@ -13,7 +13,7 @@ from apexcal.documents.checks import USE_LIMIT_PX, USE_LIMIT_RAD, Check, CheckTo
 from apexcal.documents.pairs import MACHINE
 from apexcal.documents.results import FitResult
 from apexcal.geometry.rotations import vector_from_rotation
-from workers.judge.topics import LOOK_RATE, STOP_RATE
+from workers.judge.topics import HALF, LOOK_RATE, STOP_RATE, over_use
 from workers.solver.estimate import Estimate
 from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
 from workers.solver.problem import FitProblem
@@ -41,7 +41,7 @@ _OF_USE: Final = 3.0
 _MOST_OF_IMAGE: Final = 0.5
 # Ratio of the residuals' noise to what marks and vertices explain: a person's marks are as good as stated to a third
 # (`people.STATED_FREEDOM`), so 1.5 is a deviation and a half above, and 3 is none of a person's.
-_UNEXPLAINED: Final = 1.5
+UNEXPLAINED: Final = 1.5
 _GROSS: Final = 3.0
 
 
@@ -105,12 +105,15 @@ def number_of_pairs(estimate: Estimate) -> Check:
     few = [] if freedom >= _LEAST_FREEDOM else [f"{freedom:.0f} degrees of freedom ({_LEAST_FREEDOM:.0f} are enough)"]
     few += [] if places >= _LEAST_PLACES else [f"{places} places {_APART_M:g} m apart ({_LEAST_PLACES} are enough)"]
     pairs = int(np.count_nonzero(used))
+    # Two coordinates a mark. More marks loosen weak priors, until each parameter takes a whole degree.
+    missing = int(np.ceil(0.5 * (_LEAST_FREEDOM + len(problem.free)))) - pairs
+    more = f"Mark {missing} more corner{'s' if missing > 1 else ''}" if freedom < _LEAST_FREEDOM else "Mark the board"
     return _PAIRS.fails(
         "look" if few else "pass",
         f"{pairs} pairs are too few to tell how large their errors are: {' and '.join(few)}."
         if few
         else f"{pairs} pairs for {len(problem.free)} parameters tell how large their errors are.",
-        "Mark the board at more places, or lock what is known.",
+        f"{more}{', at more places' if places < _LEAST_PLACES else ''}, or lock what is known.",
         pairs=float(pairs),
         degrees_of_freedom=freedom,
         places=float(places),
@@ -174,8 +177,11 @@ def noise(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[An
     ratio = sigma / explained
     chance = float(special.chdtrc(freedom, freedom * ratio**2)) if freedom else 1.0
     verdict: CheckVerdict = "pass"
-    if chance < LOOK_RATE and ratio > _UNEXPLAINED:
-        verdict = "stop" if ratio > _GROSS and chance < STOP_RATE else "look"
+    # Good marks are not worse for a cause that nobody sees at points of use.
+    lens = result.intrinsics
+    rest = over_use(unexplained_px(sigma, explained), float(np.sqrt(lens.f_x * lens.f_y)))
+    if chance < LOOK_RATE and ratio > UNEXPLAINED and rest > HALF:
+        verdict = "stop" if ratio > _GROSS and chance < STOP_RATE and rest > 1.0 else "look"
     apart = paired_apart_ms(pairs)
     nearest = (
         f" Half of the corners were paired with a frame more than {apart:.0f} ms away and not moved to its time: "
@@ -187,10 +193,16 @@ def noise(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[An
     return _NOISE.fails(
         verdict,
         f"{said}, which marks and corners explain."
-        if verdict == "pass"
-        else f"{said}; what is stated of marks and corners explains {figure(explained)} px.",
+        if ratio <= UNEXPLAINED or chance >= LOOK_RATE
+        else f"{said}; what is stated of marks and corners explains {figure(explained)} px"
+        f"{'; the rest is too small to matter' if verdict == 'pass' else ''}.",
         f"Check the marks, the times and the lens model: one of them is worse than stated.{nearest}",
         noise_px=sigma,
         explained_px=explained,
         probability=chance,
     )
+
+
+def unexplained_px(noise_px: float, stated_px: float) -> float:
+    """Noise per coordinate beyond what is stated of marks and vertices, px."""
+    return float(np.sqrt(max(noise_px**2 - stated_px**2, 0.0)))

@@ -23,9 +23,7 @@ def people(result: FitResult, pairs: Mapping[str, Sequence[Any]]) -> Check:
     """Whether a person's blind marks lie beside the machine's.
 
     The machine states how well it marks, so that a shift of a person's marks is that person's. If nothing shows it,
-    the stated errors assume a habit of aiming anywhere in the pixel that shows the corner (0.29 px). An operator
-    marks good targets to one to three pixels (PhotoModeler's manual, "Sub-pixel target marking"); how much of that
-    lasts, nobody states.
+    the stated errors assume what `service/calibrations/pair_rules.py` has.
     """
     if pairs.get(MACHINE) and all(pairs[MACHINE]):
         return _PEOPLE.passes("No mark is a person's own.")
@@ -36,10 +34,10 @@ def people(result: FitResult, pairs: Mapping[str, Sequence[Any]]) -> Check:
         alone = (
             "How far people aim beside the corner is told by their differences alone."
             if several
-            else "One person marked, and nobody would see where that person aims beside the corner."
+            else "One person marked, and nothing shows where that person aims beside the corner."
         )
         return _PEOPLE.not_checked(
-            f"{alone} The stated errors assume {figure(stated)} px; a hand is good to one to three pixels.",
+            f"{alone} The stated errors assume {figure(stated)} px in u and in v.",
             "Let the machine mark the detection, and a second person.",
             person_px=stated,
         )

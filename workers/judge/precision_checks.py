@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from apexcal.documents.camera_models import ANGLES
@@ -20,30 +21,27 @@ from apexcal.documents.checks import (
     figure,
 )
 from apexcal.documents.results import FitResult
-from workers.judge.effects import MIDDLE, over_limit, worst_axis
+from workers.judge.effects import MIDDLE, freedoms_of_use, over_limit, worst_axis
 from workers.solver.estimate import Estimate
 from workers.solver.next_steps import sentence as next_sentence
 from workers.solver.prediction import DISTANCES_M
 
+Floats = NDArray[np.float64]
 # scipy publishes no types.
-_student_quantile: Callable[[float, float], float] = special.stdtrit
+_student_quantile: Callable[[Floats, float], Floats] = special.stdtrit
 _USE: Final = CheckTopic("precision", "Precision where it is used")
 _ALONE: Final = CheckTopic("mount_alone", "Mount without its lens", "mount_alone")
 # Not stated at all, or by so much more than the limit, is of no use.
 _USELESS: Final = 3.0
+_MOST_FREEDOM: Final = 1e9  # Student's t is the normal distribution's long before
 
 
 def precision(estimate: Estimate, result: FitResult) -> Check:
     """Whether points at 5, 20 and 50 m, over the field that marks cover, are placed as well as their use needs."""
     if estimate.errors is None:
         return _USE.fails("stop", "The pairs do not tell how precise the result is.", "Mark more vertices.")
-    px, mm = worst_axis(estimate)
-    # Halves that differ by more than is stated say by how much more.
-    factor = (result.prediction.expected_over_stated if result.prediction else 1.0) * _student_quantile(
-        max(estimate.freedom, 1.0), 0.975
-    )
-    worst = over_limit(factor * px, factor * mm)
-    widest = np.quantile(factor * px, MIDDLE, axis=1).tolist()
+    worst, px = stated_over_limit(estimate, result)
+    widest = np.quantile(px, MIDDLE, axis=1).tolist()
     named = [f"{distance:.0f}" for distance in DISTANCES_M]
     return _USE.fails(
         "pass" if worst <= 1.0 else "look" if worst <= _USELESS else "stop",
@@ -60,6 +58,19 @@ def precision(estimate: Estimate, result: FitResult) -> Check:
         over_limit=worst,
         **{f"half_width_at_{name}_m_px": value for name, value in zip(named, widest, strict=True)},
     )
+
+
+def stated_over_limit(estimate: Estimate, result: FitResult) -> tuple[float, Floats]:
+    """The 95 % half-widths of points of use over what use allows, and each of them (distances, R), px.
+
+    Halves that differ by more than is stated say by how much more. The estimate states errors.
+    """
+    px, mm = worst_axis(estimate)
+    # Each point by the freedom of its own variance: most of it may be stated, and known.
+    freedoms = np.clip(freedoms_of_use(estimate), 1.0, _MOST_FREEDOM)
+    factor = np.asarray(_student_quantile(freedoms, 0.975), np.float64)
+    factor = factor * (result.prediction.expected_over_stated if result.prediction else 1.0)
+    return over_limit(factor * px, factor * mm), factor * px
 
 
 def mount_alone(result: FitResult) -> Check:

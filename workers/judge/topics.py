@@ -11,7 +11,7 @@ LOOK_RATE: Final = 1.0 / 200.0
 STOP_RATE: Final = 1.0 / 1000.0
 """Shares of sound results that a check of chance may call `look` and `stop`. A result has some fifteen checks, so
 that at least 0.92 of sound results pass all of them, and at most 0.015 are stopped."""
-_HALF: Final = 0.5
+HALF: Final = 0.5
 """Share of what use allows from which an effect is worth a look: with an independent one of the same size a point is
 off by 0.7 of it."""
 
@@ -23,9 +23,9 @@ def graded(probability: float, effect: Effect) -> CheckVerdict:
     """
     if probability < STOP_RATE and effect.at_least > 1.0:
         return "stop"
-    return "look" if probability < LOOK_RATE and effect.estimate > _HALF else "pass"
+    return "look" if probability < LOOK_RATE and effect.estimate > HALF else "pass"
 
 
-def is_grave(off_px: float, focal_px: float) -> bool:
-    """Whether a displacement in the image, px, exceeds what use allows under a lens of this focal length, px."""
-    return off_px > max(USE_LIMIT_PX, USE_LIMIT_RAD * focal_px)
+def over_use(off_px: float, focal_px: float) -> float:
+    """Return a displacement in the image, px, over what use allows under a lens of this focal length, px."""
+    return off_px / max(USE_LIMIT_PX, USE_LIMIT_RAD * focal_px)

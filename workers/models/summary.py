@@ -77,7 +77,7 @@ def recommend(fits: Sequence[CameraFit]) -> tuple[Choice, dict[str, Candidate]]:
     for fit in fits:
         if fit.heldout_fold is not None and fit.result.model in full:
             folds[fit.result.model][fit.heldout_fold] = fit.result
-    candidates = {name: _candidate(result, folds[name]) for name, result in full.items()}
+    candidates = {name: candidate_of(result, folds[name]) for name, result in full.items()}
     width, height = next(iter(full.values())).intrinsics.image_size
     area_px2 = float(width * height)
     of_stated = {name: result for name, result in full.items() if result.lens != "fitted"}
@@ -95,7 +95,8 @@ def recommend(fits: Sequence[CameraFit]) -> tuple[Choice, dict[str, Candidate]]:
     return replace(choice, why=why), candidates
 
 
-def _candidate(full: FitResult, folds: Mapping[int, FitResult]) -> Candidate:
+def candidate_of(full: FitResult, folds: Mapping[int, FitResult]) -> Candidate:
+    """A fit to all pairs with those of its folds, as they are compared with others."""
     determined = {fold: result.heldout for fold, result in sorted(folds.items()) if result.status != "not_determined"}
     # If most folds leave a model open, the others cannot judge it.
     judged = determined.values() if 2 * len(determined) > len(folds) else []

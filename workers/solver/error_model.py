@@ -120,15 +120,18 @@ class ErrorModel:
         total = total + by_common @ by_common.T
         return total + np.outer(self.moved, self.moved) if self.moved.size and len(used) < 2 else total
 
-    def freedoms(self) -> Floats:
-        """(F,) degrees of freedom of the estimate's variances (Satterthwaite 1946)."""
-        parts = np.stack([np.diag(part) for part in self.parts()], axis=1)
+    def freedoms(self, along: Floats | None = None) -> Floats:
+        """Degrees of freedom of the variances (Satterthwaite 1946): (F,) of the estimate, or (n,) of what moves with
+        it as `along` (n, F) says, per rad, m and px. What is stated of common errors has no doubt.
+        """
+        rows = np.eye(len(self.scale)) if along is None else along
+        parts = np.stack([_along(rows, part) for part in self.parts()], axis=1)
         unsure = np.einsum("fi,ij,fj->f", parts, self.unsure, parts)
         if self.estimated:
-            of_people = self.by_common()[:, -self.estimated :]
+            of_people = rows @ self.by_common()[:, -self.estimated :]
             unsure = unsure + 2.0 * np.sum(of_people**2, axis=1) ** 2 / self.common_freedom
         with np.errstate(divide="ignore", invalid="ignore"):
-            return 2.0 * np.diag(self.covariance()) ** 2 / unsure
+            return 2.0 * _along(rows, self.covariance()) ** 2 / unsure
 
     def freedom_of(self, shares: Floats) -> float:
         """Degrees of freedom of a stated mean square of 1 that grows by shares (1 + K,) with the variances."""
@@ -157,6 +160,10 @@ class ErrorModel:
 
     def _rows(self, used: Used | None) -> Floats:
         return self.fit.jacobian if used is None else self.fit.jacobian * used[:, None, None]
+
+
+def _along(rows: Floats, covariance: Floats) -> Floats:
+    return np.einsum("nf,fg,ng->n", rows, covariance, rows)
 
 
 def linearised(problem: FitProblem, p: Floats) -> tuple[Linearised, Floats]:

@@ -70,13 +70,6 @@ class Estimate:
         return np.array(self.fit.parameters)
 
     @property
-    def freedom(self) -> float:
-        """Degrees of freedom of the deviations without what all pairs share: the median, or that of the noise."""
-        if self.errors is not None:
-            return float(np.median(self.errors.of_pairs().freedoms()))
-        return np.inf if self.spread.freedom is None else self.spread.freedom
-
-    @property
     def held_at(self) -> Floats:
         """The parameters (D,) of the fit to the pairs of `holding`."""
         return self.parameters if self.kept is None else np.array(self.kept.parameters)

@@ -67,6 +67,7 @@ _ROOMS = {
     "solve": "solving",
     "conclude": "concluding",
     "report": "reporting",
+    "remedies": "remedies",
     "pixel_points": "locating",
     "pair_validation": "validating",
     "lane_validation": "validating",

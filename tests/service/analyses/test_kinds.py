@@ -32,6 +32,7 @@ KINDS = {
     "pixel_points": (("recording_id", "result_id"), {"camera": "front", "frame": 0, "pixels": [PIXEL]}, "engineer"),
     "calibrated_copy": (("recording_id",), {"for_viewers": True}, "engineer"),
     "report": (("result_id",), {}, "reviewer"),
+    "remedies": (("result_id",), {}, "engineer"),
     "pair_validation": (("set_id",), {"calibration": STATED}, "engineer"),
     "lane_validation": (("recording_id", "result_id"), {"camera": "front"}, "engineer"),
     "edge_validation": (("recording_id",), {"camera": "front"}, "engineer"),

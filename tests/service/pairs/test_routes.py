@@ -97,7 +97,7 @@ def test_pairs_state_the_deviation_of_the_clock_offset_that_they_were_made_with(
     with api.database.reading() as session:
         stated = common_errors(session.get_one(CorrespondenceSet, UUID(made["id"])), {})
     board = {"tip_across_mm": 3.5, "tip_up_mm": 5.8, "range_mm": 17.3}
-    assert stated == {"elevation_deg": 0.1, "person_px": 0.289, "clock_ms": 1.1, **board}
+    assert stated == {"elevation_deg": 0.1, "person_px": 1.0, "clock_ms": 1.1, **board}
     with api.database.writing() as session:
         session.get_one(Detection, seed.detection_id).options = {"upper_corner": 1}
     with api.database.reading() as session:

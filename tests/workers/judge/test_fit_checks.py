@@ -16,7 +16,7 @@ from tests.workers.solver.test_optima import small_board
 from tests.workers.solver.walks import ended, posed
 from workers.judge.agreement_checks import fit
 from workers.judge.causes import image_velocities
-from workers.judge.effects import Effect, marked_rays
+from workers.judge.effects import Effect, freedoms_of_use, marked_rays
 from workers.judge.fit_checks import checks_of_fit, without_outliers
 from workers.judge.pair_checks import places_of
 from workers.judge.precision_checks import mount_alone, precision
@@ -139,6 +139,20 @@ def test_few_pairs_and_few_places_are_looked_at():
     assert check.verdict == "look" and check.figures["places"] == 2
 
 
+@pytest.mark.parametrize("pairs", [20, 26, 30])
+def test_as_many_more_marks_as_are_advised_are_enough_and_fewer_are_not(pairs):
+    said = checked(*rig(pairs=pairs))["pairs"]
+    more = int(re.search(r"Mark (\d+) more corners", said.remedy)[1])
+
+    def freedom(drawn):
+        """With the pairs that were left out as slips."""
+        figures = checked(*rig(pairs=drawn))["pairs"].figures
+        return figures["degrees_of_freedom"] + 2.0 * (drawn - figures["pairs"])
+
+    assert freedom(pairs + more) > 50.0 - 1e-6
+    assert freedom(pairs + more - 4) < 50.0
+
+
 @pytest.mark.parametrize(("noise_px", "verdict"), [(1.2, "pass"), (2.5, "look"), (5.0, "stop")])
 def test_noise_beyond_what_marks_and_vertices_explain(noise_px, verdict):
     check = checked(*rig("pinhole", noise_px=noise_px))["noise"]
@@ -220,11 +234,22 @@ def test_precision_is_judged_where_points_are_used():
 def test_few_pairs_widen_what_is_judged_by_students_t():
     found, result = ended(*rig("pinhole", pairs=12))
     C = covariances_along(found, marked_rays(found))[0]
-    widest = np.quantile(np.sqrt(np.linalg.eigvalsh(C)[..., -1]), 0.95, axis=1)
-    student = stats.t.ppf(0.975, found.freedom) * result.prediction.expected_over_stated
-    assert found.freedom < 15.0 and student > 2.1
+    # Nothing is shared: every variance has the freedom of the noise.
+    student = stats.t.ppf(0.975, found.spread.freedom) * result.prediction.expected_over_stated
+    widest = np.quantile(student * np.sqrt(np.linalg.eigvalsh(C)[..., -1]), 0.95, axis=1)
+    assert found.spread.freedom < 15.0 and student > 2.1
     judged = precision(found, result).figures
-    assert [judged[f"half_width_at_{at}_m_px"] for at in (5, 20, 50)] == pytest.approx((student * widest).tolist())
+    assert [judged[f"half_width_at_{at}_m_px"] for at in (5, 20, 50)] == pytest.approx(widest.tolist(), rel=1e-3)
+
+
+def test_what_is_stated_of_all_pairs_is_known_also_where_pairs_are_few():
+    problem, start = rig("pinhole", pairs=12, common_errors={"tip_up_mm": 30.0})
+    found, result = ended(problem, start)
+    freedoms = freedoms_of_use(found)
+    assert np.median(freedoms[0]) > 20.0 * found.spread.freedom
+    C = covariances_along(found, marked_rays(found))[0]
+    widest = np.quantile(1.97 * np.sqrt(np.linalg.eigvalsh(C)[0, :, -1]), 0.95)
+    assert precision(found, result).figures["half_width_at_5_m_px"] == pytest.approx(widest, rel=0.03)
 
 
 def test_the_mount_alone_is_judged_by_degrees_and_millimetres():
