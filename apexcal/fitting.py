@@ -63,7 +63,8 @@ def fit(
     from apexcal.printed_result import PrintedResult
     from workers.solver.outcomes import SolveError
     from workers.solver.schedule import run_schedule
-    from workers.tasks.solving import read_run, solved
+    from workers.tasks.run_inputs import read_run
+    from workers.tasks.solving import solved
 
     T = np.asarray(_FORWARD if T_camera_lidar is None else T_camera_lidar, np.float64)
     if T.shape != (4, 4):

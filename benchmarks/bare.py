@@ -19,7 +19,8 @@ from sqlalchemy import ColumnElement, select  # noqa: E402
 from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, Result  # noqa: E402
 from service.platform.db.session import Database  # noqa: E402
 from workers.solver.schedule import run_schedule  # noqa: E402
-from workers.tasks.solving import read_run, solved  # noqa: E402
+from workers.tasks.run_inputs import read_run  # noqa: E402
+from workers.tasks.solving import solved  # noqa: E402
 from workers.tasks.warming import warm_up  # noqa: E402
 
 _PROCESSES = 2

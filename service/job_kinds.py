@@ -28,7 +28,6 @@ KINDS = (
     *recordings.kinds(take=_follow_reading),
     *analyses.KINDS,
     *detections.kinds(take=analyses.queue_marks),
-    *calibration_runs.KINDS,
-    *calibration_runs.conclusions(take=publish_conclusion),
+    *calibration_runs.kinds(conclude=publish_conclusion),
 )
 register(*KINDS)

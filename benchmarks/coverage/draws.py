@@ -29,7 +29,7 @@ from workers.solver.prediction import DISTANCES_M, covariances_along
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.rolling_shutter import rolling_shutter
-from workers.tasks.solving import read_run
+from workers.tasks.run_inputs import read_run
 
 Floats = NDArray[np.float64]
 _EDGE_MM: Final = 3.5  # EN 315

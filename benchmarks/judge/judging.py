@@ -34,7 +34,8 @@ from workers.simulation.camera import FRONT
 from workers.solver.outcomes import SolveError
 from workers.solver.prediction import DISTANCES_M
 from workers.solver.schedule import State, run_schedule
-from workers.tasks.solving import RunInput, read_run, solved
+from workers.tasks.run_inputs import RunInput, read_run
+from workers.tasks.solving import solved
 
 Floats = NDArray[np.float64]
 MOUNT: Final = ("rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z")

@@ -7,7 +7,8 @@ those of :mod:`service.calibration_runs.conclusion`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from datetime import datetime
+from typing import Any, Protocol
 from uuid import UUID
 
 from sqlalchemy import bindparam, select, update
@@ -17,10 +18,11 @@ from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.conclusion import end_calibration
 from service.platform.broker.hints import hint
 from service.platform.db.base import Json
-from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, Slot
+from service.platform.db.calibrations import FULL, Calibration, CalibrationRun, Result, Slot
 from service.platform.db.clock import now
-from service.platform.handovers import SlotBundle
+from service.platform.handovers import Conclusion, RunEnd, SlotBundle
 from service.platform.jobs.bundles import cut
+from service.platform.jobs.claims import StaleInputError
 from service.platform.jobs.queue import enqueue, enqueue_all, enqueue_each
 
 # Built once, as those of :mod:`service.platform.jobs.claims`.
@@ -46,6 +48,20 @@ _COUNT_RUN = (
 _RUNS = select(CalibrationRun.fold, CalibrationRun.state, CalibrationRun.failure).where(
     CalibrationRun.calibration_id == bindparam("calibration")
 )
+_ENDED = select(CalibrationRun.id, CalibrationRun.finished_at).where(
+    CalibrationRun.calibration_id == bindparam("calibration"), CalibrationRun.id != bindparam("run")
+)
+
+
+class Conclude(Protocol):
+    """Stores what a worker concluded of a calibration, and the result of its last run, and ends it.
+
+    Raises :class:`StaleInputError`, with nothing written, if it was judged beside other results than are current.
+    """
+
+    def __call__(
+        self, session: Session, calibration_id: UUID, conclusion: Conclusion, fresh: Result | None = None
+    ) -> None: ...
 
 
 def start_runs(session: Session, runs: Sequence[CalibrationRun]) -> None:
@@ -103,34 +119,57 @@ def go_on(session: Session, run_id: UUID, bundle: SlotBundle) -> None:
         start_iteration(session, run)
 
 
-def end_run(
-    session: Session,
-    run: Any,
-    state: WorkState,
-    failure: Json | None = None,
-    schedule: tuple[Json, int] | None = None,
-) -> None:
+def end_run(session: Session, run: Any, state: WorkState, failure: Json | None = None) -> None:
     """End a run once; after the calibration's last one a job concludes the calibration.
 
-    ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``: a row, or those columns of it. ``schedule``: the
-    state of the narrowing and the number of iterations, where they are not on record yet.
+    ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``: a row, or those columns of it.
     """
-    ended: dict[str, Any] = {"run": run.id, "ended_as": state, "because": failure}
-    statement = _END_RUN
-    if schedule:
+    ended = {"run": run.id, "ended_as": state, "because": failure}
+    if session.connection().execute(_END_RUN, ended).one_or_none() is not None and _count_run(session, run):
+        _end_runs(session, run.calibration_id)
+
+
+def end_solved(session: Session, end: RunEnd, conclude: Conclude) -> None:
+    """End a run once with its result. The calibration's last one also ends the calibration.
+
+    Where another run ended meanwhile, or another result was published, a job concludes instead.
+    """
+    run, statement = end.run, _END_RUN
+    ended: dict[str, Any] = {"run": run.id, "ended_as": WorkState.DONE, "because": None}
+    if end.schedule:
         statement = _END_WHOLE_RUN
-        ended |= {"narrowed": schedule[0], "iterations": schedule[1]}
-    connection = session.connection()
-    if connection.execute(statement, ended).one_or_none() is None:
+        ended |= {"narrowed": end.schedule[0], "iterations": end.schedule[1]}
+    if session.connection().execute(statement, ended).one_or_none() is None:
         return
-    if connection.execute(_COUNT_RUN, {"calibration": run.calibration_id}).scalar_one_or_none() == 0:
-        _end_runs(session, session.get_one(Calibration, run.calibration_id, populate_existing=True))
+    is_last, result = _count_run(session, run), Result(**end.result)
+    if is_last and end.conclusion and _still_ended(session, run) == end.ended:
+        try:
+            conclude(session, run.calibration_id, end.conclusion, result)
+            return
+        except StaleInputError:
+            pass
+    session.add(result)
+    session.flush()
+    if is_last:
+        _end_runs(session, run.calibration_id)
+
+
+def _count_run(session: Session, run: Any) -> bool:
+    """Take an ended run off its calibration, whose row is locked then; whether it was the last."""
     hint(session, run.fleet_id, "calibration", run.calibration_id)
+    remaining = session.connection().execute(_COUNT_RUN, {"calibration": run.calibration_id})
+    return remaining.scalar_one_or_none() == 0
 
 
-def _end_runs(session: Session, calibration: Calibration) -> None:
+def _still_ended(session: Session, run: Any) -> dict[UUID, datetime]:
+    others = session.connection().execute(_ENDED, {"calibration": run.calibration_id, "run": run.id})
+    return {other.id: other.finished_at for other in others}
+
+
+def _end_runs(session: Session, calibration_id: UUID) -> None:
     """Have a worker judge what the runs found. Without a fit to all pairs, or cancelled, the calibration ends now."""
     # As they stand in the database, whatever this session has loaded of them.
+    calibration = session.get_one(Calibration, calibration_id, populate_existing=True)
     runs = session.connection().execute(_RUNS, {"calibration": calibration.id}).all()
     problem = next((run.failure for run in runs if run.failure), None)
     if any(run.state == WorkState.CANCELLED for run in runs):

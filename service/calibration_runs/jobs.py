@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
+from functools import partial
 from uuid import UUID
 
 from sqlalchemy import delete, exists, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
-from service.calibration_runs.actions import end_run, go_on, start_runs
+from service.calibration_runs.actions import Conclude, end_run, end_solved, go_on, start_runs
 from service.calibration_runs.conclusion import end_calibration
 from service.platform.broker.hints import hint
 from service.platform.db.base import Json, state_literal
 from service.platform.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.jobs import Job
-from service.platform.handovers import Conclusion, RunEnd, SlotBundle
+from service.platform.handovers import RunEnd, SlotBundle
 from service.platform.jobs.kinds import CannotRetryError, Kind, failed_subject
 from service.platform.jobs.queue import enqueue
 
@@ -25,9 +26,9 @@ _CANCELLED_RUNS = select(CalibrationRun.id).where(
 )
 
 
-def _take_part(session: Session, run_id: UUID, part: SlotBundle | RunEnd) -> None:
+def _take_part(conclude: Conclude, session: Session, run_id: UUID, part: SlotBundle | RunEnd) -> None:
     if isinstance(part, RunEnd):
-        end_run(session, part.run, WorkState.DONE, schedule=part.schedule)
+        end_solved(session, part, conclude)
     else:
         go_on(session, run_id, part)
 
@@ -109,9 +110,10 @@ def _newest_job(session: Session, subject_id: UUID) -> int:
     return session.scalar(select(Job.id).where(Job.subject_id == subject_id).order_by(Job.id.desc()).limit(1)) or 0
 
 
-def conclusions(take: Callable[[Session, UUID, Conclusion], object]) -> tuple[Kind, ...]:
-    """Return the kind of conclusions. ``take`` stores what one says, and publishes."""
-    return (Kind("conclude", "report", _end_conclusion, _retry_conclusion, take=take),)
-
-
-KINDS = (Kind("solve", "solve", _end_part, _retry_run, None, _CANCELLED_RUNS, take=_take_part, forget=_forget_slots),)
+def kinds(conclude: Conclude) -> tuple[Kind, ...]:
+    """Return the kinds of parts of runs and of conclusions. ``conclude`` stores what one says, and publishes."""
+    take = partial(_take_part, conclude)
+    return (
+        Kind("solve", "solve", _end_part, _retry_run, None, _CANCELLED_RUNS, take=take, forget=_forget_slots),
+        Kind("conclude", "report", _end_conclusion, _retry_conclusion, take=conclude),
+    )

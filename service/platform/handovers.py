@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
 from typing import Any, NamedTuple
 from uuid import UUID
 
@@ -21,16 +22,6 @@ class SlotBundle(NamedTuple):
     narrow: Callable[[Json | None, Sequence[Slot]], tuple[Json, bool]]
 
 
-class RunEnd(NamedTuple):
-    """The end of a run whose result is written. ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``.
-
-    ``schedule``: the state of the narrowing and the number of iterations, if they are not on record yet.
-    """
-
-    run: Any
-    schedule: tuple[Json, int] | None
-
-
 class Conclusion(NamedTuple):
     """A calibration's summary, and the columns of its judged results with their ids.
 
@@ -41,3 +32,18 @@ class Conclusion(NamedTuple):
     judged: Sequence[Json]
     current: Mapping[str, UUID | None]
     problem: Json | None
+
+
+class RunEnd(NamedTuple):
+    """The end of a run. ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``; ``result``: columns of its row.
+
+    ``schedule``: the state of the narrowing and the number of iterations, if they are not on record yet.
+    ``conclusion``: of the calibration, where this seemed to be the last of its runs. ``ended``: when each of the
+    others had ended by which it was judged.
+    """
+
+    run: Any
+    result: Json
+    schedule: tuple[Json, int] | None
+    conclusion: Conclusion | None
+    ended: Mapping[UUID, datetime]

@@ -19,18 +19,27 @@ from service.publications.actions import hold_publications, publish_by_itself
 from service.publications.check_queries import judged_now
 
 
-def publish_conclusion(session: Session, calibration_id: UUID, conclusion: Conclusion) -> None:
+def publish_conclusion(
+    session: Session, calibration_id: UUID, conclusion: Conclusion, fresh: Result | None = None
+) -> None:
     """Store what a worker concluded of a calibration, publish what passes, and end the calibration.
 
-    Raises :class:`StaleInputError` if results that shall be published were judged beside others than are current.
+    ``fresh``: the result of its last run, stored here. Raises :class:`StaleInputError`, with nothing written, if
+    results that shall be published were judged beside others than are current.
     """
-    calibration = session.get_one(Calibration, calibration_id, with_for_update=True)
-    session.execute(update(Result), list(conclusion.judged))
     # The calibration's row before the vehicle's: the order of all locks.
-    session.flush()
+    calibration = session.get_one(Calibration, calibration_id, with_for_update=True, populate_existing=True)
     hold_publications(session, calibration.vehicle_id)
     if calibration.publish == "recommended":
         _check_unchanged(session, calibration.vehicle_id, conclusion.current)
+    judged = {columns["id"]: columns for columns in conclusion.judged}
+    if fresh is not None:
+        for name, value in judged.pop(fresh.id, {}).items():
+            setattr(fresh, name, value)
+        session.add(fresh)
+        session.flush()
+    if judged:
+        session.execute(update(Result), list(judged.values()))
     # The limits of a policy are of the summary too: of the one in memory, which is written once at the end.
     calibration.summary = conclusion.summary.model_dump(mode="json")
     with session.no_autoflush:
@@ -54,7 +63,7 @@ def _publish(session: Session, calibration: Calibration, summary: CameraSummary)
     summary.published = False if is_asked else None
     if chosen is None:
         return
-    result = session.get_one(Result, chosen.result_id, populate_existing=True)
+    result = session.get_one(Result, chosen.result_id)
     summary.checks, policy = judged_now(session, result)
     if is_asked and policy.publishes(summary.checks):
         publish_by_itself(session, calibration, result, [check.sentence for check in doubts_of(summary.checks)])

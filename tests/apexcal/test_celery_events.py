@@ -104,4 +104,4 @@ def test_each_job_of_a_calibration_is_told_by_its_kind(embedded: Embedded, owner
     for job_id, (kind, _, state) in jobs.items():
         assert ("task-failed" in events_of[job_id]) == (state == "failed"), (kind, state)
     kinds = {kind for kind, *_ in jobs.values()}
-    assert kinds >= {"ingest", "solve", "conclude"}
+    assert kinds >= {"ingest", "solve"}

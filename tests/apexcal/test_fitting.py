@@ -10,7 +10,8 @@ from apexcal.documents.checks import verdict_of
 from apexcal.documents.fit_requests import fit_request
 from apexcal.errors import InputError
 from workers.solver.schedule import run_schedule
-from workers.tasks.solving import read_run, solved
+from workers.tasks.run_inputs import read_run
+from workers.tasks.solving import solved
 
 SIZE = (1280, 800)
 K = np.array([[900.0, 0.0, 650.0], [0.0, 905.0, 410.0], [0.0, 0.0, 1.0]])

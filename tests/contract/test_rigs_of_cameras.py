@@ -1,20 +1,25 @@
 """A calibration of two cameras, from the request to what it says of the rig."""
 
 import copy
+import json
 
 import numpy as np
 import pytest
 from sqlalchemy import select
 
+from apexcal.documents.results import FitResult
 from apexcal.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
 from apexcal.geometry.se3 import SE3, to_document
-from service.platform.db.models import Job
-from service.platform.jobs.claims import claim
+from service.platform.db.models import Calibration, CorrespondenceSet, Job, Result
+from service.platform.jobs.claims import Lease, claim, finish
+from service.platform.jobs.queue import retry
 from service.platform.jobs.sweep import sweep
+from service.publications.actions import Grounds, publish
 from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.work import work
 from tests.workers.solver.two_cameras import FRONT, LEFT, SIZE, walked
-from workers.tasks.running import run_job
+from workers.tasks import concluding
+from workers.tasks.solving import solve
 
 pytestmark = pytest.mark.usefixtures("broker")
 SCHEDULE = {"slots": 2, "population": 300, "generations": 15, "max_iterations": 25}
@@ -70,8 +75,7 @@ def test_two_cameras_are_compared_when_both_are_done(api, context):
     assert pair["stated"][1]["sigmas"] < 4.0
     assert pair["shared"]["vertices"] == 100
     assert [done["summary"]["cameras"][name]["published"] for name in ("front", "left")] == [True, True]
-    with api.database.reading() as session:
-        assert session.scalars(select(Job.queue).where(Job.kind == "conclude")).all() == ["report"]
+    assert conclusions(context) == [], "the last run concludes"
     result = engineer.get(f"/results/{done['summary']['cameras']['left']['models']['pinhole']['result_id']}").json()
     provenance = result["provenance"]
     assert (len(provenance["sources_sha256"]), len(provenance["pairs_sha256"])) == (64, 64)
@@ -104,27 +108,112 @@ def test_a_rig_that_states_something_else_is_an_alarm_that_publishes_nothing(api
         assert (check["verdict"], check["sentence"]) == ("stop", alarm)
 
 
-def at_the_conclusion(api, context):
-    """An engineer, the calibration, and the job that concludes it, not yet claimed."""
-    engineer, calibration = asked(api, folds=0, farm="runs")
-    with api.database.reading() as session:
-        ids = session.scalars(select(Job.id).order_by(Job.id)).all()
+def solved_at_once(context, at_most=2):
+    """Claims of the oldest runs, each with the function that writes its end: none ends before all are solved."""
+    with context.database.reading() as session:
+        of_runs = select(Job.id).where(Job.kind == "solve", Job.state == "queued").order_by(Job.id)
+        ids = session.scalars(of_runs.limit(at_most)).all()
+    ends = []
     for job_id in ids:
-        run_job(context, job_id)
-    waiting = engineer.get(f"/calibrations/{calibration}").json()
-    assert (waiting["state"], waiting["progress"]["message"]) == ("running", "the models are compared")
-    with api.database.reading() as session:
-        (job_id,) = session.scalars(select(Job.id).where(Job.kind == "conclude"))
-    return engineer, calibration, job_id
+        held = claim(context.database, job_id, "w")
+        with Lease(context.database, held) as lease:
+            ends.append((held, solve(context, held, lease)))
+    return ends
+
+
+def conclusions(context):
+    with context.database.reading() as session:
+        return session.execute(select(Job.id, Job.queue, Job.state).where(Job.kind == "conclude")).all()
 
 
 def test_a_cancel_before_the_conclusion_ends_the_calibration(api, context):
-    engineer, calibration, job_id = at_the_conclusion(api, context)
+    engineer, calibration = asked(api, folds=0, farm="runs")
+    for held, write in solved_at_once(context):
+        finish(context.database, held, write)
+    waiting = engineer.get(f"/calibrations/{calibration}").json()
+    assert (waiting["state"], waiting["progress"]["message"]) == ("running", "the models are compared")
+    ((job_id, queue, _),) = conclusions(context)
+    assert queue == "report"
     assert engineer.post(f"/calibrations/{calibration}/cancel").status_code == 202
     sweep(context.database, context.store)
     ended = engineer.get(f"/calibrations/{calibration}").json()
     assert (ended["state"], ended["summary"]) == ("cancelled", None)
     assert claim(context.database, job_id, "late") is None
+
+
+def without_times(answer):
+    """A calibration as answered, without ids, names of workers and times."""
+    left_out = ("id", "seconds", "workers", "created_at", "finished_at", "seed", "result_id", "links")
+    if isinstance(answer, dict):
+        return {name: without_times(value) for name, value in answer.items() if name not in left_out}
+    return [without_times(value) for value in answer] if isinstance(answer, list) else answer
+
+
+def test_the_last_run_says_what_a_job_of_its_own_says(api, context):
+    """Also where two runs end at the same moment, so that neither was the last when it was judged."""
+    engineer, calibration = asked(api, farm="runs", publish="none", seed=3)
+    work(context)
+    assert conclusions(context) == []
+    first = engineer.get(f"/calibrations/{calibration}").json()
+    request = {name: first["request"][name] for name in ("models", "folds", "schedule", "farm", "publish", "seed")}
+    with context.database.reading() as session:
+        sets = [str(one) for one in session.scalars(select(CorrespondenceSet.id).order_by(CorrespondenceSet.id))]
+    second = ask_calibration(engineer, first["vehicle_id"], *sets, **request)
+    with context.database.reading() as session:
+        runs = session.scalars(select(Job.id).where(Job.kind == "solve", Job.state == "queued")).all()
+    ends = solved_at_once(context, len(runs))
+    with context.database.writing() as session:
+        row = ends[-1][1](session).result
+        assert FitResult.model_validate_json(json.dumps(row["document"])) == row["fit"], "as read again"
+        session.rollback()
+    for held, write in ends:
+        finish(context.database, held, write)
+    assert [state for *_, state in conclusions(context)] == ["queued"]
+    work(context)
+    again = engineer.get(f"/calibrations/{second}").json()
+    assert without_times(again["summary"]) == without_times(first["summary"])
+
+
+@pytest.mark.parametrize("retried", [False, True])
+def test_what_was_judged_beside_something_else_is_judged_again(api, context, retried):
+    """Between the judging of the last run and its end another result is published, or a failed run is tried again."""
+    engineer, calibration = asked(api, folds=0, farm="runs")
+    ((first, write), (last, _)) = solved_at_once(context)
+    if retried:
+        finish(context.database, first, state="failed", problem={"code": "made", "detail": "Made.", "hint": "Wait."})
+    else:
+        finish(context.database, first, write)
+    with Lease(context.database, last) as lease:
+        write_last = solve(context, last, lease)
+    if retried:
+        with context.database.writing() as session:
+            retry(session, first.job_id)
+        assert engineer.get(f"/calibrations/{calibration}").json()["state"] == "running"
+    else:
+        with context.database.writing() as session:
+            result = session.scalars(select(Result)).one()
+            publish(session, session.get_one(Calibration, result.calibration_id), result, Grounds(None, "Now."))
+    finish(context.database, last, write_last)
+    assert len(conclusions(context)) == (0 if retried else 1)
+    work(context)
+    ended = engineer.get(f"/calibrations/{calibration}").json()
+    assert (ended["state"], len(ended["summary"]["rig"]["pairs"])) == ("done", 1)
+
+
+def test_a_judge_that_fails_leaves_what_the_run_came_to(api, context, monkeypatch):
+    engineer, calibration = asked(api, folds=0, farm="runs")
+    with monkeypatch.context() as broken:
+        broken.setattr(concluding, "camera_summary", lambda fits: fits[len(fits)])
+        work(context)
+    failed = engineer.get(f"/calibrations/{calibration}").json()
+    assert (failed["state"], failed["problem"]["code"]) == ("failed", "internal_error")
+    with context.database.reading() as session:
+        assert session.scalars(select(Result.verdict)).all() == [None, None]
+    ((job_id, *_),) = conclusions(context)
+    with context.database.writing() as session:
+        retry(session, job_id)
+    work(context)
+    assert engineer.get(f"/calibrations/{calibration}").json()["state"] == "done"
 
 
 def test_known_transforms_name_two_cameras_of_the_rig(fleet, engineer):

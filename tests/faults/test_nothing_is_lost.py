@@ -151,10 +151,10 @@ def _running(farm: Farm) -> list[int]:
         return list(session.scalars(select(Job.id).where(Job.kind == "solve", Job.state == "running")))
 
 
-def test_a_conclusion_killed_at_work_ends_the_calibration_once(farm: Farm):
+def test_a_whole_run_killed_at_work_ends_the_calibration_once(farm: Farm):
     """The sweep gives the job to another."""
     calibration = ask_two_cameras(farm.client, next(_names), farm="runs", folds=0)
-    job_id = farm.kill_who_works_on("conclude")
+    job_id = farm.kill_who_works_on("solve", "run")
     ended = farm.finished(calibration)
     assert ended.state == "done" and len(ended.summary.rig.pairs) == 1
     assert (farm.job(job_id).lost, farm.job(job_id).attempt) == (1, 2)

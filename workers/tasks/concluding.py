@@ -1,16 +1,23 @@
-"""The last job of a calibration: its models compared, its cameras compared, its results judged."""
+"""The end of a calibration: its models compared, its cameras compared, its results judged.
+
+The process whose run ends last does it with what it has in hand, a job of its own where no run ended so.
+"""
 
 from __future__ import annotations
 
+import logging
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime
 from itertools import combinations
-from typing import Final, NamedTuple
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
 from uuid import UUID
 
 import numpy as np
 from sqlalchemy import bindparam, func, select
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from apexcal.documents.checks import MARKS_CONFIRMED, Check, CheckScope, CheckVerdict, later_checks, verdict_of
@@ -37,7 +44,7 @@ from service.platform.db.calibrations import (
 )
 from service.platform.db.fleets import Rig
 from service.platform.handovers import Conclusion
-from service.platform.jobs.claims import Claim, Lease
+from service.platform.jobs.claims import CancelledError, Claim, Lease, LostLeaseError
 from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
 from workers.judge.precision_checks import mount_alone
@@ -48,7 +55,9 @@ from workers.solver.outcomes import Stop
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
 from workers.tasks.context import Context
 from workers.tasks.other_data import other_data
-from workers.tasks.solving import read_run
+from workers.tasks.run_inputs import read_run
+
+log = logging.getLogger(__name__)
 
 # Built once: SQLAlchemy takes longer to build such a statement than to run it.
 _RESULTS = (
@@ -56,6 +65,10 @@ _RESULTS = (
     .where(Result.calibration_id == bindparam("calibration"))
     .order_by(Result.camera, Result.model, Result.fold)
 )
+_RUNS = select(
+    *(CalibrationRun.id, CalibrationRun.set_id, CalibrationRun.camera, CalibrationRun.state),
+    *(CalibrationRun.failure, CalibrationRun.finished_at),
+).where(CalibrationRun.calibration_id == bindparam("calibration"))
 _SEARCHES = (
     select(Slot.run_id, Slot.worker, func.sum(Slot.seconds))
     .join(CalibrationRun, CalibrationRun.id == Slot.run_id)
@@ -65,6 +78,8 @@ _SEARCHES = (
 )
 
 
+# A calibration with a cancelled run is not judged.
+_JUDGED_STATES: Final = (WorkState.DONE, WorkState.FAILED)
 # Moves of an alias that are looked through for a result from people's marks: a year of monthly calibrations, twice.
 _MOST_MOVES: Final = 24
 _CONFIRMED: Final = MARKS_CONFIRMED.name
@@ -103,47 +118,83 @@ class _Judged(NamedTuple):
         }
 
 
-def conclude(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Conclusion]:
+class LastRun(NamedTuple):
+    """A run that ends in this process, and its result, which is not stored yet.
+
+    ``searches``: run, worker and seconds of what is not stored of its search either.
+    """
+
+    run: Any
+    result: Result
+    searches: Sequence[tuple[UUID, str, float]]
+
+
+class LastConclusion(NamedTuple):
+    """A calibration's conclusion by its last run, and when each of the others had ended. None while some have not."""
+
+    conclusion: Conclusion | None = None
+    ended: Mapping[UUID, datetime] = MappingProxyType({})
+
+
+def conclude(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Conclusion | None]:
     """Summarise and judge a calibration whose runs have all ended."""
-    with context.database.reading() as session:
-        calibration = session.get_one(Calibration, claim.subject_id)
-        cameras = _by_camera(session.scalars(_RESULTS, {"calibration": calibration.id}).all())
-        fits = _fits(session, calibration.id, cameras)
-        lease.report(0.0, "comparing the models")
-        summaries = {camera: camera_summary(of_camera) for camera, of_camera in fits.items()}
-        solved = _solved_cameras(session, calibration, cameras, summaries, lease)
-        stated = _stated(session, calibration) if len(cameras) > 1 else []
-        of_runs = select(CalibrationRun.id, CalibrationRun.set_id, CalibrationRun.state, CalibrationRun.failure)
-        runs = session.execute(of_runs.where(CalibrationRun.calibration_id == calibration.id)).all()
-        sets = {run.id: run.set_id for run in runs}
-        current = {camera: _current(session, calibration.vehicle_id, camera) for camera in cameras}
-        confirming = {camera: _confirming(session, calibration.vehicle_id, camera) for camera in cameras}
-        elsewhere = other_data(
-            session, [judgement for every in cameras.values() for judgement in every if judgement.fold == FULL]
-        )
-    rig = _compared(solved, stated, summaries) if len(cameras) > 1 else None
-    ended_well = all(run.state == WorkState.DONE for run in runs)
-    judged = [
-        _judge(
-            *(result, fits[camera], summaries[camera], rig, current[camera], elsewhere[result.id]),
-            context.pairs_of(sets[result.run_id]),
-            confirming[camera],
-            ended_well=ended_well,
-        )
-        for camera, of_camera in cameras.items()
-        for result in of_camera
-        if result.fold == FULL
-    ]
-    for judgement in judged:
-        model = summaries[judgement.result.camera].models[judgement.result.model]
-        model.verdict, model.verdict_alone = judgement.verdict("mount_with_lens"), judgement.verdict("mount_alone")
-    conclusion = Conclusion(
-        Summary(cameras=summaries, rig=rig),
-        [judgement.columns for judgement in judged],
-        {camera: judgement and judgement.result.id for camera, judgement in current.items()},
-        next((run.failure for run in runs if run.failure), None),
-    )
+    lease.report(0.0, "comparing the models")
+    conclusion = _concluded(context, claim.subject_id, None, lease).conclusion
     return lambda session: conclusion
+
+
+def conclude_by(context: Context, last: LastRun, stop: Stop) -> LastConclusion:
+    """Summarise and judge a calibration with what its last run came to.
+
+    Where judging fails there is no conclusion, so that the run's result is stored: a job judges again, and says why.
+    """
+    try:
+        return _concluded(context, last.run.calibration_id, last, stop)
+    except (CancelledError, LostLeaseError, OperationalError):
+        raise
+    except Exception:
+        log.exception("calibration %s is judged by a job of its own", last.run.calibration_id)
+        return LastConclusion()
+
+
+def _concluded(context: Context, calibration_id: UUID, last: LastRun | None, stop: Stop) -> LastConclusion:
+    with context.database.reading() as session:
+        calibration = session.get_one(Calibration, calibration_id)
+        if last and calibration.remaining != 1:
+            return LastConclusion()
+        runs = session.execute(_RUNS, {"calibration": calibration_id}).all()
+        others = [run for run in runs if last is None or run.id != last.run.id]
+        if any(run.state not in _JUDGED_STATES for run in others):
+            return LastConclusion()
+        stored = list(session.scalars(_RESULTS, {"calibration": calibration_id})) if others else []
+        cameras = _by_camera([*stored, last.result] if last else stored)
+        fits = _fits(session, calibration_id, cameras, last)
+        summaries = {camera: camera_summary(of_camera) for camera, of_camera in fits.items()}
+        solved = _solved_cameras(session, calibration, cameras, summaries, stop)
+        stated = _stated(session, calibration) if len(cameras) > 1 else []
+        elsewhere = other_data(session, [result for result in stored if result.fold == FULL])
+    rig = _compared(solved, stated, summaries) if len(cameras) > 1 else None
+    ended_well = all(run.state == WorkState.DONE for run in others)
+    sets = {run.camera: run.set_id for run in runs}
+    current: dict[str, UUID | None] = {}
+    judged: list[Json] = []
+    for camera, results in cameras.items():
+        pairs = context.pairs_of(sets[camera])
+        with context.database.reading() as session:
+            beside = _current(session, calibration.vehicle_id, camera)
+            confirming = _confirming(session, calibration.vehicle_id, camera) if any(pairs.get(MACHINE, ())) else None
+        current[camera] = beside and beside.result.id
+        for result in results:
+            if result.fold == FULL:
+                of_camera = (fits[camera], summaries[camera], rig, beside, elsewhere.get(result.id, ()))
+                judgement = _judge(result, *of_camera, pairs, confirming, ended_well=ended_well)
+                model = summaries[camera].models[result.model]
+                model.verdict = judgement.verdict("mount_with_lens")
+                model.verdict_alone = judgement.verdict("mount_alone")
+                judged.append(judgement.columns)
+    problem = next((run.failure for run in others if run.failure), None)
+    conclusion = Conclusion(Summary(cameras=summaries, rig=rig), judged, current, problem) if judged else None
+    return LastConclusion(conclusion, {run.id: run.finished_at for run in others})
 
 
 def _judge(
@@ -174,7 +225,7 @@ def _judge(
         rig=rig,
         current=other and _beside(published, other),
         columns=pairs,
-        confirming=_beside(published, confirming) if confirming and any(pairs.get(MACHINE, ())) else None,
+        confirming=confirming and _beside(published, confirming),
     )
     # What a check of the fit says of its interval holds for the published one.
     own = [mount_alone(published)] if spread else []
@@ -227,11 +278,17 @@ def _by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:
     return {name: fits for name, fits in cameras.items() if any(result.fold == FULL for result in fits)}
 
 
-def _fits(session: Session, calibration: UUID, cameras: Mapping[str, Sequence[Result]]) -> dict[str, list[CameraFit]]:
+def _fits(
+    session: Session, calibration: UUID, cameras: Mapping[str, Sequence[Result]], last: LastRun | None
+) -> dict[str, list[CameraFit]]:
     """Each camera's fits, with the seconds of their searches and who did them."""
     seconds: dict[UUID, float] = defaultdict(float)
     workers: dict[UUID, list[str]] = defaultdict(list)
-    for run_id, worker, spent in session.connection().execute(_SEARCHES, {"calibration": calibration}):
+    unstored = last.searches if last else ()
+    # Only the last run's own are not stored.
+    alone = unstored and sum(map(len, cameras.values())) == 1
+    stored = () if alone else session.connection().execute(_SEARCHES, {"calibration": calibration}).all()
+    for run_id, worker, spent in (*stored, *unstored):
         seconds[run_id] += spent
         workers[run_id].append(worker)
     return {

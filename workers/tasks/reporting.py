@@ -30,7 +30,7 @@ from workers.solver.outcomes import Stop
 from workers.tasks.analysis_files import keeping, store_file
 from workers.tasks.context import Context
 from workers.tasks.other_data import other_data
-from workers.tasks.solving import read_run
+from workers.tasks.run_inputs import read_run
 
 _SHOWN: Final = frozenset(("image/jpeg", "image/png", "image/webp"))
 # Outliers with a picture, the worst first, and the largest frame that is read for one: the file stays below 3 MB.

@@ -4,37 +4,27 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 from uuid import UUID
 
 import numpy as np
-from numpy.typing import NDArray
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.checks import doubts_of
-from apexcal.documents.fit_requests import FitRequest
-from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, VELOCITY, held_together
 from apexcal.documents.results import FitResult, Provenance
 from apexcal.documents.states import UNENDED
-from apexcal.geometry.motion import velocities_of
 from service.platform.db.analyses import Analysis
-from service.platform.db.base import Json
+from service.platform.db.base import Json, new_id
 from service.platform.db.calibrations import FULL, CalibrationRun, Result, Slot
 from service.platform.handovers import RunEnd, SlotBundle
 from service.platform.jobs.claims import CancelledError, Claim, Lease
 from workers.judge.fit_checks import checks_of_fit
-from workers.solver.blocks import blocks_of
-from workers.solver.common_errors import shares_of
-from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
-from workers.solver.covariances import covariances_of
 from workers.solver.estimate import at_clock
-from workers.solver.held_out import Fold, folds, held_out
-from workers.solver.outcomes import NEVER, SolveError, Stop
-from workers.solver.problem import FitProblem, fit_problem
+from workers.solver.held_out import held_out
+from workers.solver.outcomes import SolveError
+from workers.solver.problem import FitProblem
 from workers.solver.provenance import pairs_sha256, sources_sha256
-from workers.solver.rolling_shutter import at_their_rows
 from workers.solver.schedule import (
     State,
     advance,
@@ -46,7 +36,9 @@ from workers.solver.schedule import (
 )
 from workers.solver.slot import SlotOutcome, run_slot
 from workers.solver.solution import finished
+from workers.tasks.concluding import LastRun, conclude_by
 from workers.tasks.context import Context
+from workers.tasks.run_inputs import RunInput, read_run
 
 Write = Callable[[Session], object]
 
@@ -56,18 +48,6 @@ _RUN = select(
     *(CalibrationRun.cancel_requested, CalibrationRun.problem, CalibrationRun.schedule),
 ).where(CalibrationRun.id == bindparam("run"))
 _INSERT_SLOTS = insert(Slot)
-_INSERT_RESULT = insert(Result)
-
-
-@dataclass(frozen=True, eq=False)
-class RunInput:
-    """A run as the solver sees it: the problem of the pairs it fits, and that of all pairs with those held out."""
-
-    document: Json
-    problem: FitProblem
-    pairs: Json
-    whole: FitProblem
-    heldout: Fold | None
 
 
 def solve(context: Context, claim: Claim, lease: Lease) -> Write:
@@ -81,58 +61,8 @@ def solve(context: Context, claim: Claim, lease: Lease) -> Write:
     if part == "slots":
         return _slots(context, run_input, run.id, run.schedule, claim.payload)
     if part == "finish":
-        return _finish(run_input, run, _state(run.schedule, run_input.problem))
+        return _finish(context, run_input, run, _state(run.schedule, run_input.problem), lease)
     return _whole(context, run_input, run, lease)
-
-
-def read_run(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> RunInput:
-    """What a run fits: the pairs of its set, without those that its fold (-1: none) holds out.
-
-    ``document``: the run's ``problem``. ``pairs``: its set's columns of equal length, in metres and pixels.
-    """
-    request = FitRequest.model_validate(document)
-    whole = replace(_problem(request, pairs, None), stop=stop)
-    if fold < 0:
-        return RunInput(document, whole, pairs, whole, None)
-    heldout = folds(held_together(pairs), request.folds)[fold]
-    fitted = np.setdiff1d(np.arange(len(whole.points)), heldout.indices)
-    return RunInput(document, replace(_problem(request, pairs, fitted), stop=stop), pairs, whole, heldout)
-
-
-def _problem(request: FitRequest, pairs: Json, chosen: NDArray[np.int64] | None) -> FitProblem:
-    """The problem of some pairs of a set, or of all."""
-    columns = {
-        name: np.asarray(pairs[name]) for name in ("x", "y", "z", "u", "v", *COVARIANCE_COLUMNS) if name in pairs
-    }
-    if chosen is not None:
-        columns = {name: values[chosen] for name, values in columns.items()}
-    points = np.column_stack([columns["x"], columns["y"], columns["z"]]).astype(np.float64)
-    pixels = np.column_stack([columns["u"], columns["v"]]).astype(np.float64)
-    covariances = None
-    if request.weights == "covariances":
-        covariance_columns = {name: columns[name] for name in COVARIANCE_COLUMNS if name in columns}
-        covariances = covariances_of(covariance_columns, points, request.mark_sigma_px)
-    velocities = _velocities(pairs)
-    if velocities is None and CLOCK_SIGMA in pairs:
-        # Boards that stand still are where they are, whatever the clocks say.
-        stated = {name: value for name, value in request.common_errors.items() if name != "clock_ms"}
-        request = request.model_copy(update={"common_errors": stated})
-    problem = fit_problem(request, points, pixels, covariances=covariances)
-    blocks, people = blocks_of(pairs), shares_of(pairs)
-    if chosen is not None:
-        blocks = blocks and blocks.taken(chosen)
-        velocities = None if velocities is None else velocities[chosen]
-        people = None if people is None else people[chosen]
-    return at_their_rows(replace(problem, blocks=blocks, velocities=velocities, people=people))
-
-
-def _velocities(pairs: Json) -> NDArray[np.float64] | None:
-    if VELOCITY in pairs:
-        return np.asarray(pairs[VELOCITY], np.float64)
-    if "stamp_ns" not in pairs:
-        return None
-    points = np.column_stack([pairs["x"], pairs["y"], pairs["z"]])
-    return velocities_of(points, pairs["stamp_ns"], pairs.get(CORNER))
 
 
 def _state(schedule: Json | None, problem: FitProblem) -> State:
@@ -177,13 +107,7 @@ def _whole(context: Context, run_input: RunInput, run: Any, lease: Lease) -> Wri
         lease.report(state.iteration / limit, f"iteration {state.iteration} of at most {limit}")
 
     state, _ = run_schedule(run_input.problem, on_slot, on_iteration)
-    finish = _finish(run_input, run, state, schedule=(to_document(state), state.iteration))
-
-    def write(session: Session) -> object:
-        session.connection().execute(_INSERT_SLOTS, rows)
-        return finish(session)
-
-    return write
+    return _finish(context, run_input, run, state, lease, rows, (to_document(state), state.iteration))
 
 
 def solved(run_input: RunInput, state: State) -> FitResult:
@@ -196,31 +120,47 @@ def solved(run_input: RunInput, state: State) -> FitResult:
     return result.model_copy(update={"checks": checks_of_fit(estimate, result, pairs=run_input.pairs)})
 
 
-def _finish(run_input: RunInput, run: Any, state: State, schedule: tuple[Json, int] | None = None) -> Write:
-    """The end of a run: its result, with what it was made of. ``schedule`` as :class:`RunEnd` has it."""
+def _finish(
+    context: Context,
+    run_input: RunInput,
+    run: Any,
+    state: State,
+    lease: Lease,
+    slots: Sequence[Json] = (),
+    schedule: tuple[Json, int] | None = None,
+) -> Write:
+    """The end of a run: its result, with what it was made of, and after the last one the end of its calibration.
+
+    ``slots`` that are not stored yet; ``schedule`` as :class:`RunEnd` has it.
+    """
     began = time.perf_counter()
-    result = solved(run_input, state)
+    fit = solved(run_input, state)
     of_job = {
         "provenance": Provenance(
             request=run_input.document, pairs_sha256=pairs_sha256(run_input.pairs), sources_sha256=sources_sha256()
         ),
         "finish_seconds": time.perf_counter() - began,
     }
-    # What is not set are the coefficients that a lens does not have.
-    document = result.model_copy(update=of_job).model_dump(mode="json", exclude_unset=True)
+    fit = fit.model_copy(update=of_job)
     row = {
+        "id": new_id(),
         "fleet_id": run.fleet_id,
         "calibration_id": run.calibration_id,
         "run_id": run.id,
         "camera": run.camera,
         "model": run.model,
         "fold": run.fold,
-        "document": document,
+        "fit": fit,
+        # What is not set are the coefficients that a lens does not have.
+        "document": fit.model_dump(mode="json", exclude_unset=True),
     }
+    searches = [(run.id, context.worker, sum(slot["seconds"] for slot in slots))] if slots else []
+    end = RunEnd(run, row, schedule, *conclude_by(context, LastRun(run, Result(**row), searches), lease))
 
     def write(session: Session) -> RunEnd:
-        session.connection().execute(_INSERT_RESULT, row)
-        return RunEnd(run, schedule)
+        if slots:
+            session.connection().execute(_INSERT_SLOTS, slots)
+        return end
 
     return write
 

@@ -46,14 +46,6 @@ def job_of(context, van) -> int:
         ).first()
 
 
-def conclude(context) -> None:
-    """End the calibrations whose runs have ended."""
-    with context.database.reading() as session:
-        queued = session.scalars(select(Job.id).where(Job.kind == "conclude", Job.state == "queued")).all()
-    for job_id in queued:
-        run_job(context, job_id)
-
-
 def counts(request) -> dict[str, int]:
     return {name: count for name, count in request["counts"].items() if count}
 
@@ -97,7 +89,6 @@ def test_a_cancelled_request_keeps_what_is_done_and_ends_the_rest(api, vans: Van
     made = [vans.add(f"van {n}") for n in range(4)]
     asked = vans.ask().json()
     run_job(context, job_of(context, made[0]))
-    conclude(context)
     running = claim(context.database, job_of(context, made[1]), "somebody")
     with statements(api.database) as said:
         answer = vans.engineer.post(f"/fleet-requests/{asked['id']}/cancel")

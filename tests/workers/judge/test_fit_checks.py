@@ -27,7 +27,8 @@ from workers.solver.prediction import covariances_along
 from workers.solver.problem import fit_problem
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import finished, solve_finish
-from workers.tasks.solving import read_run, solved
+from workers.tasks.run_inputs import read_run
+from workers.tasks.solving import solved
 
 
 @pytest.mark.parametrize("lens", ["pinhole", "brown_conrady", "kannala_brandt"])

@@ -16,7 +16,8 @@ from workers.models.summary import CameraFit, camera_summary
 from workers.reports.contents import contents
 from workers.reports.material import Material
 from workers.solver.schedule import run_schedule
-from workers.tasks.solving import read_run, solved
+from workers.tasks.run_inputs import read_run
+from workers.tasks.solving import solved
 
 Json = dict[str, Any]
 MODELS = ("pinhole", "brown_conrady", "kannala_brandt")
