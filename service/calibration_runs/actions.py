@@ -142,7 +142,7 @@ def end_solved(session: Session, end: RunEnd, conclude: Conclude) -> None:
     if session.connection().execute(statement, ended).one_or_none() is None:
         return
     is_last, result = _count_run(session, run), Result(**end.result)
-    if is_last and end.conclusion and _still_ended(session, run) == end.ended:
+    if is_last and end.conclusion and (not end.ended or _still_ended(session, run) == end.ended):
         try:
             conclude(session, run.calibration_id, end.conclusion, result)
             return

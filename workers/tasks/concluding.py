@@ -172,7 +172,8 @@ def _concluded(context: Context, calibration_id: UUID, last: LastRun | None, sto
         summaries = {camera: camera_summary(of_camera) for camera, of_camera in fits.items()}
         solved = _solved_cameras(session, calibration, cameras, summaries, stop)
         stated = _stated(session, calibration) if len(cameras) > 1 else []
-        elsewhere = other_data(session, [result for result in stored if result.fold == FULL])
+        full = [result for result in stored if result.fold == FULL]
+        elsewhere = other_data(session, full) if full else {}
     rig = _compared(solved, stated, summaries) if len(cameras) > 1 else None
     ended_well = all(run.state == WorkState.DONE for run in others)
     sets = {run.camera: run.set_id for run in runs}
