@@ -37,7 +37,8 @@ from workers.solver.outcomes import NEVER, SolveError, Stop
 from workers.solver.schedule import State, run_schedule
 from workers.solver.schedule import from_document as state_of
 from workers.tasks.context import Context
-from workers.tasks.solving import read_run, solved
+from workers.tasks.run_inputs import read_run
+from workers.tasks.solving import solved
 
 _FOLDS: Final = 5  # where the calibration held nothing out
 _SURE: Final = 2.0  # standard errors of a difference on held-out pairs
