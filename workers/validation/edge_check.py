@@ -19,7 +19,15 @@ from workers.validation.calibration import KnownCalibration
 from workers.validation.edge_frames import UNIT, EdgeFrame
 from workers.validation.motion import STANDING, Motion
 from workers.validation.mount_search import ALL, APART_DEG, SHIFT, TURN, MountSearch
-from workers.validation.mount_verdict import FAR_DEG, FEWEST_PARTS, SHARED_DEG, MountVerdict, Summits, judge_mount
+from workers.validation.mount_verdict import (
+    CLEAR,
+    FAR_DEG,
+    FEWEST_PARTS,
+    SHARED_DEG,
+    MountVerdict,
+    Summits,
+    judge_mount,
+)
 from workers.validation.offsets import MOST_GROUPS, curve_offsets, look_up, total
 
 Floats = NDArray[np.float64]
@@ -55,14 +63,19 @@ class EdgeCheck:
         here = self.calibration
         reached.append(search.summit(here, TURN, _LAST_STAGES))
         turned = max(reached, key=lambda summit: float(summit.excess.sum()))
-        others = [summit for summit in reached if search.apart_deg(summit.mount, turned.mount) > APART_DEG]
-        near = [summit for summit in others if search.apart_deg(summit.mount, here) < FAR_DEG]
+        apart_deg = search.apart_deg(here, turned.mount)
+        others = {search.apart_deg(summit.mount, turned.mount): summit for summit in reached}
+        rivals = {away: summit for away, summit in others.items() if away > APART_DEG}
+        near = [summit for summit in rivals.values() if search.apart_deg(summit.mount, here) < FAR_DEG]
+        # Places about as far off to the same side agree that the mount is far off, and leave open by how much.
+        agreeing = {away: s for away, s in rivals.items() if apart_deg > FAR_DEG and 2.0 * away < apart_deg}
+        left_deg = max((away for away, s in agreeing.items() if turned.lead_over(s) < CLEAR), default=0.0)
+        far = [s for away, s in rivals.items() if away not in agreeing and not any(s is other for other in near)]
         return Summits(
             frames=len(self._frames), parts=parts, turned=turned, shifted=search.summit(here, SHIFT),
             moved=search.summit(turned.mount, ALL, _LAST_STAGES), aimed=search.summit(here, (0, 1), _LAST_STAGES),
-            rolled=search.summit(here, (2,), _LAST_STAGES), near=near,
-            far=[summit for summit in others if not any(summit is other for other in near)],
-            apart_deg=search.apart_deg(here, turned.mount),
+            rolled=search.summit(here, (2,), _LAST_STAGES), near=near, far=far,
+            apart_deg=apart_deg, left_deg=left_deg,
         )  # fmt: skip
 
     def verdict(self, lanes: dict[str, Any] | None = None) -> MountVerdict:

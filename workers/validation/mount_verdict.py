@@ -48,6 +48,7 @@ class Summits(NamedTuple):
         aimed, rolled: next to the deployed mount, if only pitch and yaw, or only the roll, are off.
         near, far: other summits of turns, nearer to the deployed mount than FAR_DEG, or farther off.
         apart_deg: how far the typical edge moves between the deployed mount and `turned`.
+        left_deg: of a mount that is far off, how far `turned` is from places that fit as well and to the same side.
     """
 
     frames: int
@@ -60,6 +61,7 @@ class Summits(NamedTuple):
     near: Sequence[Summit]
     far: Sequence[Summit]
     apart_deg: float
+    left_deg: float = 0.0
 
     @property
     def groups(self) -> int:
@@ -147,15 +149,19 @@ def _far_off(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
     turns: dict[TurnAxis, float] = dict(zip(SHARED_DEG, np.degrees(summits.turned.offset[:3]).tolist(), strict=True))
     largest = max(map(abs, turns.values()))
     axes: list[AxisCheck] = []
+    named: list[str] = []
     for axis, turn in turns.items():
         if abs(turn) <= 0.5 * largest:
             axes.append(_not_told(axis, "It is told once the mount is about right."))
             continue
-        sentence = f"About {turn:+.0f} degrees."
+        figure = f"{turn:+.0f}{f' +- {ceil(summits.left_deg)}' if summits.left_deg else ''} degrees"
+        named.append(f"{figure} of {axis}")
+        sigma_deg = max(float(ceil(summits.left_deg)), ABOUT_DEG)
         axes.append(
-            AxisCheck(axis=axis, verdict=gravest, sentence=sentence, turn_deg=round(turn), sigma_deg=ABOUT_DEG)
+            AxisCheck(
+                axis=axis, verdict=gravest, sentence=f"About {figure}.", turn_deg=round(turn), sigma_deg=sigma_deg
+            )
         )
-    named = [f"{axis.turn_deg:+.0f} degrees of {axis.axis}" for axis in axes if axis.verdict == gravest]
     about, where = f"about {' and '.join(named)}", "is" if gravest == "stop" else "may be"
     sentence = f"The mount {where} far off: the frames fit with {about}."
     if summits.turned.lead_over(summits.shifted) < CLEAR and summits.shifted.is_summit:
@@ -177,7 +183,8 @@ def _with_lanes(judged: MountVerdict, lanes: dict[str, Any]) -> MountVerdict:
         if judged.verdict in ("look", "stop"):
             return judged
         alone = "Lane markers do not lie on their paint: the camera may have turned or shifted."
-        return MountVerdict("look", f"{alone} By depth edges alone: {judged.sentence}", judged.axes)
+        edges_alone = "By depth edges alone: " if judged.verdict == "pass" else ""
+        return MountVerdict("look", f"{alone} {edges_alone}{judged.sentence}", judged.axes)
     return judged._replace(sentence=f"{judged.sentence} Lane markers agree.") if judged.verdict == "pass" else judged
 
 

@@ -89,6 +89,8 @@ def test_far_off_is_said_to_a_degree_and_the_end_of_the_search_is_no_figure():
     judged = verdict(turn_deg=(0.3, -4.8, 0.2))
     assert judged.verdict == "stop" and "far off" in judged.sentence and "about -5 degrees of yaw." in judged.sentence
     assert [axis.verdict for axis in judged.axes] == ["not_told", "stop", "not_told"]
+    wide = judge_mount(seen((0.3, -4.8, 0.2))._replace(left_deg=1.6), 30)
+    assert wide.verdict == "stop" and "about -5 +- 2 degrees of yaw." in wide.sentence
     ended = verdict(turn_deg=(0.0, 10.0, 0.0), is_summit=False)
     assert ended.verdict == "not_told" and all(axis.turn_deg is None for axis in ended.axes)
 
