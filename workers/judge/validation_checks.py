@@ -22,9 +22,15 @@ def elsewhere(validations: Sequence[Mapping[str, Any]]) -> Check:
             "Validate it on pairs of another recording, or on lanes and edges of a drive.",
         )
     contradictions, doubtful = _contradictions(validations)
-    verdicts = ["unknown" if number in doubtful else one["verdict"] for number, one in enumerate(validations)]
+    verdicts = [
+        "unknown" if number in doubtful else validation["verdict"] for number, validation in enumerate(validations)
+    ]
     figures = {verdict: float(verdicts.count(verdict)) for verdict in ("agrees", "disagrees", "unknown")}
-    against = [one["sentence"] for one, verdict in zip(validations, verdicts, strict=True) if verdict == "disagrees"]
+    against = [
+        validation["sentence"]
+        for validation, verdict in zip(validations, verdicts, strict=True)
+        if verdict == "disagrees"
+    ]
     if not against and not figures["agrees"]:
         return _ELSEWHERE.not_checked(
             " ".join(contradictions) or f"{len(verdicts)} validations on other data could not tell.",
