@@ -35,6 +35,7 @@ _LEAST_FREEDOM: Final = 50.0
 _APART_M: Final = 1.5
 # What one place shares is known to a third by so many places (the same equation: 1 / (2 (1/3)^2) = 4.5 freedoms).
 _LEAST_PLACES: Final = 6
+_OF_MOUNT: Final = 6  # the first parameters; what is free behind them is the lens
 # So many times what use allows may be stated over this share of the image: road users are about the horizon, not in
 # its upper and lower quarter.
 _OF_USE: Final = 3.0
@@ -108,12 +109,13 @@ def number_of_pairs(estimate: Estimate) -> Check:
     # Two coordinates a mark. More marks loosen weak priors, until each parameter takes a whole degree.
     missing = int(np.ceil(0.5 * (_LEAST_FREEDOM + len(problem.free)))) - pairs
     more = f"Mark {missing} more corner{'s' if missing > 1 else ''}" if freedom < _LEAST_FREEDOM else "Mark the board"
+    lock = ", or lock what is known" if np.any(problem.free >= _OF_MOUNT) else ""
     return _PAIRS.fails(
         "look" if few else "pass",
         f"{pairs} pairs are too few to tell how large their errors are: {' and '.join(few)}."
         if few
         else f"{pairs} pairs for {len(problem.free)} parameters tell how large their errors are.",
-        f"{more}{', at more places' if places < _LEAST_PLACES else ''}, or lock what is known.",
+        f"{more}{', at more places' if places < _LEAST_PLACES else ''}{lock}.",
         pairs=float(pairs),
         degrees_of_freedom=freedom,
         places=float(places),
@@ -153,7 +155,8 @@ def coverage(problem: FitProblem, result: FitResult) -> Check:
         "look" if most_px > limit_px else "pass",
         f"{span}. Over half of the image a point at 20 m is placed within {figure(most_px)} px{everywhere} (95 %)"
         + (f"; {figure(limit_px)} px are the limit." if most_px > limit_px else "."),
-        f"Walk where the board reaches the image's edges, for more of its {short}; or state the lens.",
+        f"Walk where the board reaches the image's edges, for more of its {short}"
+        + ("; or state the lens." if result.lens == "fitted" else "."),
         width_share=across,
         height_share=down,
         half_of_image_px=most_px if np.isfinite(most_px) else None,

@@ -134,6 +134,7 @@ def test_few_pairs_and_few_places_are_looked_at():
     lens = dict(zip(("f_x", "f_y", "c_x", "c_y"), lens_of("pinhole").tolist(), strict=True))
     check = checked(*rig("pinhole", pairs=8, locked=lens))["pairs"]
     assert check.verdict == "look" and "degrees of freedom" in check.sentence
+    assert "lock" not in check.remedy, "the whole lens is locked"
     near = np.random.default_rng(1).normal(0.0, 0.2, (40, 3))
     assert places_of(np.concatenate([near, near + np.array([5.0, 0.0, 0.0])])) == 2
     check = checked(*posed(1, poses=2, repeats=20, locked=lens))["pairs"]
@@ -144,6 +145,7 @@ def test_few_pairs_and_few_places_are_looked_at():
 def test_as_many_more_marks_as_are_advised_are_enough_and_fewer_are_not(pairs):
     said = checked(*rig(pairs=pairs))["pairs"]
     more = int(re.search(r"Mark (\d+) more corners", said.remedy)[1])
+    assert "lock what is known" in said.remedy
 
     def freedom(drawn):
         """With the pairs that were left out as slips."""
