@@ -40,13 +40,13 @@ from workers.solver.slot import warm_up  # noqa: E402
 IN_TABLE: Final = 60
 NAMED: Final = 0.05
 """A case is named beside a check that finds this share of its draws."""
-SOUND, FAULTS, WHOLE, WALKED, FOLLOWED = 240, 50, 40, 100, 100
+SOUND, FAULTS, WHOLE, WALKED, FOLLOWED = 300, 80, 40, 100, 100
 """Draws of each sound case, each other case, each cell of whole walks, each other walk, each case with remedies."""
 
 
 def main() -> None:
     """Judge all draws of all cases, and print the figures."""
-    draws, seed = int(os.environ.get("DRAWS", "240")), int(os.environ.get("SEED") or secrets.randbelow(10**8))
+    draws, seed = int(os.environ.get("DRAWS", "300")), int(os.environ.get("SEED") or secrets.randbelow(10**8))
     only = [part for part in os.environ.get("ONLY", "").split(",") if part]
     chosen = [case for case in ALL if not only or any(part in case.name for part in only)]
     cases, walks = [case for case in chosen if case in CASES], [case for case in chosen if case in WALKS]
