@@ -91,9 +91,10 @@ def _lines(camera: CameraCheck, folder: Path) -> list[str]:
     lines += [f"  {axis.axis:<5} {_words(axis.verdict)}{_turn(axis)}" for axis in camera.axes]
     lines += [f"  lane markers: {camera.lanes}"] if camera.lanes != "unknown" else []
     lines += [f"  {camera.motion}"] if camera.motion else []
-    return lines + (
-        [f"  pictures: {folder / camera.pictures[0]} and {len(camera.pictures) - 1} more"] if camera.pictures else []
-    )
+    if camera.pictures:
+        more = f" and {len(camera.pictures) - 1} more" if camera.pictures[1:] else ""
+        lines.append(f"  pictures: {folder / camera.pictures[0]}{more}")
+    return lines
 
 
 def _words(verdict: str) -> str:
