@@ -19,6 +19,7 @@ from tests.e2e.effort import Effort, count_effort, effort_of
 from tests.e2e.looks import assert_looks
 from tests.e2e.marking import Marker
 from tests.e2e.test_crops import Confirmer
+from tests.e2e.test_workspace import DROP
 from tests.support.served import Embedded
 
 # From the sign-in to the first verdict, and from there to the vehicle's own URDF.
@@ -127,3 +128,9 @@ def test_eight_clicks_lead_from_a_bag_to_a_urdf(page: Page, served: Embedded, ow
     other = owner.vehicles.rig(owner.recordings.get(recording.id).rig_id)
     assert other.id != rig.id and other.cameras[0].joint is None
     assert len(list(owner.detections.list(recording.id))) == 1
+
+    # A second recording goes into no vehicle unasked, also where there is one only.
+    page.goto(served.url)
+    expect(page.get_by_role("link", name="recording", exact=True)).to_be_visible()
+    page.evaluate(DROP, ["second.bag", "h1"])
+    expect(page.get_by_role("dialog", name="Which vehicle recorded second.bag?")).to_be_visible()

@@ -1,8 +1,12 @@
 /** Answers of one page of marking that the service is not known to have: in the outbox, each with its task. */
 
 import type { KeptAnswer } from "./answers_kept.ts";
-import type { TaskView } from "./api/schema.ts";
+import { randomKey } from "./api/http.ts";
+import type { Me, TaskView } from "./api/schema.ts";
+import type { VerdictName } from "./api/types.ts";
+import { keepDraft } from "./drafts.ts";
 import { outbox } from "./outbox.svelte.ts";
+import type { Pixel } from "./pixels.ts";
 
 interface Pair {
   answer: KeptAnswer;
@@ -11,15 +15,24 @@ interface Pair {
 
 export class AnswersUnderWay {
   private pairs: readonly Pair[] = [];
+  private readonly me: Me;
   private readonly detectionId: string;
   private readonly camera: string;
 
-  constructor(detectionId: string, camera: string) {
+  constructor(me: Me, detectionId: string, camera: string) {
+    this.me = me;
     this.detectionId = detectionId;
     this.camera = camera;
   }
 
-  add(answer: KeptAnswer, task: TaskView): void {
+  /** Puts an answer into the outbox; from there on it is no draft any more. */
+  async give(task: TaskView, verdict: VerdictName, mark: Pixel | null): Promise<void> {
+    const answer = await outbox.add({
+      ...{ id: randomKey(), version: task.own.version, verdict, mark },
+      ...{ person: this.me.id, personName: this.me.name, detectionId: this.detectionId, camera: this.camera },
+      ...{ taskId: task.task_id, vertexId: task.vertex.id, frameIndex: task.frame.index },
+    });
+    keepDraft(this.me.id, task, null);
     this.pairs = [...this.pairs, { answer, task }];
   }
 

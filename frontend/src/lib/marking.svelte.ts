@@ -4,7 +4,7 @@
  */
 
 import * as annotations from "./api/annotations.ts";
-import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
+import { ApiProblem, asProblem } from "./api/http.ts";
 import type { VerdictName } from "./api/types.ts";
 import type { Me, Progress, TaskView } from "./api/schema.ts";
 import { AnswersUnderWay } from "./answers_under_way.ts";
@@ -15,15 +15,13 @@ import { ExpectedCorners } from "./expected_corners.svelte.ts";
 import { History } from "./history.svelte.ts";
 import { loadImage } from "./images.ts";
 import { outbox } from "./outbox.svelte.ts";
-import { painted } from "./painted.ts";
 import type { Pixel } from "./pixels.ts";
+import { Sight } from "./sight.svelte.ts";
 import { Strip } from "./strip.svelte.ts";
 import { TasksAhead } from "./tasks_ahead.svelte.ts";
 
 const RENEW_MS = 45_000;
 const AWAY_MS = 10 * 60_000;
-/** Nobody reacts to a new picture faster (simple visual reaction time): an earlier click meant the one before. */
-const REACTION_MS = 200;
 
 export class Marking {
   task = $state.raw<TaskView | null>(null);
@@ -39,8 +37,6 @@ export class Marking {
   finished = $state(false);
   /** The shown vertex is answered, or none is shown, and there is no next one before an answer has arrived. */
   waiting = $state(false);
-  /** The frame is so new that nobody can have meant it yet. */
-  private fresh = $state(false);
   readonly history: History;
   /** The last marks that were given on this page, to compare by eye. */
   readonly strip = new Strip();
@@ -57,8 +53,7 @@ export class Marking {
   /** Vertices that were skipped since the last answer. */
   private skipped: readonly string[] = [];
   private lastTouch = Date.now();
-  /** From when on, in time stamps of events, the shown frame was seen. */
-  private seenFrom = Infinity;
+  private readonly sight = new Sight();
 
   /** How many answers were given on this page. */
   answered = $state(0);
@@ -68,13 +63,13 @@ export class Marking {
     this.detectionId = detectionId;
     this.camera = camera;
     this.coming = new TasksAhead(me, detectionId, camera, first, answers);
-    this.underWay = new AnswersUnderWay(detectionId, camera);
+    this.underWay = new AnswersUnderWay(me, detectionId, camera);
     this.history = new History(`${me.id}.${detectionId}.${camera}`);
   }
 
   /** Whether the shown vertex takes an answer now. */
   get idle(): boolean {
-    return this.task !== null && !this.busy && !this.waiting && !this.fresh;
+    return this.task !== null && !this.busy && !this.waiting && !this.sight.isFresh;
   }
 
   async start(): Promise<void> {
@@ -122,20 +117,12 @@ export class Marking {
       return;
     }
     if (mark && !sure && this.corners.asksAbout(task.vertex.id, mark)) return;
-    const { task_id: taskId, vertex, frame, own } = task;
     await this.guarded(async () => {
-      const answer = await outbox.add({
-        ...{ id: randomKey(), version: own.version, verdict, mark },
-        ...{ person: this.me.id, personName: this.me.name, detectionId: this.detectionId, camera: this.camera },
-        ...{ taskId, vertexId: vertex.id, frameIndex: frame.index },
-      });
-      // From here on it is no draft any more: the outbox has it.
-      keepDraft(this.me.id, task, null);
-      this.underWay.add(answer, task);
-      this.coming.note(taskId, own.version);
+      await this.underWay.give(task, verdict, mark);
+      this.coming.note(task.task_id, task.own.version);
       this.answered += 1;
       this.skipped = [];
-      if (mark && this.image) this.strip.add(taskId, this.image, mark);
+      if (mark && this.image) this.strip.add(task.task_id, this.image, mark);
       const next = this.coming.take();
       if (next) {
         void outbox.send();
@@ -176,7 +163,7 @@ export class Marking {
   async undo(at: number): Promise<void> {
     if (this.busy) return;
     // As the frame changed, the answer before it was meant.
-    if (!this.waiting && this.mark && this.task && at >= this.seenFrom) {
+    if (!this.waiting && this.mark && this.task && at >= this.sight.from) {
       this.place(null, at);
       return;
     }
@@ -207,14 +194,14 @@ export class Marking {
     const { answer, task } = withdrawn;
     this.forget(answer.taskId);
     this.waiting = false;
-    if (!task) {
-      await this.advance(null);
-      return true;
-    }
-    if (answer.mark) keepDraft(this.me.id, task, answer.mark);
+    if (task && answer.mark) keepDraft(this.me.id, task, answer.mark);
+    await (task ? this.showAgain(task) : this.advance(null));
+    return true;
+  }
+
+  private async showAgain(task: TaskView): Promise<void> {
     if (this.task && this.task.task_id !== task.task_id) this.coming.putBack(this.task);
     await this.show(task);
-    return true;
   }
 
   /** Takes back the last answer that the service has, and shows its vertex again. */
@@ -231,8 +218,7 @@ export class Marking {
     });
     this.history.pop();
     this.forget(last.taskId);
-    if (this.task && this.task.task_id !== task.task_id) this.coming.putBack(this.task);
-    await this.show(task);
+    await this.showAgain(task);
     this.advice = `Your answer "${last.verdict}" was taken back. Answer this corner again.`;
   }
 
@@ -247,7 +233,7 @@ export class Marking {
   private takes(at: number): boolean {
     if (this.waiting) this.advice = "Your answers wait here until the service has them. Z takes the last one back.";
     else if (this.busy) this.advice = "Your last key or click came while your answer was on its way. It was not used.";
-    else if (at < this.seenFrom)
+    else if (at < this.sight.from)
       this.advice = "Your last key or click came as the frame changed. It was not used: do it again.";
     else return true;
     return false;
@@ -312,25 +298,13 @@ export class Marking {
     }
     const image = await loadImage(task.frame.url);
     const mark = shownMark(this.me.id, task);
-    this.seenFrom = Infinity;
-    this.fresh = true;
     this.finished = false;
     this.image = image;
     this.task = task;
     this.mark = mark;
     this.corners.question = null;
     if (mark) this.advice = "Your mark from before is shown again. Enter saves it.";
-    void this.watch(task);
-  }
-
-  /** Waits until the frame is on the screen and could have been seen. */
-  private async watch(task: TaskView): Promise<void> {
-    await painted();
-    if (this.task !== task) return;
-    this.seenFrom = performance.now() + REACTION_MS;
-    setTimeout(() => {
-      if (this.task === task) this.fresh = false;
-    }, REACTION_MS);
+    void this.sight.begin();
   }
 
   private clear(): void {
