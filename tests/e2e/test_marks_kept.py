@@ -14,7 +14,7 @@ from tests.e2e.test_marking import ask_marks
 SignIn = Callable[[str, str], Page]
 
 HAS_FRAMES = (
-    "count => performance.getEntriesByType('resource').filter((one) => /frames/.test(one.name)).length >= count"
+    r"count => performance.getEntriesByType('resource').filter((one) => /frames\/\d/.test(one.name)).length >= count"
 )
 OFFLINE = int(os.environ.get("OFFLINE", "12"))
 SHOWS_ANOTHER = "vertex => document.querySelector('.stage')?.dataset.vertex !== vertex"
@@ -46,7 +46,8 @@ def wait_for_mark(person: Marker, vertex: str, pixel: tuple[float, float]) -> di
 
 def test_frames_ahead_are_marked_without_a_network(sign_in: SignIn, track: Track) -> None:
     gro = marker(sign_in, track, "Gro")
-    gro.page.wait_for_function(HAS_FRAMES, arg=OFFLINE + 2)
+    # That which is shown, those that come, and two that the recording's page showed and fetched.
+    gro.page.wait_for_function(HAS_FRAMES, arg=1 + OFFLINE + 2)
     gro.page.context.set_offline(True)
     given: dict[str, tuple[float, float]] = {}
     for turn in range(OFFLINE):

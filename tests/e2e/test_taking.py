@@ -230,6 +230,7 @@ def test_a_reviewer_withdraws_and_everybody_is_told(sign_in: SignIn, track: Trac
     expect(page.get_by_role("alert")).to_contain_text("by Zoe")
     expect(page.get_by_role("alert")).to_contain_text("The mast was bent.")
     expect(page.get_by_text("Withdrawn", exact=False).first).to_be_visible()
+    expect(page.get_by_role("link", name="Download JSON")).to_have_count(0)
     with pytest.raises(ApiError) as refused:
         track.owner.calibrations.current(given.vehicle, "front")
     assert refused.value.code == "calibration_withdrawn"
