@@ -8,6 +8,7 @@ _SLEEPS = ("sleep", "wait_for_timeout")
 # A sleep outside of a `while` that looks again, and what it is instead of a proof.
 PACES = {
     "e2e/screenshots.py": "for people who look at the pictures",
+    "e2e/test_states.py": "for people who look at the pictures",
     "e2e/test_marking.py": "a person's second for each mark; and a loop that looks again",
     "e2e/test_marking_beside.py": "between two taps, which would be a double tap otherwise",
     "e2e/test_marks_kept.py": "a loop that looks again, as often as a minute takes",

@@ -32,7 +32,7 @@ each_view = pytest.mark.parametrize(
 )
 
 # What is wider than its place is told to the browser in the frame after a change.
-_DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 # Of what passed, axe would make a list as well.
 _RUN = "(inside) => axe.run(inside ?? document, { resultTypes: ['violations'] })"
 
@@ -41,7 +41,7 @@ def assert_accessible(page: Page, inside: str | None = None) -> None:
     """Nothing that axe finds on the page, or inside of a selector's elements, as it is shown now."""
     if not page.evaluate("() => 'axe' in window"):
         page.evaluate(AXE.read_text())
-    page.evaluate(_DRAWN)
+    page.evaluate(DRAWN)
     found = page.evaluate(_RUN, inside)
     said = [(one["id"], [node["html"][:200] for node in one["nodes"]]) for one in found["violations"]]
     assert said == [], (page.url, page.viewport_size, json.dumps(said, indent=1))

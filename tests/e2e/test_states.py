@@ -26,7 +26,7 @@ from service.platform.db.base import Base
 from service.platform.db.clock import utc_now
 from service.platform.db.session import Database
 from tests.e2e.conftest import Track
-from tests.e2e.looks import CROSSED, assert_fits, show
+from tests.e2e.looks import CROSSED, DRAWN, assert_fits, show
 from tests.e2e.test_calibrating import add_cart
 from tests.e2e.test_workers import stopped
 from tests.faults.jobs import SHORT
@@ -320,7 +320,7 @@ def test_each_page_at_each_state(sign_in: SignIn, stage: Stage, served: Embedded
             if state.says:
                 expect(page.locator("main").get_by_text(state.says).first).to_be_visible()
             page.wait_for_load_state("networkidle")
-            page.wait_for_timeout(300)
+            page.evaluate(DRAWN)
             complaints += [f"{state.name}: {line}" for line in page.evaluate("window.unready")]
             try:
                 assert_fits(page)
