@@ -88,7 +88,7 @@ def _begins_xml(path: Path) -> bool:
 
 def _lines(camera: CameraCheck, folder: Path) -> list[str]:
     lines = [f"{camera.name}: {_words(camera.verdict)}. {camera.sentence}"]
-    lines += [f"  {axis.axis:<5} {_words(axis.verdict)}{_turn(axis)}" for axis in camera.axes]
+    lines += [f"  {axis.axis:<5} {_words(axis.verdict)}{_turn(axis, camera.sentence)}" for axis in camera.axes]
     lines += [f"  lane markers: {camera.lanes}"] if camera.lanes != "unknown" else []
     lines += [f"  {camera.motion}"] if camera.motion else []
     if camera.pictures:
@@ -101,10 +101,10 @@ def _words(verdict: str) -> str:
     return "not told by this drive" if verdict == "not_told" else verdict
 
 
-def _turn(axis: AxisCheck) -> str:
-    """The turn that fits; to a degree of a mount that is far off. Of what is not told: why."""
+def _turn(axis: AxisCheck, headline: str) -> str:
+    """The turn that fits, of a far-off mount to a degree; where none is told, why, if the headline does not say it."""
     if axis.verdict == "not_told":
-        return f": {axis.sentence}"
+        return "" if axis.sentence in headline else f": {axis.sentence}"
     if axis.turn_deg is None or axis.sigma_deg is None:
         return ""
     is_rough = axis.sigma_deg >= 1.0

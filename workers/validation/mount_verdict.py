@@ -227,7 +227,8 @@ def _axis(axis: TurnAxis, turn_deg: float, own_sigma_deg: float, groups: int, gr
         sentence = f"The frames fit best with {figures} more {axis}."
     elif shown_deg > _MUST_SHOW_DEG:
         verdict = "not_told"
-        sentence = f"This drive would show {_up(shown_deg):.2f} degrees, not half a degree."
+        shown = f"would show {_up(shown_deg):.2f} degrees, not half a degree"
+        sentence = f"This drive {shown if shown_deg <= REACH_DEG else 'shows no turn about this axis'}."
     return AxisCheck(axis=axis, verdict=verdict, sentence=sentence, turn_deg=turn_deg, sigma_deg=sigma_deg)
 
 

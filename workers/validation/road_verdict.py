@@ -42,17 +42,15 @@ def contradiction(first: Mapping[str, Any], second: Mapping[str, Any]) -> str | 
     first, second: ``pitch_deg`` with ``sigma_pitch_deg``, and of yaw, as road scores have them.
     """
     for name in ("pitch", "yaw"):
-        turns = first.get(f"{name}_deg"), second.get(f"{name}_deg")
-        if None in turns:
+        turn, other = first.get(f"{name}_deg"), second.get(f"{name}_deg")
+        if turn is None or other is None:
             continue
-        sigmas = first[f"sigma_{name}_deg"], second[f"sigma_{name}_deg"]
-        apart = abs(turns[0] - turns[1])
-        is_apart = apart > _CONTRADICTION_DEG and apart**2 > _ONCE_IN_A_THOUSAND * np.sum(np.square(sigmas))
-        sides = [
-            np.sign(turn) if abs(turn) > _CLEAR * sigma else 0.0 for turn, sigma in zip(turns, sigmas, strict=True)
-        ]
-        if is_apart and not (sides[0] == sides[1] != 0.0):
-            return f"{turns[0]:+.2f} and {turns[1]:+.2f} degrees of {name}"
+        sigma, other_sigma = float(first[f"sigma_{name}_deg"]), float(second[f"sigma_{name}_deg"])
+        apart = float(turn - other)
+        is_apart = abs(apart) > _CONTRADICTION_DEG and apart**2 > _ONCE_IN_A_THOUSAND * (sigma**2 + other_sigma**2)
+        are_clear = abs(turn) > _CLEAR * sigma and abs(other) > _CLEAR * other_sigma
+        if is_apart and not (are_clear and turn * other > 0.0):
+            return f"{turn:+.2f} and {other:+.2f} degrees of {name}"
     return None
 
 
