@@ -102,7 +102,7 @@ def _words(verdict: str) -> str:
 
 
 def _turn(axis: AxisCheck, headline: str) -> str:
-    """The turn that fits, of a far-off mount to a degree; where none is told, why, if the headline does not say it."""
+    """The turn that fits, of a far-off mount to a degree; where none is told, why, if the headline does not say."""
     if axis.verdict == "not_told":
         return "" if axis.sentence in headline else f": {axis.sentence}"
     if axis.turn_deg is None or axis.sigma_deg is None:
