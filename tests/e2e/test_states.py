@@ -237,9 +237,9 @@ def calibrations(stage: Stage) -> Iterator[State]:
     yield State("calibration-cancelled", path, (Change(row, id, {"state": "cancelled", "summary": None}),))
     for verdict in ("pass", "look", "stop", "not_checked"):
         changes: list[Change] = []
+        graver = verdict if verdict != "not_checked" else "pass"
         for result, stored in checks.items():
             ones = [check | {"verdict": verdict if at == 0 else "pass"} for at, check in enumerate(stored)]
-            graver = verdict if verdict != "not_checked" else "pass"
             changes.append(Change(models.Result, result, {"checks": ones, "verdict": graver}))
         front = summary["cameras"]["front"]
         entries = {name: entry | {"verdict": graver} for name, entry in front["models"].items()}
