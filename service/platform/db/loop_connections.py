@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Mapping
 from typing import Any
 
-from psycopg import AsyncConnection
+from psycopg import AsyncConnection, Error
 
 from service.platform.db.connection import connect_args
 from service.platform.db.session import Database
@@ -21,6 +21,9 @@ class LoopConnections:
     Each statement is prepared, and a transaction of its own.
     """
 
+    errors = (Error, TimeoutError)
+    """What :meth:`rows` raises."""
+
     def __init__(self, database: Database, count: int, lock_s: float) -> None:
         """``lock_s``: how long a statement waits for a lock, and a request for a connection."""
         url = database.engine.url
@@ -33,7 +36,7 @@ class LoopConnections:
         self._idle: list[AsyncConnection[tuple[Any, ...]]] = []
 
     async def rows(self, statement: bytes, values: Mapping[str, Any]) -> list[tuple[Any, ...]]:
-        """What a statement finds. Raises psycopg's errors, and TimeoutError where no connection gets free."""
+        """What a statement finds. Raises the driver's errors, and TimeoutError where no connection gets free."""
         async with asyncio.timeout(self._lock_s):
             await self._free.acquire()
         try:

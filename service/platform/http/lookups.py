@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from uuid import UUID
 
-from psycopg import Error as PostgresError
 from sqlalchemy import Select
 
-from service.platform.db.loop_connections import LoopConnections
 from service.platform.db.session import Database
 from service.platform.http.threads import WAIT_S, Threads
+
+if TYPE_CHECKING:
+    from service.platform.db.loop_connections import LoopConnections
 
 # Two statements run at once on a second core; the others wait in the loop.
 _CONNECTIONS = 4
@@ -30,7 +31,11 @@ class Lookups:
     def __init__(self, database: Database, threads: Threads) -> None:
         self._database, self._threads = database, threads
         self._dialect = database.engine.dialect
-        self._loop = LoopConnections(database, _CONNECTIONS, WAIT_S) if self._dialect.name == "postgresql" else None
+        self._loop: LoopConnections | None = None
+        if self._dialect.name == "postgresql":
+            from service.platform.db.loop_connections import LoopConnections  # loads the driver
+
+            self._loop = LoopConnections(database, _CONNECTIONS, WAIT_S)
         self._compiled: dict[Select[Any], tuple[bytes, Mapping[str, Any]]] = {}
 
     async def close(self) -> None:
@@ -52,7 +57,7 @@ class Lookups:
             text, defaults = self._compiled[statement]
             try:
                 return await self._loop.rows(text, {**defaults, **values})
-            except (PostgresError, TimeoutError):
+            except self._loop.errors:
                 # A connection may have ended. The thread's way has a new one, or says what is wrong.
                 log.info("a look at the database is repeated in a thread", exc_info=True)
         return await self._threads.identity.run(self._look, statement, values, caller=UUID(hex=secret_hash[:32]))
