@@ -126,6 +126,7 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "board as little as possible",
             "too_uncertain": "the rays that meet and miss the board do not determine its corner well enough: walk "
             "closer, or state the board's size",
+            "not_still": "the board moves here: hold it still for two seconds in each pose",
             "off_the_track": "the corner lies far off the path of the sweeps before and after, so it is no board",
         }
         | _STILL_POSES,

@@ -15,6 +15,7 @@ from workers.vertices.vertex import Corners, Floats, Vertex
 
 _COUNT = len(CORNERS)
 _STEP = 1e-6  # of a difference quotient, relative
+_UNLIKELY = 0.05  # share of the posterior
 
 
 def corners_of(fix: Fix, most: float) -> Corners | None:
@@ -44,6 +45,26 @@ def corners_of(fix: Fix, most: float) -> Corners | None:
     chosen = [0, *precise]
     covariance = stated[np.ix_(chosen, range(3), chosen, range(3))].reshape(3 * len(chosen), 3 * len(chosen))
     return Corners.of([CORNERS[k] for k in precise], xyz[precise], covariance)
+
+
+def apart(first: Fix, other: Fix, sways_m: float) -> float:
+    """Chi-square of three by which the worst corner of two boards lies apart, in the likeliest ways to hold them.
+
+    ``sways_m``: standard deviation of a corner of a board that somebody holds still.
+    """
+
+    def places(fix: Fix) -> list[tuple[Floats, Floats]]:
+        turn = np.kron(np.eye(_COUNT), fix.plane.R_window_lidar.T)
+        ways = [_of_way(fix.plane, way) for way in fix.ways if way.weight > _UNLIKELY]
+        return [(turn @ at, turn @ own @ turn.T) for at, own, _ in ways]
+
+    def worst(at: Floats, own: Floats, there: Floats, others: Floats) -> float:
+        off = (there - at).reshape(_COUNT, 3)
+        both = own + others + sways_m**2 * np.eye(3 * _COUNT)
+        blocks = [both[k : k + 3, k : k + 3] for k in range(0, 3 * _COUNT, 3)]
+        return max(float(d @ np.linalg.solve(block, d)) for d, block in zip(off, blocks, strict=True))
+
+    return min(worst(*a, *b) for a in places(first) for b in places(other))
 
 
 def _blocks(inverse: Floats, joint: Floats) -> Floats:

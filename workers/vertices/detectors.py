@@ -20,11 +20,11 @@ from workers.vertices.board.run import run as run_refined
 from workers.vertices.cut_angle import find_cut, run_cut
 from workers.vertices.pose_detection import detect_poses
 from workers.vertices.region import Region
-from workers.vertices.ringless import any_rings, run_ringless
+from workers.vertices.ringless import run_ringless
 from workers.vertices.sensor_grid import some_grid
 from workers.vertices.static_background import FIXED_SHARE, Foreground, StaticBackground
 from workers.vertices.still_poses import find_poses
-from workers.vertices.sweep_source import Area, OnSweep, Run, SweepSource, stamp_of
+from workers.vertices.sweep_source import Area, OnSweep, Run, SweepSource, any_rings, stamp_of
 from workers.vertices.vertex import Answers, Detections, Rejection, Vertex
 
 

@@ -21,12 +21,12 @@ from workers.vertices.vertex import Answers, Rejection, Vertex
 Floats = NDArray[np.float64]
 
 _FEWEST_FIXED: Final = 8
-_FIXED_M: Final = 0.05  # who stands still sways by as much
+FIXED_M: Final = 0.05  # who stands still sways by as much
 _NEARLY_ALL: Final = 0.9
 SAME_PLACE_M: Final = (
     0.1  # where most sweeps of a pose agree, those that put the apex farther away saw something else
 )
-_AGREE: Final = 16.3  # chi-square of three: 99.9 % of the errors that a vertex states
+AGREE: Final = 16.3  # chi-square of three: 99.9 % of the errors that a vertex states
 # A difference between few sweeps is uncertain. As many imagined ones do not differ, so that S is rather too small.
 _IMAGINED: Final = 4
 
@@ -65,7 +65,7 @@ def fixed_place(xyz: Floats) -> tuple[float, float, float] | None:
     if len(xyz) < _FEWEST_FIXED:
         return None
     middle = np.median(xyz, axis=0)
-    if np.mean(np.linalg.norm(xyz - middle, axis=1) <= _FIXED_M) < _NEARLY_ALL:
+    if np.mean(np.linalg.norm(xyz - middle, axis=1) <= FIXED_M) < _NEARLY_ALL:
         return None
     x, y, z = middle.tolist()
     return x, y, z
@@ -107,7 +107,7 @@ def _agree(first: Vertex, other: Vertex) -> bool:
         return float(np.linalg.norm(off)) <= SAME_PLACE_M
     covariance = to_xyz(np.array([first.covariance]), np.array([first.xyz]))[0]
     scaled: Floats = np.asarray(np.linalg.solve(covariance, off), np.float64)
-    return float(off @ scaled) <= _AGREE
+    return float(off @ scaled) <= AGREE
 
 
 def _mean(home: Vertex, vertices: Sequence[Vertex]) -> Vertex:

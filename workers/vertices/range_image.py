@@ -22,6 +22,7 @@ from workers.vertices.sensor_grid import MOST_RINGS, SensorGrid
 
 Floats = NDArray[np.float64]
 _CELL_M = 0.4
+_MOST_RETURNS = 3000  # of a window without rings
 
 
 def clusters(xy: Floats, cell_m: float) -> NDArray[np.int64]:
@@ -121,6 +122,28 @@ def open_window(
         within[::-1, ::-1].copy(),
         point[::-1, ::-1].copy(),
     )
+
+
+def scattered_window(
+    sweep: Sweep, inside: NDArray[np.bool_], R_level_lidar: Floats, centre: float, half_width: float, beside: float
+) -> RangeImage:
+    """As `open_window`, of a sensor without rings: one row of its returns, in any order.
+
+    Args:
+        beside: radians to either side of ``half_width`` where returns lie outside of the region, whatever they are.
+    """
+    ahead = R_level_lidar @ np.array([math.cos(centre), math.sin(centre), 0.0])
+    flat = max(math.hypot(ahead[0], ahead[1]), 1e-9)
+    c, s = ahead[0] / flat, ahead[1] / flat
+    R_window_lidar = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R_level_lidar
+    x, y, z = R_window_lidar @ sweep.xyz.astype(np.float64).T
+    azimuth, distance = np.arctan2(y, x), np.hypot(x, y)
+    off = np.abs(azimuth)
+    (point,) = np.nonzero((off < min(half_width + beside, math.radians(80.0))) & (distance > 0.0))
+    point = point[:: max(1, -(-point.size // _MOST_RETURNS))]
+    slope, within = z[point] / distance[point], inside[point] & (off[point] <= half_width)
+    rows = azimuth[point], slope, distance[point], within, point
+    return RangeImage(R_window_lidar, np.zeros(1), np.zeros(1, np.int64), *(row[None] for row in rows))
 
 
 def _levelled(azimuth: Floats, slope: Floats, distance: Floats, turn: Floats) -> tuple[Floats, Floats, Floats]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from workers.geometry.ground import STEEPEST_DEG, GroundPlane, ground_plane, is_on
 from workers.readers.recording import Sweep
-from workers.vertices.sweep_source import SweepSource, spread
+from workers.vertices.sweep_source import Scattered, SweepSource, spread
 
 Floats = NDArray[np.float64]
 
@@ -113,12 +113,14 @@ class SensorGrid:
         steps: (R,) radians between two firings of each ring.
         shift: (R,) radians, azimuth of each ring's grid against that of the others of its step, modulo the step.
         R_level_lidar: (3, 3) to axes whose z is up.
+        scattered: whether its rays lie anywhere, so that rings are cells only (`sweep_source.Scattered`).
     """
 
     elevation: Floats
     steps: Floats
     shift: Floats
     R_level_lidar: Floats
+    scattered: bool = False
 
     @property
     def step(self) -> float:
@@ -164,9 +166,10 @@ def learn_grid(sweeps: Iterable[Sweep], up: Floats | None = None) -> SensorGrid:
     return SensorGrid(elevation, steps, shift, level_rotation(find_up(xyz, of, up)))
 
 
-def some_grid(source: SweepSource, sweeps: int = 4) -> SensorGrid:
-    """Return the grid of a sensor as a few sweeps of its recording tell."""
-    return learn_grid(source.sweep(number) for number in spread(len(source), sweeps))
+def some_grid(source: SweepSource, sweeps: int = 4, up: Floats | None = None) -> SensorGrid:
+    """Return the grid of a sensor as a few sweeps of its recording tell; ``up`` as of `learn_grid`."""
+    grid = learn_grid((source.sweep(number) for number in spread(len(source), sweeps)), up)
+    return replace(grid, scattered=isinstance(source, Scattered))
 
 
 def _elevations(ring: NDArray[np.int64], elevation: NDArray[np.float64], count: int) -> NDArray[np.float64]:

@@ -1,7 +1,8 @@
 """What stands still: the returns that most sweeps of a recording have in common.
 
 Sweeps are compared as images of ranges, one row per ring and one column per two firings. A return is the same in
-another sweep if that has a return of about the same range in its cell or a neighbouring one.
+another sweep if that has a return of about the same range in its cell or a neighbouring one. Without rings it is the
+same if it lies on the surface through the nearest returns of the other sweep, no farther away than these lie apart.
 """
 
 from __future__ import annotations
@@ -9,16 +10,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from workers.readers.recording import Sweep
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import learn_grid
-from workers.vertices.sweep_source import SweepSource, spread
+from workers.vertices.sweep_source import Scattered, SweepSource, spread
 
 Floats = NDArray[np.float64]
 Images = NDArray[np.float32]
@@ -34,10 +36,13 @@ _GRAZING_M: Final = 0.5  # returns of one cell that are farther apart lie on two
 # Of the step over three cells. By chance a cell shows another part of an even slant, which bends it by half of the
 # step at most; two surfaces that meet within a cell bend it by the whole.
 _EVEN: Final = 0.5
-_SAME_SHARE: Final = 0.5  # of the sweeps that can see the place
+SAME_SHARE: Final = 0.5  # of the sweeps that can see the place
 _SEEN_SHARE: Final = 0.25  # of all sweeps; what is seen less often may be several boards by chance
 FIXED_SHARE: Final = 0.75  # of a walk's sweeps that can see the place: nobody who walks stays so long
 _BEHIND_SHARE: Final = 0.15
+_SURFACE: Final = 7  # returns that tell the surface through one of them
+_APART: Final = 2.0  # times the distance of these
+_CLOUD: Final = 4000  # returns of a sweep without rings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +65,7 @@ class StaticBackground:
     Attributes:
         stamps_ns: of these sweeps.
         near, far: (S, R, C) least and greatest range in each cell, metres; 0 where there is no return.
+        clouds: of sweeps without rings, instead of these.
         tolerance_m: by which two ranges of one surface differ at most.
     """
 
@@ -67,11 +73,14 @@ class StaticBackground:
     near: Images
     far: Images
     tolerance_m: float
+    clouds: Sequence[_Cloud] = ()
 
     @classmethod
     def of(cls, source: SweepSource, most: int = MOST_COMPARED, on_sweep: Callable[[], None] | None = None) -> Self:
         """The background of at most so many sweeps, spread over a recording."""
         numbers = spread(len(source), most)
+        if isinstance(source, Scattered):
+            return cls._of_clouds([source.sweep(number) for number in numbers], on_sweep)
         grid = learn_grid(source.sweep(number) for number in numbers[:: max(1, len(numbers) // _GRID_SWEEPS)])
         rings = max(grid.elevation.size, 1)
         most_columns = _MOST_BYTES // (2 * 4 * max(len(numbers), 1) * rings)
@@ -87,8 +96,22 @@ class StaticBackground:
                 on_sweep()
         return cls(stamps_ns, near, far, _tolerance(near, far))
 
+    @classmethod
+    def _of_clouds(cls, sweeps: Sequence[Sweep], on_sweep: Callable[[], None] | None = None) -> Self:
+        clouds: list[_Cloud] = []
+        for sweep in sweeps:
+            clouds.append(_Cloud.of(sweep.xyz))
+            if on_sweep is not None:
+                on_sweep()
+        thick = np.concatenate([np.zeros(1), *(cloud.thick_m for cloud in clouds)])
+        none = np.zeros((len(clouds), 0, 0), np.float32)
+        tolerance_m = max(_ACCURACY_M, _DEVIATIONS * float(np.median(thick)))
+        return cls([sweep.stamp_ns for sweep in sweeps], none, none, tolerance_m, clouds)
+
     def again(self, sweeps: Sequence[Sweep]) -> Self:
         """The images of other sweeps of the recording, with the same tolerance."""
+        if self.clouds:
+            return replace(self._of_clouds(sweeps), tolerance_m=self.tolerance_m)
         near, far = (np.zeros((len(sweeps), *self.near.shape[1:]), np.float32) for _ in range(2))
         for index, sweep in enumerate(sweeps):
             _fill(sweep.xyz, sweep.ring, near[index], far[index])
@@ -100,9 +123,10 @@ class StaticBackground:
             return self
         places = spread(len(self.stamps_ns), most)
         stamps_ns = [self.stamps_ns[index] for index in places]
-        return replace(self, stamps_ns=stamps_ns, near=self.near[places], far=self.far[places])
+        clouds = [self.clouds[index] for index in places] if self.clouds else ()
+        return replace(self, stamps_ns=stamps_ns, near=self.near[places], far=self.far[places], clouds=clouds)
 
-    def compare(self, sweep: Sweep, chosen: Mask | None = None, share: float = _SAME_SHARE) -> Compared:
+    def compare(self, sweep: Sweep, chosen: Mask | None = None, share: float = SAME_SHARE) -> Compared:
         """What is still and what moved in a sweep of the recording; everything is neither without another sweep.
 
         Args:
@@ -116,9 +140,7 @@ class StaticBackground:
         )
         if not others.size:
             return Compared(still, moved)
-        same, beyond, none = _look(
-            sweep.xyz[chosen], sweep.ring[chosen], self.near, self.far, others, self.tolerance_m
-        )
+        same, beyond, none = self._look(sweep.xyz[chosen], sweep.ring[chosen], others)
         count = others.size
         still[chosen] = (same >= max(1.0, _SEEN_SHARE * count)) & (same >= share * (same + beyond + none))
         moved[chosen] = ~still[chosen] & (beyond + none >= max(1.0, _BEHIND_SHARE * count))
@@ -128,9 +150,62 @@ class StaticBackground:
         """Share of a sweep's points ``chosen`` (N,) that are the same in the image at ``index``."""
         if not chosen.any():
             return 0.0
-        other = np.array([index], np.int64)
-        same, _, _ = _look(sweep.xyz[chosen], sweep.ring[chosen], self.near, self.far, other, self.tolerance_m)
+        same, _, _ = self._look(sweep.xyz[chosen], sweep.ring[chosen], np.array([index], np.int64))
         return float(np.mean(same > 0))
+
+    def _look(
+        self, xyz: NDArray[np.float32], ring: NDArray[np.uint16], others: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], ...]:
+        """(N,) in how many other sweeps a point is the same, has something beyond it, has nothing."""
+        if not self.clouds:
+            return _look(xyz, ring, self.near, self.far, others, self.tolerance_m)
+        relations = np.array([self.clouds[index].relations(xyz, self.tolerance_m) for index in others.tolist()])
+        return tuple(np.count_nonzero(relations == relation, axis=0) for relation in range(3))
+
+
+class _Cloud(NamedTuple):
+    """A sweep without rings: its returns, and of each the surface through the nearest ones.
+
+    normal (N, 3); thick_m, apart_m (N,): how far these lie off the surface, and apart; towards: by direction; reach_m
+    (N,): ranges.
+    """
+
+    tree: KDTree
+    normal: Floats
+    thick_m: Floats
+    apart_m: Floats
+    towards: KDTree
+    reach_m: Floats
+
+    @classmethod
+    def of(cls, points: NDArray[np.float32]) -> Self:
+        reach = np.linalg.norm(points, axis=1)
+        real = np.isfinite(reach) & (reach > 0.0)
+        xyz = points[real][:: -(-np.count_nonzero(real) // _CLOUD) or 1].astype(np.float64)
+        if not len(xyz):
+            xyz = np.full((1, 3), 1e6)
+        tree, reach = KDTree(xyz), np.linalg.norm(xyz, axis=1)
+        apart, nearest = tree.query(xyz, np.arange(1, min(_SURFACE, len(xyz)) + 1))
+        around = xyz[nearest] - xyz[nearest].mean(axis=1, keepdims=True)
+        size, axes = np.linalg.eigh(np.einsum("nka,nkb->nab", around, around) / nearest.shape[1])
+        thick = np.sqrt(np.maximum(size[:, 0], 0.0))
+        return cls(tree, axes[:, :, 0], thick, apart[:, -1], KDTree(xyz / reach[:, None]), reach)
+
+    def relations(self, points: NDArray[np.float32], tolerance_m: float) -> NDArray[np.int64]:
+        """As of `_relation`, of each point (N, 3)."""
+        xyz = np.nan_to_num(points.astype(np.float64), nan=1e6)
+        reach = np.maximum(np.linalg.norm(xyz, axis=1), 1e-6)
+        distance, nearest = self.tree.query(xyz)
+        off = np.abs(np.einsum("na,na->n", self.normal[nearest], xyz - self.tree.data[nearest]))
+        same = (off <= tolerance_m + _APART * self.thick_m[nearest]) & (
+            distance <= np.maximum(_APART * self.apart_m[nearest], tolerance_m)
+        )
+        relations = np.zeros(len(xyz), np.int64)
+        (other,) = np.nonzero(~same)
+        aside, along = self.towards.query(xyz[other] / reach[other, None])
+        empty = aside > _APART * self.apart_m[along] / self.reach_m[along]
+        relations[other] = np.where(empty, 2, np.where(self.reach_m[along] > reach[other], 1, 3))
+        return relations
 
 
 @dataclass(frozen=True, slots=True, eq=False)

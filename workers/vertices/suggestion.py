@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from apexcal.documents.errors import InputError
 from workers.readers.recording import Sweep
-from workers.vertices.board.estimate import find_planes, locate, open_windows
+from workers.vertices.board.estimate import locate
 from workers.vertices.board.model import TRUNK_M, BoardModel, Fix
+from workers.vertices.board.sightings import find_planes, open_windows
 from workers.vertices.motion import passes_by
 from workers.vertices.pose_detection import SAME_PLACE_M
 from workers.vertices.region import Region
@@ -37,7 +38,7 @@ from workers.vertices.suggested_region import (
     things_of,
     upright_pieces,
 )
-from workers.vertices.sweep_source import SweepSource, spread
+from workers.vertices.sweep_source import Scattered, SweepSource, any_rings, spread
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -88,8 +89,9 @@ def suggest(
         if on_sweep is not None:
             on_sweep(count)
 
+    source = source if any_rings(source) else Scattered(source)
     grid = some_grid(source)
-    if passes_by(source, grid, report):
+    if not grid.scattered and passes_by(source, grid, report):
         raise _everything_moves("What stands upright on many sides of the LiDAR shifts together from sweep to sweep")
     poses = find_poses(source, stated=still, on_sweep=report)
     if poses is None and len(source) < _FEWEST:

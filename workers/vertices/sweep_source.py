@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol, runtime_checkable
+from dataclasses import replace
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,12 @@ from workers.readers.recording import Sweep
 from workers.vertices.vertex import Answers
 
 OnSweep = Callable[[int], None]
+
+_SAMPLES: Final = 4  # sweeps
+_IN_CELL: Final = 4.0  # points; a cell and its neighbours are then empty once in 10,000 times by chance
+_LEAST_CELL_RAD: Final = 2e-3
+_CELL_STEP, _CELL_STEPS = 1.25, 20
+_MOST_CELLS: Final = 256
 
 
 class SweepSource(Protocol):
@@ -53,6 +60,52 @@ class Listed:
     def sweep(self, index: int) -> Sweep:
         """The sweep of that number."""
         return self._sweeps[index]
+
+
+def any_rings(source: SweepSource) -> bool:
+    """Whether the sensor has rings; without any, all points are of ring 0. Sweeps without points tell nothing."""
+    rings = (source.sweep(index).ring for index in spread(len(source), _SAMPLES))
+    some = next((ring for ring in rings if len(ring)), np.ones(1))
+    return bool(some.any())
+
+
+class Scattered:
+    """Sweeps of a sensor without rings. Their ring numbers are cells of elevation at the sensor's own density."""
+
+    def __init__(self, source: SweepSource) -> None:
+        self._source = source
+        some = [_angles(source.sweep(index)) for index in spread(len(source), _SAMPLES)]
+        elevation = np.concatenate([np.zeros(1), *(part[1] for part in some)])
+        self._lowest = float(elevation.min())
+        least = max(_LEAST_CELL_RAD, (float(elevation.max()) - self._lowest) / _MOST_CELLS)
+        cells = least * _CELL_STEP ** np.arange(_CELL_STEPS)
+        dense = (
+            cell for cell in cells.tolist() if max((_in_cell(part, cell) for part in some), default=0) >= _IN_CELL
+        )
+        self._cell_rad = next(dense, float(cells[-1]))
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    def sweep(self, index: int) -> Sweep:
+        """The sweep of that number, by cells."""
+        sweep = self._source.sweep(index)
+        cell = (_angles(sweep)[1] - self._lowest) / self._cell_rad
+        return replace(sweep, ring=np.clip(cell, 0, _MOST_CELLS - 1).astype(np.uint16))
+
+
+def _angles(sweep: Sweep) -> NDArray[np.float64]:
+    """(2, N) azimuth and elevation, radians."""
+    x, y, z = np.nan_to_num(sweep.xyz.astype(np.float64)).T
+    return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
+
+
+def _in_cell(angles: NDArray[np.float64], cell_rad: float) -> float:
+    """How many points share the cell of the middle one of the points."""
+    if not angles.size:
+        return 0.0
+    _, cell, count = np.unique(np.floor(angles / cell_rad), axis=1, return_inverse=True, return_counts=True)
+    return float(np.median(count[cell.ravel()]))
 
 
 class Area(Protocol):

@@ -8,9 +8,10 @@ import pytest
 from tests.support.scenes.held_board import BoardHold
 from tests.workers.vertices.refined_walks import REGION, SIZE, walk
 from workers.simulation.walker import TORSO_RADIUS_M
-from workers.vertices.board.estimate import find_boards, find_planes
+from workers.vertices.board.estimate import find_boards
 from workers.vertices.board.model import BoardModel, Contradictions
 from workers.vertices.board.planes import find_stretches
+from workers.vertices.board.sightings import find_planes
 from workers.vertices.detectors import detect_range
 from workers.vertices.range_image import RangeImage
 from workers.vertices.sensor_grid import learn_grid

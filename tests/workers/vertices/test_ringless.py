@@ -8,6 +8,8 @@ import pytest
 from apexcal.documents.errors import InputError
 from apexcal.documents.readings import ReadOptions
 from benchmarks.detection.real import DATA
+from benchmarks.detection.ringless import run
+from benchmarks.detection.sizes import GROSS_M
 from workers.readers.detect import open_recording
 from workers.readers.recording import Sweep
 from workers.vertices.detectors import detect_range
@@ -129,3 +131,24 @@ def test_a_real_board_with_level_edges():
     assert len(off) == 8
     assert np.median(off) < 0.020
     assert max(off) < 0.030
+
+
+# Before, one vertex of each of these lay 0.1 m or farther from every corner that the board has.
+@pytest.mark.parametrize(("case", "least"), [("yaws", 5), ("level", 4), ("furniture", 4), ("people", 4)])
+def test_vertices_of_drawn_poses_are_the_boards(case, least):
+    row = run((700, case))
+    assert len(row.off_m) >= least
+    assert max(row.off_m) < GROSS_M
+    assert row.twice == 0
+    assert row.answer == "region"
+
+
+def test_a_board_that_is_held_otherwise_gives_no_vertex():
+    for seed in (700, 701):
+        assert not run((seed, "turned")).off_m
+
+
+def test_a_board_that_never_stands_still_is_refused_with_what_works():
+    row = run((700, "walk"))
+    assert not row.off_m
+    assert row.answer.endswith("points_without_rings")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ from workers.vertices.board.model import (
     BEAM_M,
     EDGE_M,
     ROLLS,
-    TELLING_RINGS,
     BoardModel,
     Contradictions,
     Fix,
@@ -23,139 +21,12 @@ from workers.vertices.board.model import (
     Sighting,
     Way,
 )
-from workers.vertices.board.planes import find_stretches, grow_planes, pair_stretches
 from workers.vertices.board.posterior import find_corner
-from workers.vertices.board.rays import choose_rays, follow_board, likelihood_ratios, mixed_rays
+from workers.vertices.board.sightings import CONFIDENT, find_planes, open_windows
 from workers.vertices.board.surroundings import covered, to_angles
-from workers.vertices.range_image import RangeImage, groups, open_window
-from workers.vertices.sensor_grid import SensorGrid
 
-_WIDEST_M = 1.8  # a stretch of points on a ring that is wider is no board
-_NARROWEST_M = 0.26
-_PAIRS = 8
-_ON_BOARD = 2.0  # likelihood ratio from which a point counts as the board's
-CONFIDENT = 5.0
 _UNLIKELY = 0.05
 _HOPELESS = 12.0  # log odds from which the other way to hold the board is not followed further
-# Pulses last 4 to 6 ns; echoes that are less than c t / 2 apart become one.
-_PULSE_M = 0.9
-_OFF = 4.0  # standard deviations behind the plane: the return is not of the board alone
-
-
-def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> list[RangeImage]:
-    """A window around every group of points that lie in the region."""
-    return [
-        open_window(sweep, inside, grid, centre, half + 5.0 * float(grid.steps.max()))
-        for centre, half in groups(sweep.xyz[inside])
-    ]
-
-
-def find_planes(windows: Iterable[RangeImage], model: BoardModel, most: int) -> list[Sighting]:
-    """Planes that could be the board's, at least two rings on each, the likeliest first."""
-    candidates: list[tuple[float, RangeImage, Floats, Floats, tuple[int, int, int]]] = []
-    prior = np.array([*model.yaw, *model.tilt])
-    for window in windows:
-        stretches = find_stretches(window.azimuth, window.distance, window.inside, model.sigma, window.steps)
-        pairs = pair_stretches(stretches, window.slope, _WIDEST_M, _PAIRS)
-        planes, infos, scores, pair_of = grow_planes(
-            window.azimuth, window.slope, window.distance, window.inside, stretches, pairs, model.sigma, prior
-        )
-        for w, info, score, number in zip(planes, infos, scores.tolist(), pair_of, strict=True):
-            r, first, last = stretches[pairs[number, 0], :3].astype(int).tolist()
-            candidates.append((score, window, w, np.asarray(np.linalg.inv(info), np.float64), (r, first, last)))
-    candidates.sort(key=lambda item: -item[0])
-    sightings: list[Sighting] = []
-    for item in candidates:
-        sighting = _with_rays(*item, model)
-        if sighting is not None and _at_most(sighting.plane, model) > _NARROWEST_M:
-            sightings.append(sighting)
-            if len(sightings) == most:
-                break
-    return sightings
-
-
-def _at_most(plane: Plane, model: BoardModel) -> float:
-    """Metres that the board takes at most on a ring, with the gaps to the next rays; a pole or an arm takes less."""
-    return plane.width + (float(model.grid.steps.max()) + 2.0 * model.growth) * float(np.median(plane.reach))
-
-
-def _with_rays(
-    score: float, window: RangeImage, w: Floats, spread: Floats, seed: tuple[int, int, int], model: BoardModel
-) -> Sighting | None:
-    image = window.azimuth, window.slope, window.distance
-    left, up, ratio = likelihood_ratios(*image, w, spread, model.sigma, model.lost)
-    ends = follow_board(left, up, ratio, window.inside, *seed)
-    on_board = np.flatnonzero(ends[:, 0] >= 0)
-    if on_board.size < 2:
-        return None
-    at = tuple(choose_rays(left, up, ratio, window.distance, ends).T)
-    u = w[0] * np.cos(window.azimuth[at]) + w[1] * np.sin(window.azimuth[at]) + w[2] * window.slope[at]
-    column: NDArray[np.int64] = np.arange(int(ratio.shape[1]))
-    between: NDArray[np.bool_] = (column >= ends[:, :1]) & (column <= ends[:, 1:]) & (ends[:, :1] >= 0)
-    on_points = between & (ratio > _ON_BOARD)
-    points = int(np.count_nonzero(on_points))
-    hits = np.nonzero(between & (ratio > CONFIDENT))
-    hit_at: Floats = np.stack([left[hits], up[hits]])
-    # Rings so far apart that a board holds fewer of them have met a body too.
-    apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
-    reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
-    widths = (1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]
-    widest = int(on_board[np.argmax(widths)])
-    level = float(up[widest, ends[widest].sum() // 2])
-    off = (_OFF * model.sigma, _PULSE_M)
-    missed = np.nonzero((window.distance > 0.0) & (ratio < 1.0 / CONFIDENT) & _may_be_board(left, up, hit_at, model))
-    near = np.nonzero((ratio > CONFIDENT) & _may_be_board(left, up, hit_at, model))
-    plane = Plane(
-        R_window_lidar=window.R_window_lidar,
-        w=w,
-        spread=spread,
-        uneven=_of_rings(w, spread, window, on_points, model),
-        score=score,
-        left=left[at],
-        up=up[at],
-        reach=reach,
-        ratio=ratio[at],
-        below=up[at] < level,
-        mixed=mixed_rays(*image, w, *off, *at),
-        hits=hit_at,
-        misses=np.stack([left[missed], up[missed], mixed_rays(*image, w, *off, *missed).astype(np.float64)]),
-        near=np.stack([left[near], up[near], window.inside[near].astype(np.float64)]),
-        rings=int(on_board.size),
-        top_ring=int(window.ring[on_board[-1]]),
-        points=points,
-        width=(float(widths.max()) - 2.0 * model.growth) * float(np.median(reach)),
-        returned=window.distance[at] > 0.0,
-        telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
-    )
-    return Sighting(plane, window, ends)
-
-
-def _of_rings(
-    w: Floats, spread: Floats, window: RangeImage, on_board: NDArray[np.bool_], model: BoardModel
-) -> Floats:
-    """What is added (3, 3) to the covariance of a plane's w, because its points (R, C) share their ring's error."""
-    if model.ring_bias == 0.0:
-        return np.zeros((3, 3))
-    ring, column = np.nonzero(on_board)
-    azimuth, slope = window.azimuth[ring, column], window.slope[ring, column]
-    rays = np.stack([np.cos(azimuth), np.sin(azimuth), slope])
-    # By what a metre of distance changes the right side of the normal equations.
-    pull = rays / (w @ rays) ** 2 / model.sigma**2
-    count = np.bincount(ring)
-    of_ring = np.stack([np.bincount(ring, part) for part in pull])[:, count > 0]
-    alike = 1.0 - 1.0 / count[count > 0]
-    more: Floats = model.ring_bias**2 * spread @ ((of_ring * alike) @ of_ring.T) @ spread
-    return more
-
-
-def _may_be_board(left: Floats, up: Floats, hits: Floats, model: BoardModel) -> NDArray[np.bool_]:
-    """Where in a plane a board may be that holds all hits (2, H)."""
-    if not hits.size:
-        return np.zeros(left.shape, np.bool_)
-    widest = math.hypot(*model.edges) + 2.0 * model.slack
-    low_left, low_up = (hits.max(axis=1) - widest).tolist()
-    high_left, high_up = (hits.min(axis=1) + widest).tolist()
-    return (left > low_left) & (left < high_left) & (up > low_up) & (up < high_up)
 
 
 def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | None:

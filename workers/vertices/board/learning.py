@@ -6,6 +6,7 @@ recording is cut into shards.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -13,8 +14,8 @@ import numpy as np
 
 from apexcal.documents.detectors import Options
 from workers.vertices.board.edge_learning import first_growth, learn_board, learn_size, no_taller
-from workers.vertices.board.estimate import find_planes, locate, open_windows
-from workers.vertices.board.model import TRUNK_M, BoardModel, Plane, Sighting, any_roll
+from workers.vertices.board.estimate import locate
+from workers.vertices.board.model import TRUNK_M, BoardModel, Fix, Plane, Sighting, any_roll
 from workers.vertices.board.plane_learning import (
     BIAS_M,
     ENOUGH,
@@ -22,18 +23,22 @@ from workers.vertices.board.plane_learning import (
     MIN_RINGS,
     best_sightings,
     learn_planes,
+    learn_scattered,
 )
-from workers.vertices.board.size import BEAM_SIGMA_RAD
+from workers.vertices.board.sightings import find_planes, open_windows
+from workers.vertices.board.size import BEAM_SIGMA_RAD, GROWTH_RAD
 from workers.vertices.board.surroundings import likelier_than_upright
 from workers.vertices.motion import jumps
 from workers.vertices.range_image import RangeImage
-from workers.vertices.sensor_grid import learn_grid
+from workers.vertices.sensor_grid import some_grid
 from workers.vertices.sweep_source import Area, SweepSource, spread
 from workers.vertices.vertex import SizeFacts
 
 _GRID_SWEEPS = 24
 _SWEEPS = 96
 _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart by boards at many distances
+_SCATTERED = 8  # sweeps without rings
+_NEARLY_ALL = 0.99  # of the returns of a board
 _MIN_POINTS = 12
 _SHOWN, _SHOWN_OPEN = 0.4, 0.5  # share of the near planes; persons without a board show 8 of 24, and 11 of 26
 
@@ -44,12 +49,23 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     None if the size is not stated and fewer boards than `ENOUGH` tell it.
     """
     up = np.array([options["up_x"], options["up_y"], options["up_z"]])
-    some = (source.sweep(index) for index in spread(len(source), _GRID_SWEEPS))
-    grid = learn_grid(some, up if up.any() else None)
+    grid = some_grid(source, _GRID_SWEEPS, up if up.any() else None)
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
     is_growth_open = float(options["edge_growth_mrad"]) < 0.0
     default = BoardModel(grid, upper_corner=int(options["upper_corner"]))
     model = _given(replace(default, sigma=FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
+    if grid.scattered:
+        if not all(edges):
+            return None
+        sweeps = [source.sweep(index) for index in spread(len(source), _SCATTERED)]
+        windows = [window for sweep in sweeps for window in open_windows(sweep, area.inside(sweep), grid)]
+        model = learn_scattered(windows, replace(model, poses=True, shown=True))
+        fixes = [locate(plane, model, coarse=True) for plane in _planes(windows, model)]
+        grown = [_seen_growth(fix) for fix in fixes if fix is not None and fix.trustworthy]
+        if not is_growth_open:
+            return model
+        growth = float(np.clip(np.median(grown), 0.0, GROWTH_RAD[1])) if grown else 0.0
+        return replace(model, growth=growth, growth_sigma=BEAM_SIGMA_RAD)
     near: list[tuple[int, int, RangeImage]] = []
     places: list[tuple[int, float, float]] = []
     for index in spread(len(source), _SWEEPS):
@@ -93,6 +109,16 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         elif is_growth_open:
             model = first_growth(solid, model, as_seen)
     return _with_board(planes, model, edges, is_growth_open, size)
+
+
+def _seen_growth(fix: Fix) -> float:
+    """Radians by which the returns of a board without rings reach beyond its edges, the mean of all four."""
+    way = max(fix.ways, key=lambda way: way.weight)
+    x, y = fix.plane.hits - way.mean[:2, None]
+    cosine, sine = math.cos(way.mean[2]), math.sin(way.mean[2])
+    ends = 0.5 - 0.5 * _NEARLY_ALL, 0.5 + 0.5 * _NEARLY_ALL
+    lengths = [np.ptp(np.quantile(at, ends)) / _NEARLY_ALL for at in (cosine * x - sine * y, sine * x + cosine * y)]
+    return float(sum(lengths) - sum(way.edges)) / 4.0 / float(np.median(fix.plane.reach))
 
 
 def _with_board(

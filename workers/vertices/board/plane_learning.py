@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.vertices.board.estimate import find_planes
 from workers.vertices.board.holding import learn_slope
 from workers.vertices.board.model import BoardModel, Floats, Sighting
 from workers.vertices.board.planes import fit_plane
+from workers.vertices.board.sightings import find_planes
 from workers.vertices.range_image import RangeImage
 
 MANY_RINGS = 3
@@ -112,6 +112,18 @@ def learn_planes(windows: Sequence[RangeImage], model: BoardModel) -> tuple[Boar
     return model, best_sightings(windows, model)
 
 
+def learn_scattered(windows: Sequence[RangeImage], model: BoardModel) -> BoardModel:
+    """The noise of a sensor without rings: how its points spread about the planes of some windows."""
+    spreads: list[float] = []
+    for sighting in best_sightings(windows, model):
+        window = sighting.window
+        beyond = _beyond(window.azimuth[0], window.slope[0], window.distance[0], sighting.plane.w)
+        near = window.inside[0] & (np.abs(beyond) < _DEVIATIONS * model.sigma)
+        spreads.append(_DEVIATION * float(np.median(np.abs(beyond[near]))))
+    sigma = _clip(float(np.median(spreads))) if spreads else model.sigma
+    return replace(model, sigma=sigma, tilt=_ANY_TILT, bias=BIAS_M)
+
+
 def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Spread | None]:
     """The plane's two slopes, their variances, and the spread about it.
 
@@ -147,7 +159,7 @@ def _beyond(azimuth: Floats, slope: Floats, distance: Floats, w: Floats) -> Floa
 def best_sightings(windows: Sequence[RangeImage], model: BoardModel) -> list[Sighting]:
     """Each window's likeliest plane, if two rings or more meet it."""
     sightings = [sighting for window in windows for sighting in find_planes([window], model, 1)]
-    return [sighting for sighting in sightings if sighting.plane.rings >= MIN_RINGS]
+    return [s for s in sightings if s.plane.rings >= MIN_RINGS or model.grid.scattered]
 
 
 def _runs(sighting: Sighting) -> list[Floats]:

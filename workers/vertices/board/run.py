@@ -146,9 +146,16 @@ class _Findings:
     refusal: Rejection
 
 
-def run(source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep) -> Answers:
-    """See :func:`workers.vertices.detectors.detect_range`."""
-    model = learn(source, area, options, lambda: on_sweep(indices.start))
+def run(
+    source: SweepSource,
+    area: Area,
+    options: Options,
+    indices: range,
+    on_sweep: OnSweep,
+    model: BoardModel | None = None,
+) -> Answers:
+    """See :func:`workers.vertices.detectors.detect_range`. ``model``: learned already."""
+    model = model or learn(source, area, options, lambda: on_sweep(indices.start))
     if model is None:
         inside = [area.inside(source.sweep(index)).any() for index in indices]
         return Answers([Rejection("size_not_stated" if some else "no_points") for some in inside])

@@ -265,9 +265,9 @@ def thing(fix: Fix) -> str:
     """Return what a candidate looks like."""
     plane = fix.plane
     high = float(np.ptp(plane.hits[1])) if plane.hits.size else 0.0
+    on = f"on {plane.rings} rings" if plane.rings else f"with {plane.points} returns"
     return (
-        f"a flat thing of {max(plane.width, 0.0):.1f} x {high:.1f} m at {float(np.linalg.norm(fix.xyz)):.1f} m on "
-        f"{plane.rings} rings"
+        f"a flat thing of {max(plane.width, 0.0):.1f} x {high:.1f} m at {float(np.linalg.norm(fix.xyz)):.1f} m {on}"
     )
 
 
