@@ -52,7 +52,7 @@ def learn_board(planes: Sequence[Plane], model: BoardModel, is_growth_open: bool
         if is_growth_open:
             model = _learn_growth(planes, model, step, steps)
         if enough:
-            model = _learn_wrong(with_bodies, _learn_inset(solid[:_SOME], model))
+            model = learn_wrong(with_bodies, _learn_inset(solid[:_SOME], model))
         # Growth and roll are told by the same edges, so each is learned again with the other.
         model = _learn_roll(planes, model)
     return model
@@ -120,7 +120,7 @@ def _parted(shallow: NDArray[np.bool_], mixed: NDArray[np.bool_]) -> float:
     return total
 
 
-def _learn_wrong(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
+def learn_wrong(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """Share of the returns at the edges on their wrong side; a hundred imagined ones at the default count too.
 
     At the lower edges body and hands answer, so they have a share of their own, from all that are boards above.
@@ -226,7 +226,7 @@ def learn_size(
         best, covariance, _ = max(fits, key=lambda fit: fit[2])
         fitted = replace(fitted, edges=(float(best[0]), float(best[1])), growth=float(best[2]), slack=0.0)
         if step < 1.0 and len(solid) >= ENOUGH:
-            fitted = _learn_wrong(solid, _learn_step(solid, fitted)[0])
+            fitted = learn_wrong(solid, _learn_step(solid, fitted)[0])
         fits = [_fit_edges(counted, fitted, free, step)]
     best, covariance, _ = fits[0]
     fixed = covariance - np.outer(covariance[2], covariance[2]) / max(covariance[2, 2], 1e-12)

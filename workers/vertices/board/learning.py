@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from apexcal.documents.detectors import Options
-from workers.vertices.board.edge_learning import first_growth, learn_board, learn_size, no_taller
+from workers.vertices.board.edge_learning import first_growth, learn_board, learn_size, learn_wrong, no_taller
 from workers.vertices.board.estimate import locate
 from workers.vertices.board.model import TRUNK_M, BoardModel, Fix, Plane, Sighting, any_roll
 from workers.vertices.board.plane_learning import (
@@ -60,12 +60,13 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         sweeps = [source.sweep(index) for index in spread(len(source), _SCATTERED)]
         windows = [window for sweep in sweeps for window in open_windows(sweep, area.inside(sweep), grid)]
         model = learn_scattered(windows, replace(model, poses=True, shown=True))
-        fixes = [locate(plane, model, coarse=True) for plane in _planes(windows, model)]
+        model, planes = replace(model, soft=BEAM_SIGMA_RAD), _planes(windows, model)
+        fixes = [locate(plane, model, coarse=True) for plane in planes]
         grown = [_seen_growth(fix) for fix in fixes if fix is not None and fix.trustworthy]
-        if not is_growth_open:
-            return model
-        growth = float(np.clip(np.median(grown), 0.0, GROWTH_RAD[1])) if grown else 0.0
-        return replace(model, growth=growth, growth_sigma=BEAM_SIGMA_RAD)
+        if is_growth_open:
+            growth = float(np.clip(np.median(grown), 0.0, GROWTH_RAD[1])) if grown else 0.0
+            model = replace(model, growth=growth, growth_sigma=BEAM_SIGMA_RAD)
+        return learn_wrong(planes, model)
     near: list[tuple[int, int, RangeImage]] = []
     places: list[tuple[int, float, float]] = []
     for index in spread(len(source), _SWEEPS):
