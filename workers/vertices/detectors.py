@@ -123,9 +123,7 @@ def without_fixed(
     if count < _COMPARED or stamp_of(source, count - 1) - stamp_of(source, 0) < _LEAST_S * 1e9:
         return region
     background = StaticBackground.of(source, _COMPARED, on_sweep)
-    return Foreground(
-        region, lambda sweep, inside: inside & ~background.compare(sweep, inside, FIXED_SHARE).still, True
-    )
+    return Foreground.of(region, background, FIXED_SHARE)
 
 
 RUNS: dict[DetectorName, Run] = {

@@ -26,7 +26,7 @@ from workers.vertices.corners import apart
 from workers.vertices.motion import count_steps
 from workers.vertices.pose_detection import AGREE, FIXED_M
 from workers.vertices.region import Region
-from workers.vertices.static_background import FIXED_SHARE, SAME_SHARE, Foreground, StaticBackground
+from workers.vertices.static_background import FIXED_SHARE, Foreground, StaticBackground
 from workers.vertices.still_poses import STANDS_M
 from workers.vertices.sweep_source import Listed, OnSweep, Scattered, SweepSource, stamp_of
 from workers.vertices.vertex import Answers, PoseFacts, Rejection, Vertex
@@ -36,6 +36,8 @@ _COMPARED: Final = 12  # sweeps
 _PLANES: Final = 3
 _MOST_POINTS: Final = 20_000  # of a pose
 _LEAST_SHARE: Final = 0.25  # of the usual length of a pose
+_LEAST_NS: Final = 500_000_000  # of a pose: half a second
+_MOST: Final = 0.51  # more than half of the poses: two boards of few poses may touch by chance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,18 +66,6 @@ class _Block:
         return None if board is None else _Block(numbers, sweep, inside[some], board)
 
 
-def _moving(region: Region, background: StaticBackground, share: float, fixed_left_out: bool = True) -> Foreground:
-    """A region without what stands still in a share of the sweeps that see it; each sweep is compared once."""
-    still: dict[int, Mask] = {}
-
-    def before(sweep: Sweep, chosen: Mask) -> Mask:
-        if sweep.stamp_ns not in still:
-            still[sweep.stamp_ns] = background.compare(sweep, share=share).still
-        return chosen & ~still[sweep.stamp_ns]
-
-    return Foreground(region, before, fixed_left_out)
-
-
 def run_ringless(
     source: SweepSource, region: Region, options: Options, indices: range, still: bool, on_sweep: OnSweep
 ) -> tuple[Answers, PoseFacts]:
@@ -92,7 +82,7 @@ def run_ringless(
         on_sweep(indices.start)  # it may end the work
 
     background = StaticBackground.of(scattered, _COMPARED, report)
-    moving = _moving(region, background, FIXED_SHARE)
+    moving = Foreground.of(region, background, FIXED_SHARE)
     model = learn(scattered, moving, options, report)
     if model is None:
         inside = (region.inside(source.sweep(index)).any() for index in indices)
@@ -109,7 +99,9 @@ def run_ringless(
     lengths = [len(block.numbers) for block in every]
     least = _LEAST_SHARE * float(np.median(np.repeat(lengths, lengths))) if lengths else 0.0
     poses = [block for block in every if len(block.numbers) >= least]
-    if _walked([(stamp_of(source, block.numbers[0]), block.board) for block in poses]):
+    lasting_ns = [stamp_of(source, pose.numbers[-1]) - stamp_of(source, pose.numbers[0]) for pose in poses]
+    passing = bool(poses) and float(np.median(lasting_ns)) < _LEAST_NS
+    if passing and _walked([(stamp_of(source, pose.numbers[0]), pose.board) for pose in poses]):
         raise _needs_poses("the board moves from sweep to sweep")
     outcomes: dict[int, Vertex | Rejection] = {}
     for block in every:
@@ -121,7 +113,7 @@ def run_ringless(
     sweeps = [replace(block.sweep, stamp_ns=stamp_of(source, k)) for block, k in zip(poses, middles, strict=True)]
     together = Scattered(Listed([*sweeps, *(source.sweep(index) for index in alone)]))
     others = StaticBackground.of(together)
-    area = _moving(region, others, SAME_SHARE, len(poses) > 1)
+    area = Foreground.of(region, others, _MOST, len(poses) > 1)
     found = run(together, area, {**options, "track": 0.0}, range(len(together)), lambda _: report(), model).found
     for block, middle, outcome in zip(poses, middles, _carried(found[: len(poses)]), strict=True):
         outcomes |= {middle: outcome} if isinstance(outcome, Vertex) else dict.fromkeys(block.numbers, outcome)

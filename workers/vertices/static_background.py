@@ -36,7 +36,7 @@ _GRAZING_M: Final = 0.5  # returns of one cell that are farther apart lie on two
 # Of the step over three cells. By chance a cell shows another part of an even slant, which bends it by half of the
 # step at most; two surfaces that meet within a cell bend it by the whole.
 _EVEN: Final = 0.5
-SAME_SHARE: Final = 0.5  # of the sweeps that can see the place
+_SAME_SHARE: Final = 0.5  # of the sweeps that can see the place
 _SEEN_SHARE: Final = 0.25  # of all sweeps; what is seen less often may be several boards by chance
 FIXED_SHARE: Final = 0.75  # of a walk's sweeps that can see the place: nobody who walks stays so long
 _BEHIND_SHARE: Final = 0.15
@@ -126,7 +126,7 @@ class StaticBackground:
         clouds = [self.clouds[index] for index in places] if self.clouds else ()
         return replace(self, stamps_ns=stamps_ns, near=self.near[places], far=self.far[places], clouds=clouds)
 
-    def compare(self, sweep: Sweep, chosen: Mask | None = None, share: float = SAME_SHARE) -> Compared:
+    def compare(self, sweep: Sweep, chosen: Mask | None = None, share: float = _SAME_SHARE) -> Compared:
         """What is still and what moved in a sweep of the recording; everything is neither without another sweep.
 
         Args:
@@ -220,6 +220,11 @@ class Foreground:
     region: Region
     before: Callable[[Sweep, Mask], Mask]
     fixed_left_out: bool
+
+    @classmethod
+    def of(cls, region: Region, background: StaticBackground, share: float, fixed_left_out: bool = True) -> Self:
+        """The region without what stands still in a share of the sweeps that see its place."""
+        return cls(region, lambda sweep, of: of & ~background.compare(sweep, of, share).still, fixed_left_out)
 
     def inside(self, sweep: Sweep) -> Mask:
         """Which points (N,) of a sweep lie in the region and do not stand still."""

@@ -66,7 +66,7 @@ def test_still_poses_show_a_board_without_rings(upper_corner, roll_deg):
     found = detect_range(source, _REGION, "refined", options, indices=range(len(source)), still=True)
     assert [vertex.sweep_index // _SWEEPS for vertex in found.vertices] == list(range(len(boards)))
     assert found.poses.count == len(boards)
-    assert set(found.rejected) == {"same_pose"}
+    assert found.rejected["same_pose"] >= 14 * len(boards)  # of 16 each: a sweep by itself may show too little
     off = np.array(
         [np.array(vertex.xyz) - corner for vertex, (corner, _, _) in zip(found.vertices, boards, strict=True)]
     )

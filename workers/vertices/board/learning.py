@@ -15,7 +15,7 @@ import numpy as np
 from apexcal.documents.detectors import Options
 from workers.vertices.board.edge_learning import first_growth, learn_board, learn_size, learn_wrong, no_taller
 from workers.vertices.board.estimate import locate
-from workers.vertices.board.model import TRUNK_M, BoardModel, Fix, Plane, Sighting, any_roll
+from workers.vertices.board.model import TRUNK_M, BoardModel, Fix, Floats, Plane, Sighting, any_roll
 from workers.vertices.board.plane_learning import (
     BIAS_M,
     ENOUGH,
@@ -38,7 +38,7 @@ _GRID_SWEEPS = 24
 _SWEEPS = 96
 _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart by boards at many distances
 _SCATTERED = 8  # sweeps without rings
-_NEARLY_ALL = 0.99  # of the returns of a board
+_MOST, _NEARLY_ALL = 0.96, 0.99  # of the returns of a board: to the middle and to the end of the rim about it
 _MIN_POINTS = 12
 _SHOWN, _SHOWN_OPEN = 0.4, 0.5  # share of the near planes; persons without a board show 8 of 24, and 11 of 26
 
@@ -63,9 +63,10 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         model, planes = replace(model, soft=BEAM_SIGMA_RAD), _planes(windows, model)
         fixes = [locate(plane, model, coarse=True) for plane in planes]
         grown = [_seen_growth(fix) for fix in fixes if fix is not None and fix.trustworthy]
-        if is_growth_open:
-            growth = float(np.clip(np.median(grown), 0.0, GROWTH_RAD[1])) if grown else 0.0
-            model = replace(model, growth=growth, growth_sigma=BEAM_SIGMA_RAD)
+        if is_growth_open and grown:
+            growth, end = np.clip(np.median(grown, axis=0), 0.0, GROWTH_RAD[1]).tolist()
+            model = replace(model, growth=growth, soft=max(end - growth, BEAM_SIGMA_RAD))
+        model = replace(model, growth_sigma=is_growth_open * BEAM_SIGMA_RAD)
         return learn_wrong(planes, model)
     near: list[tuple[int, int, RangeImage]] = []
     places: list[tuple[int, float, float]] = []
@@ -112,14 +113,19 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     return _with_board(planes, model, edges, is_growth_open, size)
 
 
-def _seen_growth(fix: Fix) -> float:
-    """Radians by which the returns of a board without rings reach beyond its edges, the mean of all four."""
+def _seen_growth(fix: Fix) -> tuple[float, float]:
+    """Radians by which most of a board's returns reach beyond its edges, and nearly all beyond the worse two."""
     way = max(fix.ways, key=lambda way: way.weight)
     x, y = fix.plane.hits - way.mean[:2, None]
     cosine, sine = math.cos(way.mean[2]), math.sin(way.mean[2])
-    ends = 0.5 - 0.5 * _NEARLY_ALL, 0.5 + 0.5 * _NEARLY_ALL
-    lengths = [np.ptp(np.quantile(at, ends)) / _NEARLY_ALL for at in (cosine * x - sine * y, sine * x + cosine * y)]
-    return float(sum(lengths) - sum(way.edges)) / 4.0 / float(np.median(fix.plane.reach))
+    along = np.stack([cosine * x - sine * y, sine * x + cosine * y])
+
+    def grown(share: float) -> Floats:
+        low, high = np.quantile(along, [0.5 - 0.5 * share, 0.5 + 0.5 * share], axis=1)
+        beyond: Floats = ((high - low) / share - way.edges) / (2.0 * float(np.median(fix.plane.reach)))
+        return beyond
+
+    return float(grown(_MOST).mean()), float(grown(_NEARLY_ALL).max())
 
 
 def _with_board(

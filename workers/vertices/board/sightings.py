@@ -55,8 +55,8 @@ def find_planes(windows: Iterable[RangeImage], model: BoardModel, most: int) -> 
     """Planes that could be the board's, the likeliest first; at least two rings meet each, where there are rings."""
     if model.grid.scattered:
         scattered = [sighting for window in windows for sighting in _scattered(window, model)]
-        # A thing at the rim of two windows is met in both.
-        once = {round(s.plane.score, 3): s for s in scattered}
+        # A thing at the rim of two windows is met in both, and gaps between a pattern's petals may part a board.
+        once = {round(s.plane.score, 1): s for s in sorted(scattered, key=lambda sighting: sighting.plane.points)}
         return sorted(once.values(), key=lambda sighting: -sighting.plane.score)[:most]
     candidates: list[tuple[float, RangeImage, Floats, Floats, tuple[int, int, int]]] = []
     prior = np.array([*model.yaw, *model.tilt])
@@ -173,6 +173,7 @@ def _scattered(window: RangeImage, model: BoardModel) -> Iterator[Sighting]:
     xyz = np.column_stack([np.cos(azimuth), np.sin(azimuth), slope])[inside] * distance[inside, None]
     crowd = KDTree(xyz).query_ball_point(xyz, _SEED_M, return_length=True)
     free: NDArray[np.bool_] = crowd >= _FEWEST
+    met = np.zeros(azimuth.size, np.bool_)
     prior = np.array([*model.yaw, *model.tilt])
     for _ in range(_SEEDS):
         if not free.any():
@@ -200,6 +201,9 @@ def _scattered(window: RangeImage, model: BoardModel) -> Iterator[Sighting]:
             continue
         thing = on_plane[_connected(left[on_plane], up[on_plane], np.isin(on_plane, inside[order[: crowd[middle]]]))]
         free[np.isin(inside, thing)] = False
+        if met[thing].mean() > 0.5:
+            continue
+        met[thing] = True
         if thing.size >= _FEWEST and max(np.ptp(left[thing]), np.ptp(up[thing])) < _at_largest(model):
             yield _of_thing(window, w, spread, float(scores[best]), left, up, ratio, thing, model)
 

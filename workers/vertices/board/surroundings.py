@@ -182,6 +182,8 @@ def likelier_than_upright(fix: Fix, model: BoardModel) -> bool:
     """
     if model.upper_corner and fix.moving < MOST_ON_BOARD:
         return False
+    if model.upper_corner and model.grid.scattered:
+        return True  # no ray tells that a larger rectangle ends, so it holds all that a board does
     return fix.evidence > upright_evidence(fix, model) + (_ONE_OF_TEN if model.upper_corner else 0.0)
 
 
