@@ -6,7 +6,6 @@ recording is cut into shards.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -15,7 +14,7 @@ import numpy as np
 from apexcal.documents.detectors import Options
 from workers.vertices.board.edge_learning import first_growth, learn_board, learn_size, learn_wrong, no_taller
 from workers.vertices.board.estimate import locate
-from workers.vertices.board.model import TRUNK_M, BoardModel, Fix, Floats, Plane, Sighting, any_roll
+from workers.vertices.board.model import TRUNK_M, BoardModel, Plane, Sighting, any_roll
 from workers.vertices.board.plane_learning import (
     BIAS_M,
     ENOUGH,
@@ -27,7 +26,7 @@ from workers.vertices.board.plane_learning import (
 )
 from workers.vertices.board.sightings import find_planes, open_windows
 from workers.vertices.board.size import BEAM_SIGMA_RAD, GROWTH_RAD
-from workers.vertices.board.surroundings import likelier_than_upright
+from workers.vertices.board.surroundings import likelier_than_upright, rim
 from workers.vertices.motion import jumps
 from workers.vertices.range_image import RangeImage
 from workers.vertices.sensor_grid import some_grid
@@ -38,7 +37,6 @@ _GRID_SWEEPS = 24
 _SWEEPS = 96
 _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart by boards at many distances
 _SCATTERED = 8  # sweeps without rings
-_MOST, _NEARLY_ALL = 0.96, 0.99  # of the returns of a board: to the middle and to the end of the rim about it
 _MIN_POINTS = 12
 _SHOWN, _SHOWN_OPEN = 0.4, 0.5  # share of the near planes; persons without a board show 8 of 24, and 11 of 26
 
@@ -62,9 +60,11 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         model = learn_scattered(windows, replace(model, poses=True, shown=True))
         model, planes = replace(model, soft=BEAM_SIGMA_RAD), _planes(windows, model)
         fixes = [locate(plane, model, coarse=True) for plane in planes]
-        grown = [_seen_growth(fix) for fix in fixes if fix is not None and fix.trustworthy]
-        if is_growth_open and grown:
-            growth, end = np.clip(np.median(grown, axis=0), 0.0, GROWTH_RAD[1]).tolist()
+        rims = [
+            rim(fix) for fix in fixes if fix is not None and fix.trustworthy and likelier_than_upright(fix, model)
+        ]
+        if is_growth_open and rims:
+            growth, end = np.clip(np.median(rims, axis=0), 0.0, GROWTH_RAD[1]).tolist()
             model = replace(model, growth=growth, soft=max(end - growth, BEAM_SIGMA_RAD))
         model = replace(model, growth_sigma=is_growth_open * BEAM_SIGMA_RAD)
         return learn_wrong(planes, model)
@@ -111,21 +111,6 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         elif is_growth_open:
             model = first_growth(solid, model, as_seen)
     return _with_board(planes, model, edges, is_growth_open, size)
-
-
-def _seen_growth(fix: Fix) -> tuple[float, float]:
-    """Radians by which most of a board's returns reach beyond its edges, and nearly all beyond the worse two."""
-    way = max(fix.ways, key=lambda way: way.weight)
-    x, y = fix.plane.hits - way.mean[:2, None]
-    cosine, sine = math.cos(way.mean[2]), math.sin(way.mean[2])
-    along = np.stack([cosine * x - sine * y, sine * x + cosine * y])
-
-    def grown(share: float) -> Floats:
-        low, high = np.quantile(along, [0.5 - 0.5 * share, 0.5 + 0.5 * share], axis=1)
-        beyond: Floats = ((high - low) / share - way.edges) / (2.0 * float(np.median(fix.plane.reach)))
-        return beyond
-
-    return float(grown(_MOST).mean()), float(grown(_NEARLY_ALL).max())
 
 
 def _with_board(

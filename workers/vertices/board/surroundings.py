@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from workers.readers.recording import Sweep
 from workers.vertices.board.model import MOST_ON_BOARD, BoardModel, Fix, Sighting
 from workers.vertices.board.posterior import step
+from workers.vertices.board.size import GROWTH_RAD
 
 Floats = NDArray[np.float64]
 
@@ -168,6 +169,7 @@ _STARTS = (1.0, 0.9, 0.5)
 _CLEAR = 7.6
 # With level edges each of these ten is as likely the board, before its size tells it.
 _ONE_OF_TEN = math.log(10.0)
+_MOST, _NEARLY_ALL = 0.96, 0.99  # of a board's returns: to the middle and to the end of the rim about it
 
 
 def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
@@ -183,8 +185,24 @@ def likelier_than_upright(fix: Fix, model: BoardModel) -> bool:
     if model.upper_corner and fix.moving < MOST_ON_BOARD:
         return False
     if model.upper_corner and model.grid.scattered:
-        return True  # no ray tells that a larger rectangle ends, so it holds all that a board does
+        # No ray tells that a larger rectangle ends, so it holds all that a board does: returns must end as stated.
+        return rim(fix)[0] < GROWTH_RAD[1]
     return fix.evidence > upright_evidence(fix, model) + (_ONE_OF_TEN if model.upper_corner else 0.0)
+
+
+def rim(fix: Fix) -> tuple[float, float]:
+    """Radians by which most of a board's returns reach beyond its edges, and nearly all beyond the worse two."""
+    way = max(fix.ways, key=lambda way: way.weight)
+    x, y = fix.plane.hits - way.mean[:2, None]
+    cosine, sine = math.cos(way.mean[2]), math.sin(way.mean[2])
+    along = np.stack([cosine * x - sine * y, sine * x + cosine * y])
+
+    def grown(share: float) -> Floats:
+        low, high = np.quantile(along, [0.5 - 0.5 * share, 0.5 + 0.5 * share], axis=1)
+        beyond: Floats = ((high - low) / share - way.edges) / (2.0 * float(np.median(fix.plane.reach)))
+        return beyond
+
+    return float(grown(_MOST).mean()), float(grown(_NEARLY_ALL).max())
 
 
 def upright_evidence(fix: Fix, model: BoardModel) -> float:
