@@ -114,13 +114,13 @@ def run_ringless(
     together = Scattered(Listed([*sweeps, *(source.sweep(index) for index in alone)]))
     others = StaticBackground.of(together)
     area = Foreground.of(region, others, _MOST, len(poses) > 1)
-    found = run(together, area, {**options, "track": 0.0}, range(len(together)), lambda _: report(), model).found
-    for block, middle, outcome in zip(poses, middles, _carried(found[: len(poses)]), strict=True):
+    each = run(together, area, {**options, "track": 0.0}, range(len(together)), lambda _: report(), model).found
+    for block, middle, outcome in zip(poses, middles, _carried(each[: len(poses)]), strict=True):
         outcomes |= {middle: outcome} if isinstance(outcome, Vertex) else dict.fromkeys(block.numbers, outcome)
     # What no sweep shows by itself is no board.
     outcomes |= {
         index: Rejection("not_a_board") if isinstance(outcome, Vertex) else outcome
-        for index, outcome in zip(alone, found[len(poses) :], strict=True)
+        for index, outcome in zip(alone, each[len(poses) :], strict=True)
     }
     answers = [
         replace(outcome, sweep_index=index) if isinstance(outcome, Vertex) else outcome
