@@ -1,3 +1,5 @@
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false
 """What stands still: the returns that most sweeps of a recording have in common.
 
 Sweeps are compared as images of ranges, one row per ring and one column per two firings. A return is the same in
@@ -185,9 +187,10 @@ class _Cloud(NamedTuple):
         if not len(xyz):
             xyz = np.full((1, 3), 1e6)
         tree, reach = KDTree(xyz), np.linalg.norm(xyz, axis=1)
-        apart, nearest = tree.query(xyz, np.arange(1, min(_SURFACE, len(xyz)) + 1))
+        count = min(_SURFACE, len(xyz))
+        apart, nearest = tree.query(xyz, np.arange(1, count + 1))
         around = xyz[nearest] - xyz[nearest].mean(axis=1, keepdims=True)
-        size, axes = np.linalg.eigh(np.einsum("nka,nkb->nab", around, around) / nearest.shape[1])
+        size, axes = np.linalg.eigh(np.einsum("nka,nkb->nab", around, around) / count)
         thick = np.sqrt(np.maximum(size[:, 0], 0.0))
         return cls(tree, axes[:, :, 0], thick, apart[:, -1], KDTree(xyz / reach[:, None]), reach)
 

@@ -1,3 +1,5 @@
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false
 """Planes of a sweep that could be the board's, with the rays that show where the board in each of them ends.
 
 On rings they grow from stretches of neighbouring rings. Without rings they grow from where points stand close; then
