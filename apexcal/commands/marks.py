@@ -50,7 +50,11 @@ def _sentence(facts: MarksFacts, camera: str) -> str:
         return f"The machine cannot mark camera {camera}. {facts.refusal}"
     others = "".join(f"\n  {count}: {reason.replace('_', ' ')}" for reason, count in facts.reasons.items())
     sigma = f", with standard deviations about {facts.sigma_px:.2f} px" if facts.sigma_px else ""
-    return f"The machine marked {facts.marked} of {facts.corners} corners in camera {camera}{sigma}.{others}"
+    marked = f"The machine marked {facts.marked} of {facts.corners} corners in camera {camera}{sigma}.{others}"
+    if facts.clock_offset_ms is None:
+        return marked
+    ms = f"{facts.clock_offset_ms:.0f}"
+    return f"{marked}\nThe camera's clock is {ms} ms ahead of the LiDAR's: detect again with --offset-ms {ms}."
 
 
 def _table(answers: Sequence[MachineMark]) -> Table:

@@ -32,13 +32,17 @@ class MarksRequest(Received):
 
 
 class MarksFacts(Document):
-    """How many corners there are and how many ``marked``, ``reasons`` of the others, and the median deviation."""
+    """How many corners there are and how many ``marked``, ``reasons`` of the others, and the median deviation.
+
+    ``clock_offset_ms``: the camera's clock minus the LiDAR's, where a walk's marks tell another than the pairing's.
+    """
 
     corners: int
     marked: int
     reasons: dict[str, int]
     refusal: str | None
     sigma_px: float | None
+    clock_offset_ms: float | None = None
 
 
 class MarksView(AnalysisView):

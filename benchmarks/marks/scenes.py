@@ -31,6 +31,7 @@ OVERSAMPLE: Final = 8
 EDGE_SIGMA_M: Final = 0.0008  # the tolerance of ISO 2768-1 m for lengths of 0.4 to 1 m, taken as a standard deviation
 _EDGE_STEPS: Final = 8
 _MASK_PX: Final = 1.5  # of the unsharp mask: its lobes are 3 px away, as in the crops
+_HALF_S: Final = 0.5  # `REACH_NS` of the pairs' velocities
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -44,6 +45,7 @@ class Draw:
         gain_step: factor by which the exposure changes for some of the frames.
         sharpening: amount of an unsharp mask. rim_m: a lit or dark rim outside of one upper edge, in half of the
             frames. blunt_m: what is cut off the tip along both edges. `draw` leaves these three at 0 (see `CELLS`).
+        clock_ms: how far the camera's clock is ahead of the one by which frames were paired.
     """
 
     seed: int
@@ -68,6 +70,7 @@ class Draw:
     sharpening: float = 0.0
     rim_m: float = 0.0
     blunt_m: float = 0.0
+    clock_ms: float = 0.0
 
 
 CELLS: Final[dict[str, dict[str, float]]] = {
@@ -151,6 +154,9 @@ class Scene:
         later = walk.poses(times + drawn.motion_ms * 1e-3)
         self.truth = {name: self._pixels(xyz) for name, xyz in _corners(self._poses).items()}
         self._moved = self._pixels(later.apex) - self.truth["top"]
+        # What the LiDAR saw at the moments that the pairing took for the frames'.
+        self._paired = walk.poses(times + drawn.clock_ms * 1e-3)
+        self._velocity = _velocity(walk, times + drawn.clock_ms * 1e-3, drawn)
         self.sights = self._sights(random)
         self._background = _background(drawn, random)
         self._levels = _cut(drawn, random, _levels(drawn, random, self._background))
@@ -224,8 +230,8 @@ class Scene:
         sigma = np.array([*np.radians(random.uniform(0.02, 0.06, 2)), random.uniform(0.004, 0.015)])
         roll_sigma, side_sigma = math.radians(random.uniform(0.5, 2.5)), random.uniform(0.005, 0.02)
         sights: list[Sight] = []
-        for index in range(len(self._poses.apex)):
-            corners = {name: self._turn @ xyz[index] for name, xyz in _corners(self._poses).items()}
+        for index in range(len(self._paired.apex)):
+            corners = {name: self._turn @ xyz[index] for name, xyz in _corners(self._paired).items()}
             spread = to_xyz(np.diag(sigma**2)[None], corners["top"][None])[0]
             off = random.multivariate_normal(np.zeros(3), spread)
             if random.uniform() < 0.03:
@@ -234,9 +240,9 @@ class Scene:
             if self.drawn.size_stated:
                 for name in ("left", "right", "bottom"):
                     noisy[name] = corners[name] + off + random.normal(0.0, side_sigma, 3)
-            falls = math.asin(-float(self._poses.edge_left[index][2]))
+            falls = math.asin(-float(self._paired.edge_left[index][2]))
             roll = falls - 0.25 * math.pi + random.normal(0.0, roll_sigma)
-            sights.append(Sight(index, noisy, spread, roll))
+            sights.append(Sight(index, noisy, spread, roll, self._turn @ self._velocity[index]))
         return sights
 
     def _hidden(self, index: int, pixel: Floats) -> bool:
@@ -329,6 +335,15 @@ def _camera(drawn: Draw, random: np.random.Generator, turn: Floats) -> MountedLe
     R = about @ FORWARD_LIDAR_TO_OPTICAL @ rotation_from_vector(np.array([0.0, 0.0, tilt[1]]))
     centre = random.uniform((-0.3, -0.4, -0.6), (0.5, 0.4, 0.3))
     return MountedLens(lens, SE3("camera", "lidar", R @ turn.T, -R @ centre))
+
+
+def _velocity(walk: Walk, times: Floats, drawn: Draw) -> Floats:
+    """(N, 3) m/s as a track tells them: the way of a whole second, which errors of 1 cm make uncertain by 14 mm/s."""
+    if drawn.still:
+        return np.zeros((len(times), 3))
+    around = [walk.poses(np.clip(times + half, 0.0, 239.9)).apex for half in (-_HALF_S, _HALF_S)]
+    noise = np.random.default_rng([drawn.seed, 45]).normal(0.0, 0.014, (len(times), 3))
+    return (around[1] - around[0]) / (2.0 * _HALF_S) + noise
 
 
 def _corners(poses: Poses) -> dict[CornerName, Floats]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Final
 
@@ -12,6 +12,7 @@ import numpy as np
 from apexcal.documents.corners import CornerName
 from workers.geometry.models import ModelName
 from workers.marks.alternatives import Beside, look_beside, mixed
+from workers.marks.clock import at_clock
 from workers.marks.edges import CornerFit, EdgeRefusal, measure_corner
 from workers.marks.outer_edges import changes_outside
 from workers.marks.profiles import Curve
@@ -36,6 +37,11 @@ class MarkTask:
     model: ModelName
     corners: Sequence[CornerName]
     on_sight: OnSight
+    offset_s: float = 0.0
+
+    def at(self, offset_s: float) -> MarkTask:
+        """The same with the camera's clock so far ahead of the pairing's, in seconds."""
+        return replace(self, sights=at_clock(self.sights, offset_s - self.offset_s), offset_s=offset_s)
 
 
 def measure(

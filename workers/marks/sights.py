@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -58,12 +58,14 @@ class Sight:
         covariance: (3, 3) of the tip over x, y, z, square metres.
         roll: radians, as a vertex states it (`workers.vertices.vertex.Vertex`). It stands for the side corners where
             the board's size is not known.
+        velocity: (3,) metres a second, of the board; zero where nothing tells it.
     """
 
     frame: int
     corners: Mapping[CornerName, Floats]
     covariance: Floats
     roll: float = 0.0
+    velocity: Floats = field(default_factory=lambda: np.zeros(3))
 
     def neighbours(self, corner: CornerName) -> Floats | None:
         """(2, 3) the far ends of the corner's edges; None where they are not known.
@@ -165,11 +167,13 @@ class MachineMarks:
         answers: of each sight, by corner.
         camera: mount and lens that the proposals agree on; None where there are none. A starting value, no result.
         failure: why there is no mount.
+        offset_s: camera clock minus that of the pairing, seconds; 0 where the frames do not tell another.
     """
 
     answers: Sequence[Mapping[CornerName, MarkProposal | MarkRefusal]]
     camera: MountedLens | None = None
     failure: RecordingFailure | None = None
+    offset_s: float = 0.0
 
 
 def is_in_one_place(sights: Sequence[Sight]) -> bool:

@@ -12,13 +12,14 @@ from uuid import UUID
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import select
+from sqlalchemy import Row, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import ModelName
 from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.lenses import lens_of_images, parameters_of
 from apexcal.documents.machine_marks import MOST_VERTICES, TILE_COLUMNS
+from apexcal.geometry.motion import velocities_of
 from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.detections import Detection, Vertex, VertexFrame, marked_corners
@@ -60,6 +61,7 @@ class _MarkingWork:
     is_level: bool
     lens: Lens | None
     model: ModelName
+    paired_at_ms: float
 
 
 def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Json]:
@@ -89,7 +91,8 @@ def machine_marks(context: Context, claim: Claim, lease: Lease) -> Callable[[Ses
         rows = _rows(work, dict(zip(usable, proposals.answers, strict=True)))
         shown = _as_shown(work, source, frames, folder, lease)
         write = _storing_tiles(context, claim, work, rows, shown, folder / "crops.png")
-    result = _result(rows, proposals.failure)
+    offset_ms = work.paired_at_ms + 1e3 * proposals.offset_s if proposals.offset_s else None
+    result = _result(rows, proposals.failure, offset_ms)
 
     def finish(session: Session) -> Json:
         write(session)
@@ -144,14 +147,22 @@ def _read(session: Session, analysis: Analysis) -> _MarkingWork:
     return _MarkingWork(
         camera.recording_id,
         camera.blob_key,
-        [_sight(vertex, frame, roll) for vertex, frame in tips],
+        [_sight(*tip, roll, velocity) for tip, velocity in zip(tips, _velocities(tips), strict=True)],
         [{TOP: vertex.id, **others.get(vertex.sweep_index, {})} for vertex, _ in tips],
         {index: (offset, length) for index, offset, length in session.execute(places) if index in indices},
         corners,
         bool(detection.options.get("upper_corner")),
         _stated_lens(session, camera),
         analysis.asked["model"],
+        detection.pairing["offset_ns"] / 1e6,
     )
+
+
+def _velocities(tips: Sequence[Row[tuple[Vertex, VertexFrame]]]) -> NDArray[np.float64]:
+    """(N, 3) m/s, by the detection's vertices near in time; zero for still poses."""
+    points = [[vertex.x, vertex.y, vertex.z] for vertex, _ in tips]
+    moved = velocities_of(points, [vertex.time_ns for vertex, _ in tips]) if tips else None
+    return np.zeros((len(tips), 3)) if moved is None else moved
 
 
 def _stated_lens(session: Session, camera: Sensor) -> Lens | None:
@@ -170,14 +181,14 @@ def _stated_lens(session: Session, camera: Sensor) -> Lens | None:
     return Lens(model, np.array(list(values.values()), np.float64)) if values else None
 
 
-def _sight(vertex: Vertex, frame: VertexFrame, roll: float) -> Sight:
+def _sight(vertex: Vertex, frame: VertexFrame, roll: float, velocity: NDArray[np.float64]) -> Sight:
     """The board at the frame's time."""
     at = vertex if frame.x is None else frame
     xyz = np.array([at.x, at.y, at.z], np.float64)
     corners: dict[CornerName, NDArray[np.float64]] = {TOP: xyz}
     corners |= {other["corner"]: np.array([other[axis] for axis in "xyz"]) for other in at.corners or ()}
     covariance = _UNSTATED if at.covariance is None else to_xyz(np.array([at.covariance]), xyz[None])[0]
-    return Sight(frame.frame_index, corners, covariance, roll)
+    return Sight(frame.frame_index, corners, covariance, roll, velocity)
 
 
 def _as_shown(
@@ -239,7 +250,7 @@ def _rows(work: _MarkingWork, answers_of: Mapping[int, Answers]) -> list[dict[st
     return rows
 
 
-def _result(rows: Sequence[dict[str, Any]], failure: RecordingFailure | None) -> Json:
+def _result(rows: Sequence[dict[str, Any]], failure: RecordingFailure | None, offset_ms: float | None = None) -> Json:
     """Columns of all marks and reasons, and the marks in numbers."""
     sigmas = [row["sigma_u"] for row in rows if row["reason"] is None]
     return {
@@ -248,5 +259,6 @@ def _result(rows: Sequence[dict[str, Any]], failure: RecordingFailure | None) ->
         "reasons": dict(Counter(row["reason"] for row in rows if row["reason"])),
         "refusal": failure and failure.sentence,
         "sigma_px": float(np.median(sigmas)) if sigmas else None,
+        "clock_offset_ms": offset_ms,
         "marks": {name: [row[name] for row in rows] for name in rows[0]} if rows else {},
     }

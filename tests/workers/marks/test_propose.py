@@ -1,5 +1,7 @@
 """The whole way from frames and vertices to proposals, on a rendered recording."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,7 +37,7 @@ def errors_px(scene, answers, name="top"):
 
 def test_tips_are_marked(scene, frames):
     found = propose(frames, scene.sights, DRAW.size, lens=scene.lens, corners=("top", "left"))
-    assert found.failure is None
+    assert found.failure is None and found.offset_s == 0.0
     for name in ("top", "left"):
         errors = errors_px(scene, found.answers, name)
         assert len(errors) >= 0.7 * len(scene)
@@ -72,6 +74,18 @@ def test_six_poses_suffice_with_a_stated_lens(scene, frames):
         for one, k in zip(scene.sights, order, strict=False)
     ]
     assert propose(frames, mixed, DRAW.size, lens=scene.lens).camera is None
+
+
+def test_the_clock_is_told_by_the_marks_of_a_walk():
+    """The vertices are of 35 ms after the frames: where the board is no longer."""
+    drawn = replace(DRAW, still=False, count=36, pattern="plain", gain_step=1.0, clock_ms=35.0)
+    scene = Scene(drawn)
+    frames = [scene[index] for index in range(len(scene))]
+    found = propose(frames, scene.sights, drawn.size, lens=scene.lens)
+    assert abs(found.offset_s - 0.035) < 0.008
+    errors = errors_px(scene, found.answers)
+    assert len(errors) >= 0.7 * len(scene) and max(errors) < 2.0
+    assert all(np.array_equal(sight.velocity, np.zeros(3)) for sight in Scene(DRAW).sights)
 
 
 def test_vertices_of_another_recording_get_no_mount(scene, frames):
