@@ -17,9 +17,9 @@ import numpy as np
 from apexcal.documents.corners import CORNERS
 from benchmarks.marks import calibrated
 from benchmarks.marks.chance import offers_mount
+from benchmarks.marks.draws import CELLS, Draw
 from benchmarks.marks.real import tell_real
 from benchmarks.marks.rendered import CornerCounts, SceneOutcome, quantiles, run_cell, run_scene
-from benchmarks.marks.scenes import CELLS, Draw
 from benchmarks.shares import share
 
 SCENES: Final = 100

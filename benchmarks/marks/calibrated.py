@@ -20,7 +20,8 @@ from apexcal.documents.camera_models import CAMERA_MODELS
 from apexcal.documents.pairs import MACHINE, MARK_SIGMA, MARKED_BY, SIGMAS
 from apexcal.geometry.rotations import rotation_from_vector, vector_from_rotation
 from apexcal.geometry.se3 import SE3, from_document
-from benchmarks.marks.scenes import Draw, Scene, draw
+from benchmarks.marks.draws import Draw, draw
+from benchmarks.marks.scenes import Scene
 from benchmarks.shares import share
 from workers.geometry.models import INTRINSICS
 from workers.geometry.spherical import to_spherical

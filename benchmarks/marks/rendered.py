@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from apexcal.documents.corners import CORNERS, CornerName
-from benchmarks.marks.scenes import Draw, Scene, cell_draw, draw
+from benchmarks.marks.draws import Draw, cell_draw, draw
+from benchmarks.marks.scenes import Scene
 from workers.marks.propose import propose
 from workers.marks.sights import Image, MarkProposal
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from apexcal.documents.pairs import MACHINE, MARK_SIGMA
-from benchmarks.marks.scenes import Draw, Scene
+from benchmarks.marks.draws import Draw
+from benchmarks.marks.scenes import Scene
 from service.platform.db.analyses import AnalysisFile
 from service.platform.db.annotations import CropPage
 from service.platform.db.base import new_id

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from apexcal.documents.corners import CORNERS
-from benchmarks.marks.scenes import Draw, Scene, draw
+from benchmarks.marks.draws import Draw, draw
+from benchmarks.marks.scenes import Scene
 from workers.marks.propose import propose
 from workers.marks.sights import MarkProposal
 
