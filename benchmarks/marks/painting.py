@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from benchmarks.marks.draws import Draw
 
 Floats = NDArray[np.float64]
-_EDGE_SIGMA_M: Final = 0.0008  # the tolerance of ISO 2768-1 m for lengths of 0.4 to 1 m, taken as a standard deviation
+_EDGE_SIGMA_M: Final = 0.0008  # the tolerance of ISO 2768-1 m for lengths of 0.4 to 1 m, as a standard deviation
 _EDGE_STEPS: Final = 8
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
