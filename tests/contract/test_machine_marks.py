@@ -102,8 +102,8 @@ def test_the_machine_marks_a_detection_and_its_marks_become_pairs(api, context, 
     done = engineer.get(path).json()
     assert (done["state"], done["problem"], done["camera"]) == ("done", None, "front")
     facts = done["result"]
-    assert set(facts) == {"corners", "marked", "reasons", "refusal", "sigma_px"}
-    assert (facts["corners"], facts["refusal"]) == (len(scene), None)
+    assert set(facts) == {"corners", "marked", "reasons", "refusal", "sigma_px", "clock_offset_ms"}
+    assert (facts["corners"], facts["refusal"], facts["clock_offset_ms"]) == (len(scene), None, None)
     assert facts["marked"] >= 0.7 * len(scene)
     assert facts["marked"] + sum(facts["reasons"].values()) == len(scene)
 

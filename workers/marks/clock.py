@@ -64,7 +64,7 @@ def fit_clock(
     Args:
         tolerance_px: pixels much farther from their point count no more.
     """
-    offsets = np.arange(-_REACH_S, _REACH_S + 0.5 * _STEP_S, _STEP_S)
+    offsets: Floats = np.arange(-_REACH_S, _REACH_S + 0.5 * _STEP_S, _STEP_S, dtype=np.float64)
     weights = np.ones(len(points))
     costs: list[float] = []
     for offset in offsets.tolist():

@@ -330,7 +330,8 @@ def _proposal(sight: Sight, name: CornerName, fit: CornerFit, camera: MountedLen
     assert ends is not None
     lengths = np.hypot(*(camera.pixels(ends) - fit.pixel).T)
     if fit.second is not None:
-        places = MarkPlace(u, v, 1.0 - fit.second.weight), MarkPlace(*fit.second.pixel.tolist(), fit.second.weight)
+        pixel, weight = fit.second
+        places = MarkPlace(u, v, 1.0 - weight), MarkPlace(float(pixel[0]), float(pixel[1]), weight)
         return MarkRefusal("two_places", places, float(lengths.min()))
     return MarkProposal((u, v), _stated_covariance(fit, _by_point(sight.corners[name], camera)), float(lengths.min()))
 

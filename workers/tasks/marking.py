@@ -147,7 +147,7 @@ def _read(session: Session, analysis: Analysis) -> _MarkingWork:
     return _MarkingWork(
         camera.recording_id,
         camera.blob_key,
-        [_sight(*tip, roll, velocity) for tip, velocity in zip(tips, _velocities(tips), strict=True)],
+        [_sight(vertex, frame, roll, v) for (vertex, frame), v in zip(tips, _velocities(tips), strict=True)],
         [{TOP: vertex.id, **others.get(vertex.sweep_index, {})} for vertex, _ in tips],
         {index: (offset, length) for index, offset, length in session.execute(places) if index in indices},
         corners,
@@ -158,7 +158,7 @@ def _read(session: Session, analysis: Analysis) -> _MarkingWork:
     )
 
 
-def _velocities(tips: Sequence[Row[tuple[Vertex, VertexFrame]]]) -> NDArray[np.float64]:
+def _velocities(tips: Sequence[Row[Vertex, VertexFrame]]) -> NDArray[np.float64]:
     """(N, 3) m/s, by the detection's vertices near in time; zero for still poses."""
     points = [[vertex.x, vertex.y, vertex.z] for vertex, _ in tips]
     moved = velocities_of(points, [vertex.time_ns for vertex, _ in tips]) if tips else None
