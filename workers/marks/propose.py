@@ -144,7 +144,7 @@ def _at_best_clock(
         return best
     at, pairs, (candidate, *_) = best
     slots = np.flatnonzero(candidate.explained)
-    velocities = np.array([task.sights[index].velocity for index in pairs.sight[slots]])
+    velocities = np.array([task.sights[index].velocity for index in pairs.sight[slots].tolist()])
     seen = pairs.seeds[slots, candidate.nearest[slots]]
     shift = fit_clock(candidate.camera, task.lens, pairs.points[slots], velocities, seen, task.size, 0.5 * INLIER_PX)
     if shift is None:
