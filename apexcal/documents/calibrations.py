@@ -67,6 +67,13 @@ class CommonErrors(Received):
         default=None, description="millimetres, of the board's edges and its worn tip: all lie too high"
     )
     range_mm: _Size = Field(default=None, description="of the LiDAR's range, millimetres")
+    tilt_up_deg: _Turn = Field(default=None, description="of the boards of all poses about a level axis, degrees")
+    tilt_across_deg: _Turn = Field(
+        default=None, description="of the boards of all poses about an upright axis, degrees"
+    )
+    corners_out_mm: _Size = Field(
+        default=None, description="of all of a pose's corners, away from its middle, millimetres"
+    )
     mark_u_px: _Size = Field(default=None, description="of all marks, to the right, pixels")
     mark_v_px: _Size = Field(default=None, description="of all marks, down, pixels")
     clock_ms: _Size = Field(default=None, description="of the offset between the clocks, milliseconds")

@@ -22,6 +22,9 @@ _ELEVATION_DEG = {"refined": 0.01, "ring_rules": 0.1}
 _BOARD_MM = {"tip_across_mm": 3.5, "tip_up_mm": 5.8, "range_mm": 17.3}
 # An upper corner of level edges is worn along its diagonal, half of the variance along each axis.
 _UPPER_CORNER_MM = {"tip_across_mm": 4.8, "tip_up_mm": 4.8}
+# Of a recording's poses with several corners: a corner is out by both of its edges. The rings' ranges, each right to
+# 30 mm, tilt a board of 0.8 m by this: eight rings of 17.3 mm, 0.23 m about their middle (root mean square).
+_POSES = {"corners_out_mm": 5.0, "tilt_up_deg": 1.5, "tilt_across_deg": 1.5}
 # A habit of aiming anywhere within the pixel that shows the corner, alike likely: half a pixel over the root of three
 # (JCGM 100:2008, 4.3.7).
 _PERSON_PX = 0.289
@@ -70,6 +73,7 @@ def common_errors(pairs: CorrespondenceSet, deviations: Json) -> Json:
         refined = all(name in pairs.columns for name in SIGMAS)
         defaults["elevation_deg"] = _ELEVATION_DEG["refined" if refined else "ring_rules"]
         defaults |= _BOARD_MM | (_UPPER_CORNER_MM if _is_upper(pairs) else {})
+        defaults |= _POSES if "group" in pairs.columns else {}
         defaults["person_px"] = person_px(pairs.columns, _PERSON_PX, _ALONE_PX)
         if CLOCK_SIGMA in pairs.columns and "stamp_ns" in pairs.columns:
             defaults["clock_ms"] = pairs.columns[CLOCK_SIGMA][0]

@@ -73,6 +73,34 @@ def _by_direction(axis: int, in_mm: bool = False) -> Callable[[FitProblem, Float
     return shape
 
 
+def _arms(problem: FitProblem) -> Floats:
+    """(N, 3) from the middle of a pose's pairs to each, m; zero where no pose has several."""
+    arms, blocks = np.zeros_like(problem.points), problem.blocks
+    if blocks is None or blocks.kind != "group":
+        return arms
+    count = len(blocks.labels)  # of the marks that there are; planned ones may follow
+    points = problem.points[:count]
+    sums = np.zeros((int(blocks.labels.max()) + 1, 3))
+    np.add.at(sums, blocks.labels, points)
+    arms[:count] = points - (sums / np.bincount(blocks.labels)[:, None])[blocks.labels]
+    return arms
+
+
+def _by_tilt(axis: int) -> Callable[[FitProblem, Floats], Floats]:
+    def shape(problem: FitProblem, p: Floats) -> Floats:
+        along = axes(problem.points)[:, :, axis]
+        turned = np.cross(along / np.linalg.norm(along, axis=1, keepdims=True), _arms(problem))
+        return np.einsum("nij,nj->ni", by_point(problem, p), np.radians(1.0) * turned)
+
+    return shape
+
+
+def _by_corner(problem: FitProblem, p: Floats) -> Floats:
+    arms = _arms(problem)
+    outward = 1e-3 * arms / np.maximum(np.linalg.norm(arms, axis=1, keepdims=True), 1e-9)
+    return np.einsum("nij,nj->ni", by_point(problem, p), outward)
+
+
 def _by_mark(axis: int) -> Callable[[FitProblem, Floats], Floats]:
     def shape(problem: FitProblem, p: Floats) -> Floats:
         return np.tile(-np.eye(2)[axis], (len(problem.points), 1))
@@ -102,6 +130,9 @@ _SHAPES: Final[dict[str, Callable[[FitProblem, Floats], Floats]]] = {
     "tip_across_mm": _by_direction(0, in_mm=True),
     "tip_up_mm": _by_direction(1, in_mm=True),
     "range_mm": _by_direction(2, in_mm=True),
+    "tilt_up_deg": _by_tilt(0),
+    "tilt_across_deg": _by_tilt(1),
+    "corners_out_mm": _by_corner,
     "mark_u_px": _by_mark(0),
     "mark_v_px": _by_mark(1),
     "clock_ms": _by_clock,

@@ -32,7 +32,10 @@ _COLUMNS: Final = ("left edge", "left", "middle", "right", "right edge")
 _ROWS: Final = ("top", "", "bottom")
 _DISTANCES: Final = {"near": 0.1, "far": 0.9}  # quantiles of the marked distances
 _HEIGHTS: Final = (0.05, 0.95)
-_BOARD: Final = ("tip_across_mm", "tip_up_mm", "range_mm", "azimuth_deg", "elevation_deg")
+_BOARD: Final = (
+    *("tip_across_mm", "tip_up_mm", "range_mm", "azimuth_deg", "elevation_deg"),
+    *("tilt_up_deg", "tilt_across_deg", "corners_out_mm"),
+)
 _PARTS: Final = {
     "clock": ("clock_ms", "line_time_us"),
     "board": _BOARD,
