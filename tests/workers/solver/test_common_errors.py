@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate
 
 from tests.workers.solver.rigs import simulated
-from tests.workers.solver.walks import Recomputed, finish, walked
+from tests.workers.solver.walks import Recomputed, finish, posed, walked
 from workers.solver.common_errors import shares_of
 
 STATED = {"person_px": 0.289}
@@ -86,3 +86,15 @@ def test_a_person_with_few_pairs_tells_nothing():
     shares[:3, 1] = shares[3:, 0] = 1.0
     document = finish(replace(problem, people=shares), truth)
     assert document["person_bias"] == {"px": 0.289, "freedom": 4.5, "people": 2}
+
+
+def test_corners_that_are_out_in_all_poses_are_no_error_of_single_poses():
+    """Taken for errors of poses they would widen the mount though they hardly move it."""
+    problem, truth = posed(7, noise_px=0.5)
+    middles = problem.points.reshape(-1, 4, 3).mean(axis=1)
+    arms = problem.points - np.repeat(middles, 4, axis=0)
+    out = replace(problem, points=problem.points + 0.012 * arms / np.linalg.norm(arms, axis=1, keepdims=True))
+    plain, shared = (finish(replace(out, common_errors=stated), truth) for stated in ({}, {"corners_out_mm": 12.0}))
+    offsets = [document["shared_errors"]["deviations"]["offset_m"] for document in (plain, shared)]
+    assert offsets[1] < offsets[0] or offsets == [0.0, 0.0]
+    assert shared["shared_errors"]["noise_px"] < 0.8 * plain["shared_errors"]["noise_px"]
