@@ -177,10 +177,9 @@ def _carried(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]
 
 def _at_one_place(first: Vertex, other: Vertex) -> bool:
     """Whether no corner that two vertices state lies farther apart than who stands still sways."""
-    places = []
+    places: list[dict[str, NDArray[np.float64]]] = []
     for vertex in (first, other):
         more = dict(zip(vertex.corners.names, vertex.corners.xyz, strict=True)) if vertex.corners else {}
-        places.append({"top": vertex.xyz, **more})
+        places.append({"top": np.array(vertex.xyz), **{name: np.array(xyz) for name, xyz in more.items()}})
     common = places[0].keys() & places[1].keys()
-    off = [np.linalg.norm(np.array(places[0][name]) - np.array(places[1][name])) for name in common]
-    return max(off) <= FIXED_M
+    return max(float(np.linalg.norm(places[0][name] - places[1][name])) for name in common) <= FIXED_M

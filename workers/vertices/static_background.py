@@ -161,7 +161,7 @@ class StaticBackground:
         """(N,) in how many other sweeps a point is the same, has something beyond it, has nothing."""
         if not self.clouds:
             return _look(xyz, ring, self.near, self.far, others, self.tolerance_m)
-        relations = np.array([self.clouds[index].relations(xyz, self.tolerance_m) for index in others.tolist()])
+        relations = np.array([self.clouds[int(index)].relations(xyz, self.tolerance_m) for index in others])
         return tuple(np.count_nonzero(relations == relation, axis=0) for relation in range(3))
 
 
@@ -188,7 +188,7 @@ class _Cloud(NamedTuple):
             xyz = np.full((1, 3), 1e6)
         tree, reach = KDTree(xyz), np.linalg.norm(xyz, axis=1)
         count = min(_SURFACE, len(xyz))
-        apart, nearest = tree.query(xyz, np.arange(1, count + 1))
+        apart, nearest = tree.query(xyz, np.arange(1, count + 1))  # pyright: ignore[reportArgumentType]
         around = xyz[nearest] - xyz[nearest].mean(axis=1, keepdims=True)
         size, axes = np.linalg.eigh(np.einsum("nka,nkb->nab", around, around) / count)
         thick = np.sqrt(np.maximum(size[:, 0], 0.0))

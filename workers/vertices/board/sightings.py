@@ -186,7 +186,8 @@ def _scattered(window: RangeImage, model: BoardModel) -> Iterator[Sighting]:
         free[order[: crowd[middle]]] = False
         # The points at the seed start the plane, as a stretch and its neighbour do on rings.
         start = np.array([[0.0, 0.0, crowd[middle] - 1.0]])
-        rows = (part[inside[order]][None] for part in (azimuth, slope, distance))
+        near = inside[order]
+        rows = azimuth[near][None], slope[near][None], distance[near][None]
         planes, infos, scores, _ = grow_planes(
             *rows, np.ones((1, order.size), np.bool_), start, np.zeros((1, 2), np.int64), model.sigma, prior
         )
