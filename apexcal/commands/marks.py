@@ -62,7 +62,7 @@ def _table(answers: Sequence[MachineMark]) -> Table:
     for mark in answers:
         values = (mark.u, mark.v, mark.sigma_u, mark.sigma_v)
         numbers = [f"{value:.2f}" if value is not None else "" for value in values]
-        places = " or ".join(f"({place.u:.1f}, {place.v:.1f})" for place in mark.places)
+        places = " or ".join(f"({spot.u:.1f}, {spot.v:.1f})" for spot in mark.places)
         why = f"{(mark.reason or '').replace('_', ' ')} {places}".strip()
         table.add_row(str(mark.vertex_id), mark.corner, *numbers, why)
     return table

@@ -131,9 +131,9 @@ def solve(
             region = Path(folder) / "region.json"
             _step(detect.suggest(session, of, out=region))
             looked_for = {"region": region, "board": board, "corner": corner, "offset_ms": offset_ms}
-            seen: DetectionView = _step(detect.detect(session, of, **looked_for))
-        detection, asks_all = str(seen.id), machine_marks and _ask_all_corners(session, seen)
-        of_machine = _step(marks_of(session, seen, name, again=asks_all))["analysis"].result
+            detected: DetectionView = _step(detect.detect(session, of, **looked_for))
+        detection, asks_all = str(detected.id), machine_marks and _ask_all_corners(session, detected)
+        of_machine = _step(marks_of(session, detected, name, again=asks_all))["analysis"].result
         if not machine_marks:
             _people_mark(session, detection, name, is_own=bool(link))
         elif not of_machine.marked:

@@ -65,7 +65,7 @@ def expected_corners(session: Session, detection_id: UUID, camera: str) -> list[
 def _expected(mark: Json) -> ExpectedCorner:
     side_px = side_of(mark["edge_px"])
     if mark["reason"]:
-        first, second = (MarkPlace(**place) for place in mark["places"])
+        first, second = (MarkPlace(**spot) for spot in mark["places"])
         within_px = 0.5 * (math.dist((first.u, first.v), (second.u, second.v)) + side_px)
         middle = {"u": 0.5 * (first.u + second.u), "v": 0.5 * (first.v + second.v)}
         return ExpectedCorner(vertex_id=mark["vertex_id"], **middle, within_px=within_px, places=[first, second])

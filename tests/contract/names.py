@@ -52,7 +52,7 @@ CEILINGS = {
     "service/platform": 6,
     "workers": 0,
     "workers/geometry": 8,
-    "workers/judge": 18,
+    "workers/judge": 17,
     "workers/marks": 12,
     "workers/models": 0,
     "workers/readers": 0,

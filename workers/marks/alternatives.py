@@ -125,7 +125,7 @@ def _mixture(fit: CornerFit, inward: Floats, sides: Sequence[tuple[Floats, Float
     shifted = fit.shifted(inward * means, variances)
     if not places:
         return shifted
-    return shifted._replace(pixel=fit.pixel, second=max(places, key=lambda place: place.weight))
+    return shifted._replace(pixel=fit.pixel, second=max(places, key=lambda spot: spot.weight))
 
 
 def _may_be_board(offset: float, px_per_m: float, others: Sequence[tuple[Floats, float]]) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from apexcal.documents.corners import CORNERS, CornerName
 from workers.geometry.models import ModelName
 from workers.marks.alternatives import Beside
-from workers.marks.clock import COARSE_S, ClockShift, fit_clock, is_walk
+from workers.marks.clock_search import at_best_clock, at_marked_clock
 from workers.marks.edges import CornerFit
 from workers.marks.measuring import CornerKey, MarkTask, Measured, OnSight, measure, with_alternatives
 from workers.marks.mount_fit import fit_mount
@@ -23,17 +23,16 @@ from workers.marks.mount_search import (
     RIVAL_SHARE,
     MountCandidate,
     SeedPairs,
-    search_mounts,
 )
 from workers.marks.outer_edges import outer_distance_m
-from workers.marks.seeds import MOST_SEEDS, FrameSeeds, find_seeds, spread_over
+from workers.marks.seeds import FrameSeeds, find_seeds, spread_over
 from workers.marks.sights import (
     FailureReason,
     Floats,
     FrameSource,
     Lens,
+    LikelyPixel,
     MachineMarks,
-    MarkPlace,
     MarkProposal,
     MarkRefusal,
     MountedLens,
@@ -57,7 +56,6 @@ _SIDE_VARIANCE: Final = 4.0  # of a side corner against the tip
 _SHAPE_M: Final = 0.005  # shape and bending of a board, and the beam: what stated covariances of vertices lack
 _OFF_MOUNT: Final = 4.0  # standard scores
 _STEP_M: Final = 1e-3
-_MARKED_PX: Final = 0.25 * INLIER_PX  # marks farther than this from a vertex count no more for the clock
 _FEWEST_SIGHTS: Final = 5  # whose edges confirm a mount: three marks determine it
 _FEWEST_WITH_LENS: Final = _FEWEST_SIGHTS + 1
 """Poses: a mount from some of them is confirmed by the others, and one of six may show nothing."""
@@ -122,39 +120,10 @@ def propose(
     chosen = spread_over([sight.frame for sight in sights])
     seeds = find_seeds(frames, chosen)
     of_frames = {of_frame.frame: of_frame for of_frame in seeds}
-    task, pairs, candidates = _at_best_clock(task, of_frames)
+    task, pairs, candidates = at_best_clock(task, of_frames)
     if not candidates:
         return _failed(task, *_why_none(seeds, lens, sights))
     return _from_candidates(task, set(chosen), pairs, candidates)
-
-
-def _at_best_clock(
-    task: MarkTask, seeds: dict[int, FrameSeeds]
-) -> tuple[MarkTask, SeedPairs, Sequence[MountCandidate]]:
-    """The task at the clock at which most seeds agree, its pairs and their mounts. A board that stands tells none."""
-    best: tuple[MarkTask, SeedPairs, Sequence[MountCandidate]] | None = None
-    for offset_s in COARSE_S if is_walk(task.sights) else (0.0,):
-        at = task.at(offset_s)
-        pairs = _pairs(at, seeds)
-        candidates = search_mounts(pairs, task.lens, task.model, task.size)
-        if best is None or (candidates and (not best[2] or candidates[0].size > best[2][0].size)):
-            best = at, pairs, candidates
-    assert best is not None
-    if not best[2] or not is_walk(task.sights):
-        return best
-    at, pairs, (candidate, *_) = best
-    slots = np.flatnonzero(candidate.explained)
-    velocities = np.array([task.sights[index].velocity for index in pairs.sight[slots].tolist()])
-    seen = pairs.seeds[slots, candidate.nearest[slots]]
-    shift = fit_clock(candidate.camera, task.lens, pairs.points[slots], velocities, seen, task.size, 0.5 * INLIER_PX)
-    if shift is None:
-        return best
-    total = ClockShift(at.offset_s + shift.offset_s, shift.sigma_s)
-    finer = task.at(total.offset_s if total.is_sure else 0.0)
-    if finer.offset_s == at.offset_s:
-        return best
-    pairs = _pairs(finer, seeds)
-    return finer, pairs, search_mounts(pairs, task.lens, task.model, task.size)
 
 
 def _from_candidates(
@@ -198,7 +167,7 @@ def _from_candidates(
     besides: dict[CornerKey, Beside] = {}
     measured = measure(task, everything, camera, task.corners, 8.0, softness, changes=changes, besides=besides)
     camera, softness = _refit(task, measured, camera)
-    by_marks = _at_marked_clock(task, measured, camera)
+    by_marks = at_marked_clock(task, measured, camera)
     if by_marks.offset_s != task.offset_s:
         task = by_marks
         changes, besides = [], {}
@@ -226,46 +195,6 @@ def _from_candidates(
     mixtures = with_alternatives(measured, besides)
     answers = _answers(task, measured, mixtures, camera)
     return MachineMarks(answers, _refit(task, mixtures, camera)[0], offset_s=task.offset_s)
-
-
-def _at_marked_clock(task: MarkTask, measured: dict[int, Measured], camera: MountedLens) -> MarkTask:
-    """The task at the clock that its marks tell; the same where they tell none, or a board stands."""
-    tips = {index: fit for index, corners in measured.items() if isinstance(fit := corners.get("top"), CornerFit)}
-    if not is_walk(task.sights) or len(tips) < LEAST_PAIRS:
-        return task
-    sights = [task.sights[index] for index in tips]
-    shift = fit_clock(
-        camera, task.lens, np.array([sight.corners["top"] for sight in sights]),
-        np.array([sight.velocity for sight in sights]), np.array([fit.pixel for fit in tips.values()]), task.size,
-        _MARKED_PX,
-    )  # fmt: skip
-    if shift is None:
-        return task
-    total = ClockShift(task.offset_s + shift.offset_s, shift.sigma_s)
-    return task.at(total.offset_s if total.is_sure else 0.0)
-
-
-def _pairs(task: MarkTask, seeds: dict[int, FrameSeeds]) -> SeedPairs:
-    points: list[Floats] = []
-    places: list[Floats] = []
-    owner: list[int] = []
-    tip: list[bool] = []
-    for index, sight in enumerate(task.sights):
-        for name, of_corner in seeds[sight.frame].pixels.items() if sight.frame in seeds else ():
-            if name not in sight.corners:
-                continue
-            row = np.full((MOST_SEEDS, 2), np.nan)
-            row[: len(of_corner)] = of_corner
-            points.append(sight.corners[name])
-            places.append(row)
-            owner.append(index)
-            tip.append(name == "top")
-    return SeedPairs(
-        np.array(points, np.float64).reshape(-1, 3),
-        np.array(places, np.float64).reshape(-1, MOST_SEEDS, 2),
-        np.array(owner, np.int64),
-        np.array(tip, np.bool_),
-    )
 
 
 def _marked(measured: dict[int, Measured]) -> int:
@@ -331,7 +260,7 @@ def _proposal(sight: Sight, name: CornerName, fit: CornerFit, camera: MountedLen
     lengths = np.hypot(*(camera.pixels(ends) - fit.pixel).T)
     if fit.second is not None:
         pixel, weight = fit.second
-        places = MarkPlace(u, v, 1.0 - weight), MarkPlace(float(pixel[0]), float(pixel[1]), weight)
+        places = LikelyPixel(u, v, 1.0 - weight), LikelyPixel(float(pixel[0]), float(pixel[1]), weight)
         return MarkRefusal("two_places", places, float(lengths.min()))
     return MarkProposal((u, v), _stated_covariance(fit, _by_point(sight.corners[name], camera)), float(lengths.min()))
 

@@ -129,7 +129,7 @@ class MarkProposal:
         return float(np.sqrt(0.5 * np.trace(self.covariance)))
 
 
-class MarkPlace(NamedTuple):
+class LikelyPixel(NamedTuple):
     """Where a corner may be, px, and how likely."""
 
     u: float
@@ -147,7 +147,7 @@ class MarkRefusal:
     """
 
     reason: RefusalReason
-    places: tuple[MarkPlace, ...] = ()
+    places: tuple[LikelyPixel, ...] = ()
     short_side_px: float | None = None
 
 

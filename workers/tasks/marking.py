@@ -245,7 +245,7 @@ def _rows(work: _MarkingWork, answers_of: Mapping[int, Answers]) -> list[dict[st
             else:
                 row["reason"] = answer.reason if answer else "no_corner" if number in answers_of else "no_frame"
                 row["edge_px"] = answer and answer.short_side_px
-                row["places"] = [place._asdict() for place in answer.places] if answer else []
+                row["places"] = [spot._asdict() for spot in answer.places] if answer else []
             rows.append({"vertex_id": str(vertices[corner]), "corner": corner, **row})
     return rows
 

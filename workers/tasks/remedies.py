@@ -113,15 +113,15 @@ def _remedies(
     document: Json, columns: Json, state: State, result: FitResult, doubtful: Collection[str]
 ) -> Iterator[Remedy]:
     """All remedies that can be tried without new marks. A lens that is accused twice is freed once."""
-    found = without_outliers(estimate(read_run(document, FULL, columns).problem, np.array(state.best_parameters)))
-    causes = find_causes(found)
+    estimated = without_outliers(estimate(read_run(document, FULL, columns).problem, np.array(state.best_parameters)))
+    causes = find_causes(estimated)
     if CLOCK in causes and np.isfinite(causes[CLOCK].test.deviations[0]):
-        yield _with_clock(document, columns, found, causes[CLOCK])
+        yield _with_clock(document, columns, estimated, causes[CLOCK])
     if SHUTTER in causes and np.isfinite(causes[SHUTTER].test.deviations[0]):
         line_us = result.line_time_us + float(causes[SHUTTER].test.values[0])
         words = f"With rows read {line_us:.0f} microseconds after each other"
         yield Remedy(SHUTTER, words, document | {"line_time_us": line_us}, columns)
-    prior = worst_prior(found, causes)
+    prior = worst_prior(estimated, causes)
     if prior is not None:
         rest = {name: value for name, value in document["priors"].items() if name != prior.name}
         unstated = [*document["unstated"], prior.name]
@@ -141,11 +141,11 @@ def _remedies(
             yield Remedy(LENS, f"With the lens model {model}", free, columns)
 
 
-def _with_clock(document: Json, columns: Json, found: Estimate, finding: Finding) -> Remedy:
+def _with_clock(document: Json, columns: Json, estimated: Estimate, finding: Finding) -> Remedy:
     """The pairs at the times that the clock's finding says, known as well as it is."""
     problem = read_run(document, FULL, columns).whole
     assert problem.velocities is not None
-    fitted_s = -1e-3 * found.clock.offset_ms if found.clock else 0.0
+    fitted_s = -1e-3 * estimated.clock.offset_ms if estimated.clock else 0.0
     late_s, deviation_s = fitted_s + float(finding.test.values[0]), float(finding.test.deviations[0])
     points = np.column_stack([columns[name] for name in "xyz"]) + late_s * problem.velocities
     moved = dict(zip("xyz", points.T.tolist(), strict=True)) | {VELOCITY: problem.velocities.tolist()}
@@ -175,9 +175,9 @@ def _fits(document: Json, columns: Json, state: State, stop: Stop, whole: FitRes
     count = document["folds"] or _FOLDS
     folds: dict[int, FitResult] = {}
     for fold in range(count):
-        asked = document | {"folds": count, "fold": fold}
+        folded = document | {"folds": count, "fold": fold}
         try:
-            folds[fold] = solved(read_run(asked, fold, columns, stop), state)
+            folds[fold] = solved(read_run(folded, fold, columns, stop), state)
         except (SolveError, DocumentError):
             continue  # What a part leaves open says nothing.
     return Fits(whole, folds)
@@ -206,13 +206,13 @@ def _trial(remedy: Remedy, before: Fits, state: State, stop: Stop) -> RemedyTria
     noise, noise_before = choice.sigma_px["after"], choice.sigma_px["before"]
     verdict = verdict_of(whole.checks, "mount_with_lens")
     digits = 2 if figure(noise) != figure(noise_before) else 3
-    said = f"{remedy.words} held-out pairs scatter by {figure(noise, digits)} px per coordinate"
+    scatter = f"{remedy.words} held-out pairs scatter by {figure(noise, digits)} px per coordinate"
     brings = {
-        "helps": f"{said} instead of {figure(noise_before, digits)} px; the corners' projections move by up to "
+        "helps": f"{scatter} instead of {figure(noise_before, digits)} px; the corners' projections move by up to "
         f"{figure(moved_px)} px, and the fit's checks say {verdict}.",
-        "alike": f"{said}, without it by {figure(noise_before, digits)} px: it brings nothing that shows.",
-        "harms": f"{said} instead of {figure(noise_before, digits)} px: it makes the result worse.",
-        "unknown": said,
+        "alike": f"{scatter}, without it by {figure(noise_before, digits)} px: it brings nothing that shows.",
+        "harms": f"{scatter} instead of {figure(noise_before, digits)} px: it makes the result worse.",
+        "unknown": scatter,
     }
     return RemedyTrial(
         check=remedy.check,

@@ -142,8 +142,8 @@ def scattered_window(
     (point,) = np.nonzero((off < min(half_width + beside, math.radians(80.0))) & (distance > 0.0))
     point = point[:: max(1, -(-point.size // _MOST_RETURNS))]
     slope, within = z[point] / distance[point], inside[point] & (off[point] <= half_width)
-    rows = azimuth[point], slope, distance[point], within, point
-    return RangeImage(R_window_lidar, np.zeros(1), np.zeros(1, np.int64), *(row[None] for row in rows))
+    row = (azimuth[None, point], slope[None], distance[None, point], within[None], point[None])
+    return RangeImage(R_window_lidar, np.zeros(1), np.zeros(1, np.int64), *row)
 
 
 def _levelled(azimuth: Floats, slope: Floats, distance: Floats, turn: Floats) -> tuple[Floats, Floats, Floats]:
