@@ -35,6 +35,7 @@ _OUTSIDE: Final = 2.0
 """Power of the strength of lines outside of the measured ones: of 129 that had less than half of its strength 16 were
 the board's edge (tips of seven rendered scenes: seeds 0, 1, 3, 5, 14, 15 and 9017)."""
 _REPEATED: Final = 0.5  # of the frames
+_FEWEST_ALIKE: Final = 4  # frames: of six that lines of a background meet at random (0.3 each) one in 14 has as many
 _THICKEST_M: Final = 0.012
 """Boards of foam, composite and plywood are 3 to 12 mm thick: so far inside a line may be that of their rim."""
 _SECOND: Final = 0.25
@@ -167,4 +168,4 @@ def _is_repeated(offset: float, others: Sequence[tuple[Floats, float]]) -> bool:
     """Whether an edge is as many metres inside in half of the frames that see so far; scales are against its own."""
     reached = [(offsets, offset * scale) for offsets, scale in others if offset * scale < _SEEN_PX - _SAME_PX]
     same = sum(bool(np.any(np.abs(offsets - at) <= _SAME_PX + _SAME_SHARE * at)) for offsets, at in reached)
-    return len(reached) >= _FEWEST and same >= _REPEATED * len(reached)
+    return same >= max(_FEWEST_ALIKE, _REPEATED * len(reached))
