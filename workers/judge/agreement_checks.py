@@ -68,7 +68,7 @@ def halves(estimate: Estimate, result: FitResult) -> Check:
     if not apart:
         ratios = " and ".join(f"{one.ratio:.2f}" for one in compared)
         return _HALVES.passes(
-            f"Two fits of halves differ by {ratios} times the stated standard deviation; 1 is expected.", **figures
+            f"Two halves of the pairs give results {ratios} times the stated error apart; 1 is expected.", **figures
         )
     focal_px = float(np.sqrt(estimate.parameters[6] * estimate.parameters[7]))
     worst = max(max(_off(one, focal_px), _turned(one)) for one in apart)
@@ -100,7 +100,7 @@ def shared_errors(estimate: Estimate, result: FitResult) -> Check:
     shared = result.shared_errors
     if not shared:
         return _SHARED.not_checked(
-            "The pairs name no poses and no times, or are too few to tell.", "Pairs of a walk, or of named poses."
+            "The pairs state neither poses nor times, or are too few.", "Mark a walk, or name the poses of pairs."
         )
     over_time, own_px = shared.over_time, shared.noise_px
     grave = shared.evidence > _BEYOND_CHANCE[len(shared.deviations)]

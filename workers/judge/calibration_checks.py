@@ -87,7 +87,7 @@ def confirmed(result: FitResult, columns: Mapping[str, Sequence[Any]], earlier: 
     if not count:
         people = f"People confirmed {by_people} of {len(machine)} marks, which are the machine's."
         return MARKS_CONFIRMED.passes(
-            (people if by_people else "No pair stands on the machine alone.") + bias, **figures
+            (people if by_people else "No pair has the machine's mark alone.") + bias, **figures
         )
     nobody = f"Nobody looked at {count} of {len(machine)} marks, which are the machine's"
     apart = earlier.compared if earlier and _is_alike(result, earlier.result) else None
@@ -99,7 +99,7 @@ def confirmed(result: FitResult, columns: Mapping[str, Sequence[Any]], earlier: 
         differs = "differs from" if apart.differs else "agrees with"
         sentence = (
             f"{nobody}. The mount {differs} the earlier result from people's marks: {apart.rotation_deg:.2f} degrees "
-            f"and {apart.translation_mm:.0f} mm, {apart.sigmas:.1f} times what both state."
+            f"and {apart.translation_mm:.0f} mm apart, {apart.sigmas:.1f} times their stated errors."
         )
     return MARKS_CONFIRMED.fails(
         verdict,
@@ -117,8 +117,8 @@ def _bias(offsets: Sequence[Sequence[float]]) -> str:
     values = np.asarray(offsets, np.float64)
     (u, v), (du, dv) = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(len(values))
     return (
-        f" Against {len(values)} corners that people marked blind the machine's marks are off by {u:+.2f} ± "
-        f"{du:.2f} px in u and {v:+.2f} ± {dv:.2f} px in v on average."
+        f" The machine's marks are off by {u:+.2f} ± {du:.2f} px in u and {v:+.2f} ± {dv:.2f} px in v on average: "
+        f"people marked {len(values)} corners blind."
     )
 
 
@@ -127,7 +127,7 @@ def models(name: str, summary: CameraSummary) -> Check:
     recommended, behind = summary.recommended, summary.models[name].behind
     remedy = "Publish the recommended model."
     if not recommended:
-        retry = "Retry the runs that failed, or calibrate without the models that the pairs leave open."
+        retry = "Retry the runs that failed, or calibrate without the models that the pairs do not determine."
         return _MODELS.fails("look", f"No model is recommended. {summary.why}", retry)
     if recommended == name:
         if len(summary.models) == 1:
@@ -155,7 +155,7 @@ def of_rig(camera: str, rig: RigSummary | None) -> Check:
     """Whether the rig's other cameras and what the rig states agree with this camera's mount."""
     if not rig:
         return _RIG.not_checked(
-            "There was no other camera to compare it with.", "Calibrate it together with the rig's other cameras."
+            "The calibration has no other camera to compare with.", "Calibrate the rig's cameras together."
         )
     if rig.problem:
         return _RIG.fails("look", f"The cameras could not be compared: {rig.problem.detail}", "Calibrate again.")
@@ -173,11 +173,11 @@ def beside_current(result: FitResult, heldout_px: float | None, current: Current
     Results are compared if lens and model are alike. A current result that should not be used protects nothing.
     """
     if current is None:
-        return _CURRENT.not_checked("The vehicle has no current result of this camera.", "A published result.")
+        return _CURRENT.not_checked("The vehicle has no current result of this camera.", "Publish a result.")
     if current.verdict not in ("pass", "look"):
         return _CURRENT.not_checked(
-            "The vehicle's current result fails its own checks and is no standard.",
-            "A current result that passes its checks.",
+            "The vehicle's current result fails its own checks.",
+            "Publish a result that passes its checks.",
         )
     doubts: list[str] = []
     apart = current.compared if _is_alike(result, current.result) and current.verdict == "pass" else None
@@ -186,17 +186,17 @@ def beside_current(result: FitResult, heldout_px: float | None, current: Current
         figures = {name: getattr(apart, name) for name in ("rotation_deg", "translation_mm", "sigmas")}
         if apart.differs:
             doubts.append(
-                f"The mount differs from the vehicle's current result by {apart.rotation_deg:.2f} degrees and "
-                f"{apart.translation_mm:.0f} mm, {apart.sigmas:.1f} times what both state: something moved, or "
-                "one of them states too little."
+                "Something moved, or a stated error is too small. The mount differs from the vehicle's current "
+                f"result by {apart.rotation_deg:.2f} degrees and {apart.translation_mm:.0f} mm, {apart.sigmas:.1f} "
+                "times their stated errors."
             )
     own, other = (_over_limit(of) for of in (result.checks, current.result.checks))
     if own is not None and other is not None and own >= HALF and own > _LESS_PRECISE * other:
         figures["times_less_precise"] = own / other if other > 0.0 else None
-        doubts.append(f"Its stated deviations are {own / other:.1f} times those of the vehicle's current result.")
+        doubts.append(f"This result is {own / other:.1f} times as uncertain as the vehicle's current one.")
     worse = current.heldout_mean_px
     if heldout_px is not None and worse is not None and heldout_px > max(_WORSE * worse, _FINE_PX):
-        doubts.append(f"Held-out pairs lie {heldout_px:.2f} px off; of the vehicle's current result {worse:.2f}.")
+        doubts.append(f"Held-out pairs lie {heldout_px:.2f} px off, the vehicle's current result's {worse:.2f}.")
     return _CURRENT.fails(
         "look" if doubts else "pass",
         " ".join(doubts) or "Nothing speaks for keeping the vehicle's current result.",

@@ -63,27 +63,31 @@ def held_out(result: FitResult, summary: ModelSummary, pairs: HeldOutPairs | Non
     """
     mean_px, fitted_px = summary.heldout_mean_px, result.kept.mean_px
     if mean_px is None:
-        return _HELD_OUT.fails("look", "No pairs were held out to judge it by.", "Calibrate with folds.")
+        return _HELD_OUT.fails("look", "No pairs were held out.", "Calibrate with held-out blocks.")
     noise, explained = summary.heldout_sigma_px, result.explained_px
     doubts: list[str] = []
     if mean_px > max(_FAR * fitted_px, _FINE_PX):
         doubts.append("the pairs are too few, too uneven, or some of them wrong")
     unexplained = unexplained_px(noise, explained) if noise and explained else 0.0
     if noise and explained and noise > UNEXPLAINED * explained and unexplained > HALF * _limit_px(result):
-        of_noise = f"a noise of {figure(noise)} px per coordinate, of which {figure(explained)} are explained"
-        doubts.append(f"they show {of_noise}")
+        doubts.append(
+            f"their noise is {figure(noise)} px per coordinate, and marks and corners explain {figure(explained)} px"
+        )
     verdict: CheckVerdict = "look" if doubts else "pass"
     figures: dict[str, float | None] = {"mean_px": mean_px, "fitted_mean_px": fitted_px, "noise_px": noise}
     for distance, off_px, chance in _by_distance(result, pairs) if pairs else ():
         figures[f"beyond_noise_at_{distance:.0f}_m_px"] = off_px
         if chance < LOOK_RATE and off_px > _limit_px(result):
             verdict = "stop" if chance < STOP_RATE else "look" if verdict == "pass" else verdict
-            doubts.append(f"about {distance:.0f} m they lie {figure(off_px)} px off beyond the noise")
+            doubts.append(
+                f"about {distance:.0f} m away they lie {figure(off_px)} px off beyond the noise "
+                f"(limit {figure(_limit_px(result))} px)"
+            )
     said = f"Held-out pairs lie {mean_px:.2f} px off, the fitted ones {fitted_px:.2f}"
     return _HELD_OUT.fails(
         verdict,
         f"{said}: {'; '.join(doubts)}." if doubts else f"{said}.",
-        "Mark more corners, and over more of the image, and look at the marks and the lens model.",
+        "Mark more corners, over more of the image; check the marks and the lens model.",
         **figures,
     )
 

@@ -45,11 +45,10 @@ def lens_model(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
     model = estimate.fitted.model
     return _LENS.fails(
         graded(test.probability, effect) if finding.is_named else "pass",
-        f"The lens model {model} does not fit this lens: residuals follow a pattern of up to {figure(largest_px)} px "
-        f"at {angle:.0f} degrees from the axis. Points at 5 to 50 m are off by {figure(effect.estimate)} times what "
-        "use allows."
+        f"The lens model {model} does not fit this lens: points at 5 to 50 m are off by {figure(effect.estimate)} "
+        f"times the limit. Residuals have a pattern of up to {figure(largest_px)} px {angle:.0f} degrees off axis."
         if finding.is_named
-        else f"Residuals follow no pattern of a lens beyond chance; {model} fits.",
+        else f"The lens model {model} fits: the residuals have no pattern beyond chance.",
         "Does another model fit better? Calibrate with the other models and compare them.",
         probability=test.probability,
         pattern_px=largest_px,
@@ -65,7 +64,7 @@ def bounds(result: FitResult) -> Check:
     names = ", ".join(result.at_bounds)
     return _BOUNDS.fails(
         "stop" if names else "pass",
-        f"The optimum lies on the edge of the bounds of {names}."
+        f"The result lies on the edge of the bounds of {names}."
         if names
         else "No parameter lies on the edge of its bounds.",
         "Widen the bounds, or lock what is known.",
@@ -132,13 +131,14 @@ def priors(estimate: Estimate, causes: Mapping[str, Finding]) -> Check:
         return _PRIORS.passes("The request states no priors.")
     found = worst_prior(estimate, causes)
     if found is None:
-        return _PRIORS.not_checked("The pairs leave parameters open.", "Mark more corners.")
+        return _PRIORS.not_checked("The pairs do not determine all parameters.", "Mark more corners.")
     worst, effect = found.name, found.effect
-    gap = f"{worst} lies {found.deviations:.1f} deviations from its prior"
-    moves = f"without it points at 5 to 50 m move by {figure(effect.estimate)} times what use allows"
     return _PRIORS.fails(
         graded(found.probability, effect),
-        f"{gap}; {moves}." if found.probability < LOOK_RATE else f"The pairs agree with the priors: {gap} at most.",
+        f"The pairs contradict the prior of {worst}: without it points at 5 to 50 m move by "
+        f"{figure(effect.estimate)} times the limit. The value lies {found.deviations:.1f} deviations from the prior."
+        if found.probability < LOOK_RATE
+        else f"The pairs agree with the priors; {worst} is farthest off, by {found.deviations:.1f} deviations.",
         f"Is the prior of {worst} right? Calibrate without it, and compare held-out errors.",
         deviations=found.deviations,
         probability=found.probability,
@@ -158,7 +158,7 @@ def stated_lens(result: FitResult, causes: Mapping[str, Finding]) -> Check:
     if result.unused_lens:
         return _STATED.fails(
             "look",
-            f"A lens is stated and not used: {result.unused_lens}.",
+            f"The stated lens is not used: {result.unused_lens}.",
             "The mount holds with the fitted lens only: load that one on the vehicle, or calibrate the lens as "
             "plumb_bob, rational_polynomial or equidistant, and state it.",
         )
@@ -171,8 +171,8 @@ def stated_lens(result: FitResult, causes: Mapping[str, Finding]) -> Check:
     of_time = [name for name in (CLOCK, SHUTTER) if name in causes and causes[name].is_named]
     if not stated.explains and of_time and not causes[LENS].is_named:
         return _STATED.not_checked(
-            "An error of the times explains the residuals better than another lens does.",
-            "Mend the times first, and calibrate again.",
+            "Wrong times explain the residuals better than a wrong lens does.",
+            "Correct the times, and calibrate again.",
             rms_px=stated.rms_px,
             free_lens_rms_px=stated.free_lens_rms_px,
         )

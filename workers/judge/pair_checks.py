@@ -62,7 +62,7 @@ def wrong_pairs(estimate: Estimate, result: FitResult) -> Check:
         verdict,
         f"{count} of {pairs} pairs do not belong; they are {where}."
         if count
-        else f"All of the {pairs} pairs belong together.",
+        else f"All {pairs} pairs belong together.",
         "Are these marks wrong? Look at them, at the times of their frames and at the corner that was marked"
         + ("." if excluded else "; or leave them out (--outliers exclude), and compare held-out errors."),
         wrong=float(count),
@@ -78,7 +78,7 @@ def _moved(estimate: Estimate) -> str:
     to, begin = (transform_of(estimate.fitted, p) for p in (estimate.parameters, estimate.held_at))
     turn = float(np.degrees(np.linalg.norm(vector_from_rotation(to.R @ begin.R.T))))
     shift_mm = 1e3 * float(np.linalg.norm(to.t - begin.t))
-    return f" and move the mount by {figure(turn)} degrees and {figure(shift_mm)} mm, which the deviations include"
+    return f" and move the mount by {figure(turn)} degrees and {figure(shift_mm)} mm, which the stated errors include"
 
 
 def outside(problem: FitProblem, pairs_of_set: Mapping[str, Sequence[Any]]) -> Check:
@@ -114,7 +114,7 @@ def number_of_pairs(estimate: Estimate) -> Check:
         "look" if few else "pass",
         f"{pairs} pairs are too few to tell how large their errors are: {' and '.join(few)}."
         if few
-        else f"{pairs} pairs for {len(problem.free)} parameters tell how large their errors are.",
+        else f"{pairs} pairs are enough for {len(problem.free)} parameters: they tell how large their errors are.",
         f"{more}{', at more places' if places < _LEAST_PLACES else ''}{lock}.",
         pairs=float(pairs),
         degrees_of_freedom=freedom,
@@ -143,18 +143,18 @@ def coverage(problem: FitProblem, result: FitResult) -> Check:
         float(np.subtract(*np.quantile(values, (0.975, 0.025)))) / size for values, size in ((u, width), (v, height))
     )
     half_widths = _over_image_px(result)
-    span = f"The marks span {across:.0%} of the image's width and {down:.0%} of its height"
+    span = f"The marks span {across:.0%} of the image's width and {down:.0%} of its height."
     if half_widths is None:
-        return _COVERAGE.fails("look", f"{span}. Nothing states the errors beyond them.", "Mark more corners.")
+        return _COVERAGE.fails("look", f"Nothing states the errors beyond the marks. {span}", "Mark more corners.")
     most_px, all_px = float(half_widths[int(_MOST_OF_IMAGE * len(half_widths))]), float(half_widths[-1])
-    everywhere = f", over all of it within {figure(all_px)} px" if np.isfinite(all_px) else ", beyond it not at all"
+    everywhere = f"{figure(all_px)} px over all of it" if np.isfinite(all_px) else "elsewhere it is not determined"
     lens = result.intrinsics
     limit_px = _OF_USE * max(USE_LIMIT_PX, USE_LIMIT_RAD * float(np.sqrt(lens.f_x * lens.f_y)))
     short = "width" if across < down else "height"
     return _COVERAGE.fails(
         "look" if most_px > limit_px else "pass",
-        f"{span}. Over half of the image a point at 20 m is placed within {figure(most_px)} px{everywhere} (95 %)"
-        + (f"; {figure(limit_px)} px are the limit." if most_px > limit_px else "."),
+        f"A point at 20 m is up to {figure(most_px)} px off over half of the image (limit {figure(limit_px)} px), "
+        f"{everywhere} (95 %). {span}",
         f"Walk where the board reaches the image's edges, for more of its {short}"
         + ("; or state the lens." if result.lens == "fitted" else "."),
         width_share=across,
@@ -192,12 +192,12 @@ def noise(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[An
         if apart
         else ""
     )
-    said = f"Residuals show a noise of {figure(sigma)} px per coordinate"
+    said = f"The residuals' noise is {figure(sigma)} px per coordinate"
     return _NOISE.fails(
         verdict,
         f"{said}, which marks and corners explain."
         if ratio <= UNEXPLAINED or chance >= LOOK_RATE
-        else f"{said}; what is stated of marks and corners explains {figure(explained)} px"
+        else f"{said}; marks and corners explain {figure(explained)} px"
         f"{'; the rest is too small to matter' if verdict == 'pass' else ''}.",
         f"Check the marks, the times and the lens model: one of them is worse than stated.{nearest}",
         noise_px=sigma,

@@ -32,7 +32,7 @@ def people(result: FitResult, pairs: Mapping[str, Sequence[Any]]) -> Check:
     if not offsets:
         stated = result.common_errors.get("person_px", 0.0)
         alone = (
-            "How far people aim beside the corner is told by their differences alone."
+            "Only the differences between people show how far they aim beside the corner."
             if several
             else "One person marked, and nothing shows where that person aims beside the corner."
         )
@@ -53,11 +53,11 @@ def people(result: FitResult, pairs: Mapping[str, Sequence[Any]]) -> Check:
     return _PEOPLE.fails(
         graded(probability, effect),
         f"Marks of person {worst.person + 1} lie {figure(off_px)} ± {figure(deviation_px)} px from the machine's on "
-        f"average ({worst.u:+.1f} px in u, {worst.v:+.1f} px in v). The stated errors count {figure(counted)} px for "
-        "each person."
+        f"average (limit {figure(limit_px)} px; {worst.u:+.1f} px in u, {worst.v:+.1f} px in v). The stated errors "
+        f"count {figure(counted)} px for each person."
         if probability < LOOK_RATE
         else f"No person's marks lie beside the machine's beyond chance: at most {figure(off_px)} px on average.",
-        "Does this person aim at the corner, and the machine? Look at their marks; let another person mark.",
+        "Do this person and the machine aim at the corner? Look at their marks; let another person mark.",
         off_px=off_px,
         deviation_px=deviation_px,
         probability=probability,

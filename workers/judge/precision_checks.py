@@ -39,21 +39,17 @@ _MOST_FREEDOM: Final = 1e9  # Student's t is the normal distribution's long befo
 def precision(estimate: Estimate, result: FitResult) -> Check:
     """Whether points at 5, 20 and 50 m, over the field that marks cover, are placed as well as their use needs."""
     if estimate.errors is None:
-        return _USE.fails("stop", "The pairs do not tell how precise the result is.", "Mark more vertices.")
+        return _USE.fails("stop", "The pairs do not tell how precise the result is.", "Mark more corners.")
     worst, px = stated_over_limit(estimate, result)
     widest = np.quantile(px, MIDDLE, axis=1).tolist()
     named = [f"{distance:.0f}" for distance in DISTANCES_M]
+    sizes = [f"{figure(off_px)} px at {name} m" for off_px, name in zip(widest, named, strict=True)]
+    limit = f"{USE_LIMIT_PX:g} px, {1e3 * USE_LIMIT_RAD:g} mrad or {1e3 * USE_LIMIT_M:g} mm"
     return _USE.fails(
         "pass" if worst <= 1.0 else "look" if worst <= _USELESS else "stop",
-        f"Where the marks are, points at {' / '.join(named)} m are placed within "
-        f"{' / '.join(map(figure, widest))} px (95 %)"
-        + (
-            "."
-            if worst <= 1.0
-            else f": {worst:.2f} times what {USE_LIMIT_PX:g} px, {1e3 * USE_LIMIT_RAD:g} mrad or "
-            f"{1e3 * USE_LIMIT_M:g} mm allow."
-        ),
-        "Mark more vertices, nearer and towards the image's edges, or measure the board"
+        f"Points where the marks are may be {', '.join(sizes)} off (95 %): "
+        + (f"within the limit ({limit})." if worst <= 1.0 else f"{worst:.2f} times the limit ({limit})."),
+        "Mark more corners, nearer and towards the image's edges, or measure the board"
         + (", or state the lens." if result.lens == "fitted" else "."),
         over_limit=worst,
         **{f"half_width_at_{name}_m_px": value for name, value in zip(named, widest, strict=True)},
@@ -83,11 +79,14 @@ def mount_alone(result: FitResult) -> Check:
     good = turn is not None and shift is not None and turn <= ALONE_LIMIT_DEG and 1e3 * shift <= ALONE_LIMIT_MM
     known = "not determined"
     if turn is not None and shift is not None:
-        known = f"known to {figure(turn)} degrees and {figure(1e3 * shift)} mm"
+        known = (
+            f"uncertain by {figure(turn)} degrees (limit {ALONE_LIMIT_DEG:g}) and {figure(1e3 * shift)} mm "
+            f"(limit {ALONE_LIMIT_MM:g}), at 95 %"
+        )
     return _ALONE.fails(
         "pass" if good else "stop",
-        f"The mount alone is {known} (95 %); its lens is {lens}.",
-        f"Use it with its lens. The mount alone needs {ALONE_LIMIT_DEG:g} degrees and {ALONE_LIMIT_MM:g} mm. "
+        f"Without its lens ({lens}) the mount is {known}.",
+        "Load mount and lens together. "
         + (next_sentence(result.next_steps) if result.next_steps else "State the lens." * (lens == "fitted")),
         half_width_deg=turn,
         half_width_mm=None if shift is None else 1e3 * shift,

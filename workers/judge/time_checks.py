@@ -14,7 +14,7 @@ from workers.judge.topics import graded
 
 _CLOCK: Final = CheckTopic(CLOCK, "Clocks of camera and LiDAR")
 _SHUTTER: Final = CheckTopic(SHUTTER, "Rolling shutter")
-_WALK: Final = "A walk across the view to both sides, fast and slowly, whose frames and sweeps have times."
+_WALK: Final = "Record a walk across the view to both sides, fast and slowly, with times of frames and sweeps."
 _TITLES: Final = {CLOCK: "the clocks' offset", SHUTTER: "rows read in turn", LENS: "the lens model"}
 
 
@@ -31,9 +31,7 @@ def clock(causes: Mapping[str, Finding], result: FitResult) -> Check:
     offset = f"{1e3 * abs(seconds):.1f} ± {1e3 * deviation:.1f} ms"
     figures = {"seconds": seconds, "deviation_seconds": deviation} | _figures(finding)
     if not finding.is_named and not finding.is_told:
-        return _CLOCK.not_checked(
-            f"The pairs tell the clocks' offset ({offset}) less well than points of use need.", _WALK, **figures
-        )
+        return _CLOCK.not_checked(f"The clocks' offset ({offset}) is too uncertain to judge.", _WALK, **figures)
     verdict = graded(finding.test.probability, finding.effect) if finding.is_named else "pass"
     fitted = result.clock_offset
     beside = (
@@ -44,11 +42,9 @@ def clock(causes: Mapping[str, Finding], result: FitResult) -> Check:
     way = "later" if seconds > 0 else "earlier"
     return _CLOCK.fails(
         verdict,
-        f"The clocks differ by {offset}: the marks lie where the board was so much {way} than the pairs say. "
-        f"{_effect(finding)}{beside}"
+        f"The clocks differ by {offset}: marks show the board that much {way} than pairs. {_effect(finding)}{beside}"
         if finding.is_named
-        else f"The marks follow the board's motion: an offset of the clocks of {offset} is within chance"
-        f"{_beside(finding)}.{beside}",
+        else f"The clocks agree: an offset of {offset} is within chance{_beside(finding)}.{beside}",
         "Are the clocks apart? Estimate their offset on the recording's page, detect again, and compare held-out "
         "errors.",
         **figures,
@@ -64,17 +60,14 @@ def rolling_shutter(causes: Mapping[str, Finding], result: FitResult) -> Check:
     line = f"{line_us:.0f} ± {std_us:.0f} microseconds a row"
     figures = {"line_time_us": line_us, "std_us": std_us} | _figures(finding)
     if not finding.is_named and not finding.is_told:
-        return _SHUTTER.not_checked(
-            f"The pairs tell how rows are read ({line}) less well than points of use need.", _WALK, **figures
-        )
+        return _SHUTTER.not_checked(f"The line time ({line}) is too uncertain to judge.", _WALK, **figures)
     return _SHUTTER.fails(
         graded(finding.test.probability, finding.effect) if finding.is_named else "pass",
-        f"Residuals along the board's motion grow with the image row, by {line}: the camera seems to read its rows "
-        f"one after the other. {_effect(finding)}"
+        f"The camera seems to read its rows one after the other ({line}). {_effect(finding)}"
         if finding.is_named
         else f"All rows of a frame show the same moment: {line} is within chance{_beside(finding)}.",
-        f"Does the camera have a rolling shutter? Its data sheet tells the line time; the pairs say about "
-        f"{result.line_time_us + line_us:.0f} (line_time_us).",
+        f"Does the camera have a rolling shutter? Its data sheet states the line time; the pairs suggest "
+        f"{result.line_time_us + line_us:.0f} microseconds (line_time_us).",
         **figures,
     )
 
@@ -85,8 +78,8 @@ def _figures(finding: Finding) -> dict[str, float | None]:
 
 
 def _effect(finding: Finding) -> str:
-    return f"Points at 5 to 50 m move by {figure(finding.effect.estimate)} times what use allows."
+    return f"Points at 5 to 50 m move by {figure(finding.effect.estimate)} times the limit."
 
 
 def _beside(finding: Finding) -> str:
-    return f" beside {' and '.join(_TITLES[name] for name in finding.rivals)}" if finding.rivals else ""
+    return f" (fitted with {' and '.join(_TITLES[name] for name in finding.rivals)})" if finding.rivals else ""

@@ -33,7 +33,7 @@ def elsewhere(validations: Sequence[Mapping[str, Any]]) -> Check:
     ]
     if not against and not figures["agrees"]:
         return _ELSEWHERE.not_checked(
-            " ".join(contradictions) or f"{len(verdicts)} validations on other data could not tell.",
+            " ".join(contradictions) or f"{len(verdicts)} validations on other data gave no verdict.",
             "Validate it on other data.",
             **figures,
         )

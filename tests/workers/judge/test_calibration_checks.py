@@ -74,7 +74,7 @@ def test_a_sound_result_passes_all():
     [
         ({"heldout_mean_px": None}, "No pairs were held out"),
         ({"heldout_mean_px": 4.2}, "too few, too uneven"),
-        ({"heldout_sigma_px": 1.9}, "noise of 1.9 px"),
+        ({"heldout_sigma_px": 1.9}, "noise is 1.9 px"),
     ],
 )
 def test_held_out_pairs_that_lie_far_off_are_looked_at(change, said):
@@ -119,7 +119,7 @@ def test_runs_that_did_not_end_are_looked_at_and_cameras_that_do_not_agree_stop(
 @pytest.mark.parametrize(
     ("of", "said"),
     [
-        (current(differs=True, sigmas=7.0), "7.0 times what both state"),
+        (current(differs=True, sigmas=7.0), "7.0 times their stated errors"),
         (current(heldout_mean_px=0.6), "of the vehicle's current result 0.60"),
         (current(over_limit=0.3), "1.7 times those"),
     ],
@@ -148,11 +148,11 @@ def test_marks_of_the_machine_that_people_confirmed_pass_and_their_bias_is_said(
     check = judged(columns=columns | {"confirmed": [0, 0, 0, 1, 1, 1, 2]})["marks_confirmed"]
     assert (check.verdict, check.figures) == ("pass", {"machine": 0.0, "confirmed": 4.0})
     assert check.sentence == (
-        "People confirmed 4 of 7 marks, which are the machine's. Against 3 corners that people marked blind the "
-        "machine's marks are off by +0.60 ± 0.06 px in u and +0.00 ± 0.06 px in v on average."
+        "People confirmed 4 of 7 marks, which are the machine's. The machine's marks are off by +0.60 ± 0.06 px in u "
+        "and +0.00 ± 0.06 px in v on average: people marked 3 corners blind."
     )
     some = judged(columns=columns | {"confirmed": [0, 0, 0, 0, 1, 1, 1]})["marks_confirmed"]
-    assert (some.verdict, some.figures["machine"]) == ("look", 1.0) and "marked blind" in some.sentence
+    assert (some.verdict, some.figures["machine"]) == ("look", 1.0) and "corners blind" in some.sentence
 
 
 def test_marks_of_the_machine_are_looked_at_unless_people_marked_an_earlier_result_that_agrees():
@@ -166,6 +166,6 @@ def test_marks_of_the_machine_are_looked_at_unless_people_marked_an_earlier_resu
     agrees = judged(columns=columns, confirming=current())["marks_confirmed"]
     assert agrees.verdict == "pass" and "Nobody looked" in agrees.sentence and "agrees" in agrees.sentence
     differs = judged(columns=columns, confirming=current(differs=True, sigmas=7.0))["marks_confirmed"]
-    assert differs.verdict == "look" and "7.0 times what both state" in differs.sentence
+    assert differs.verdict == "look" and "7.0 times their stated errors" in differs.sentence
     for members in ({"model": "brown_conrady"}, {"lens": "stated"}):
         assert judged(columns=columns, confirming=current(members=members))["marks_confirmed"].verdict == "look"

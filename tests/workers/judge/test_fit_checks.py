@@ -201,7 +201,7 @@ def test_rows_that_are_read_in_turn_are_named_and_no_clock():
     # The board went all ways alike, so that the rows turn nothing.
     assert (checks["rolling_shutter"].verdict, checks["clock"].verdict) == ("pass", "pass")
     assert "one after the other" in checks["rolling_shutter"].sentence
-    assert "is within chance beside rows read in turn" in checks["clock"].sentence
+    assert "is within chance (fitted with rows read in turn)" in checks["clock"].sentence
     assert abs(abs(checks["rolling_shutter"].figures["line_time_us"]) - 60.0) < 20.0
 
 
@@ -230,7 +230,7 @@ def test_precision_is_judged_where_points_are_used():
     many = checked(*rig())
     assert many["precision"].verdict == "pass" and many["precision"].figures["half_width_at_20_m_px"] < 2.0
     few = checked(*rig(pairs=24, noise_px=2.0))["precision"]
-    assert few.verdict == "look" and "times what 2 px, 1.5 mrad or 14.6 mm allow" in few.sentence
+    assert few.verdict == "look" and "times the limit (2 px, 1.5 mrad or 14.6 mm)" in few.sentence
     assert checked(*rig(pairs=24, noise_px=6.0))["precision"].verdict == "stop"
 
 

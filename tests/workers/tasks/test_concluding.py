@@ -172,7 +172,7 @@ def test_the_lowest_error_is_recommended_and_published_where_pairs_were_held_out
     assert (state, front["recommended"]) == ("done", "brown_conrady")
     assert len(published) == given
     assert front["published"] is bool(given)
-    assert failed(front) == ([] if given else ["No pairs were held out to judge it by."])
+    assert failed(front) == ([] if given else ["No pairs were held out."])
 
 
 @pytest.mark.parametrize(
@@ -377,4 +377,4 @@ def test_a_result_that_predicts_worse_than_a_sound_current_one_does_not_publish_
     _, summary, _ = ended(context, calibration_id)
     front = summary["cameras"]["front"]
     assert front["published"] is takes_over
-    assert takes_over or failed(front)[0].endswith("lie 1.01 px off; of the vehicle's current result 0.60.")
+    assert takes_over or failed(front)[0].endswith("lie 1.01 px off, the vehicle's current result's 0.60.")
