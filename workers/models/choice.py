@@ -67,8 +67,7 @@ def _by_heldout(models: Mapping[str, Candidate], judged: Mapping[str, Pairs], ev
     chosen = min(alike, key=lambda name: _rank(models[name], -evidence.total[name], name))
     others = sorted(behind, key=lambda name: (-evidence.total[name], name))
     sentences = [
-        f"{evidence.best} fits pairs that were held out best, with a noise of "
-        f"{evidence.sigma_px[evidence.best]:.2f} px per coordinate.",
+        f"{evidence.best} fits held-out pairs best, to {evidence.sigma_px[evidence.best]:.2f} px per coordinate.",
         *(_behind(name, behind[name]) for name in others),
         *_because(chosen, evidence.best, models),
         *(_unjudged(name, candidate) for name, candidate in models.items() if name not in judged),
@@ -100,11 +99,8 @@ def _difference(name: str, judged: Mapping[str, Pairs], evidence: Evidence) -> B
 
 
 def _behind(name: str, gap: Behind) -> str:
-    words = f"{name} is off by {gap.px:+.2f} ± {gap.standard_error_px:.2f} px against it"
-    noise = f", which below {_ALIKE:g} decides nothing" if gap.within_noise else ""
-    return (
-        f"{words} (log likelihood {gap.log_likelihood:.1f} ± {gap.standard_error_log_likelihood:.1f} lower{noise})."
-    )
+    words = f"{name} is {gap.px:+.2f} ± {gap.standard_error_px:.2f} px off against it"
+    return f"{words}, which decides nothing." if gap.within_noise else f"{words}."
 
 
 def _because(chosen: str, best: str, models: Mapping[str, Candidate]) -> list[str]:
@@ -147,6 +143,6 @@ def _by_fitted(models: Mapping[str, Candidate], area_px2: float) -> Choice:
     ]
     return Choice(
         chosen,
-        f"None were held out, so errors on the fitted pairs are weighed against the number of parameters: "
+        f"None were held out. Errors on the fitted pairs were weighed against the number of parameters: "
         f"{'; '.join(sentences)}. A larger model always looks better on the pairs that it was fitted to.",
     )

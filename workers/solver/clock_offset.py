@@ -175,20 +175,20 @@ def _refuse(estimate: OffsetEstimate, outcome: Outcome, poor: float, at_end: boo
     if poor > _POOR:
         raise InputError(
             "offset_not_determined",
-            f"No camera and no offset fits the marks: {estimate.rms_px:.0f} px are left.",
+            f"No camera and clock offset fits the marks: the best one is {estimate.rms_px:.0f} px off (RMS).",
             "Check that the marks show the board's top corner, and the camera's model and nominal mount.",
         )
     if estimate.sigma_ns > max_sigma_ns:
         raise InputError(
             "offset_not_determined",
-            f"The marks do not tell the offset better than to {sigma_ms:.0f} ms (one standard deviation): the corner "
-            f"moved by {estimate.speed_px_s:.0f} px/s in the image, in {estimate.pairs} marks.",
+            f"The clock offset is too uncertain: ±{sigma_ms:.0f} ms (limit {max_sigma_ns * 1e-6:.0f}, one standard "
+            f"deviation). The corner moved by {estimate.speed_px_s:.0f} px/s in {estimate.pairs} marks.",
             "Walk across the view, to both sides, for a minute or more; mark more frames of it.",
         )
     if at_end:
         raise InputError(
             "offset_not_determined",
-            f"The best offset, {offset_ms:.0f} ms, lies at the end of what was searched.",
+            f"The best offset, {offset_ms:.0f} ms, lies at the end of the searched range.",
             "Say about how far the clocks are apart (about_ns), or search farther.",
         )
     if not outcome.converged:

@@ -47,11 +47,11 @@ def point_problem(problem: FitProblem, p: Floats) -> str | None:
         return f"{unseen} pairs lie behind the camera or past the lens model's range, or an image away."
     different = len(np.unique(problem.points[used], axis=0))
     if 1 < different < 0.5 * len(problem.free):
-        return f"The pairs are of {different} different corners only, with {len(problem.free)} free parameters."
+        return f"The pairs show {different} different corners only, for {len(problem.free)} free parameters."
     shape = _shape(problem.points[used])
     # A plane holds a camera whose lens is known.
     if shape and not (shape == _PLANE and problem.free.max(initial=0) < _EXTRINSICS):
-        return f"The corners {shape}, which cannot hold a camera's position and lens together."
+        return f"The corners {shape}, which does not determine position and lens together."
     return None
 
 

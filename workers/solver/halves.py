@@ -64,15 +64,15 @@ def _sentence(split: Halves, blocks: str) -> str:
     turn, ratio, limit = split.turned_deg, split.turned_ratio, split.turned_limit
     if turn is not None and ratio is not None and limit is not None and ratio > limit:
         return (
-            f"Between the first and the last half of the {blocks} the camera turned by {figure(turn)} "
-            f"degrees, {ratio:.1f} times what noise explains: the standard deviations are too small."
+            f"The camera turned by {figure(turn)} degrees between the first and the last half of the {blocks}, "
+            f"{ratio:.1f} times what is stated (limit {limit:.1f}): the stated errors are too small."
         )
     which = "every second" if split.split == "alternating" else "the first half"
     return (
-        f"Fits of {which} of the {blocks} and of the others differ by {split.rotation_deg:.2f} degrees, "
-        f"{split.translation_mm:.0f} mm and {split.field_px:.1f} px over the marks, {split.ratio:.1f} times what is "
-        f"stated over the parameters and {split.field_ratio:.1f} times over the marks: the standard deviations "
-        "are too small."
+        f"The stated errors are too small: fits of {which} of the {blocks} and of the others differ by "
+        f"{split.rotation_deg:.2f} degrees, {split.translation_mm:.0f} mm and {split.field_px:.1f} px over the "
+        f"marks. That is {split.ratio:.1f} times what is stated (limit {split.limit:.1f}), over the marks "
+        f"{split.field_ratio:.1f} times (limit {split.field_limit:.1f})."
     )
 
 

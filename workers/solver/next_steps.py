@@ -149,7 +149,7 @@ def sentence(steps: NextSteps) -> str:
     ways = "; then ".join(
         f"{step.words} (±{figure(step.half_width_deg if is_turn else step.half_width_mm)})" for step in steps.steps
     )
-    share = f"Most of its ±{figure(whole)} {unit} comes from the {most} ({figure(steps.parts[most])})"
+    share = f"Most of the mount's ±{figure(whole)} {unit} comes from the {most} ({figure(steps.parts[most])})"
     return f"{share}. Next: {ways}."
 
 

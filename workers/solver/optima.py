@@ -64,9 +64,9 @@ def optimum_sentences(problem: FitProblem, polished: Fit, others: list[Fit]) -> 
         turn = float(np.degrees(np.linalg.norm(vector_from_rotation(there.R @ here.R.T))))
         moved = float(np.linalg.norm(there.inverse().t - here.inverse().t))
         sentences.append(
-            f"Another optimum is nearly as deep ({other.mean_px:.2f} px mean, {other.rms_px:.2f} px RMS, against "
-            f"{polished.mean_px:.2f} and {polished.rms_px:.2f}): a camera turned by {figure(turn)} degrees and "
-            f"moved by {figure(moved)} m. The pairs do not decide between them."
+            f"A camera turned by {figure(turn)} degrees and moved by {figure(moved)} m fits nearly as well "
+            f"({other.mean_px:.2f} px mean, {other.rms_px:.2f} px RMS, against {polished.mean_px:.2f} and "
+            f"{polished.rms_px:.2f}). The pairs do not decide between them."
         )
     return sentences
 

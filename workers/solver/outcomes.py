@@ -29,9 +29,9 @@ class Outcome(Enum):
 
 
 _SENTENCES = {
-    Outcome.CONVERGED: "The last step changed what is minimised by less than the tolerance.",
-    Outcome.NO_STEP_LEFT: "No step, however short, lowers what is minimised.",
-    Outcome.NOTHING_FREE: "Nothing is free to move.",
+    Outcome.CONVERGED: "The last step changed the loss by less than the tolerance.",
+    Outcome.NO_STEP_LEFT: "No step lowers the loss.",
+    Outcome.NOTHING_FREE: "No parameter is free.",
     Outcome.OUT_OF_STEPS: "The steps ran out before a minimum was reached.",
 }
 

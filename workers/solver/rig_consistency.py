@@ -157,13 +157,13 @@ def _deviation_document(stated: StatedTransform, against: Deviation) -> StatedDe
 
 def _deviation_sentence(name: str, stated: StatedTransform, against: Deviation) -> str:
     what = "the nominal mount" if stated.source == "nominal" else "what the rig states"
-    good_to = f"taken as good to {stated.std_deg:g} degrees and {1e3 * stated.std_m:g} mm about and along each axis"
-    far = f"{name} lies {against.rotation_deg:.2f} degrees and {against.translation_mm:.0f} mm from {what}"
+    good_to = f"each axis is taken as good to {stated.std_deg:g} degrees and {1e3 * stated.std_m:g} mm"
+    far = f"it lies {against.rotation_deg:.2f} degrees and {against.translation_mm:.0f} mm away"
     # All six axes count together, so a distance of more than one axis' standard deviation may be an ordinary one.
     sigmas = "less than 1 sigma" if against.sigmas < 1.0 else f"{against.sigmas:.1f} sigmas"
     if against.sigmas <= ALARM_SIGMAS:
-        return f"{far}. That agrees: it is {good_to}, one sigma; over all axes together this is {sigmas}."
-    return f"{far}, {sigmas} where it is {good_to}: noise does not explain it."
+        return f"{name} agrees with {what}: {far}, {sigmas} ({good_to}, one sigma)."
+    return f"{name} disagrees with {what}: {far}, {sigmas} (limit {ALARM_SIGMAS:g}; {good_to}, one sigma)."
 
 
 def _vertices(count: int) -> str:
@@ -184,8 +184,8 @@ def _shared(a: SolvedCamera, b: SolvedCamera, pair: CameraPair) -> SharedVertice
     beyond_noise = shared.rms_px > _FAR * shared.expected_rms_px or shared.offset_sigmas > ALARM_SIGMAS
     du, dv = shared.offset_px
     parts = [
-        f"{_vertices(shared.counted)} marked in both {both}: where {a.name}'s marks put them, {b.name}'s marks lie "
-        f"{shared.rms_px:.2f} px away (RMS; noise explains {shared.expected_rms_px:.2f}), on average by "
+        f"{_vertices(shared.counted)} marked in both {both}. Marks of {b.name} lie {shared.rms_px:.2f} px (RMS; "
+        f"noise explains {shared.expected_rms_px:.2f}) from where those of {a.name} put them, on average by "
         f"({du:+.2f}, {dv:+.2f}) px, {shared.offset_sigmas:.1f} sigmas."
     ]
     if beyond_noise:

@@ -229,18 +229,18 @@ def _status(state: State, best: Estimate, unexplained: str | None) -> tuple[Stat
             f"The pairs do not determine {', '.join(arbitrary(problem, spread))}: these values are arbitrary."
         )
     if state.stopped is None:
-        return "unfinished", f"The schedule was stopped after {state.iteration} iterations; this is its best so far."
+        return "unfinished", f"The search was stopped after {state.iteration} iterations; this is its best so far."
     if not best.outcome.converged:
         return "not_converged", f"The polish did not converge: {best.outcome.sentence}"
     if unexplained:
         return "not_explained", unexplained
     reasons = {
         "agreed": f"{problem.schedule.agreeing} searches found the same result",
-        "converged": "no iteration brought a relative decrease above the tolerance any more",
-        "goal": "the goal was reached",
-        "iterations": "the number of iterations was reached",
+        "converged": "The search improves no more",
+        "goal": "The search reached its goal",
+        "iterations": "The search ended at its limit of iterations",
     }
-    return "ok", f"Stopped after {state.iteration} iterations: {reasons[state.stopped]}."
+    return "ok", f"{reasons[state.stopped]} ({state.iteration} iteration{'' if state.iteration == 1 else 's'})."
 
 
 def _least_squares(problem: FitProblem, fit: Fit) -> LeastSquares:

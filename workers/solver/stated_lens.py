@@ -123,12 +123,12 @@ def _misfit(mount: Estimate, free: Estimate | None) -> dict[str, Any]:
     statistic = max(of_mount - of_free, 0.0) / (more * noise)
     apart = _over_limit(mount, free)
     explains = not (apart > 1.0 and _chance_above(more, left, statistic) < _CHANCE)
-    sizes = f"The stated lens leaves {figure(at_px)} px RMS, the lens of these pairs {figure(free_px)} px"
+    sizes = f"it leaves {figure(at_px)} px RMS, a free lens {figure(free_px)} px"
     sentence = (
-        f"{sizes}: the stated lens fits them."
+        f"The stated lens fits these pairs: {sizes}."
         if explains
-        else f"{sizes}, and points at 5 to 50 m lie {figure(apart)} times as far apart under both as use allows: the "
-        "stated lens is not this camera's."
+        else f"The stated lens does not fit these pairs: {sizes}. A free lens moves points at 5 to 50 m by "
+        f"{figure(apart)} times the limit."
     )
     return {"explains": explains, "free_lens_rms_px": free_px, "sentence": sentence}
 

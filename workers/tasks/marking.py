@@ -43,8 +43,7 @@ _COLUMNS: Final = ("u", "v", "sigma_u", "sigma_v", "edge_px", "places")
 _WIDEST: Final = 1 << 14  # frames are marked as they are
 _LEVEL: Final = RecordingFailure(
     "level_edges",
-    "The machine looks for a board's highest corner, and a board with level edges has none. Mark this recording by "
-    "hand.",
+    "The machine looks for a board's top corner, and a board with level edges has none. Mark this recording by hand.",
 )
 
 

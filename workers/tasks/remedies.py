@@ -188,7 +188,7 @@ def _trial(remedy: Remedy, before: Fits, state: State, stop: Stop) -> RemedyTria
         whole, state = applied(remedy, before.whole.model, state, stop)
         after = _fits(remedy.document, remedy.columns, state, stop, whole)
     except (SolveError, DocumentError) as error:
-        return RemedyTrial(check=remedy.check, outcome="unknown", sentence=f"{remedy.words} no fit ends: {error}")
+        return RemedyTrial(check=remedy.check, outcome="unknown", sentence=f"{remedy.words} no fit succeeds: {error}")
     candidates = {"before": candidate_of(*before), "after": candidate_of(*after)}
     if remedy.check == "wrong_pairs":
         # Whitened errors are those of fits without wrong pairs already.
@@ -197,7 +197,7 @@ def _trial(remedy: Remedy, before: Fits, state: State, stop: Stop) -> RemedyTria
     choice = choose(candidates, float(width * height)) if all(each.heldout for each in candidates.values()) else None
     gap = choice and next(iter(choice.behind.items()), None)
     if choice is None or gap is None:
-        sentence = f"{remedy.words} nothing can be told: too few pairs can be held out."
+        sentence = f"{remedy.words} there is no verdict: too few pairs can be held out."
         return RemedyTrial(check=remedy.check, outcome="unknown", sentence=sentence)
     worse, behind = gap
     is_clear = not behind.within_noise and behind.log_likelihood > _SURE * behind.standard_error_log_likelihood
@@ -206,12 +206,13 @@ def _trial(remedy: Remedy, before: Fits, state: State, stop: Stop) -> RemedyTria
     noise, noise_before = choice.sigma_px["after"], choice.sigma_px["before"]
     verdict = verdict_of(whole.checks, "mount_with_lens")
     digits = 2 if figure(noise) != figure(noise_before) else 3
-    scatter = f"{remedy.words} held-out pairs scatter by {figure(noise, digits)} px per coordinate"
+    noises = f"{figure(noise, digits)} instead of {figure(noise_before, digits)} px"
+    scatter = f"held-out pairs scatter by {noises} per coordinate"
     brings = {
-        "helps": f"{scatter} instead of {figure(noise_before, digits)} px; the corners' projections move by up to "
+        "helps": f"{remedy.words} the result is better: {scatter}. Projected corners move by up to "
         f"{figure(moved_px)} px, and the fit's checks say {verdict}.",
-        "alike": f"{scatter}, without it by {figure(noise_before, digits)} px: it brings nothing that shows.",
-        "harms": f"{scatter} instead of {figure(noise_before, digits)} px: it makes the result worse.",
+        "alike": f"{remedy.words} nothing changes that shows: {scatter}.",
+        "harms": f"{remedy.words} the result is worse: {scatter}.",
         "unknown": scatter,
     }
     return RemedyTrial(

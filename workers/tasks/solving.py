@@ -190,8 +190,8 @@ def _slot_row(
     if not np.isfinite((outcome.loss, *outcome.parameters)).all():
         raise SolveError(
             "non_finite",
-            f"The best of slot {slot} in iteration {iteration} has the loss {outcome.loss}: within the bounds no "
-            "lens gives these points a finite distance from their marks.",
+            "No lens within the bounds gives these points a finite distance from their marks: the best of slot "
+            f"{slot} in iteration {iteration} has the loss {outcome.loss}.",
             "Narrow the bounds of the distortion, or look for points that lie far out of the camera's view.",
         )
     return {

@@ -108,8 +108,8 @@ def check_image_size(
         width, height = calibration.image_size
         raise ReadError(
             "image_size_differs",
-            f"No frame of {camera.name} is {width} x {height} pixels large, as the calibration is.",
-            "Give a calibration of this camera in this mode.",
+            f"No frame of camera {camera.name} has {width} x {height} pixels, as the calibration has.",
+            "Give a calibration of this camera for this recording's image size.",
         )
     return fitting
 

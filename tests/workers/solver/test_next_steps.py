@@ -74,7 +74,7 @@ def test_the_words_name_the_parts_and_the_steps_and_a_locked_mount_has_none():
     problem, truth = simulated("brown_conrady", 8200, pairs=60)
     steps = next_steps(estimate(replace(problem, common_errors=BOARD), truth))
     words = sentence(steps)
-    assert words.startswith("Most of its ±") and " comes from the lens " in words and "Next: " in words
+    assert words.startswith("Most of the mount's ±") and " comes from the lens " in words and "Next: " in words
     assert max(steps.parts.values()) <= max(steps.half_width_deg, steps.half_width_mm)
     mount = dict(zip(problem.names[:6], truth[:6].tolist(), strict=True))
     assert next_steps(estimate(replace(problem, locked=mount), truth)) is None

@@ -40,7 +40,7 @@ def test_a_small_board_has_two_mounts_and_either_names_the_other():
     problem = small_board(0)
     state, _ = run_schedule(problem)
     solution = finish_plain(problem, state)
-    (sentence,) = [one for one in solution["several_optima"] if "Another optimum is nearly as deep" in one]
+    (sentence,) = [one for one in solution["several_optima"] if "fits nearly as well" in one]
     assert "turned by 68 degrees" in sentence
     deep = polish(problem, state.best_parameters)
     (other,) = other_optima(problem, deep, state.first_slot_parameters)

@@ -124,7 +124,7 @@ def test_stated_transforms_are_matched_by_their_frames_in_either_direction(inver
     assert stated["rotation_deg"] == pytest.approx(3.0, abs=0.6)
     assert stated["sigmas"] < 1.0 and found["alarms"] == []
     (sentence,) = [one for one in found["sentences"] if "the nominal mount" in one]
-    assert "That agrees" in sentence and "less than 1 sigma" in sentence
+    assert "agrees with" in sentence and "less than 1 sigma" in sentence
     tight = compared(cameras, StatedTransform(turned, "rig", 0.1, 0.002))
     assert tight["stated"][0]["sigmas"] > 4.0 and tight["alarms"]
 

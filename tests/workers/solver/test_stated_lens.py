@@ -92,7 +92,7 @@ def test_the_lens_of_another_camera_is_named_by_its_misfit(use, origin):
         stated = found["stated_lens"]
         assert (found["lens"], stated["explains"]) == (origin, False)
         assert stated["rms_px"] > 1.5 * stated["free_lens_rms_px"]
-        assert "is not this camera's" in stated["sentence"]
+        assert "does not fit these pairs" in stated["sentence"]
         true = walk.result(TRUE, use)
         assert true["stated_lens"]["explains"] is True
 
