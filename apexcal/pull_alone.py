@@ -42,7 +42,7 @@ LONGEST_WAIT_S = 30.0
 LONGEST_ANSWER = 16 * 2**20
 _INPUT_CODES = ("invalid_request", "invalid_options", "unknown_format")
 _EXIT_CODES = (
-    "Exit codes: 0 the file is what the vehicle is given now; 1 the service refused, or the file cannot be written; "
+    "Exit codes: 0 the file is current; 1 the service refused, or the file cannot be written; "
     "2 wrong usage; 3 no answer now: try again; 5 the calibration was withdrawn or deleted; 6 it is of other sensors "
     "than the mounted ones; 7 what answered is no calibration of this vehicle. After 1, 3, 5, 6 and 7 the last good "
     "file stays. 4: as these, but there is no good file."
@@ -316,7 +316,7 @@ def _seconds(text: str) -> float:
 
 def options_parser(command: str | None = None) -> argparse.ArgumentParser:
     """The parser of the options that :func:`pull` takes. ``command``: what the help calls the program."""
-    what = "Keep what a vehicle is given now in a file. It is replaced whole, or not at all."
+    what = "Keep a vehicle's current calibration in a file. It is replaced whole, or not at all."
     parser = argparse.ArgumentParser(prog=command, description=what, epilog=_EXIT_CODES)
     text = ("vehicle", "id or name"), ("fleet", "its fleet"), ("sensor", "serial number of a sensor of the vehicle")
     for name, help in (*text, ("as-of", "a moment in the past, 2026-03-01T12:00:00Z")):

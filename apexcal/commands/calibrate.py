@@ -72,10 +72,10 @@ def calibrate(
     """Fit every model to each camera's pairs, and say which one to take.
 
     Args:
-        detection: A marked detection: its id, or the recording whose newest it is, by name or @last.
+        detection: A marked detection, by id; or the newest one of a recording, by its name or @last.
         pairs: CSV of pairs (x,y,z,u,v and stamp_ns or group), or labels.txt of the paper's toolbox. For
             several cameras, repeat it as CAMERA=FILE.
-        machine_marks: The machine's marks count as one more person's; unattended, if nobody marked.
+        machine_marks: Use the machine's marks as one more person's; alone, if nobody marked.
         vehicle: Vehicle, by name or id (with --pairs).
         rig: Rig, by name or id (with --pairs).
         camera: Camera; needed if the rig has several. Repeat it to calibrate several cameras and compare

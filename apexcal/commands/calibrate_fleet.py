@@ -58,7 +58,7 @@ def calibrate_fleet(
         usage("--follow, --retry and --cancel are about one request each", "Give one of them")
     if requests and any((fleet, name, rig, since, new_pairs, model, preset, folds is not None, publish, dry_run)):
         usage(
-            "--follow, --retry and --cancel are about a request that was made; all else says what a new one asks",
+            "--follow, --retry and --cancel take a request that was made; the other options are for a new one",
             "Leave the others out",
         )
     calibration = _given(models=model or None, preset=preset, folds=folds)

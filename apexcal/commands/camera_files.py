@@ -75,8 +75,8 @@ def saying_what_stays(sets: Sequence[SetView]) -> Iterator[None]:
             if each.source == "import":
                 pairs = "1 pair" if each.count == 1 else f"{each.count} pairs"
                 note(
-                    f"Imported all the same: {pairs} of {each.camera}, as the correspondence set {each.id}. "
-                    "It is this camera's newest until others are imported, or older ones again."
+                    f"Imported all the same: {pairs} of {each.camera}, as the correspondence set {each.id}, "
+                    "which is this camera's newest now."
                 )
         raise
 

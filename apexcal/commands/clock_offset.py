@@ -50,8 +50,9 @@ def clock_offset(
 
 def _outcome(result: ClockOffset, detection: DetectionView, camera: str) -> str:
     """The offset in a sentence, and the command that uses it: that of the detection, but for the offset."""
+    way = "ahead of" if result.offset_ns >= 0 else "behind"
     sentence = (
-        f"The clock of {camera} minus the LiDAR's is {result.offset_ns / 1e6:.2f} ms, with a standard deviation "
+        f"The clock of {camera} is {abs(result.offset_ns) / 1e6:.2f} ms {way} the LiDAR's, with a standard deviation "
         f"of {result.sigma_ns / 1e6:.2f} ms, from {result.pairs} marks ({result.rms_px:.2f} px RMS).\n"
     )
     if abs(result.offset_ns) < _CERTAIN * result.sigma_ns:

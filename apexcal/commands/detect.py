@@ -235,8 +235,8 @@ def _size(detection: DetectionView) -> str:
         return f"{looks}; the stated {stated} m agree with that and were used."
     if not shown.replaces:
         return (
-            f"{looks}; you said {stated} m, which only unusual blooming of the edges would explain. The stated "
-            "size was used: measure the board's edges, and detect again if they differ."
+            f"{looks}; you said {stated} m, and that was used. Measure the board's edges, and detect again if they "
+            "differ."
         )
     return (
         f"{looks}; you said {stated} m. The detection used the size that the board shows. To get the other corners, "

@@ -71,7 +71,7 @@ def _mounts(recording: Path, files: list[Path]) -> dict[str, Any]:
         if "read" not in outcome:
             error = outcome.get("error") or {
                 "message": "The files were not read",
-                "hint": "What was said stands above.",
+                "hint": "The reason stands above.",
             }
             complain(error["message"].rstrip("."), error["hint"], code=USAGE)
         return {"calibrations": outcome["read"]["cameras"]}

@@ -34,7 +34,7 @@ NounArgument = Annotated[_Noun, typer.Argument(help="What kind of thing.")]
 NameArgument = Annotated[
     str,
     typer.Argument(
-        help="Its name, its id or @last; of a calibration also the vehicle whose newest it is.",
+        help="Its name, its id or @last; for the newest calibration of a vehicle also that one's name.",
         autocompletion=complete_name,
     ),
 ]
@@ -52,9 +52,9 @@ def ls(
     camera: CameraOption = "",
     limit: LimitOption = 20,
 ) -> Reply:
-    """List the vehicles of a fleet with what they get for each camera and wait for; or recordings, or calibrations.
+    """List a fleet's vehicles with what each camera gets and waits for. Or list recordings, or calibrations.
 
-    Calibrations are those of one vehicle, publications those of one of its cameras, the newest first.
+    Calibrations are of one vehicle, publications of one of its cameras, the newest first.
     `apexcal publish RESULT --reason WHY` publishes an older one again.
 
     Args:
@@ -200,7 +200,7 @@ def rm(
     fleet: FleetOption = "",
     yes: Annotated[bool, typer.Option("--yes", "-y")] = False,
 ) -> Reply:
-    """Delete a thing and what belongs to it. What was published is kept: the service refuses.
+    """Delete a thing and what belongs to it. The service refuses to delete what was published.
 
     Args:
         yes: Do not ask.

@@ -91,14 +91,14 @@ RecordingArgument = Annotated[
 DetectionArgument = Annotated[
     str,
     typer.Argument(
-        help="Detection: its id, or the recording whose newest it is, by name or @last.",
+        help="Detection, by id; or the newest one of a recording, by its name or @last.",
         autocompletion=_complete_recording,
     ),
 ]
 ResultArgument = Annotated[
     str,
     typer.Argument(
-        help="Result: its id, or the vehicle whose newest calibration recommends it, by name or @last.",
+        help="Result, by id; or the newest recommended one of a vehicle, by its name or @last.",
         autocompletion=_complete_vehicle,
     ),
 ]
@@ -141,7 +141,7 @@ FoldsOption = Annotated[
 PresetOption = Annotated[
     PresetName | None,
     typer.Option(
-        help="What other options leave open. paper: the paper's form, in which wrong marks count; toolbox: the "
+        help="Values of the options that are not stated. paper: the paper's, where wrong marks count; toolbox: the "
         "larger search of its toolbox. Otherwise default: wrong marks do no harm."
     ),
 ]

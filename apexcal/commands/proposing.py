@@ -34,8 +34,8 @@ LooksOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME=WHERE",
-        help="Where a camera looks: forward, left, backward or right, as the vehicle's x and y, or with no tree the "
-        "LiDAR's, point forward and left; or tree, as the tree has it. Several times.",
+        help="Where a camera looks: forward, left, backward or right of the vehicle (x forward, y left; with no tree "
+        "of the LiDAR), or tree: as the tree says. Several times.",
     ),
 ]
 JointOption = Annotated[
@@ -81,7 +81,7 @@ def read_file(module: str, path: Path, out: Path | str, reading: Mapping[str, An
     child = subprocess.run(command, stdout=subprocess.PIPE, text=True)
     lines = [json.loads(line) for line in child.stdout.splitlines()]
     if not lines or not {"used", "error"} & set(lines[-1]):
-        complain(f"the reader of {path} ended with the code {child.returncode}", "What it said stands above.")
+        complain(f"the reader of {path} ended with the code {child.returncode}", "The reason stands above.")
     return lines[-1]
 
 

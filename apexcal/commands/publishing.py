@@ -55,7 +55,7 @@ def withdraw(
     camera: CameraOption = "",
     fleet: FleetOption = "",
 ) -> Reply:
-    """Take back a camera's current calibration. The camera is given nothing until something is published.
+    """Take back a camera's current calibration. The camera gets none until a result is published.
 
     `apexcal rollback` or `apexcal publish` publishes an older result again.
 
@@ -163,7 +163,7 @@ def _saying_checks() -> Iterator[None]:
             error.args = (f"this result does not pass its checks:{listed}\nNothing was published",)
             error.hint = "To publish it all the same, add --override, and say why with --reason."
         elif error.code == "reason_missing":
-            error.hint = "Say why it is given again, with --reason."
+            error.hint = "Say why it is published again, with --reason."
         raise
 
 

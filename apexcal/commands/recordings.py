@@ -79,7 +79,7 @@ def upload(
     Args:
         path: File or folder of one of the formats above.
         name: Name of the recording; otherwise the file's.
-        marks: How many people mark each vertex.
+        marks: How many people mark each corner.
         retain_days: Delete it after so many days; 0 for never.
         new: Start a new upload instead of continuing an interrupted one.
         wait: Wait until it is ready.
@@ -128,7 +128,7 @@ def reread(
     recordings = session.client.recordings
     of = find_recording(session.client, recording)
     if of.state != "failed":
-        raise ClientError(f"the recording {of.name!r} is {of.state}", "Only a failed one is read again.")
+        raise ClientError(f"the recording {of.name!r} is {of.state}", "Only a failed recording is read again.")
     changes: dict[str, object] = {}
     if rig:
         changes["rig_id"] = str(find_rig(session.client, session.client.vehicles.get(of.vehicle_id), rig).id)
@@ -172,7 +172,7 @@ def copy(
     if not keep:
         analyses.delete(view.id)
     poses = ", ".join(f"{pose.child} in {pose.parent}" for pose in view.poses)
-    more = f" Frames not undistorted, because damaged or of another size: {facts.left_out}." if facts.left_out else ""
+    more = f" Damaged frames, or of another size, left out: {facts.left_out}." if facts.left_out else ""
     counts = f"{facts.replaced} messages replaced, {facts.added} added, {facts.copied} as they were"
     return Reply(view, f"Wrote {target}: {counts}. Placed: {poses}.{more}")
 

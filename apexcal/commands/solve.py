@@ -94,7 +94,7 @@ def solve(
         board: Size of the board in metres, as 0.61x0.91.
         corner: Which corner of the board is looked for: see `apexcal detect`. People mark an upper corner.
         description: JSON file of the rig (docs/rigs.md), instead of what the recording proposes.
-        machine_marks: The machine marks, all corners where --board is there and poses are few. Nobody looks at them.
+        machine_marks: The machine marks and nobody looks. With --board and few poses it marks all four corners.
         yes: Do not ask whether to use the clock offset that the times of recording tell.
         fleet: Fleet, by name; a new name makes one.
         vehicle: Vehicle, by name; a new name makes one. Without it, it is called as the recording's file.
@@ -156,7 +156,9 @@ def solve(
         export(session, result=str(model.result_id), format=format, output=output, force=force, **into)
         if model.verdict == "look":
             publish = f"`apexcal publish {model.result_id} --reason WHY`"
-            sentences.append(f"Nothing is published by itself while a check says look. {publish} does. {look}")
+            sentences.append(
+                f"Nothing is published by itself while a check says look. Publish with {publish}. {look}"
+            )
     return Reply(calibration, "\n".join(sentences))
 
 
@@ -215,7 +217,7 @@ def _people_mark(session: Session, detection: str, camera: str, *, is_own: bool)
         start = f"apexcal serve --data {session.data}`, then `" if is_own else ""
         later = f"apexcal calibrate --detection {detection} --camera {camera}"
         complain(
-            "stopped before there were enough marks; those that there are stay",
+            "stopped before there were enough marks; the marks so far stay",
             f"Go on with `{start}{later}`",
             code=130,
         )

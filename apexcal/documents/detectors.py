@@ -110,13 +110,12 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "outside_the_region": "what looks like the board stands outside of the region: widen it",
             "size_not_stated": "the board's size was not stated, and fewer than four boards are near enough to "
             "tell it. State it (`--board`): then two rings on a board are enough",
-            "overtopped": "something stands above what looks like the board and in front of its plane: it is a body "
-            "below or behind the board, and the board itself meets too few rings. Walk closer, or hold it higher",
-            "not_a_board": "nothing in the region is flat and ends in a right-angled corner at the top, as a board "
-            "does that is held on its tip, leans by less than 35 degrees, and is turned by less than 60 degrees from "
-            "the sensor",
-            "upright_object": "an upright rectangle explains the rays as well as a board on its tip: a sign, a door, "
-            "the end of a wall, or a lowered board. Hold it on its tip; if its edges are to be level, state the "
+            "overtopped": "something stands above what looks like the board and in front of its plane. It is a body, "
+            "and the board meets too few rings: walk closer, or hold the board higher",
+            "not_a_board": "nothing in the region is flat with a right-angled corner at the top: hold the board with "
+            "a corner up, lean it by less than 35 degrees, and turn it by less than 60 degrees from the sensor",
+            "upright_object": "an upright rectangle explains the rays as well as the board: a sign, a door, the end "
+            "of a wall, or a lowered board. Hold it with a corner up; if its edges are to be level, state the "
             "corner to find (`--corner`). If this is a single pose or shorter than six seconds, record a longer walk "
             "or several poses, or come closer",
             "like_a_person": "on the few rings that meet it, what looks like the board is no wider than a person, "
@@ -124,8 +123,7 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "never_shown": "the near sweeps of this recording do not show a board, so this could be a person. State "
             "the board's size: then four rings that meet it are enough. With fewer rings, walk closer, and lower the "
             "board as little as possible",
-            "too_uncertain": "the rays that meet and miss the board do not determine its corner well enough: walk "
-            "closer, or state the board's size",
+            "too_uncertain": "the board's corner is too uncertain: walk closer, or state the board's size",
             "not_still": "the board moves here: hold it still for two seconds in each pose",
             "off_the_track": "the corner lies far off the path of the sweeps before and after, so it is no board",
         }
@@ -137,7 +135,7 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
 _SIZE_STATED: Final[Mapping[str, str]] = {
     "never_shown": "the near sweeps of this recording do not show a board, so this could be a person: walk closer, "
     "and lower the board as little as possible",
-    "too_uncertain": "the rays that meet and miss the board do not determine its corner well enough: walk closer",
+    "too_uncertain": "the board's corner is too uncertain: walk closer",
 }
 _UPPER_CORNER: Final[Mapping[str, str]] = {
     **_SIZE_STATED,
@@ -147,7 +145,7 @@ _UPPER_CORNER: Final[Mapping[str, str]] = {
     "upright_object": "an upright rectangle of another size explains the rays as well as the board, or nothing shows "
     "that somebody carries it: a sign, a door, the end of a wall. Measure the board's edges; if this is a single "
     "pose or shorter than six seconds, record several poses or a longer walk, or come closer",
-    "too_uncertain": "the rays that meet and miss the board do not determine its corner well enough: walk closer, or "
+    "too_uncertain": "the board's corner is too uncertain: walk closer, or "
     "roll the board by 5 to 10 degrees: rings that cross its upper edge tell how high it is",
 }
 

@@ -60,15 +60,15 @@ def check_lens(
     if model is None:
         raise DocumentError(
             "unknown_distortion_model",
-            f"The lens of {camera} is of the distortion model {distortion_model!r}, which is none here.",
-            f"Known are {', '.join(STATED_MODELS)}. Leave the lens out of a request, or give its focal lengths and "
-            "centre as bounds of the rig or the request.",
+            f"The lens of {camera} is of the distortion model {distortion_model!r}, which is not supported.",
+            f"Supported are {', '.join(STATED_MODELS)}. Leave the lens out of a request, or give its focal lengths "
+            "and centre as bounds of the rig or the request.",
         )
     if coefficients is None:
         raise DocumentError(
             "distortion_without_equal",
             f"The lens of {camera} has {len(D)} coefficients ({distortion_model}), and {model} has "
-            f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero, and no model here has them.",
+            f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero, and no model has them.",
             "Calibrate it as plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (k1 k2 p1 p2 k3 k4 k5 k6) or "
             "equidistant (k1 k2 k3 k4), or give focal lengths and centre as bounds of the rig or the request.",
         )

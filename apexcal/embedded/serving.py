@@ -47,9 +47,7 @@ def serving(data: Path) -> Iterator[LocalService]:
             assert process.stdout is not None
             line = process.stdout.readline()
             if not line:
-                raise ClientError(
-                    "the service did not start", f"What it said stands above; its logs are in {data}/logs."
-                )
+                raise ClientError("the service did not start", f"The reason stands above; logs are in {data}/logs.")
             ready = json.loads(line)
             yield LocalService(ready["url"], _token(data), ready["owner_link"])
         finally:

@@ -173,10 +173,10 @@ def beside_current(result: FitResult, heldout_px: float | None, current: Current
     Results are compared if lens and model are alike. A current result that should not be used protects nothing.
     """
     if current is None:
-        return _CURRENT.not_checked("The vehicle has no current result of this camera.", "Publish a result.")
+        return _CURRENT.not_checked("The vehicle has no current calibration of this camera.", "Publish a result.")
     if current.verdict not in ("pass", "look"):
         return _CURRENT.not_checked(
-            "The vehicle's current result fails its own checks.",
+            "The vehicle's current calibration fails its own checks.",
             "Publish a sound result.",
         )
     doubts: list[str] = []
@@ -187,8 +187,8 @@ def beside_current(result: FitResult, heldout_px: float | None, current: Current
         if apart.differs:
             doubts.append(
                 "Something moved, or a stated error is too small. The mount differs from the vehicle's current "
-                f"result by {apart.rotation_deg:.2f} degrees and {apart.translation_mm:.0f} mm, {apart.sigmas:.1f} "
-                "times their stated errors."
+                f"calibration by {apart.rotation_deg:.2f} degrees and {apart.translation_mm:.0f} mm, "
+                f"{apart.sigmas:.1f} times their stated errors."
             )
     own, other = (_over_limit(of) for of in (result.checks, current.result.checks))
     if own is not None and other is not None and own >= HALF and own > _LESS_PRECISE * other:
@@ -196,10 +196,12 @@ def beside_current(result: FitResult, heldout_px: float | None, current: Current
         doubts.append(f"This result is {own / other:.1f} times as uncertain as the vehicle's current one.")
     worse = current.heldout_mean_px
     if heldout_px is not None and worse is not None and heldout_px > max(_WORSE * worse, _FINE_PX):
-        doubts.append(f"Held-out pairs lie {heldout_px:.2f} px off, the vehicle's current result's {worse:.2f}.")
+        doubts.append(
+            f"Held-out pairs lie {heldout_px:.2f} px off, in the vehicle's current calibration {worse:.2f}."
+        )
     return _CURRENT.fails(
         "look" if doubts else "pass",
-        " ".join(doubts) or "Nothing speaks for keeping the vehicle's current result.",
+        " ".join(doubts) or "Nothing speaks for keeping the vehicle's current calibration.",
         "Compare both results, and publish this one by hand if it is the better one.",
         **figures,
     )

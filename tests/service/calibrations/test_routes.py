@@ -252,7 +252,11 @@ def test_a_given_lens_as_priors_and_as_bounds(api, engineer, rig):
     [
         ({"width": 1280}, "intrinsics_of_another_size", "1280 x 480 pixels, and its images have 640 x 480"),
         ({"distortion_model": "rational_polynomial", "D": [0.1] * 9}, "distortion_without_equal", "9 coefficients"),
-        ({"distortion_model": "double_sphere"}, "unknown_distortion_model", "'double_sphere', which is none here"),
+        (
+            {"distortion_model": "double_sphere"},
+            "unknown_distortion_model",
+            "'double_sphere', which is not supported",
+        ),
         ({"K": [0.0] * 9}, "invalid_intrinsics", "no camera matrix"),
         ({"K": [1e-310, 1.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]}, "invalid_intrinsics", "no camera matrix"),
         ({"models": ["kannala_brandt"]}, "intrinsics_of_another_model", "are of brown_conrady"),

@@ -466,10 +466,10 @@ ASKED = {
         f"{SIZE}{FOCALS.replace('  ', '')}k1: 0.1\nk2: 0.1\nk3: 0.1\nk4: 0.1\n",
         ["the model plumb_bob takes k1, k2, p1, p2, k3"],
     ),
-    "camodocal MEI": (MEI, ["distortion model 'MEI', which is none here"]),
+    "camodocal MEI": (MEI, ["distortion model 'MEI', which is not supported"]),
     "RealSense's inverse model": (
         LENSES["RealSense"][0].replace("brown_", "inverse_brown_"),
-        ["'inverse_brown_conrady', which is none here"],
+        ["'inverse_brown_conrady', which is not supported"],
     ),
     "Autoware, a model that there is not": (
         LENSES["Autoware, a fisheye"][0].replace("equidistant", "omni"),

@@ -140,7 +140,7 @@ def test_the_end_of_a_calibration_that_waits_for_a_person_sees_what_they_publish
     front = engineer.get(f"/calibrations/{calibration}").json()["summary"]["cameras"]["front"]
     assert front["published"] is False
     (sentence,) = failed(front)
-    assert "Held-out pairs lie 3.00 px off, the vehicle's current result's 0.90." in sentence
+    assert "Held-out pairs lie 3.00 px off, in the vehicle's current calibration 0.90." in sentence
     assert engineer.get(current_address(rig)).json()["result_id"] == str(better)
 
 

@@ -120,7 +120,7 @@ def test_runs_that_did_not_end_are_looked_at_and_cameras_that_do_not_agree_stop(
     ("of", "said"),
     [
         (current(differs=True, sigmas=7.0), "7.0 times their stated errors"),
-        (current(heldout_mean_px=0.6), "of the vehicle's current result 0.60"),
+        (current(heldout_mean_px=0.6), "in the vehicle's current calibration 0.60"),
         (current(over_limit=0.3), "1.7 times those"),
     ],
 )

@@ -243,7 +243,7 @@ def test_a_calibration_published_meanwhile_has_the_result_judged_beside_it(conte
     _, summary, published = ended(context, calibration_id)
     assert published == [another]
     (sentence,) = failed(summary["cameras"]["front"])
-    assert "of the vehicle's current result 0.60." in sentence
+    assert "in the vehicle's current calibration 0.60." in sentence
     with context.database.reading() as session:
         results = session.scalars(select(Result).where(Result.verdict.is_not(None), Result.id != another)).all()
         assert {one.compared_with for one in results} == {another}
@@ -377,4 +377,4 @@ def test_a_result_that_predicts_worse_than_a_sound_current_one_does_not_publish_
     _, summary, _ = ended(context, calibration_id)
     front = summary["cameras"]["front"]
     assert front["published"] is takes_over
-    assert takes_over or failed(front)[0].endswith("lie 1.01 px off, the vehicle's current result's 0.60.")
+    assert takes_over or failed(front)[0].endswith("lie 1.01 px off, in the vehicle's current calibration 0.60.")
