@@ -103,7 +103,6 @@ def _how_to_use(result: dict[str, Any], camera: str) -> str:
         return f"{shows}: the clocks agree within the error, and pairing.offset_ns = 0 will do."
     return (
         f"{shows}. Detect again with pairing.offset_ns = {result['offset_ns']}; "
-        'pairing.mode = "interpolate" then moves each vertex to the very time of its frame. Marks are kept. '
-        f"The offset is that of {camera} and goes for every camera: where their clocks differ, make one detection "
-        "for each of them."
+        'pairing.mode = "interpolate" then moves each corner to the time of its frame. Marks are kept. '
+        f"The offset of {camera} is applied to every camera: where their clocks differ, make a detection for each."
     )

@@ -75,8 +75,8 @@ def _stated_intrinsics(session: Session, camera: RigCamera, pairs: Correspondenc
         raise unprocessable(
             "no_intrinsics_stated",
             f"The pairs of {camera.name} come from no recording that states {which}.",
-            "State the lens (on the recording's page, or --intrinsics FILE), or neither ask for the recording's "
-            "(intrinsics_from: recording; --stated) nor lock it (intrinsics_as: locked; --intrinsics-as locked).",
+            "State the lens (on the recording's page, or --intrinsics FILE). Or leave out intrinsics_from: recording "
+            "(--stated) and intrinsics_as: locked (--intrinsics-as locked).",
         )
     check_size(stated, camera, f"The recording states intrinsics of {camera.name}")
     return stated

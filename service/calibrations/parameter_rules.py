@@ -11,8 +11,8 @@ from apexcal.documents.fit_requests import FitRequest, in_radians
 from service.platform.http.problems import unprocessable
 
 _OF_LENS = (
-    "The lens as stated has it: is it in pixels of these images? Where it is right, give the rig bounds of {} that "
-    "hold it, or take the lens as bounds (intrinsics_as: bounds; --intrinsics-as bounds)."
+    "The stated lens has this value: is it in pixels of these images? If so, give the rig bounds of {} around it, or "
+    "take the lens as bounds (intrinsics_as: bounds; --intrinsics-as bounds)."
 )
 
 

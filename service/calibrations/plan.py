@@ -124,7 +124,7 @@ def _free(camera: ResolvedCamera, fit: FitRequest) -> int:
         raise unprocessable(
             "too_few_pairs",
             f"{camera.name} has {pairs} {noun}, and {fit.model} has {free} free parameters.",
-            "Mark more vertices, state the lens (--intrinsics FILE, or on the recording's page), or ask for a "
+            "Mark more corners, state the lens (--intrinsics FILE, or on the recording's page), or ask for a "
             "smaller model.",
             pairs=pairs,
             free_parameters=free,

@@ -128,5 +128,5 @@ def _plan(
 _NO_PAIRS: Json = unprocessable(
     "no_pairs",
     "The vehicle has no correspondence set.",
-    "Mark a recording's vertices and build a set, or import pairs; then ask again.",
+    "Mark a recording's corners and make pairs, or import pairs; then ask again.",
 ).document()

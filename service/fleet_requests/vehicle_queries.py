@@ -95,7 +95,7 @@ def _no_match(session: Session, fleet_id: UUID) -> Problem:
     count = session.scalar(select(func.count()).where(Vehicle.fleet_id == fleet_id))
     return unprocessable(
         "no_vehicle_matches",
-        f"The filter matches none of the fleet's vehicles; it has {count}.",
+        f"The filter matches none of the fleet's vehicles, of which there are {count}.",
         "Widen the filter; an empty one means all vehicles. Give a part of the name, or a pattern with * or ?.",
     )
 

@@ -91,7 +91,7 @@ def _origin(result_id: UUID) -> Select[*tuple[Any, ...]]:
 def _ended(result: Result) -> Check:
     return _ENDED.fails(
         "stop" if result.verdict is None else "pass",
-        "Its calibration has not ended, or was cancelled, so it was not judged beside the other fits."
+        "Its calibration has not ended, or was cancelled: the result was not compared with the other fits."
         if result.verdict is None
         else "Its calibration has ended.",
         "Wait for the end of the calibration, or calibrate again.",
@@ -101,13 +101,13 @@ def _ended(result: Result) -> Check:
 def _current(result: Result, current: Result | None, beside: Check | None) -> Check:
     """The comparison with the current calibration; if that changed since the result was judged, so it says."""
     if current is None:
-        return _CURRENT.not_checked("The vehicle has no current calibration of this camera.", "A published result.")
+        return _CURRENT.not_checked("The vehicle has no current calibration of this camera.", "Publish a result.")
     if current.id == result.id:
         return _CURRENT.passes("It is the vehicle's current calibration.")
     if current.verdict == "stop":
         return _CURRENT.not_checked(
-            "The vehicle's current calibration fails its own checks, so it is no measure.",
-            "A current calibration that passes its checks.",
+            "The vehicle's current calibration fails its own checks.",
+            "Publish a result that passes its checks.",
         )
     if beside is not None and result.compared_with == current.id:
         return beside
@@ -124,13 +124,13 @@ def _age(session: Session, own: Row[*tuple[Any, ...]], current: Result | None) -
     newer: list[str] = []
     if other is not None and own.Rig.id != other.Rig.id and own.Rig.created_at < other.Rig.created_at:
         newer.append(
-            f"It is of the rig {own.Rig.name!r}, the vehicle's current calibration of the newer rig "
+            f"This result is of the rig {own.Rig.name!r}, the vehicle's current calibration of the newer rig "
             f"{other.Rig.name!r}."
         )
     if other is not None and own.set_id != other.set_id and own.pairs_at < other.pairs_at:
         newer.append(
-            f"Its pairs are of {_in_words(own.pairs_at)}, those of the vehicle's current calibration are newer: of "
-            f"{_in_words(other.pairs_at)}."
+            f"This result's pairs are of {_in_words(own.pairs_at)}, those of the vehicle's current calibration are "
+            f"newer: of {_in_words(other.pairs_at)}."
         )
     return _NEWEST.fails(
         "look" if newer else "pass",

@@ -49,7 +49,7 @@ def grounds_of(session: Session, result: Result, body: PublicationRequest, perso
         raise unprocessable(
             "reason_missing",
             "This result was published before, and another one after it.",
-            'Say why it is given again: {"reason": "..."}.',
+            'Say why it is published again: {"reason": "..."}.',
         )
     return Grounds(person_id, reason, [check.sentence for check in failed])
 

@@ -177,7 +177,7 @@ def beside_current(result: FitResult, heldout_px: float | None, current: Current
     if current.verdict not in ("pass", "look"):
         return _CURRENT.not_checked(
             "The vehicle's current calibration fails its own checks.",
-            "Publish a sound result.",
+            "Publish a result that passes its checks.",
         )
     doubts: list[str] = []
     apart = current.compared if _is_alike(result, current.result) and current.verdict == "pass" else None

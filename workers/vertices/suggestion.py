@@ -206,8 +206,8 @@ def _around_poses(
         raise InputError(
             "no_board_seen",
             "Nothing differs from sweep to sweep, and nothing looks like a board with a corner up.",
-            "Move the board from pose to pose, hold it with a corner up within 15 m, and upload with --still. Or write "
-            "the region by hand.",
+            "Move the board from pose to pose, hold it with a corner up within 15 m, and upload with --still; or "
+            "write the region by hand.",
         )
     missing = [index for index, some in zip(chosen, scene.things, strict=True) if not some]
     if missing and not poses.single:

@@ -25,7 +25,7 @@ export const ENOUGH_MARKS = 33;
 export function fitInWords({ pairs, error_20m_mm, doubts, next_steps }: MarkingPrecision): string {
   const size = (deg: number, mm: number): string => `±${fixed(deg)}°, ±${fixed(mm, 0)} mm`;
   const far = error_20m_mm == null ? "" : ` ${fixed(error_20m_mm, 0)} mm at 20 m;`;
-  if (!next_steps) return `From ${counted(pairs, "pair")}:${far} they do not determine the mount yet.`;
+  if (!next_steps) return `${counted(pairs, "pair")} do not determine the mount yet.`;
   const { half_width_deg, half_width_mm, steps } = next_steps;
   const now = `From ${counted(pairs, "pair")}:${far} mount ${size(half_width_deg, half_width_mm)} (95 %).`;
   const [gravest] = doubts;

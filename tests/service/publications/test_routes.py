@@ -94,8 +94,8 @@ def test_worse_and_older_than_the_current_result_is_said_at_the_moment_of_asking
     assert reviewer.post(f"/results/{good}/publication").status_code == 201
     changed, older = failed(reviewer.get(f"/results/{old}").json())
     assert changed == NEWER
-    assert "It is of the rig 'roof', the vehicle's current calibration of the newer rig 'roof 2'." in older
-    assert "Its pairs are of " in older and "those of the vehicle's current calibration are newer" in older
+    assert "This result is of the rig 'roof', the vehicle's current calibration of the newer rig 'roof 2'." in older
+    assert "This result's pairs are of " in older and "those of the vehicle's current calibration are newer" in older
     assert failed(reviewer.get(f"/results/{good}").json()) == [], "it is the current one"
     # A person publishes it with a click; what they saw is kept.
     made = reviewer.post(f"/results/{old}/publication")

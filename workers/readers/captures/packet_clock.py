@@ -135,8 +135,8 @@ def learn_clock(host_ns: NDArray[np.int64], device_us: NDArray[np.int64], where:
     hour = HOUR_US * 1000
     behind = np.mod(device_us * 1000 - host_ns + hour // 2, hour) - hour // 2
     note = (
-        f"{where}: times are the capture's (the host's clock), evened by the sensor's own; the sensor's clock reads "
-        f"{float(np.median(behind)) / 1e6:+.1f} ms against the host's, modulo an hour."
+        f"{where}: times are the host's clock, smoothed by the sensor's. The sensor's clock is "
+        f"{float(np.median(behind)) / 1e6:+.1f} ms off the host's, modulo an hour."
     )
     packet_ns = round(float(np.median(step_us)) * 1000)
     return ClockFacts(packet_ns, True, int(late[0] - late[:first].min()), turned, note)

@@ -176,7 +176,7 @@ class PcapRecording(Recording):
         if self._capture.untimed:
             sentences.append(f"{self._capture.untimed} packets have no usable time stamp and were left out.")
         if self._fragments:
-            sentences.append(f"{self._fragments} fragments of datagrams had lost the rest and were left out.")
+            sentences.append(f"{self._fragments} fragments of incomplete datagrams were left out.")
         sentences.extend(
             f"{count} packets of another sensor, {name}, which was silent at first, were left out."
             for name, count in self._strangers.items()

@@ -114,15 +114,14 @@ class VideoClock:
         if created_ns is not None:
             clock.start_ns = created_ns
             clock.warnings.append(
-                f"{name}: times count from the file's creation time, which is rarely exact to the second and in some "
-                "cameras that of the recording's end; estimate the clocks' offset, or put a CSV with stamp_ns for "
-                "each frame beside the video."
+                f"{name}: times count from the file's creation time, which may be seconds off, or the recording's "
+                "end. Estimate the clocks' offset, or put a CSV with stamp_ns for each frame beside the video."
             )
         else:
             clock.start_ns = _MADE_UP_START_NS
             clock.warnings.append(
-                f"{name}: the video does not say when it began; its times are counted from its first frame, and do "
-                "not meet the LiDAR's. Put a CSV with stamp_ns for each frame beside it, or say when its first frame "
+                f"{name}: the video does not say when it began; its times count from its first frame, and are "
+                "not the LiDAR's. Put a CSV with stamp_ns for each frame beside it, or say when its first frame "
                 "was taken (camera_start_ns)."
             )
         return clock

@@ -153,7 +153,7 @@ def _unknown(product: int | None, where: str) -> ReadError:
     what = "vary" if product is None else f"name the product 0x{product:02x}"
     return ReadError(
         "lidar_model_unknown",
-        f"{where}: which sensor sent the packets is not known; their factory bytes {what}.",
+        f"{where}: the packets do not say which sensor sent them; their factory bytes {what}.",
         f"State the sensor in lidar_model: {_OPTIONS}.",
     )
 
