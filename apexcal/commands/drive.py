@@ -31,11 +31,11 @@ def check(
     force: ForceOption = False,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Hold the deployed calibration, CameraInfo and /tf_static, against a drive: no board and no service is needed.
+    """Check the deployed calibration, CameraInfo and /tf_static, against a drive: without a board or a service.
 
-    Each turn of each camera gets pass, look, stop, or not told by this drive. Mounts that are turned by up to 10
-    degrees or shifted by up to 30 cm are looked for. Exit codes: 0 pitch, yaw and roll of every camera pass; 1 some
-    are not told; 2 the recording cannot be read, or wrong usage; 4 a camera has look or stop.
+    Each turn of each camera gets pass, look, stop, or not checked, where this drive does not show it. Mounts that are
+    turned by up to 10 degrees or shifted by up to 30 cm are looked for. Exit codes: 0 pitch, yaw and roll of every
+    camera pass; 1 some are not checked; 2 the recording cannot be read, or wrong usage; 4 a camera has look or stop.
 
     Args:
         path: Recording of a drive, as `apexcal upload` takes it.
@@ -98,7 +98,7 @@ def _lines(camera: CameraCheck, folder: Path) -> list[str]:
 
 
 def _words(verdict: str) -> str:
-    return "not told by this drive" if verdict == "not_told" else verdict
+    return "not checked" if verdict == "not_told" else verdict
 
 
 def _turn(axis: AxisCheck, headline: str) -> str:

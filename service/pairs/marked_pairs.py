@@ -258,11 +258,13 @@ def _notes(consensus: dict[UUID, Consensus], per_vertex: int, apart_px: float, *
     reviewed = sum(answer.reviewed > 0 for answer in answered)
     count = {outcome: sum(answer.outcome is outcome for answer in answered) for outcome in ConsensusOutcome}
     tied = "left out" if exclude_flagged else "kept and flagged"
-    unit = "mark" if per_vertex == 1 else "marks"
+    fewer = (
+        f"have fewer than the {per_vertex} independent marks asked for" if per_vertex > 1 else "have no blind mark"
+    )
     sentences = {
         "are not marked, and left out": total - len(answered),
-        f"have fewer than the {per_vertex} independent {unit} asked for": few,
-        "were answered by people who had seen others' answers": reviewed,
+        fewer: few,
+        "were marked or confirmed by people who had seen others' answers": reviewed,
         "are left out, because most people rejected them": count[ConsensusOutcome.REMOVED],
         f"have as many rejections as confirmations, and are {tied}": count[ConsensusOutcome.TIED],
         f"are left out, because two marks lie more than {apart_px:.0f} px apart; have them marked once more": (

@@ -116,7 +116,7 @@ def propose(
     task = MarkTask(frames, sights, size, lens, lens.model if lens else model, corners, on_sight)
     fewest = LEAST_PAIRS if lens is None else _FEWEST_WITH_LENS
     if len(sights) < fewest:
-        return _failed(task, "few_poses", f"{len(sights)} vertices have a frame; the machine needs {fewest}.")
+        return _failed(task, "few_poses", f"{len(sights)} corners have a frame; the machine needs {fewest}.")
     chosen = spread_over([sight.frame for sight in sights])
     seeds = find_seeds(frames, chosen)
     of_frames = {of_frame.frame: of_frame for of_frame in seeds}
@@ -312,7 +312,7 @@ def _why_none(seeds: Sequence[FrameSeeds], lens: Lens | None, sights: Sequence[S
         return (
             "in_one_place",
             f"The board {hides} the same part of the background in more than half of the frames, so that the machine "
-            "cannot tell one from the other: move it by its own width between poses.",
+            "cannot tell the two apart: move it by its own width between poses.",
         )
     empty = sum(not one.pixels for one in seeds)
     if empty > (1.0 - LEAST_SHARE) * len(seeds):
@@ -338,5 +338,5 @@ def _failed(task: MarkTask, reason: FailureReason, sentence: str) -> MachineMark
         {name: MarkRefusal("no_mount") for name in task.corners if name in sight.corners} for sight in task.sights
     ]
     if reason in _TOLD_BY_SIZE and all(len(sight.corners) == 1 for sight in task.sights):
-        sentence += " Where the board's size is stated (--board), the machine goes by its other corners too."
+        sentence += " With the board's size (--board) the machine uses its other corners too."
     return MachineMarks(none, None, RecordingFailure(reason, sentence + " Mark this recording by hand."))

@@ -152,6 +152,6 @@ class DriveMotion(NamedTuple):
         passing_deg_s = np.degrees(speed * 3.0 / (10.0**2 + 3.0**2))
         return (
             f"The vehicle moves at up to {3.6 * speed:.0f} km/h and turns by up to {turn:.1f} degrees/s: points were "
-            f"moved to the frames' moments. 10 ms between the clocks look like up to {0.01 * turn:.2f} degrees, "
-            f"and {0.01 * passing_deg_s:.2f} more at what stands 10 m away and 3 m aside."
+            f"moved to the frames' moments. Clocks 10 ms apart look like a turn of up to {0.01 * turn:.2f} degrees, "
+            f"{0.01 * passing_deg_s:.2f} more for objects 10 m away and 3 m aside."
         )

@@ -114,7 +114,7 @@ def _judged(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
         axes = _axes(summits, (summits.aimed, summits.aimed, summits.rolled), gravest)
         is_rolled = summits.rolled.score > summits.aimed.score
         if any(axis.verdict in ("look", "stop") for axis in (axes[2:] if is_rolled else axes[:2])):
-            why = "It is told once the other turns fit."
+            why = "It can be judged once the other turns fit."
             axes = [_not_told(axis.axis, why) if (axis.axis == "roll") != is_rolled else axis for axis in axes]
     worst = max((axis.verdict for axis in axes), key=GRAVITY.index)
     is_shifted = _is_shifted(summits)
@@ -126,7 +126,8 @@ def _judged(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
         return MountVerdict("pass", "The mount fits in pitch, yaw and roll.", axes)
     fits = [axis.axis for axis in axes if axis.verdict == "pass"]
     missing = " and ".join(axis.axis for axis in axes if axis.verdict == "not_told")
-    sentence = f"This drive does not tell {missing}" + (f"; the mount fits in {' and '.join(fits)}." if fits else ".")
+    sentence = f"The mount fits in {' and '.join(fits)}; t" if fits else "T"
+    sentence += f"his drive does not tell {missing}."
     return MountVerdict("not_told", sentence, axes)
 
 
@@ -136,7 +137,7 @@ def _accused(summits: Summits, axes: list[AxisCheck], worst: AxisVerdict, *, is_
     may = "has" if worst == "stop" else "may have"
     turns = _turns([axis for axis in axes if axis.verdict in ("look", "stop")])
     if lead < -CLEAR:
-        axes = [_not_told(axis.axis, "Turns are told once the shift is right.") for axis in axes]
+        axes = [_not_told(axis.axis, "Turns can be judged once the shift is right.") for axis in axes]
         return MountVerdict(worst, f"The camera {may} shifted {_shift(summits.shifted)}.", axes)
     if lead < CLEAR and not is_shifted and summits.shifted.is_summit:
         either = f"The camera {may} turned or shifted, and this drive does not tell which: {turns}, or"
@@ -152,7 +153,7 @@ def _far_off(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
     named: list[str] = []
     for axis, turn in turns.items():
         if abs(turn) <= 0.5 * largest:
-            axes.append(_not_told(axis, "It is told once the mount is about right."))
+            axes.append(_not_told(axis, "It can be judged once the mount is about right."))
             continue
         figure = f"{turn:+.0f}{f' +- {ceil(summits.left_deg)}' if summits.left_deg else ''} degrees"
         named.append(f"{figure} of {axis}")
@@ -227,7 +228,7 @@ def _axis(axis: TurnAxis, turn_deg: float, own_sigma_deg: float, groups: int, gr
         sentence = f"The frames fit best with {figures} more {axis}."
     elif shown_deg > _MUST_SHOW_DEG:
         verdict = "not_told"
-        shown = f"would show {_up(shown_deg):.2f} degrees, not half a degree"
+        shown = f"shows turns from {_up(shown_deg):.2f} degrees on (limit {_MUST_SHOW_DEG:g})"
         sentence = f"This drive {shown if shown_deg <= REACH_DEG else 'shows no turn about this axis'}."
     return AxisCheck(axis=axis, verdict=verdict, sentence=sentence, turn_deg=turn_deg, sigma_deg=sigma_deg)
 

@@ -133,7 +133,7 @@ def _judged(score: dict[str, Any]) -> tuple[str, str]:
     pairs, noise, stated = score["pairs"], score["noise_px"], score["stated_noise_px"]
     errors = f"{pairs} pairs lie {score['mean_px']:.2f} px off on average, {score['median_px']:.2f} px in the median"
     if noise is None:
-        return "unknown", f"{errors}: fewer than {_FEWEST} sound pairs do not allow a verdict."
+        return "unknown", f"{errors}: too few for a verdict, which needs {_FEWEST} sound pairs."
     bias = float(np.hypot(*score["bias_px"]))
     if score["sigmas"] is None:
         return "unknown", f"{errors}, with a bias of {bias:.2f} px. The calibration states no standard deviations."

@@ -62,7 +62,7 @@ def test_too_few_poses_are_said(scene, frames):
         found = propose(frames, scene.sights[:count], DRAW.size, lens=lens)
         assert found.failure is not None
         assert (found.failure.reason, len(found.answers)) == ("few_poses", count)
-        assert found.failure.sentence.startswith(f"{count} vertices have a frame; the machine needs {count + 1}.")
+        assert found.failure.sentence.startswith(f"{count} corners have a frame; the machine needs {count + 1}.")
 
 
 def test_six_poses_suffice_with_a_stated_lens(scene, frames):
