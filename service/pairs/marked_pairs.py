@@ -259,7 +259,9 @@ def _notes(consensus: dict[UUID, Consensus], per_vertex: int, apart_px: float, *
     count = {outcome: sum(answer.outcome is outcome for answer in answered) for outcome in ConsensusOutcome}
     tied = "left out" if exclude_flagged else "kept and flagged"
     fewer = (
-        f"have fewer than the {per_vertex} independent marks asked for" if per_vertex > 1 else "have no blind mark"
+        f"have fewer than the {per_vertex} independent marks asked for"
+        if per_vertex > 1
+        else "have no independent mark"
     )
     sentences = {
         "are not marked, and left out": total - len(answered),
