@@ -40,7 +40,7 @@ def test_a_clock_offset_starts_from_the_marks_with_their_frames_own_stamps(api, 
     read = engineer.get(f"/analyses/{made['id']}").json()
     assert read["result"] == FOUND
     assert "30.2 ms behind" in read["hint"] and "pairing.offset_ns = -30200000" in read["hint"]
-    assert "one detection for each of them" in read["hint"]
+    assert "make a detection for each" in read["hint"]
     answer_with(api, FOUND | {"offset_ns": 2_000_000})
     assert "agree within the error" in engineer.get(f"/analyses/{made['id']}").json()["hint"]
 

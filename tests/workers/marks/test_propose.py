@@ -101,7 +101,7 @@ def test_vertices_of_another_recording_get_no_mount(scene, frames):
     assert found.failure is not None and "--board" not in found.failure.sentence
     bare = [type(one)(one.frame, {"top": one.corners["top"]}, one.covariance, one.roll) for one in mixed]
     found = propose(frames, bare, DRAW.size, lens=scene.lens)
-    assert found.failure is not None and "size is stated (--board)" in found.failure.sentence
+    assert found.failure is not None and "board's size (--board)" in found.failure.sentence
 
 
 def test_edges_that_fit_badly_are_no_second_mount():

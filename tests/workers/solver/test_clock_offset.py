@@ -113,7 +113,7 @@ def refusal(*given, **named):
 
 def test_what_tells_no_offset_is_refused():
     assert "px/s" in refusal(*marked(1, 20 * MS, plan="still")), "who stands still tells nothing"
-    assert "end of what was searched" in refusal(*marked(2, 230 * MS)), "none is made up"
+    assert "end of the searched range" in refusal(*marked(2, 230 * MS)), "none is made up"
     track, stamps, pixels, request = marked(3, 0)
     of_something_else = np.random.default_rng(0).uniform((0, 0), (960, 600), pixels.shape)
     assert "No camera" in refusal(track, stamps, of_something_else, request)

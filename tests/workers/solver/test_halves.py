@@ -73,7 +73,7 @@ def _sentences(problem, truth):
 
 def test_a_camera_that_turned_on_the_way_is_named():
     named = [_sentences(*walked(40 + seed, turned_deg=0.15)) for seed in range(8)]
-    assert sum(any("the camera turned by 0.1" in one for one in sentences) for sentences in named) >= 7
+    assert sum(any("The camera turned by 0.1" in one for one in sentences) for sentences in named) >= 7
     document = finish(*walked(40, turned_deg=0.15))
     assert document["prediction"]["expected_over_stated"] >= 1.0
 
