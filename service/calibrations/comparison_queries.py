@@ -53,7 +53,6 @@ def _sentence(camera: str, apart: Json, *, shares_pairs: bool) -> str:
     sentence += "more than chance." if apart["differs"] else "chance explains it."
     if shares_pairs:
         sentence += (
-            " Both were fitted to the same pairs or to pairs of one recording. They share errors, so the difference "
-            "is more standard deviations than that."
+            " Both share errors, as of the same pairs or one recording, so the difference means more than that."
         )
     return sentence

@@ -39,7 +39,7 @@ def damage(name: str, what: str, hint: str, *kinds: type[Exception]) -> Generato
         raise _damaged(name, what, hint, str(error).rstrip(".")) from error
     except _CONTRADICTIONS as error:
         # What Python says here is for programmers; the cause keeps it.
-        raise _damaged(name, what, hint, "its records contradict each other, or hold what cannot be") from error
+        raise _damaged(name, what, hint, "its records contradict each other, or hold impossible values") from error
     except MemoryError as error:  # libraries take the sizes that records claim at their word
         hint += " If its messages really are this large, let ingestions take more memory."
         raise _damaged(name, what, hint, "a record claims more than the memory that reading may take") from error

@@ -117,7 +117,7 @@ def _jump_warning(jump: Gap, name: str) -> str:
         )
     return (
         f"{name}: the clock jumps by {seconds:.0f} s after {jump.after_ns / 1e9:.3f} s; "
-        "a recording this long with nothing in between was probably not meant."
+        "so long a pause was probably not meant."
     )
 
 

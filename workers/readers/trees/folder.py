@@ -185,7 +185,7 @@ def _look_inside(
     elif path.lower().endswith(".json") and is_ouster_metadata(read_head(tree, path, METADATA_BYTES)):
         contents.metadata.append(path)
         if len(contents.metadata) > _MAX_METADATA:
-            raise refused(tree.name, f"it holds what more than {_MAX_METADATA} Ouster sensors say of themselves")
+            raise refused(tree.name, f"it holds metadata of more than {_MAX_METADATA} Ouster sensors")
     else:
         contents.others.append(path)
 

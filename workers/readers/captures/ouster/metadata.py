@@ -132,7 +132,7 @@ def read_metadata(data: bytes, where: str) -> OusterSensor:
 def _unusable(where: str, why: str) -> ReadError:
     return ReadError(
         "lidar_metadata_unusable",
-        f"{where}: what the Ouster sensor says of itself cannot be used ({why}).",
+        f"{where}: the Ouster sensor's metadata cannot be used ({why}).",
         "Take the sensor's metadata anew (`ouster-cli source SENSOR metadata`), or record its driver's points.",
     )
 
