@@ -146,7 +146,7 @@ def _mapped(xyz: NDArray[np.float64]) -> _Doubt:
     if median_m <= _FARTHEST_MEDIAN_M or around_m >= min(_FARTHEST_MEDIAN_M, 0.5 * median_m):
         return None
     return (
-        f"its points lie {median_m:,.0f} m from the sensor, but within {around_m:.0f} m of each other: coordinates "
+        f"its points lie {median_m:,.0f} m from the sensor, but {around_m:.0f} m around their middle: coordinates "
         "are probably of a map.",
         "Record the driver's own clouds, in the LiDAR's frame.",
     )

@@ -123,8 +123,8 @@ def _times(texts: Mapping[str, str], every: Sequence[str]) -> Mapping[str, int]:
     if read is None:
         odd = min(texts, key=lambda path: len(texts[path]))
         raise without_times(
-            f"Fractions of a second in names have unequal lengths, as in {odd}: they may be decimals, or counts without "
-            "leading zeros."
+            f"Fractions of a second in names have unequal lengths, as in {odd}: they may be decimals, or counts "
+            "without leading zeros."
         )
     stamps = {path: time_ns(text, read) for path, text in texts.items()}
     late = next((path for path, stamp in stamps.items() if stamp > _MAX_NS), None)
