@@ -65,7 +65,7 @@ def checks_of_calibration(
     own = summary.models[result.model]
     return [
         confirmed(result, columns, confirming),
-        held_out(result, own, pairs),
+        held_out(result, own, pairs, columns),
         models(result.model, summary),
         runs(ended_well),
         of_rig(camera, rig if result.model == summary.recommended else None),

@@ -33,8 +33,8 @@ def checks_of_fit(
         optima(result),
         wrong_pairs(found, result),
         outside(belonging.holding, pairs or {}),
-        number_of_pairs(belonging),
-        coverage(belonging.holding, result),
+        number_of_pairs(belonging, pairs or {}),
+        coverage(belonging.holding, result, pairs or {}),
         noise(belonging, result, pairs or {}),
         people(result, pairs or {}),
         lens_model(belonging, causes),
@@ -45,7 +45,7 @@ def checks_of_fit(
         rolling_shutter(causes, result),
         shared_errors(belonging, result),
         halves(belonging, result),
-        precision(found, result),
+        precision(found, result, pairs or {}),
         mount_alone(result),
     ]
 

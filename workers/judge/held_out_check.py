@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,7 @@ from apexcal.documents.results import FitResult
 from apexcal.documents.summaries import ModelSummary
 from apexcal.geometry.se3 import from_document
 from workers.judge.pair_checks import UNEXPLAINED, unexplained_px
-from workers.judge.topics import HALF, LOOK_RATE, STOP_RATE
+from workers.judge.topics import HALF, LOOK_RATE, STOP_RATE, more_corners
 from workers.solver.prediction import DISTANCES_M
 
 Floats = NDArray[np.float64]
@@ -55,11 +55,13 @@ def held_out_pairs(result: FitResult, folds: Sequence[FitResult], points: ArrayL
     return HeldOutPairs(errors[judged], stretch[judged], far[judged])
 
 
-def held_out(result: FitResult, summary: ModelSummary, pairs: HeldOutPairs | None) -> Check:
+def held_out(
+    result: FitResult, summary: ModelSummary, pairs: HeldOutPairs | None, columns: Mapping[str, Sequence[Any]]
+) -> Check:
     """Whether held-out pairs lie where the fit expects them, as well as its use needs.
 
-    result: of the fit to all pairs; summary: of its model. A point's own error is what the pairs about its distance
-    show beyond the noise of the fit.
+    result: of the fit to all pairs; summary: of its model; columns: of its pairs. A point's own error is what the
+    pairs about its distance show beyond the noise of the fit.
     """
     mean_px, fitted_px = summary.heldout_mean_px, result.kept.mean_px
     if mean_px is None:
@@ -87,7 +89,7 @@ def held_out(result: FitResult, summary: ModelSummary, pairs: HeldOutPairs | Non
     return _HELD_OUT.fails(
         verdict,
         f"{said}: {'; '.join(doubts)}." if doubts else f"{said}.",
-        "Mark more corners, over more of the image; check the marks and the lens model.",
+        f"{more_corners(columns)}, over more of the image; check the marks and the lens model.",
         **figures,
     )
 

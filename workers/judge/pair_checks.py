@@ -13,7 +13,7 @@ from apexcal.documents.checks import USE_LIMIT_PX, USE_LIMIT_RAD, Check, CheckTo
 from apexcal.documents.pairs import MACHINE
 from apexcal.documents.results import FitResult
 from apexcal.geometry.rotations import vector_from_rotation
-from workers.judge.topics import HALF, LOOK_RATE, STOP_RATE, over_use
+from workers.judge.topics import HALF, LOOK_RATE, STOP_RATE, more_corners, over_use
 from workers.solver.estimate import Estimate
 from workers.solver.pair_errors import explained_px, marks_outside, paired_apart_ms
 from workers.solver.problem import FitProblem
@@ -98,8 +98,8 @@ def outside(problem: FitProblem, pairs_of_set: Mapping[str, Sequence[Any]]) -> C
     )
 
 
-def number_of_pairs(estimate: Estimate) -> Check:
-    """Whether pairs and places are enough to know their own errors."""
+def number_of_pairs(estimate: Estimate, pairs_of_set: Mapping[str, Sequence[Any]]) -> Check:
+    """Whether pairs and places are enough to know their own errors. `pairs_of_set`: its columns, if at hand."""
     problem = estimate.holding
     used = problem.weights > 0.0
     freedom, places = estimate.spread.freedom or 0.0, places_of(problem.points[used])
@@ -108,7 +108,7 @@ def number_of_pairs(estimate: Estimate) -> Check:
     pairs = int(np.count_nonzero(used))
     # Two coordinates a mark. More marks loosen weak priors, until each parameter takes a whole degree.
     missing = int(np.ceil(0.5 * (_LEAST_FREEDOM + len(problem.free)))) - pairs
-    more = f"Mark {missing} more corner{'s' if missing > 1 else ''}" if freedom < _LEAST_FREEDOM else "Mark the board"
+    more = more_corners(pairs_of_set, missing if freedom < _LEAST_FREEDOM else 0)
     lock = ", or lock what is known" if np.any(problem.free >= _OF_MOUNT) else ""
     return _PAIRS.fails(
         "look" if few else "pass",
@@ -131,7 +131,7 @@ def places_of(points: Floats) -> int:
     return count
 
 
-def coverage(problem: FitProblem, result: FitResult) -> Check:
+def coverage(problem: FitProblem, result: FitResult, pairs: Mapping[str, Sequence[Any]]) -> Check:
     """Whether most of the image is known well enough, by the errors that the result states over it.
 
     A board that is carried upright has few heights. Beyond the marks the stated errors hold as well
@@ -145,7 +145,9 @@ def coverage(problem: FitProblem, result: FitResult) -> Check:
     half_widths = _over_image_px(result)
     span = f"The marks span {across:.0%} of the image's width and {down:.0%} of its height."
     if half_widths is None:
-        return _COVERAGE.fails("look", f"Nothing states the errors beyond the marks. {span}", "Mark more corners.")
+        return _COVERAGE.fails(
+            "look", f"Nothing states the errors beyond the marks. {span}", f"{more_corners(pairs)}."
+        )
     most_px, all_px = float(half_widths[int(_MOST_OF_IMAGE * len(half_widths))]), float(half_widths[-1])
     everywhere = f"{figure(all_px)} px over all of it" if np.isfinite(all_px) else "elsewhere it is not determined"
     lens = result.intrinsics

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from apexcal.documents.checks import (
 )
 from apexcal.documents.results import FitResult
 from workers.judge.effects import MIDDLE, freedoms_of_use, over_limit, worst_axis
+from workers.judge.topics import more_corners
 from workers.solver.estimate import Estimate
 from workers.solver.next_steps import sentence as next_sentence
 from workers.solver.prediction import DISTANCES_M
@@ -36,10 +37,14 @@ _USELESS: Final = 3.0
 _MOST_FREEDOM: Final = 1e9  # Student's t is the normal distribution's long before
 
 
-def precision(estimate: Estimate, result: FitResult) -> Check:
-    """Whether points at 5, 20 and 50 m, over the field that marks cover, are placed as well as their use needs."""
+def precision(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequence[Any]]) -> Check:
+    """Whether points at 5, 20 and 50 m, over the field that marks cover, are placed as well as their use needs.
+
+    pairs: columns of the set, if at hand.
+    """
+    more = more_corners(pairs)
     if estimate.errors is None:
-        return _USE.fails("stop", "The pairs do not tell how precise the result is.", "Mark more corners.")
+        return _USE.fails("stop", "The pairs do not tell how precise the result is.", f"{more}.")
     worst, px = stated_over_limit(estimate, result)
     widest = np.quantile(px, MIDDLE, axis=1).tolist()
     named = [f"{distance:.0f}" for distance in DISTANCES_M]
@@ -49,7 +54,7 @@ def precision(estimate: Estimate, result: FitResult) -> Check:
         "pass" if worst <= 1.0 else "look" if worst <= _USELESS else "stop",
         f"Points where the marks are may be {', '.join(sizes)} off (95 %): "
         + (f"within the limit ({limit})." if worst <= 1.0 else f"{worst:.2f} times the limit ({limit})."),
-        "Mark more corners, nearer and towards the image's edges, or measure the board"
+        f"{more}, nearer and towards the image's edges, or measure the board"
         + (", or state the lens." if result.lens == "fitted" else "."),
         over_limit=worst,
         **{f"half_width_at_{name}_m_px": value for name, value in zip(named, widest, strict=True)},

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 from apexcal.documents.checks import USE_LIMIT_PX, USE_LIMIT_RAD, CheckVerdict
+from apexcal.documents.pairs import CONFIRMED, MACHINE
 from workers.judge.effects import Effect
 
 LOOK_RATE: Final = 1.0 / 200.0
@@ -24,6 +26,14 @@ def graded(probability: float, effect: Effect) -> CheckVerdict:
     if probability < STOP_RATE and effect.at_least > 1.0:
         return "stop"
     return "look" if probability < LOOK_RATE and effect.estimate > HALF else "pass"
+
+
+def more_corners(pairs: Mapping[str, Sequence[Any]], missing: int = 0) -> str:
+    """Return how a sentence begins that asks for more pairs: by people, or of a recording that the machine marks."""
+    is_unattended = all(pairs.get(MACHINE) or (False,)) and not any(pairs.get(CONFIRMED, ()))
+    if is_unattended:
+        return "Record more poses of the board"
+    return f"Mark {f'{missing} ' if missing else ''}more corner{'' if missing == 1 else 's'}"
 
 
 def over_use(off_px: float, focal_px: float) -> float:

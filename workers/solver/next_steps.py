@@ -124,7 +124,7 @@ def next_steps(estimate: Estimate) -> NextSteps | None:
             used[row] = True
             rest = {other: name for other, name in plan.places.items() if other != row}
             marks = replace(plan, used=used, places=rest)
-            ways.append(("marks", f"mark {MARKS} more at the {plan.places[row]}", marks))
+            ways.append(("marks", f"{MARKS} more marks at the {plan.places[row]}", marks))
         ends = [after.deviations() for _, _, after in ways]
         limits = [mount.over_limit(end) for end in ends]
         if min(limits, default=np.inf) > _WORTH * mount.over_limit(now):

@@ -34,7 +34,7 @@ test("what does not pass, the gravest first, the mount alone last", () => {
 test("a fit says how good it is, and is enough if its checks pass", () => {
   const marks = {
     kind: "marks" as const,
-    words: "mark 12 more at the left edge",
+    words: "12 more marks at the left edge",
     half_width_deg: 0.2,
     half_width_mm: 9,
   };
@@ -44,7 +44,7 @@ test("a fit says how good it is, and is enough if its checks pass", () => {
   const of = (steps: NextStep[]): MarkingPrecision => ({ ...fit, next_steps: { ...now, steps } });
   assert.equal(
     fitInWords(of([lens, marks])),
-    "From 24 pairs: 35 mm at 20 m; mount ±0.31°, ±14 mm (95 %). That is enough: it passes its checks. To know the mount better: give a lens file (±0.20°, ±9 mm); then mark 12 more at the left edge" +
+    "From 24 pairs: 35 mm at 20 m; mount ±0.31°, ±14 mm (95 %). That is enough: it passes its checks. To know the mount better: give a lens file (±0.20°, ±9 mm); then 12 more marks at the left edge" +
       " (±0.20°, ±9 mm).",
   );
   const doubted = {

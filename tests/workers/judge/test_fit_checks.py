@@ -141,6 +141,19 @@ def test_few_pairs_and_few_places_are_looked_at():
     assert check.verdict == "look" and check.figures["places"] == 2
 
 
+def test_nobody_is_asked_to_mark_where_the_machine_marked_all():
+    problem, start = rig("pinhole", pairs=12, noise_px=6.0)
+    of_machine = {"machine": [True] * 12, "confirmed": [0] * 12}
+    found, result = ended(problem, start)
+    doubted = [check for check in checks_of_fit(found, result, pairs=of_machine) if check.is_doubt]
+    assert {"pairs", "precision"} <= {check.name for check in doubted}
+    assert not [check.remedy for check in doubted if "Mark" in check.remedy]
+    by_name = {
+        check.name: check for check in checks_of_fit(found, result, pairs=of_machine | {"confirmed": [1] * 12})
+    }
+    assert "Mark more corners" in by_name["precision"].remedy
+
+
 @pytest.mark.parametrize("pairs", [20, 26, 30])
 def test_as_many_more_marks_as_are_advised_are_enough_and_fewer_are_not(pairs):
     said = checked(*rig(pairs=pairs))["pairs"]
@@ -241,7 +254,7 @@ def test_few_pairs_widen_what_is_judged_by_students_t():
     student = stats.t.ppf(0.975, found.spread.freedom) * result.prediction.expected_over_stated
     widest = np.quantile(student * np.sqrt(np.linalg.eigvalsh(C)[..., -1]), 0.95, axis=1)
     assert found.spread.freedom < 15.0 and student > 2.1
-    judged = precision(found, result).figures
+    judged = precision(found, result, {}).figures
     assert [judged[f"half_width_at_{at}_m_px"] for at in (5, 20, 50)] == pytest.approx(widest.tolist(), rel=1e-3)
 
 
@@ -252,7 +265,7 @@ def test_what_is_stated_of_all_pairs_is_known_also_where_pairs_are_few():
     assert np.median(freedoms[0]) > 20.0 * found.spread.freedom
     C = covariances_along(found, marked_rays(found))[0]
     widest = np.quantile(1.97 * np.sqrt(np.linalg.eigvalsh(C)[0, :, -1]), 0.95)
-    assert precision(found, result).figures["half_width_at_5_m_px"] == pytest.approx(widest, rel=0.03)
+    assert precision(found, result, {}).figures["half_width_at_5_m_px"] == pytest.approx(widest, rel=0.03)
 
 
 def test_the_mount_alone_is_judged_by_degrees_and_millimetres():

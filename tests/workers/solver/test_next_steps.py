@@ -20,7 +20,7 @@ def taken(problem, truth, p, step, random):
     """The problem after the step, with errors as the step's words have them."""
     if step.kind == "marks":
         points, names = _places(problem, p)
-        place = points[names.index(step.words.removeprefix(f"mark {MARKS} more at the "))]
+        place = points[names.index(step.words.removeprefix(f"{MARKS} more marks at the "))]
         more = place + random.normal(0.0, 0.1, (MARKS, 3))
         points = np.concatenate([problem.points, more])
         there = replace(
