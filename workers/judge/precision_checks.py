@@ -46,6 +46,7 @@ def precision(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequenc
     if estimate.errors is None:
         return _USE.fails("stop", "The pairs do not tell how precise the result is.", f"{more}.")
     worst, px = stated_over_limit(estimate, result)
+    parts = result.next_steps.parts if result.next_steps else {}
     widest = np.quantile(px, MIDDLE, axis=1).tolist()
     named = [f"{distance:.0f}" for distance in DISTANCES_M]
     sizes = [f"{figure(off_px)} px at {name} m" for off_px, name in zip(widest, named, strict=True)]
@@ -54,7 +55,8 @@ def precision(estimate: Estimate, result: FitResult, pairs: Mapping[str, Sequenc
         "pass" if worst <= 1.0 else "look" if worst <= _USELESS else "stop",
         f"Points where the marks are may be {', '.join(sizes)} off (95 %): "
         + (f"within the limit ({limit})." if worst <= 1.0 else f"{worst:.2f} times the limit ({limit})."),
-        f"{more}, nearer and towards the image's edges, or measure the board"
+        f"{more}, nearer and towards the image's edges"
+        + (", or measure the board" if max(parts, key=lambda name: parts[name], default="") == "board" else "")
         + (", or state the lens." if result.lens == "fitted" else "."),
         over_limit=worst,
         **{f"half_width_at_{name}_m_px": value for name, value in zip(named, widest, strict=True)},

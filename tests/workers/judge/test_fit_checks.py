@@ -265,7 +265,14 @@ def test_what_is_stated_of_all_pairs_is_known_also_where_pairs_are_few():
     assert np.median(freedoms[0]) > 20.0 * found.spread.freedom
     C = covariances_along(found, marked_rays(found))[0]
     widest = np.quantile(1.97 * np.sqrt(np.linalg.eigvalsh(C)[0, :, -1]), 0.95)
-    assert precision(found, result, {}).figures["half_width_at_5_m_px"] == pytest.approx(widest, rel=0.03)
+    said = precision(found, result, {})
+    assert said.figures["half_width_at_5_m_px"] == pytest.approx(widest, rel=0.03)
+    assert said.is_doubt and "measure the board" in said.remedy
+
+
+def test_nobody_is_asked_to_measure_the_board_where_the_marks_are_what_is_inexact():
+    said = checked(*rig("pinhole", pairs=12, noise_px=6.0, common_errors={"tip_up_mm": 5.8}))["precision"]
+    assert said.is_doubt and "measure" not in said.remedy
 
 
 def test_the_mount_alone_is_judged_by_degrees_and_millimetres():
