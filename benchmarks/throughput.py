@@ -23,7 +23,7 @@ from apexcal.documents.detectors import DETECTORS
 from apexcal.documents.simulation import SimulationOptions
 from benchmarks.packets import packet_rig, write_capture
 from workers.readers.limited import ingest_limited
-from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.normalised.sensor_files import SweepFile
 from workers.simulation.background import paint_background
 from workers.simulation.render import Renderer, encode_jpeg
 from workers.simulation.rig import START_NS
@@ -47,7 +47,7 @@ def measure(seconds: float, seed: int) -> dict[str, float]:
         source, out = Path(folder) / "recording", Path(folder) / "normalised"
         _write(source, SimulationOptions(seconds=seconds, seed=seed, sector_deg=180.0))
         figures = _ingestion(source, out)
-        return figures | _detection(out / "lidar.mcap")
+        return figures | _detection(out / "lidar.sweeps")
 
 
 def _write(folder: Path, options: SimulationOptions) -> None:
@@ -89,7 +89,7 @@ def _ingestion(source: Path, out: Path) -> dict[str, float]:
 def _detection(lidar: Path) -> dict[str, float]:
     region = Region.from_document(WALKER_REGION)
     answer: dict[str, float] = {}
-    with LidarFile(lidar) as file:
+    with SweepFile(lidar) as file:
         for detector in DETECTORS:
             for shard in (range(_WARM_SWEEPS), range(len(file) // 2)):
                 began = time.process_time()

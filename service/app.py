@@ -69,6 +69,7 @@ from service.recordings import (
 )
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_old_imports, delete_overdue, expire_uploads, remove_old_layers
+from service.recordings.sweep_indexes import SweepIndexes
 
 ROUTERS: tuple[APIRouter, ...] = (
     # First, because every vehicle asks it at every start.
@@ -228,6 +229,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.database = Database(settings.database, lock_s=threads.LOCK_S, connections=threads.CONNECTIONS)
     app.state.threads = threads.Threads()
     app.state.store = _opened(settings)
+    app.state.sweep_indexes = SweepIndexes(app.state.store)
     app.state.room = Room(app.state.store, settings.min_free_bytes)
     adopt_if_known(app.state.database, app.state.store)
     app.state.lookups = Lookups(app.state.database, app.state.threads)

@@ -16,12 +16,11 @@ from service.recordings import jobs as recordings
 
 
 def _follow_reading(session: Session, recording_id: UUID, recording: Recording) -> None:
-    """Describe the rig of a recording that came without one, and have its sweeps packed."""
+    """Describe the rig of a recording that came without one."""
     # Imported here: it needs NumPy, and the service that queues jobs does not.
     from service.imports.proposing import describe_empty_rig
 
     describe_empty_rig(session, recording)
-    analyses.queue_packing(session, recording_id, recording)
 
 
 KINDS = (

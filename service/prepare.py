@@ -13,7 +13,7 @@ import sys
 from sqlalchemy.exc import DBAPIError
 
 from service.platform.auth import bootstrap
-from service.platform.db.revisions import newest, stored
+from service.platform.db.revisions import difference, newest, stored
 from service.platform.db.session import Database
 from service.platform.settings import settings_or_exit
 from service.platform.storage import prepare as storage
@@ -42,7 +42,7 @@ def _is_current() -> bool:
     database = Database(settings_or_exit().database)
     try:
         with database.reading() as session:
-            return stored(session) == newest()
+            return stored(session) == newest() and difference(session.connection()) is None
     except DBAPIError:
         return False
     finally:

@@ -22,7 +22,6 @@ from apexcal.documents.machine_marks import MarksRequest, MarksView
 from apexcal.documents.marking_precision import PrecisionRequest, PrecisionView
 from apexcal.documents.pixel_points import PixelPointsRequest, PixelPointsView
 from apexcal.documents.remedies import RemediesRequest, RemediesView
-from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import (
     PairValidationRequest,
     PairValidationView,
@@ -34,7 +33,6 @@ AnalysisKind = Literal[
     "preview",
     "suggestion",
     "clock_offset",
-    "packing",
     "calibrated_copy",
     "machine_marks",
     "precision",
@@ -49,7 +47,6 @@ AnalysisRequest = Annotated[
     PreviewRequest
     | SuggestionRequest
     | OffsetRequest
-    | PackingRequest
     | CopyRequest
     | MarksRequest
     | PrecisionRequest
@@ -64,7 +61,6 @@ AnyAnalysis = Annotated[
     PreviewView
     | SuggestionView
     | OffsetView
-    | PackingView
     | CopyView
     | MarksView
     | PrecisionView

@@ -13,7 +13,6 @@ from apexcal.documents.machine_marks import MachineMark, MarksList, MarksView
 from apexcal.documents.marking_precision import PrecisionView
 from apexcal.documents.pixel_points import PixelPointsView
 from apexcal.documents.remedies import RemediesView
-from apexcal.documents.sweeps import PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
 from apexcal.resources.recordings import write_new
 from apexcal.transport import Resource, at
@@ -51,10 +50,6 @@ class Analyses(Resource):
     def fit_marks(self, detection_id: UUID | str, camera: str) -> PrecisionView:
         """Ask how good the calibration of a detection's marks would be now. The service asks by itself, too."""
         return self._ask(PrecisionView, "precision", detection_id=detection_id, camera=camera)
-
-    def pack(self, recording_id: UUID | str) -> PackingView:
-        """Pack the sweeps of a recording, so that they can be read."""
-        return self._ask(PackingView, "packing", recording_id=recording_id)
 
     def copy_calibrated(
         self,

@@ -13,7 +13,7 @@ from apexcal.geometry.rotations import rotation_from_euler
 from apexcal.geometry.se3 import SE3, to_document
 from service.platform.db.base import Base
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
-from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Rig, RigCamera, RigLidar, Vehicle
 from service.platform.db.session import Database
 from tests.support.results import fit_result, model_summary, summary
 
@@ -53,10 +53,11 @@ _CAR = {"fleet_id": ":fleet", "vehicle_id": _V}
 # What each column of so many rows is, in SQL; the others have the model's defaults.
 _ROWS: tuple[tuple[type[Base], str, dict[str, str]], ...] = (
     (Vehicle, _VEHICLES, {"id": _V, "fleet_id": ":fleet", "name": "'car ' || v", "sort_name": "'car ' || v"}),
+    (Rig, _VEHICLES, _CAR | {"id": _R, "name": "'roof'"}),
     (
-        Rig, _VEHICLES,
-        _CAR | {"id": _R, "name": "'roof'", "lidar_frame": "'lidar'",
-                "T_vehicle_lidar": "CAST(:vehicle_lidar AS json)"},
+        RigLidar, _VEHICLES,
+        {"id": _R, "rig_id": _R, "position": "0", "name": "'lidar'", "frame": "'lidar'",
+         "T_vehicle_lidar": "CAST(:vehicle_lidar AS json)"},
     ),
     (
         RigCamera, _VEHICLES + _CAMERAS,

@@ -17,7 +17,7 @@ from service.platform.db.calibrations import CalibrationRun, CorrespondenceSet, 
 from service.platform.db.clock import now
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.fleets import Fleet
-from service.platform.db.recordings import LAYERS, Blob, CameraFrame, PackedSweep, PackedSweeps, Recording, Sensor
+from service.platform.db.recordings import LAYERS, Blob, CameraFrame, Recording, Sensor
 from service.platform.storage.quota import spoken as said
 
 _DAY_S = 86400.0
@@ -87,8 +87,6 @@ def _growth(session: Session, days: int) -> defaultdict[UUID, _Growth]:
     for layer, is_kind in by_kind.items():
         stored = of_sensors.join(Blob, Blob.key == Sensor.blob_key).where(is_kind)
         count(stored.group_by(Recording.fleet_id), layer)
-    packed = of_sensors.join(PackedSweeps, PackedSweeps.sensor_id == Sensor.id)
-    count(packed.join(Blob, Blob.key == PackedSweeps.blob_key).group_by(Recording.fleet_id), "sweeps")
     for table_, joins in _ROWS.items():
         statement = select(Recording.fleet_id, func.count()).select_from(table_)
         for other, on in joins:
@@ -107,7 +105,6 @@ _OF_DETECTION: _Join = (Recording, Recording.id == Detection.recording_id)
 # The tables with the most rows of a recording, and how they lead to it.
 _ROWS: dict[Any, tuple[_Join, ...]] = {
     CameraFrame: ((Sensor, Sensor.id == CameraFrame.sensor_id), _OF_SENSOR),
-    PackedSweep: ((Sensor, Sensor.id == PackedSweep.sensor_id), _OF_SENSOR),
     Answer: ((Recording, Recording.id == Answer.recording_id),),
     Apex: ((Recording, Recording.id == Apex.recording_id),),
     CorrespondenceSet: ((Recording, Recording.id == CorrespondenceSet.recording_id),),

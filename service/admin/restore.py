@@ -14,7 +14,7 @@ from service.admin.context import AdminError
 from service.admin.manifest import KEPT, ROWS, BlobFile, Manifest, copy_rows, url_of, verify
 from service.admin.objects import retried
 from service.platform.db.effects import entry_of_process
-from service.platform.db.migrate import upgrade
+from service.platform.db.migrate import OtherSchemaError, upgrade
 from service.platform.db.revisions import all_revisions, newest
 from service.platform.db.session import Database
 from service.platform.storage.store import Store
@@ -60,7 +60,10 @@ def restore(url: str, store: Store, folder: Path, *, report: Report = lambda _: 
 def _bring(database: Database, file: Path, report: Report) -> None:
     with TemporaryDirectory() as scratch:
         copy = Path(shutil.copy(file, scratch))
-        upgrade(url_of(copy))
+        try:
+            upgrade(url_of(copy))
+        except OtherSchemaError as error:
+            raise AdminError(str(error), "Restore it with the version that made it.") from None
         rows = Database(url_of(copy))
         try:
             with (

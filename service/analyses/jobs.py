@@ -26,7 +26,6 @@ _QUEUES = {
     "clock_offset": "solve",
     "machine_marks": "detect",
     "precision": "solve",
-    "packing": "ingest",
     "calibrated_copy": "ingest",
     "pixel_points": "report",
     "report": "report",
@@ -51,11 +50,6 @@ def queue_analysis(session: Session, row: Analysis) -> Job:
     row.state, row.problem, row.job_id = WorkState.QUEUED, None, job.id
     tell_followers(session, row)
     return job
-
-
-def queue_packing(session: Session, recording_id: UUID, recording: Recording) -> Job:
-    """Ask for the sweeps of a recording that was read to be packed."""
-    return queue_analysis(session, analysis_of(recording, "packing", {}))
 
 
 def tell_followers(session: Session, row: Analysis) -> None:

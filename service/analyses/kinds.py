@@ -23,7 +23,6 @@ from apexcal.documents.marking_precision import PrecisionView
 from apexcal.documents.pixel_points import PixelPointsView
 from apexcal.documents.remedies import RemediesRequest, RemediesView
 from apexcal.documents.roles import Role
-from apexcal.documents.sweeps import PackingRequest, PackingView
 from apexcal.documents.validations import PairValidationView, RoadValidationView
 from service.analyses import clock_offsets, machine_marks, pixel_points, precision, validations
 from service.analyses.jobs import analysis_of
@@ -38,7 +37,7 @@ from service.publications.check_queries import moment_checks
 from service.recordings.queries import ready_recording
 
 
-def _question(access: Access, request: PreviewRequest | SuggestionRequest | PackingRequest) -> Analysis:
+def _question(access: Access, request: PreviewRequest | SuggestionRequest) -> Analysis:
     """An analysis for which the worker needs no more than the recording. Raises :class:`Problem` 404, 403, 409."""
     return analysis_of(ready_recording(access, request.recording_id, "engineer"), request.kind, {})
 
@@ -110,7 +109,6 @@ _ROAD: Final = _Kind(validations.plan_on_recording, RoadValidationView, _shown("
 _KINDS: Final[Mapping[str, _Kind]] = {
     "preview": _Kind(_preview, PreviewView, _shown("region")),
     "suggestion": _Kind(_question, SuggestionView),
-    "packing": _Kind(_question, PackingView),
     "clock_offset": _Kind(clock_offsets.plan, OffsetView, clock_offsets.members),
     "calibrated_copy": _Kind(_copy, CopyView, _shown("results", "poses", "for_viewers")),
     "machine_marks": _Kind(machine_marks.plan, MarksView, machine_marks.members),

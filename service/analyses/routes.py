@@ -44,9 +44,9 @@ def ask(request: Annotated[AnalysisRequest, Body()], access: WriteAccess) -> JSO
     `clock_offset` estimates from vertices and their marks how far the camera's clock is ahead of the LiDAR's.
     `machine_marks` has the machine mark a detection's vertices in a camera; each detection asks for that by itself.
     `precision` fits a camera's marks of now; the service asks for that by itself at every few dozen marks more.
-    `packing` packs the sweeps, so that they can be read. `calibrated_copy` copies the recording's own bag with
-    CameraInfo and `/tf_static` as published; every other message stays, byte for byte. With `for_viewers` it is an
-    MCAP file for Foxglove and Lichtblick, of any recording, with undistorted frames beside the recorded ones.
+    `calibrated_copy` copies the recording's own bag with CameraInfo and `/tf_static` as published; every other
+    message stays, byte for byte. With `for_viewers` it is an MCAP file for Foxglove and Lichtblick, of any recording,
+    with undistorted frames beside the recorded ones.
     `pixel_points` answers which points in 3D pixels of a camera show, with their covariances.
     `report` saves what is known of a result as one HTML file. `remedies` tries what its checks advise, and says what
     each would bring on held-out pairs. `pair_validation`, `lane_validation` and

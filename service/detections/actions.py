@@ -21,29 +21,32 @@ from service.platform.db.annotations import MarkingFrontier, MarkingProgress
 from service.platform.db.base import content_hash
 from service.platform.db.detections import Detection, Vertex, marked_corners
 from service.platform.db.fleets import Rig
-from service.platform.db.recordings import Recording
+from service.platform.db.recordings import Recording, Sensor
 from service.platform.http.problems import conflict
 
 _UP = ("up_x", "up_y", "up_z")
 
 
-def new_detection(recording: Recording, rig: Rig, body: DetectionRequest, person_id: UUID) -> Detection:
+def new_detection(
+    recording: Recording, lidar: Sensor, rig: Rig, body: DetectionRequest, person_id: UUID
+) -> Detection:
     """The row of a detection, all its options resolved. Raises DocumentError as ``resolve_options`` does.
 
     Up is as the request says, else as the rig's ``T_vehicle_lidar`` does: the vehicle's z.
     """
     options = resolve_options(body.detector, body.options)
-    if rig.T_vehicle_lidar is not None and all(options.get(name) == 0.0 for name in _UP):
+    if rig.lidar.T_vehicle_lidar is not None and all(options.get(name) == 0.0 for name in _UP):
         # Imported here: it needs NumPy, which takes a twentieth of the service's start.
         from apexcal.geometry.se3 import from_document
 
-        up = from_document(rig.T_vehicle_lidar).R[2].round(6).tolist()
+        up = from_document(rig.lidar.T_vehicle_lidar).R[2].round(6).tolist()
         options |= dict(zip(_UP, up, strict=True))
     pairing = body.pairing.model_dump()
     content = {"region": body.region, "detector": body.detector, "options": options, "pairing": pairing}
     return Detection(
         fleet_id=recording.fleet_id,
         recording_id=recording.id,
+        lidar_id=lidar.id,
         **content,
         content_hash=content_hash({"recording": recording.sha256 or recording.id.hex, **content}),
         state=WorkState.QUEUED,

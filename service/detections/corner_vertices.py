@@ -36,7 +36,7 @@ def make_corners(session: Session, detection: Detection, ranks: range) -> None:
     ]
     if not new:
         return
-    near = _apexes(session, detection.recording_id, {tip.sweep_index for tip, _ in new})
+    near = _apexes(session, detection.lidar_id, {tip.sweep_index for tip, _ in new})
     frames: dict[UUID, list[VertexFrame]] = defaultdict(list)
     of_tips = select(VertexFrame).join(Vertex, Vertex.id == VertexFrame.vertex_id)
     for frame in session.scalars(of_tips.where(*of_ranks, Vertex.corner == TOP)):
@@ -47,7 +47,7 @@ def make_corners(session: Session, detection: Detection, ranks: range) -> None:
     for tip, stated in new:
         apex_id = nearest(near[tip.sweep_index, stated["corner"]], [stated[axis] for axis in "xyz"])
         if apex_id is None:
-            apexes.append(_apex(tip, detection.recording_id, stated))
+            apexes.append(_apex(tip, detection, stated))
             apex_id = apexes[-1]["id"]
         vertices.append(_vertex(tip, apex_id, stated))
         paired += [_frame(frame, vertices[-1]["id"], stated["corner"]) for frame in frames[tip.id]]
@@ -73,21 +73,22 @@ def _take_back_frontiers(session: Session, detection: Detection, rank: int) -> N
     )
 
 
-def _apexes(session: Session, recording_id: UUID, sweeps: set[int]) -> dict[tuple[int, str], list[Known]]:
+def _apexes(session: Session, lidar_id: UUID, sweeps: set[int]) -> dict[tuple[int, str], list[Known]]:
     apexes: dict[tuple[int, str], list[Known]] = defaultdict(list)
     statement = select(Apex.sweep_index, Apex.corner, Apex.id, Apex.x, Apex.y, Apex.z).where(
-        Apex.recording_id == recording_id, Apex.sweep_index.in_(sorted(sweeps)), Apex.corner != TOP
+        Apex.lidar_id == lidar_id, Apex.sweep_index.in_(sorted(sweeps)), Apex.corner != TOP
     )
     for sweep, corner, apex_id, x, y, z in session.execute(statement):
         apexes[sweep, corner].append((apex_id, (x, y, z)))
     return apexes
 
 
-def _apex(tip: Vertex, recording_id: UUID, stated: Json) -> Json:
+def _apex(tip: Vertex, detection: Detection, stated: Json) -> Json:
     position = {axis: stated[axis] for axis in "xyz"}
     return {
         "id": new_id(),
-        "recording_id": recording_id,
+        "recording_id": detection.recording_id,
+        "lidar_id": detection.lidar_id,
         "sweep_index": tip.sweep_index,
         "corner": stated["corner"],
         **position,
@@ -95,7 +96,7 @@ def _apex(tip: Vertex, recording_id: UUID, stated: Json) -> Json:
 
 
 def _vertex(tip: Vertex, apex_id: UUID, stated: Json) -> Json:
-    of_tip = ("detection_id", "rank", "sweep_index", "time_ns", "ring", "points", "quality", "flags")
+    of_tip = ("detection_id", "lidar_id", "rank", "sweep_index", "time_ns", "ring", "points", "quality", "flags")
     own = {name: stated[name] for name in (*"xyz", "covariance", "corner")}
     return {"id": new_id(), "apex_id": apex_id, **{name: getattr(tip, name) for name in of_tip}, **own}
 

@@ -27,7 +27,7 @@ second on a busy machine, in which SQLite lets nobody else write."""
 
 def queue_detection(session: Session, row: Detection) -> list[Job]:
     """Queue a detection's shards, which are together all sweeps of its recording."""
-    lidar = select(Sensor.count).where(Sensor.recording_id == row.recording_id, Sensor.kind == "lidar")
+    lidar = select(Sensor.count).where(Sensor.id == row.lidar_id)
     parts = shards(max(session.scalar(lidar) or 0, 1), live_processes(session, "detect"))
     row.remaining = len(parts)
     payloads = [{"first": part.start, "stop": part.stop} for part in parts]

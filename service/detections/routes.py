@@ -34,7 +34,7 @@ from service.platform.http.router import DOCUMENT, Router
 from service.platform.job_status.views import jobs_of
 from service.platform.jobs.queue import cancel
 from service.recordings.actions import delete_detection
-from service.recordings.queries import find_camera, ready_recording
+from service.recordings.queries import find_camera, lidar_of, ready_recording
 
 router = Router(tags=["detections"])
 
@@ -49,7 +49,8 @@ def ask_detection(recording_id: UUID, body: DetectionRequest, access: WriteAcces
     """Find the board's vertices in a recording. [engineer]"""
     recording = ready_recording(access, recording_id, "engineer")
     rig = access.session.get_one(Rig, recording.rig_id)
-    detection = new_detection(recording, rig, body, access.person.id)
+    lidar = lidar_of(access.session, recording.id)
+    detection = new_detection(recording, lidar, rig, body, access.person.id)
     access.session.add(detection)
     access.session.flush()
     jobs = queue_detection(access.session, detection)

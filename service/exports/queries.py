@@ -67,7 +67,7 @@ def _camera(result: Result, rig: Rig, camera: RigCamera, marked: Floats) -> Cali
     from service.exports.calibrated import CalibratedCamera, SolvedJoint
 
     turn = T_images_camera(camera.frame, camera.images)
-    joint = joint_of_images(camera.joint, turn, rig.lidar_frame)
+    joint = joint_of_images(camera.joint, turn, rig.lidar.frame)
     fit = result.fit
     return CalibratedCamera(
         name=camera.name,
@@ -77,7 +77,7 @@ def _camera(result: Result, rig: Rig, camera: RigCamera, marked: Floats) -> Cali
         model=parse_model(result.model),
         intrinsics=fit.intrinsics.by_name(),
         T_camera_lidar=replace(from_document(fit.transform), to_frame=turn["to_frame"]),
-        T_vehicle_lidar=from_document(rig.T_vehicle_lidar) if rig.T_vehicle_lidar else None,
+        T_vehicle_lidar=from_document(rig.lidar.T_vehicle_lidar) if rig.lidar.T_vehicle_lidar else None,
         rig=rig.name,
         source=str(result.id),
         at=result.created_at,

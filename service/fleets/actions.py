@@ -8,8 +8,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.fleets import Camera, NewRig
+from apexcal.documents.rig_proposals import LIDAR
 from service.platform.db.base import new_id
-from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Rig, RigCamera, RigLidar, Vehicle
 
 
 def empty_rig(session: Session, vehicle: Vehicle, name: str) -> Rig:
@@ -19,15 +20,19 @@ def empty_rig(session: Session, vehicle: Vehicle, name: str) -> Rig:
     numbered = (f"{name[:190]} {number}" for number in range(2, len(taken) + 3))
     free = name if name not in taken else next(each for each in numbered if each not in taken)
     ids = {"id": new_id(), "fleet_id": vehicle.fleet_id, "vehicle_id": vehicle.id}
-    rig = Rig(**ids, name=free, lidar_frame="lidar", camera_transforms=[], version=1, cameras=[])
+    lidar = RigLidar(id=new_id(), position=0, name=LIDAR, frame="lidar")
+    rig = Rig(**ids, name=free, camera_transforms=[], version=1, lidars=[lidar], cameras=[])
     session.add(rig)
     return rig
 
 
 def describe(rig: Rig, body: NewRig) -> None:
     """Write a description into a rig that has no cameras yet."""
-    rig.lidar_frame, rig.lidar_topic, rig.lidar_serial = body.lidar.frame, body.lidar.topic, body.lidar.serial
-    rig.T_vehicle_lidar = body.T_vehicle_lidar and body.T_vehicle_lidar.model_dump(mode="json")
+    if not rig.lidars:
+        rig.lidars = [RigLidar(id=new_id(), position=0, name=LIDAR)]
+    lidar = rig.lidar
+    lidar.frame, lidar.topic, lidar.serial = body.lidar.frame, body.lidar.topic, body.lidar.serial
+    lidar.T_vehicle_lidar = body.T_vehicle_lidar and body.T_vehicle_lidar.model_dump(mode="json")
     rig.camera_transforms = [transform.model_dump(mode="json") for transform in body.camera_transforms]
     rig.cameras = _camera_rows(body.cameras)
 

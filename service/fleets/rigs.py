@@ -37,7 +37,8 @@ def rig_view(rig: Rig) -> RigOut:
     names = ("name", "frame", "topic", "serial", "nominal", "joint", "images", "bounds")
     return RigOut.of(
         rig,
-        lidar={"frame": rig.lidar_frame, "topic": rig.lidar_topic, "serial": rig.lidar_serial},
+        lidar={name: getattr(rig.lidar, name) for name in ("frame", "topic", "serial")},
+        T_vehicle_lidar=rig.lidar.T_vehicle_lidar,
         cameras=[
             {name: getattr(camera, name) for name in names}
             | {"image_size": [camera.image_width, camera.image_height]}

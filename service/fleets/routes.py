@@ -126,7 +126,7 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
 def get_rigs(id: UUID, access: ReadAccess, paging: Paging) -> Page[RigOut]:
     """A vehicle's rigs."""
     access.find(Vehicle, id)
-    statement = select(Rig).where(Rig.vehicle_id == id).options(selectinload(Rig.cameras))
+    statement = select(Rig).where(Rig.vehicle_id == id).options(selectinload(Rig.lidars), selectinload(Rig.cameras))
     rows, following = fetch(access.session, statement, Rig.id, paging)
     return Page(items=[rig_view(row) for row in rows], next=following)
 
@@ -148,7 +148,7 @@ def patch_serials(id: UUID, body: SensorSerials, access: WriteAccess, conditions
     rig = access.find(Rig, id, "engineer", lock=True)
     conditions.edit(rig)
     if "lidar" in body.model_fields_set:
-        rig.lidar_serial = body.lidar
+        rig.lidar.serial = body.lidar
     for name, serial in body.cameras.items():
         rig_camera(access.session, rig, name).serial = serial
     access.session.flush()

@@ -43,7 +43,7 @@ def camera_documents(session: Session, vehicle: Vehicle, selection: Selection) -
 def _document(camera: PublishedCamera, until: datetime | None) -> Json:
     publication, result, rig, mount = camera.publication, camera.result, camera.rig, camera.mount
     turn = T_images_camera(mount.frame, mount.images)
-    joint = joint_of_images(mount.joint, turn, rig.lidar_frame)
+    joint = joint_of_images(mount.joint, turn, rig.lidar.frame)
     transform: Json = result.document["transform"] | {"to_frame": turn["to_frame"]}
     document: dict[str, Any] = {
         "vehicle_id": str(publication.vehicle_id),
@@ -64,12 +64,12 @@ def _document(camera: PublishedCamera, until: datetime | None) -> Json:
             "since": publication.created_at,
             "until": until,
             "camera_serial": mount.serial,
-            "lidar_serial": rig.lidar_serial,
+            "lidar_serial": rig.lidar.serial,
         },
         "quality": _quality(result).model_dump(),
     }
-    if rig.T_vehicle_lidar:
-        document["T_vehicle_camera"] = between(rig.T_vehicle_lidar, transform)
+    if rig.lidar.T_vehicle_lidar:
+        document["T_vehicle_camera"] = between(rig.lidar.T_vehicle_lidar, transform)
     if joint:
         T_parent_camera = between(joint["T_parent_lidar"], transform)
         document["T_parent_child"] = between(T_parent_camera, joint["T_child_camera"])

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
 from service.platform.db.calibrations import Calibration, Publication, Result
-from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Fleet, Rig, RigCamera, RigLidar, Vehicle
 from service.publications.mounted_sensors import (
     CalibratedSensor,
     cameras_of,
@@ -122,7 +122,7 @@ def _carriers(session: Session, fleet_id: UUID | None, serial: str) -> Sequence[
     """The vehicles of the fleet that carry or carried a sensor with this serial number."""
     rigs = select(Rig.vehicle_id).where(Rig.fleet_id == fleet_id)
     # Each by its own index: a fleet has thousands of rigs.
-    of_lidars = rigs.where(Rig.lidar_serial == serial)
+    of_lidars = rigs.join(RigLidar, RigLidar.rig_id == Rig.id).where(RigLidar.serial == serial)
     return session.scalars(
         of_lidars.union(rigs.join(RigCamera, RigCamera.rig_id == Rig.id).where(RigCamera.serial == serial))
     ).all()

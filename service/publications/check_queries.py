@@ -151,7 +151,7 @@ def _withdrawn(session: Session, result: Result) -> Check:
 
 
 def _sensors(session: Session, camera: str, own: Row[*tuple[Any, ...]]) -> Check:
-    if own.serial is None and own.Rig.lidar_serial is None:
+    if own.serial is None and own.Rig.lidar.serial is None:
         return _SENSORS.not_checked(
             "The rig states no serial numbers, so that nobody would notice a swapped sensor.",
             "State serial numbers of camera and LiDAR with the rig.",

@@ -37,7 +37,7 @@ from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import UNENDED, CameraState, CameraWork, RecordingState, WorkState
 from service.platform.db.base import state_literal
 from service.platform.db.calibrations import Calibration, CalibrationRun, Publication, Result, newest_move
-from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Rig, RigCamera, RigLidar, Vehicle
 from service.platform.db.recordings import Recording
 from service.platform.http.pages import Window, invalid_cursor
 from service.publications.actions import PUBLISHED_LOOKS
@@ -267,10 +267,10 @@ def _mounts(fleet_id: UUID) -> CTE:
     the camera, or of this LiDAR, states another one. A sensor without a serial number counts as not swapped.
     """
     newest_first = (Rig.created_at.desc(), Rig.id.desc())
-    of_lidar = (Vehicle.id, Rig.lidar_frame)
+    of_lidar = (Vehicle.id, RigLidar.frame)
     of_camera = (Vehicle.id, RigCamera.name)
-    lidar_now = func.first_value(Rig.lidar_serial).over(
-        partition_by=of_lidar, order_by=(Rig.lidar_serial.is_(None), *newest_first)
+    lidar_now = func.first_value(RigLidar.serial).over(
+        partition_by=of_lidar, order_by=(RigLidar.serial.is_(None), *newest_first)
     )
     camera_now = func.first_value(RigCamera.serial).over(
         partition_by=of_camera, order_by=(RigCamera.serial.is_(None), *newest_first)
@@ -282,11 +282,12 @@ def _mounts(fleet_id: UUID) -> CTE:
             *(Vehicle.id.label("vehicle_id"), Vehicle.name.label("vehicle"), Vehicle.sort_name),
             *(Rig.id.label("rig_id"), Rig.created_at.label("rig_created_at"), RigCamera.name.label("camera")),
             age.label("rig_age"),
-            or_(Rig.lidar_serial != lidar_now, RigCamera.serial != camera_now).label("is_swapped"),
+            or_(RigLidar.serial != lidar_now, RigCamera.serial != camera_now).label("is_swapped"),
             move_id.scalar_subquery().label("publication_id"),
         )
         .select_from(Vehicle)
         .outerjoin(Rig, Rig.vehicle_id == Vehicle.id)
+        .outerjoin(RigLidar, RigLidar.rig_id == Rig.id)
         .outerjoin(RigCamera, RigCamera.rig_id == Rig.id)
         .where(Vehicle.fleet_id == fleet_id)
         .cte("mounts")

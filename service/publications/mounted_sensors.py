@@ -10,7 +10,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.platform.db.fleets import Rig, RigCamera
+from service.platform.db.fleets import Rig, RigCamera, RigLidar
 
 LIDAR = "lidar"
 
@@ -56,10 +56,10 @@ def swapped_sensors(
     cameras, lidars = _mounted(session, vehicle_id, as_of)
     swapped: list[Swapped] = []
     for calibration in calibrated:
-        lidar = calibration.rig.lidar_serial
+        lidar = calibration.rig.lidar
         for sensor, calibrated_serial, stated in (
             (calibration.camera, calibration.serial, cameras.get(calibration.camera)),
-            (LIDAR, lidar, lidars.get(calibration.rig.lidar_frame)),
+            (LIDAR, lidar.serial, lidars.get(lidar.frame)),
         ):
             reading = (read_off or {}).get(sensor)
             now, rig = (reading, None) if reading is not None else (stated or (None, None))
@@ -86,7 +86,9 @@ def cameras_of(session: Session, vehicle_id: UUID) -> set[str]:
 
 def mounted_cameras(session: Session, vehicle_id: UUID, as_of: datetime | None = None) -> set[str]:
     """The cameras of the newest rig of each LiDAR."""
-    rigs = select(Rig.id, Rig.lidar_frame).where(Rig.vehicle_id == vehicle_id)
+    rigs = (
+        select(Rig.id, RigLidar.frame).join(RigLidar, RigLidar.rig_id == Rig.id).where(Rig.vehicle_id == vehicle_id)
+    )
     if as_of is not None:
         rigs = rigs.where(Rig.created_at <= as_of)
     newest = {frame: id for id, frame in session.execute(rigs.order_by(Rig.created_at, Rig.id))}
@@ -102,7 +104,8 @@ def _mounted(session: Session, vehicle_id: UUID, as_of: datetime | None) -> tupl
     if as_of is not None:
         rigs.append(Rig.created_at <= as_of)
     rows = session.execute(
-        select(Rig.name, Rig.lidar_frame, Rig.lidar_serial, RigCamera.name, RigCamera.serial)
+        select(Rig.name, RigLidar.frame, RigLidar.serial, RigCamera.name, RigCamera.serial)
+        .join(RigLidar, RigLidar.rig_id == Rig.id)
         .join(RigCamera, RigCamera.rig_id == Rig.id)
         .where(*rigs)
         .order_by(Rig.created_at, Rig.id)

@@ -7,7 +7,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, or_, select
 
 from service.platform.auth.access import Access
-from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Fleet, Rig, RigCamera, RigLidar, Vehicle
 from service.platform.http.problems import conflict, not_found, unprocessable
 from service.publications.mounted_sensors import carries
 
@@ -31,10 +31,11 @@ def vehicle_of(access: Access, name: str | None, fleet: str | None, sensor: str 
     if fleet is not None:
         statement = statement.join(Fleet, Fleet.id == Vehicle.fleet_id).where(_named(Fleet, fleet))
     if sensor is not None:
+        with_lidar = select(Rig.vehicle_id).join(RigLidar, RigLidar.rig_id == Rig.id)
         with_camera = select(Rig.vehicle_id).join(RigCamera, RigCamera.rig_id == Rig.id)
         statement = statement.where(
             or_(
-                Vehicle.id.in_(select(Rig.vehicle_id).where(Rig.lidar_serial == sensor)),
+                Vehicle.id.in_(with_lidar.where(RigLidar.serial == sensor)),
                 Vehicle.id.in_(with_camera.where(RigCamera.serial == sensor)),
             )
         )

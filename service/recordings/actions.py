@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, delete, false, or_, select, true, update
+from sqlalchemy import ColumnElement, delete, false, or_, select, true
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
@@ -20,7 +20,7 @@ from service.platform.db.calibrations import Calibration, CalibrationRun, Corres
 from service.platform.db.detections import Detection
 from service.platform.db.fleet_requests import FleetRequestVehicle
 from service.platform.db.fleets import Rig, Vehicle
-from service.platform.db.recordings import LAYERS, Blob, PackedSweeps, Recording, Sensor, UploadPart
+from service.platform.db.recordings import LAYERS, Blob, Recording, Sensor, UploadPart
 from service.platform.db.session import put
 from service.platform.http.problems import Problem, conflict, not_found
 from service.platform.jobs.queue import abandon
@@ -97,12 +97,9 @@ def remove_layers(session: Session, row: Recording, count: int) -> None:
                 Sensor.recording_id == row.id, Sensor.kind == ("camera" if layer == "images" else "lidar")
             )
         ).all()
-        packed = PackedSweeps.sensor_id.in_([sensor.id for sensor in sensors])
         of_analyses = AnalysisFile.analysis_id.in_(select(Analysis.id).where(Analysis.recording_id == row.id))
         keys = [sensor.blob_key for sensor in sensors]
-        for table, which in ((PackedSweeps, packed), (AnalysisFile, of_analyses)):
-            keys += session.scalars(select(table.blob_key).where(which)).all()
-        session.execute(update(PackedSweeps).where(packed).values(blob_key=EXPIRED))
+        keys += session.scalars(select(AnalysisFile.blob_key).where(of_analyses)).all()
         session.execute(delete(AnalysisFile).where(of_analyses))
         condemn(session, keys)
         for sensor in sensors:
@@ -268,7 +265,7 @@ def _refuse_in_use(session: Session, kind: str, vehicle_id: UUID, calibrations: 
 def require_same_sensors(session: Session, recording: Recording, rig: Rig) -> None:
     """Raise :class:`Problem` 409 ``sensors_differ`` unless the recording was read as this rig would have it read."""
     rows = {row.name: row for row in session.scalars(select(Sensor).where(Sensor.recording_id == recording.id))}
-    topics = {"lidar": rig.lidar_topic} | {camera.name: camera.topic for camera in rig.cameras}
+    topics = {lidar.name: lidar.topic for lidar in rig.lidars} | {camera.name: camera.topic for camera in rig.cameras}
     sizes = {camera.name: (camera.image_width, camera.image_height) for camera in rig.cameras}
     for name, topic in topics.items():
         row = rows.get(name)

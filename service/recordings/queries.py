@@ -77,6 +77,11 @@ def require_ready(recording: Recording) -> None:
     )
 
 
+def lidar_of(session: Session, recording_id: UUID) -> Sensor:
+    """The LiDAR of a recording that was read."""
+    return session.scalars(select(Sensor).where(Sensor.recording_id == recording_id, Sensor.kind == "lidar")).one()
+
+
 def find_camera(session: Session, recording_id: UUID, name: str) -> Sensor:
     """A recording's camera by its name in the rig. Raises :class:`Problem` 404 ``unknown_camera`` naming those."""
     return named_camera(session.scalars(_CAMERAS, {"recording": recording_id}).all(), name, "The recording")

@@ -8,7 +8,7 @@ import os
 from sqlalchemy import update
 
 from service.platform.db.calibrations import Result
-from service.platform.db.fleets import Rig, RigCamera
+from service.platform.db.fleets import RigCamera, RigLidar
 from tests.service.calibrations.test_results import seed_results
 from tests.service.publications.given import another_rig
 from tests.support.databases import one_database
@@ -90,7 +90,7 @@ def test_what_was_withdrawn_keeps_the_last_file_and_says_so(car):
 
 def test_a_swapped_sensor_keeps_the_last_file_and_says_so(car):
     with car.api.database.writing() as session:
-        session.execute(update(Rig).values(lidar_serial="L-1"))
+        session.execute(update(RigLidar).values(serial="L-1"))
         session.execute(update(RigCamera).values(serial="C-1"))
     assert car.pull("--serial", "front=C-1", "--serial", "lidar=L-1").exit_code == 0
     good = car.file.read_bytes()
@@ -105,7 +105,7 @@ def test_a_swapped_sensor_keeps_the_last_file_and_says_so(car):
 
 def test_a_car_that_knows_its_name_or_a_sensor_and_no_id(car):
     with car.api.database.writing() as session:
-        session.execute(update(Rig).values(lidar_serial="L-1"))
+        session.execute(update(RigLidar).values(serial="L-1"))
     for words in (("--vehicle", "car"), ("--sensor", "L-1"), ("--vehicle", "car", "--fleet", "fleet 1")):
         assert car.pull(*words).exit_code == 0 and car.kept()
         assert "has not changed" in car.pull(*words).stderr

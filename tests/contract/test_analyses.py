@@ -8,7 +8,9 @@ import pytest
 from service.platform.db.annotations import Answer
 from service.platform.db.base import new_id
 from service.platform.db.detections import Apex, Vertex
+from service.platform.db.recordings import Sensor
 from tests.service.detections.seeding import SECOND, answered, seed_detection, seed_recording, seed_rig
+from tests.support.rows import make
 from tests.support.work import work
 from workers.solver.clock_offset import OffsetEstimate
 
@@ -39,8 +41,9 @@ def seed_walk(database, fleet_id, person_id, *, moving=True, offset_s=OFFSET_S):
     marks = pixels_of(apex_at(seconds - offset_s * moving)) + rng.normal(0.0, 1.0, (FRAMES, 2))
     with database.writing() as session:
         apexes = [new_id() for _ in range(FRAMES)]
+        lidar = session.query(Sensor).filter_by(recording_id=recording_id, kind="lidar").one()
         for index, (apex_id, (x, y, z)) in enumerate(zip(apexes, seen.tolist(), strict=True)):
-            session.add(Apex(id=apex_id, recording_id=recording_id, sweep_index=index, x=x, y=y, z=z))
+            session.add(make(Apex, lidar, id=apex_id, sweep_index=index, x=x, y=y, z=z))
         session.flush()
         for index, (apex_id, (u, v)) in enumerate(zip(apexes, marks.tolist(), strict=True)):
             said = answered(recording_id, person_id, camera_id, index, "confirmed", (u, v))

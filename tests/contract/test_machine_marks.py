@@ -47,8 +47,9 @@ def seed_sights(database, recording, scene):
         camera = session.query(Sensor).filter_by(recording_id=recording.id, kind="camera").one()
         camera.facts = {**(camera.facts or {}), "camera_info": lens}
         assert session.query(CameraFrame).filter_by(sensor_id=camera.id).count() == len(scene)
+        lidar = session.query(Sensor).filter_by(recording_id=recording.id, kind="lidar").one()
         detection = Detection(
-            fleet_id=recording.fleet_id, recording_id=recording.id,
+            fleet_id=recording.fleet_id, recording_id=recording.id, lidar_id=lidar.id,
             region={"all": [{"quantity": "x", "op": ">", "value": 0.0}]},
             detector="refined", options={}, pairing={"mode": "nearest", "offset_ns": 0, "max_gap_ns": 50_000_000},
             content_hash="0" * 64, state="done", remaining=0, counts={},
@@ -57,7 +58,7 @@ def seed_sights(database, recording, scene):
         session.flush()
         for index, sight in enumerate(scene.sights):
             (x, y, z), apex, vertex = sight.corners["top"].tolist(), new_id(), new_id()
-            session.add(Apex(id=apex, recording_id=recording.id, sweep_index=index, x=x, y=y, z=z))
+            session.add(Apex(id=apex, recording_id=recording.id, lidar_id=lidar.id, sweep_index=index, x=x, y=y, z=z))
             session.flush()
             others = [
                 {
@@ -70,7 +71,8 @@ def seed_sights(database, recording, scene):
             ]
             session.add(
                 Vertex(
-                    id=vertex, detection_id=detection.id, apex_id=apex, rank=index, sweep_index=index,
+                    id=vertex, detection_id=detection.id, lidar_id=lidar.id, apex_id=apex, rank=index,
+                    sweep_index=index,
                     time_ns=START_NS + index * PERIOD_NS, x=x, y=y, z=z, ring=3, points=50, corners=others,
                     covariance=np.diag([1e-6, 1e-6, 1e-4]).tolist(),
                 )

@@ -9,7 +9,7 @@ from apexcal.geometry.rotations import rotation_from_vector
 from apexcal.geometry.se3 import SE3, to_document
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.platform.db.detections import Detection
-from service.platform.db.recordings import Recording
+from service.platform.db.recordings import Recording, Sensor
 from tests.contract.test_validations import LENS, SIZE, bag_of_a_drive
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
@@ -72,7 +72,8 @@ def seed_result(database, rig, errors, pairing=None):
     with database.writing() as session:
         calibration = add(session, Calibration, rig)
         recording = session.query(Recording).one()
-        detection = add(session, Detection, recording, content_hash=str(calibration.id), pairing=pairing or {})
+        lidar = session.query(Sensor).filter_by(kind="lidar").one()
+        detection = add(session, Detection, recording, lidar, content_hash=str(calibration.id), pairing=pairing or {})
         pairs = add(session, CorrespondenceSet, rig, content_hash=calibration.id.hex, detection_id=detection.id)
         run = add(session, CalibrationRun, calibration, pairs)
         return str(add(session, Result, run, document=document).id)

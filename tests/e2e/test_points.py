@@ -2,23 +2,16 @@
 
 import re
 from collections.abc import Callable
-from uuid import UUID
 
 import numpy as np
 import pytest
 from playwright.sync_api import Locator, Page, expect
-from sqlalchemy import delete, select
 
-from apexcal.documents.sweeps import PackingView
 from apexcal.sweeps import Points, unpack
-from service.platform.db.models import Analysis, PackedSweep, PackedSweeps, Sensor
-from service.platform.db.session import Database
-from service.platform.storage.blobs import condemn
 from tests.e2e.conftest import Track
 from tests.e2e.dense import write_dense
 from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show
 from tests.faults.jobs import SHORT, pairs
-from tests.support.served import Embedded
 from tests.support.uploads import RIG
 
 SignIn = Callable[[str, str], Page]
@@ -74,9 +67,7 @@ def dense(track: Track, tmp_path_factory: pytest.TempPathFactory) -> str:
     rig = track.owner.vehicles.create_rig(vehicle.id, RIG)
     file = write_dense(tmp_path_factory.mktemp("dense") / "dense.bag", *RIG["cameras"][0]["image_size"])
     recording = track.owner.wait(track.owner.recordings.upload(file, vehicle.id, rig.id))
-    packings = track.owner.analyses.list(PackingView, recording_id=recording.id)
-    packing = track.owner.wait(next(packings))
-    assert packing.result.points == 500_224
+    assert sum(sweep.points for sweep in track.owner.recordings.sweeps(recording.id)) == 500_224
     return str(recording.id)
 
 
@@ -203,28 +194,3 @@ def test_without_webgl_the_page_says_so_and_works(sign_in: SignIn, track: Track,
     expect(lidar.get_by_text("This browser cannot show points in 3D.")).to_be_visible()
     expect(lidar.get_by_role("status")).to_contain_text("100,096 points in 128 rings")
     expect(page.get_by_role("heading", name="front")).to_be_visible()
-
-
-def test_a_recording_of_an_older_version_is_packed_on_demand(
-    sign_in: SignIn, track: Track, served: Embedded, dense: str
-) -> None:
-    forget_packing(served, dense)
-    page = sign_in("Ola", "engineer")
-    page.goto(f"{track.url}/recordings/{dense}?step=facts")
-    page.get_by_role("button", name="Pack them").click()
-    # The region's drawing opens beside it and shows the sweeps too.
-    viewer = page.get_by_role("application", name="Sweep 0.")
-    expect(viewer).to_have_attribute("data-points", "100096")
-
-
-def forget_packing(served: Embedded, recording_id: str) -> None:
-    """Leave the recording as a version without packing read it."""
-    database = Database(f"sqlite:///{served.data / 'apexcal.db'}")
-    with database.writing() as session:
-        lidar = select(Sensor.id).where(Sensor.recording_id == UUID(recording_id), Sensor.kind == "lidar")
-        sensor_id = session.scalars(lidar).one()
-        condemn(session, session.scalars(select(PackedSweeps.blob_key).where(PackedSweeps.sensor_id == sensor_id)))
-        for table in (PackedSweep, PackedSweeps):
-            session.execute(delete(table).where(table.sensor_id == sensor_id))
-        session.execute(delete(Analysis).where(Analysis.recording_id == UUID(recording_id)))
-    database.close()

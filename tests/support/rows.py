@@ -27,7 +27,8 @@ _FIT = {"camera": "front", "model": "pinhole", "fold": -1}
 
 USUAL: dict[type[Base], dict[str, Any]] = {
     models.Vehicle: {"name": "car"},
-    models.Rig: {"name": "roof", "lidar_frame": "velodyne"},
+    models.Rig: {"name": "roof"},
+    models.RigLidar: {"position": 0, "name": "lidar", "frame": "velodyne"},
     models.RigCamera: {"position": 0, "name": "front", "bounds": {}, **_OPTICAL},
     models.Recording: {"name": "walk", "file_name": "walk.bag", "state": "ready"},
     models.Blob: {"state": "stored"},
@@ -59,8 +60,12 @@ def make(table: type[Row], *owners: Base, **columns: Any) -> Row:
         keys = {name: name for name in vars(owner) if name.endswith("_id") and name != "job_id"}
         own_name = owner.__tablename__
         keys |= dict.fromkeys((f"{own_name}_id", f"{own_name.rpartition('_')[2]}_id"), "id")
+        if isinstance(owner, models.Sensor):
+            keys["lidar_id"] = "id"
         stated |= {key: getattr(owner, name, None) for key, name in keys.items() if key in names}
     stated = {key: value for key, value in stated.items() if value is not None}
+    if table is models.Rig:
+        columns.setdefault("lidars", [make(models.RigLidar)])
     return table(**{**USUAL.get(table, {}), **stated, **columns})
 
 

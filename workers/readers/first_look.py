@@ -16,7 +16,7 @@ from workers.readers.clouds.model import SAMPLES
 from workers.readers.images.frame_sizes import FrameSize, other_size, usual_size
 from workers.readers.inspected_clocks import sensor_clocks
 from workers.readers.normalised.clocks import ClockReport
-from workers.readers.normalised.mcap_files import check_item
+from workers.readers.normalised.sensor_writers import check_item
 from workers.readers.omissions import Omissions
 from workers.readers.plausibility import SweepSample, implausible
 from workers.readers.recording import Frame, ReadError, Recording, Sensor, Sweep

@@ -22,7 +22,7 @@ from service.platform.db.recordings import CameraFrame, Recording, Sensor
 from service.platform.jobs.claims import Claim, Lease
 from workers.tasks.context import Context
 from workers.tasks.cornering import frame_columns, vertex_columns
-from workers.tasks.originals import lidar_key, open_lidar, said_still
+from workers.tasks.originals import open_lidar, said_still
 from workers.vertices.detectors import detect_range
 from workers.vertices.pairing import on_track, pair, pair_interpolated
 from workers.vertices.pose_detection import SAME_PLACE_M, fixed_place
@@ -60,9 +60,9 @@ def detect(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], 
     """Detect in the sweeps ``first`` to ``stop`` of the payload, or in all of them."""
     with context.database.reading() as session:
         run = session.get_one(Detection, claim.subject_id)
-        key = lidar_key(session, run.recording_id)
+        key = session.get_one(Sensor, run.lidar_id).blob_key
         cameras = _camera_stamps(session, run.recording_id)
-        marked = _marked_frames(session, run.recording_id)
+        marked = _marked_frames(session, run.lidar_id)
         still = said_still(session, run.recording_id)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
         shard = range(claim.payload.get("first", 0), claim.payload.get("stop", len(lidar)))
@@ -111,12 +111,12 @@ def _camera_stamps(session: Session, recording_id: UUID) -> dict[UUID, np.ndarra
     return {sensor_id: np.array(values, np.int64) for sensor_id, values in stamps.items()}
 
 
-def _marked_frames(session: Session, recording_id: UUID) -> dict[UUID, _Marked]:
-    """What people marked in each camera, the last mark first."""
+def _marked_frames(session: Session, lidar_id: UUID) -> dict[UUID, _Marked]:
+    """What people marked in each camera of what a LiDAR saw, the last mark first."""
     rows = session.execute(
         select(Answer.sensor_id, Answer.frame_index, Apex.sweep_index, Apex.x, Apex.y, Apex.z)
         .join(Apex, Apex.id == Answer.apex_id)
-        .where(Answer.recording_id == recording_id, Answer.is_mark, Apex.corner == TOP)
+        .where(Apex.lidar_id == lidar_id, Answer.is_mark, Apex.corner == TOP)
         .order_by(Answer.created_at.desc(), Answer.id)
     )
     marked: dict[UUID, dict[int, list[tuple[int, Sequence[float]]]]] = defaultdict(lambda: defaultdict(list))
@@ -159,15 +159,14 @@ def _moved(vertex: Found, frame: int, xyz: np.ndarray, covariance: np.ndarray) -
 
 
 def _write_vertices(session: Session, run: Detection, batch: Detections, pairs: Pairs) -> None:
-    apexes = _known_apexes(session, run.recording_id, [vertex.sweep_index for vertex in batch.vertices])
+    apexes = _known_apexes(session, run.lidar_id, [vertex.sweep_index for vertex in batch.vertices])
     for number, vertex in enumerate(batch.vertices):
         apex_id = nearest(apexes[vertex.sweep_index], vertex.xyz)
         if apex_id is None:
             (x, y, z), apex_id = vertex.xyz, new_id()
-            session.add(
-                Apex(id=apex_id, recording_id=run.recording_id, sweep_index=vertex.sweep_index, x=x, y=y, z=z)
-            )
-        row = _vertex_row(run.id, apex_id, vertex)
+            keys = {"id": apex_id, "recording_id": run.recording_id, "lidar_id": run.lidar_id}
+            session.add(Apex(**keys, sweep_index=vertex.sweep_index, x=x, y=y, z=z))
+        row = _vertex_row(run, apex_id, vertex)
         session.add(row)
         session.add_all(
             _frame_row(row.id, sensor, pair)
@@ -193,11 +192,11 @@ def _frame_row(vertex_id: UUID, sensor_id: UUID, pair: Pair) -> VertexFrame:
     )
 
 
-def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> dict[int, list[_Known]]:
+def _known_apexes(session: Session, lidar_id: UUID, sweeps: list[int]) -> dict[int, list[_Known]]:
     apexes: dict[int, list[_Known]] = defaultdict(list)
     if sweeps:
         statement = select(Apex.sweep_index, Apex.id, Apex.x, Apex.y, Apex.z).where(
-            Apex.recording_id == recording_id,
+            Apex.lidar_id == lidar_id,
             Apex.corner == TOP,
             Apex.sweep_index.between(min(sweeps), max(sweeps)),
         )
@@ -206,11 +205,12 @@ def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> di
     return apexes
 
 
-def _vertex_row(detection_id: UUID, apex_id: UUID, vertex: Found) -> Vertex:
+def _vertex_row(run: Detection, apex_id: UUID, vertex: Found) -> Vertex:
     x, y, z = vertex.xyz
     return Vertex(
         id=new_id(),
-        detection_id=detection_id,
+        detection_id=run.id,
+        lidar_id=run.lidar_id,
         apex_id=apex_id,
         rank=0,
         sweep_index=vertex.sweep_index,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast
 from uuid import UUID
@@ -19,16 +18,17 @@ from service.platform.jobs.claims import Claim, Lease, require_mine
 from service.platform.storage.blobs import condemn, keep, reserve, sensor_keys
 from service.platform.storage.quota import copied, take
 from workers.readers.limited import ingest_limited
-from workers.readers.normalised.manifest import SensorManifest, read_table
+from workers.readers.normalised.manifest import SensorManifest
+from workers.readers.normalised.sensor_files import FrameFile, SweepFile
 from workers.readers.recording import ReadError, legible
 from workers.tasks.context import Context
 from workers.tasks.originals import join_parts, store_files, watching
 
-_OWN_COLUMNS = {"kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames"}
+_OWN_COLUMNS = {"kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file"}
 
 
 def ingest(context: Context, claim: Claim, lease: Lease) -> Callable[[Session], Recording]:
-    """Normalise the upload into one MCAP file per sensor, and store these."""
+    """Normalise the upload into one file per sensor, and store these."""
     with context.database.writing() as session:
         require_mine(session, claim)
         recording = session.get_one(Recording, claim.subject_id)
@@ -79,7 +79,7 @@ def _request(recording: Recording, rig: Rig, cameras: Sequence[RigCamera]) -> Js
     topics: Json = options.pop("topics", {})
     named: Json = topics.get("cameras", {})
     return {
-        "lidar": topics.get("lidar") or rig.lidar_topic,
+        "lidar": topics.get("lidar") or rig.lidar.topic,
         "cameras": {camera.name: named.get(camera.name) or camera.topic for camera in cameras} or named or None,
         "image_sizes": {camera.name: [camera.image_width, camera.image_height] for camera in cameras},
         "options": options,
@@ -108,7 +108,7 @@ def _reserve(context: Context, claim: Claim, sizes: Mapping[str, int]) -> dict[s
         take(session, recording, taken, context.settings.fleet_quota_bytes)
         prefix = f"recordings/{recording.id}/sensors"
         return {
-            name: reserve(session, prefix, suffix=".mcap", size=size, job_id=claim.job_id, attempt=claim.attempt)
+            name: reserve(session, prefix, size=size, job_id=claim.job_id, attempt=claim.attempt)
             for name, size in sizes.items()
         }
 
@@ -146,14 +146,11 @@ def _legible(value: Any) -> Any:
 
 
 def _frames(out: Path, sensor: SensorManifest) -> list[Json]:
-    """A camera's byte ranges as rows; a LiDAR has none."""
-    if sensor.frames is None:
-        return []
-    columns = asdict(read_table(out / sensor.frames))
-    return [
-        {"index": index, **dict(zip(columns, values, strict=True))}
-        for index, values in enumerate(zip(*columns.values(), strict=True))
-    ]
+    """A camera's frames as rows; a LiDAR has none. The file is looked at before anything leads to it."""
+    with (SweepFile if sensor.kind == "lidar" else FrameFile)(out / sensor.file) as file:
+        if len(file) != sensor.count:
+            raise ValueError(f"{sensor.file} holds {len(file)} of {sensor.count}")
+        return list(file.rows()) if isinstance(file, FrameFile) else []
 
 
 def keep_image_kinds(session: Session, rig_id: UUID, sensors: Sequence[SensorManifest]) -> list[str]:

@@ -15,7 +15,7 @@ from service.platform.db.analyses import Analysis
 from service.platform.db.base import Json
 from service.platform.db.recordings import CameraFrame
 from service.platform.jobs.claims import Claim, Lease
-from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.normalised.sensor_files import SweepFile
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
 from workers.tasks.originals import camera_of, lidar_key, open_lidar
@@ -64,7 +64,7 @@ def _camera_stamp_ns(session: Session, row: Analysis, calibration: KnownCalibrat
     return int(stamp_ns)
 
 
-def _sweep_of(lidar: LidarFile, sweep_stamp_ns: int, moment_ns: int) -> int:
+def _sweep_of(lidar: SweepFile, sweep_stamp_ns: int, moment_ns: int) -> int:
     """The number of the sweep of a moment. Raises ReadError ``no_sweep_then``."""
     index = lidar.nearest(sweep_stamp_ns)
     off_ns = abs(int(lidar.stamps_ns[index]) - sweep_stamp_ns)

@@ -19,7 +19,7 @@ from service.platform.settings import MIB, Settings
 from service.platform.storage.quota import QuotaExceededError
 from workers.readers.limited import Terms
 from workers.readers.limits import Limits
-from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.normalised.sensor_files import SweepFile
 from workers.readers.recording import ReadError, Sweep
 from workers.tasks.context import Context
 
@@ -38,12 +38,12 @@ def said_still(session: Session, recording_id: UUID | None) -> bool:
     return session.get_one(Recording, recording_id).reading.get("point_times") == "stamp_only"
 
 
-def open_lidar(context: Context, key: str, folder: Path) -> LidarFile:
+def open_lidar(context: Context, key: str, folder: Path) -> SweepFile:
     """The LiDAR of a recording, from the store's folder or a copy in ``folder``."""
-    return LidarFile(context.fetch(key, folder))
+    return SweepFile(context.fetch(key, folder))
 
 
-def watched(lidar: LidarFile, sweeps: range, lease: Lease, message: str) -> Iterator[Sweep]:
+def watched(lidar: SweepFile, sweeps: range, lease: Lease, message: str) -> Iterator[Sweep]:
     """The sweeps of a range, with progress reported and the lease looked at along the way."""
     for number, sweep in enumerate(lidar.sweeps(sweeps.start, sweeps.stop)):
         lease.check()

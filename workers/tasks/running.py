@@ -55,7 +55,6 @@ def _of(room: str, kind: str) -> Work:
 
 _ROOMS = {
     "ingest": "ingesting",
-    "packing": "packing",
     "calibrated_copy": "copying",
     "preview": "analysing",
     "suggestion": "analysing",
@@ -75,7 +74,7 @@ _ROOMS = {
 }
 WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
 # The modules that need no kernels.
-_READING = {"ingesting", "packing", "copying", "cornering"}
+_READING = {"ingesting", "copying", "cornering"}
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
 _PASSING = (OperationalError, ConnectionError, TimeoutError, OSError, ReservationEndedError)

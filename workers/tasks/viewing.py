@@ -12,12 +12,11 @@ import numpy as np
 from sqlalchemy import select
 
 from service.platform.db.base import Json
-from service.platform.db.recordings import Blob, CameraFrame, Recording, Sensor
+from service.platform.db.recordings import Blob, Recording, Sensor
 from service.platform.jobs.claims import Lease
 from workers.geometry.models import parse_model
 from workers.geometry.projection import project
 from workers.readers.limited import write_limited
-from workers.readers.normalised.manifest import FrameTable, write_table
 from workers.tasks.context import Context
 from workers.tasks.originals import require_room, watching
 
@@ -35,12 +34,12 @@ def viewer_file(context: Context, recording: Recording, question: Json, folder: 
     require_room(context, shutil.disk_usage(folder).free, sum(size for _, size in sensors.values()) + maps)
     files = {name: _fetched(context, sensor, folder) for name, (sensor, _) in sensors.items()}
     cameras = [
-        _camera(context, camera, sensors[camera["name"]][0], files[camera["name"]], folder, lease)
+        _camera(camera, files[camera["name"]], folder / "sensors" / str(sensors[camera["name"]][0].id), lease)
         for camera in question["cameras"]
     ]
     poses = [{name: value for name, value in camera.items() if name != "is_new"} for camera in question["poses"]]
     request = {"lidar_frame": question["lidar_frame"], "poses": poses, "facts": question["facts"], "cameras": cameras}
-    needed = [Path(camera[name]) for camera in cameras for name in ("file", "table", "map")]
+    needed = [Path(camera[name]) for camera in cameras for name in ("file", "map")]
     terms = watching(context, recording, lease, "writing frames and points")
     return write_limited([files["lidar"], *needed], folder / "copy", {"view": request}, **terms)
 
@@ -62,24 +61,12 @@ def _fetched(context: Context, sensor: Sensor, folder: Path) -> Path:
     return context.fetch(sensor.blob_key, target)
 
 
-def _camera(context: Context, camera: Json, sensor: Sensor, file: Path, folder: Path, lease: Lease) -> dict[str, Any]:
+def _camera(camera: Json, file: Path, target: Path, lease: Lease) -> dict[str, Any]:
     """A camera as :class:`workers.readers.viewing.viewer_file.ViewedCamera` reads it."""
-    target = folder / "sensors" / str(sensor.id)
-    table, undistorting = target / "frames.json", target / "map.npy"
-    write_table(table, _table(context, sensor.id))
+    undistorting = target / "map.npy"
     write_map(undistorting, camera, lease.check)
     stated = {name: camera[name] for name in ("name", "frame_id", "clock_offset_ns", "raw", "pinhole")}
-    return stated | {"file": str(file.resolve()), "table": str(table.resolve()), "map": str(undistorting.resolve())}
-
-
-def _table(context: Context, sensor_id: UUID) -> FrameTable:
-    names = ("stamp_ns", "offset", "length", "media_type", "width", "height")
-    columns = [getattr(CameraFrame, name) for name in names]
-    with context.database.reading() as session:
-        rows = session.execute(
-            select(*columns).where(CameraFrame.sensor_id == sensor_id).order_by(CameraFrame.index)
-        ).all()
-    return FrameTable(*(list(column) for column in zip(*rows, strict=True)))
+    return stated | {"file": str(file.resolve()), "map": str(undistorting.resolve())}
 
 
 def write_map(path: Path, camera: Json, must_stop: Callable[[], None]) -> None:

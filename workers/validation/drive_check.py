@@ -27,9 +27,9 @@ from apexcal.geometry.image_frames import T_images_camera
 from apexcal.geometry.se3 import from_document, to_document
 from workers.readers.__main__ import inspected, main, on_progress, options_of
 from workers.readers.images.decoded_frames import decoded_frames
-from workers.readers.normalised.lidar_file import LidarFile
-from workers.readers.normalised.manifest import SensorManifest, read_table
+from workers.readers.normalised.manifest import SensorManifest
 from workers.readers.normalised.normalise import normalise
+from workers.readers.normalised.sensor_files import FrameFile, SweepFile
 from workers.readers.recording import ReadError
 from workers.validation.calibration import KnownCalibration
 from workers.validation.depth_edges import depth_edges
@@ -53,7 +53,7 @@ def spread(places: Sequence[DriveFrame], count: int = FRAMES) -> list[DriveFrame
 
 def watch(
     check: EdgeCheck | LaneCheck,
-    lidar: LidarFile,
+    lidar: SweepFile,
     camera: Path,
     frames: Sequence[DriveFrame],
     scratch: Path,
@@ -77,12 +77,12 @@ def watch(
             check.add(lidar.sweep(sweep), image, at)
 
 
-def drive_motion(lidar: LidarFile, calibration: KnownCalibration, frames: Sequence[DriveFrame]) -> DriveMotion:
+def drive_motion(lidar: SweepFile, calibration: KnownCalibration, frames: Sequence[DriveFrame]) -> DriveMotion:
     """How the LiDAR moves at each of the frames."""
     return DriveMotion.of(lidar, [stamp_ns for stamp_ns, *_ in frames], seen_after_ns(lidar, calibration))
 
 
-def seen_after_ns(lidar: LidarFile, calibration: KnownCalibration) -> int:
+def seen_after_ns(lidar: SweepFile, calibration: KnownCalibration) -> int:
     """How long after a sweep's stamp the LiDAR measures what the camera sees."""
     if not len(lidar):
         raise ReadError("no_sweeps", "The recording holds no sweeps.", "Validate with another recording.")
@@ -123,7 +123,7 @@ def check_drive(
             manifest = normalise(
                 source, folder, lidar=lidar.topic, cameras=topics, options=options, on_progress=on_progress
             )
-            with LidarFile(Path(folder) / "lidar.mcap") as sweeps:
+            with SweepFile(Path(folder) / manifest.sensors[0].file) as sweeps:
                 for sensor in manifest.sensors:
                     calibration = stated.get(sensor.name)
                     if isinstance(calibration, KnownCalibration):
@@ -195,17 +195,15 @@ def _number(name: str) -> int | None:
 
 
 def _checked(
-    sensor: SensorManifest, calibration: KnownCalibration, lidar: LidarFile, folder: Path, out: Path
+    sensor: SensorManifest, calibration: KnownCalibration, lidar: SweepFile, folder: Path, out: Path
 ) -> CameraCheck:
-    assert sensor.frames is not None  # a camera's
-    table = read_table(folder / sensor.frames)
-    rows = zip(table.stamp_ns, table.offset, table.length, table.width, table.height, strict=True)
     apart_ns = sensor.offset_ns or 0
-    frames = [
-        (stamp - apart_ns, offset, length)
-        for stamp, offset, length, *size in rows
-        if (*size,) == calibration.image_size
-    ]
+    with FrameFile(folder / sensor.file) as file:
+        frames = [
+            (stamp - apart_ns, offset, length)
+            for stamp, offset, length, *size, _ in file.entries.tolist()
+            if (*size,) == calibration.image_size
+        ]
     if not frames:
         width, height = calibration.image_size
         why = f"No frame has {width} x {height} pixels, as its CameraInfo says."
@@ -230,7 +228,7 @@ def _checked(
 def _pictures(
     sensor: SensorManifest,
     views: dict[str, KnownCalibration],
-    lidar: LidarFile,
+    lidar: SweepFile,
     frames: Sequence[DriveFrame],
     folder: Path,
     out: Path,

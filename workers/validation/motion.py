@@ -11,7 +11,7 @@ import small_gicp  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
 from apexcal.geometry.rotations import vector_from_rotation
-from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.normalised.sensor_files import SweepFile
 from workers.readers.recording import Sweep
 
 Floats = NDArray[np.float64]
@@ -120,7 +120,7 @@ class DriveMotion(NamedTuple):
     is_told: bool
 
     @classmethod
-    def of(cls, lidar: LidarFile, stamps_ns: Sequence[int], behind_ns: int) -> DriveMotion:
+    def of(cls, lidar: SweepFile, stamps_ns: Sequence[int], behind_ns: int) -> DriveMotion:
         """Of frames at moments; `behind_ns` is how long after a sweep's stamp the LiDAR measures what they see."""
         sweeps = [lidar.nearest(stamp_ns - behind_ns) for stamp_ns in stamps_ns]
         by_sweep: dict[int, Motion | None] = {}

@@ -23,7 +23,7 @@ _MOST_CELLS: Final = 256
 
 
 class SweepSource(Protocol):
-    """A recording's sweeps by number, 0 to len - 1; ``readers.normalised.LidarFile`` is one."""
+    """A recording's sweeps by number, 0 to len - 1; ``readers.normalised.SweepFile`` is one."""
 
     def __len__(self) -> int: ...
 

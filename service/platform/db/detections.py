@@ -15,13 +15,15 @@ from service.platform.db.base import Base, Corner, Dated, Digest, Json, Name, Na
 
 
 class Detection(Dated):
-    """One run of a detector inside a region. ``remaining`` counts the shards that have not ended.
+    """One run of a detector inside a region of one LiDAR's sweeps.
 
-    ``marked_corners`` are the board's corners that people are to mark; null for the tip alone.
+    ``remaining`` counts the shards that have not ended. ``marked_corners`` are the board's corners that people are to
+    mark; null for the tip alone.
     """
 
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     recording_id: Mapped[UUID] = belongs_to("recording.id")
+    lidar_id: Mapped[UUID] = belongs_to("sensor.id")
     region: Mapped[Json]
     detector: Mapped[Name]
     options: Mapped[Json]
@@ -37,14 +39,15 @@ class Detection(Dated):
 
 
 class Apex(Row):
-    """A board's vertex in one sweep, whichever detection runs found it. Verdicts belong to it.
+    """A board's vertex in one sweep of one LiDAR, whichever detection runs found it. Verdicts belong to it.
 
     ``corner``: which of the board's corners it is.
     """
 
-    __table_args__ = (Index("ix_apex_recording_id_sweep_index", "recording_id", "sweep_index"),)
+    __table_args__ = (Index("ix_apex_lidar_id_sweep_index", "lidar_id", "sweep_index"),)
 
-    recording_id: Mapped[UUID] = belongs_to("recording.id", index=False)
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    lidar_id: Mapped[UUID] = belongs_to("sensor.id", index=False)
     sweep_index: Mapped[int]
     x: Mapped[float]
     y: Mapped[float]
@@ -53,7 +56,7 @@ class Apex(Row):
 
 
 class Vertex(Row):
-    """A vertex as one detection run measured it, in metres in the LiDAR frame.
+    """A vertex as one detection run measured it, in metres in the frame of its LiDAR.
 
     ``rank`` orders the marking: any first part of the order covers the whole recording evenly. ``covariance`` is
     3 x 3 over azimuth (rad), elevation (rad) and range (m), where the detector states one; ``flags`` are names of
@@ -70,6 +73,7 @@ class Vertex(Row):
     )
 
     detection_id: Mapped[UUID] = belongs_to("detection.id", index=False)
+    lidar_id: Mapped[UUID] = belongs_to("sensor.id")
     apex_id: Mapped[UUID] = belongs_to("apex.id")
     rank: Mapped[int]
     sweep_index: Mapped[int]

@@ -16,7 +16,7 @@ from sqlalchemy.orm import ORMExecuteState, Session, sessionmaker
 from sqlalchemy.orm.attributes import get_history
 
 from service.platform.db.calibrations import Calibration, Publication
-from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Fleet, Rig, RigCamera, RigLidar, Vehicle
 from service.platform.db.people import AuditEntry
 from service.platform.observability import logs, request_ids
 
@@ -59,7 +59,7 @@ def _look_before_rows(session: Session, *_: object) -> None:
             _look(session, [row.vehicle_id])
         elif isinstance(row, Vehicle) and row not in session.new:
             _look(session, [row.id])
-        elif isinstance(row, RigCamera) and row not in session.new:
+        elif isinstance(row, RigCamera | RigLidar) and row not in session.new:
             _look(session, [session.get_one(Rig, row.rig_id).vehicle_id])
         elif isinstance(row, Fleet) and (names := get_history(row, "name").deleted):
             session.info.setdefault(_NAMES, {}).setdefault(row.id, names[0])

@@ -51,10 +51,10 @@ class Vehicle(Dated):
 
 
 class Rig(Dated):
-    """One LiDAR and one or more cameras on a vehicle. ``T_vehicle_lidar`` is a transform document or absent.
+    """One LiDAR and one or more cameras on a vehicle.
 
     ``camera_transforms`` are those between cameras that are known otherwise, with their standard deviations. Members
-    of ``policy`` replace the fleet's. Serial numbers are those of the mounted sensors, if known.
+    of ``policy`` replace the fleet's.
     """
 
     __table_args__ = (UniqueConstraint("vehicle_id", "name"),)
@@ -62,14 +62,33 @@ class Rig(Dated):
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
     name: Mapped[Name]
-    lidar_frame: Mapped[Name]
-    lidar_topic: Mapped[str | None]
-    lidar_serial: Mapped[str | None] = mapped_column(String(200), index=True)
-    T_vehicle_lidar: Mapped[Json | None]
     camera_transforms: Mapped[list[Any] | None]
     policy: Mapped[Json | None]
     version: Mapped[Version]
+    lidars: Mapped[list[RigLidar]] = relationship(order_by="RigLidar.position", passive_deletes=True)
     cameras: Mapped[list[RigCamera]] = relationship(order_by="RigCamera.position", passive_deletes=True)
+
+    @property
+    def lidar(self) -> RigLidar:
+        """Its LiDAR: a rig has one."""
+        return self.lidars[0]
+
+
+class RigLidar(Row):
+    """The LiDAR of a rig; ``T_vehicle_lidar`` is a transform document or absent.
+
+    Serial numbers, here and of cameras, are those of the mounted sensors, if known.
+    """
+
+    __table_args__ = (UniqueConstraint("rig_id", "name"),)
+
+    rig_id: Mapped[UUID] = belongs_to("rig.id")
+    position: Mapped[int]
+    name: Mapped[Name]
+    frame: Mapped[Name]
+    topic: Mapped[str | None]
+    serial: Mapped[str | None] = mapped_column(String(200), index=True)
+    T_vehicle_lidar: Mapped[Json | None]
 
 
 class RigCamera(Row):

@@ -17,7 +17,7 @@ _READ, _ADD, _CHANGE = "SELECT", "SELECT, INSERT", "SELECT, INSERT, UPDATE, DELE
 
 WORKERS: Mapping[str, str] = {
     **dict.fromkeys(("blob_hold", "upload_part", "answer", "correspondence_set"), _READ),
-    **dict.fromkeys(("camera_frame", "packed_sweeps", "packed_sweep", "analysis_file", "apex", "slot"), _ADD),
+    **dict.fromkeys(("camera_frame", "analysis_file", "apex", "slot"), _ADD),
     # Jobs
     "job": (
         f"{_ADD}, UPDATE (state, attempt, lost, sends, send_after, lease_until, cancel_requested, worker, progress, "
@@ -32,7 +32,8 @@ WORKERS: Mapping[str, str] = {
     # Fleets: of a fleet and a vehicle the rows are locked. The upkeep counts a fleet's bytes anew.
     "fleet": f"{_READ}, UPDATE (row_bytes)",
     "vehicle": f"{_READ}, UPDATE (version)",
-    "rig": f'{_READ}, UPDATE (lidar_frame, lidar_topic, lidar_serial, "T_vehicle_lidar", camera_transforms, version)',
+    "rig": f"{_READ}, UPDATE (camera_transforms, version)",
+    "rig_lidar": f'{_READ}, UPDATE (frame, topic, serial, "T_vehicle_lidar")',
     "rig_camera": f"{_ADD}, UPDATE (images)",
     "person": "SELECT (id, name)",
     # Recordings
@@ -60,8 +61,8 @@ WORKERS: Mapping[str, str] = {
 INGEST: Mapping[str, str] = {
     table: WORKERS[table]
     for table in (
-        *("worker", "upload_part", "rig", "rig_camera", "recording", "sensor", "camera_frame"),
-        *("packed_sweeps", "packed_sweep", "analysis_file", "audit_entry"),
+        *("worker", "upload_part", "rig", "rig_lidar", "rig_camera", "recording", "sensor", "camera_frame"),
+        *("analysis_file", "audit_entry"),
     )
 } | {
     "job": WORKERS["job"].replace("cancel_requested, ", ""),
@@ -85,7 +86,6 @@ API: Mapping[str, str] = dict.fromkeys(Base.metadata.tables, _CHANGE) | {
     "result": f"{_READ}, UPDATE (verdict, checks), DELETE",
     "slot": f"{_READ}, DELETE",
     "camera_frame": _READ,
-    "packed_sweep": _READ,
     "job_event": _ADD,
     "job_total": _READ,
     "worker": _READ,

@@ -22,7 +22,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
 from service.platform.db import grants
-from service.platform.db.revisions import SCRIPTS, all_revisions
+from service.platform.db.revisions import SCRIPTS, all_revisions, difference
 from service.platform.db.session import open_engine
 from service.platform.observability import logs
 from service.platform.settings import settings_or_exit
@@ -33,6 +33,10 @@ _LOCK = 4_711_001
 
 class NewerSchemaError(RuntimeError):
     """A newer version of apexcal has migrated the database."""
+
+
+class OtherSchemaError(RuntimeError):
+    """A development version of apexcal made the database, with other columns than this one's."""
 
 
 def config(connection: Connection | None = None) -> Config:
@@ -49,6 +53,7 @@ def upgrade(url: str, to: str = "head") -> None:
     Raises:
         sqlalchemy.exc.OperationalError: the database does not answer, or a lock was not free.
         NewerSchemaError: a newer version of apexcal migrated the database.
+        OtherSchemaError: a development version made it.
     """
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite" and parsed.database:
@@ -57,6 +62,7 @@ def upgrade(url: str, to: str = "head") -> None:
     try:
         with _locked(engine) as connection:
             _refuse_newer(connection)
+            _refuse_other(connection)
             command.upgrade(config(connection), to)
     finally:
         engine.dispose()
@@ -87,6 +93,14 @@ def _refuse_newer(connection: Connection) -> None:
         raise NewerSchemaError(
             f"The database has revision {revision} of the schema; this version of apexcal knows {all_revisions()[0]} "
             "as the newest. Start the version that migrated the database, or a later one."
+        )
+
+
+def _refuse_other(connection: Connection) -> None:
+    if inspect(connection).has_table("alembic_version") and (differing := difference(connection)):
+        raise OtherSchemaError(
+            f"A development version of apexcal made this database: {differing}. Such data are not taken over. Start "
+            "the version that made it, or begin with an empty data folder or database and upload recordings again."
         )
 
 
@@ -129,7 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             make_roles(
                 settings.database, {name: word.get_secret_value() for name, word in settings.database_roles.items()}
             )
-    except NewerSchemaError as error:
+    except (NewerSchemaError, OtherSchemaError) as error:
         sys.exit(str(error))
     except OperationalError as error:
         sys.exit(f"The schema was not changed: {error.orig}. Run it again.")

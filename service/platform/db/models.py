@@ -15,7 +15,7 @@ from service.platform.db.base import Base
 from service.platform.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result, Slot
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.platform.db.fleet_requests import FleetRequest, FleetRequestVehicle
-from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Fleet, Rig, RigCamera, RigLidar, Vehicle
 from service.platform.db.jobs import Heartbeat, Job, JobEvent, JobTotal, Worker
 from service.platform.db.people import (
     ApiToken,
@@ -30,8 +30,6 @@ from service.platform.db.recordings import (
     Blob,
     BlobHold,
     CameraFrame,
-    PackedSweep,
-    PackedSweeps,
     Recording,
     Sensor,
     UploadPart,

@@ -1,4 +1,4 @@
-"""Recordings: their upload, their blobs, their sensors, the byte range of every camera frame and packed sweep."""
+"""Recordings: their upload, their blobs, their sensors, the byte range of every camera frame."""
 
 from __future__ import annotations
 
@@ -112,7 +112,10 @@ class UploadPart(Base):
 
 
 class Sensor(Row):
-    """One normalised sensor of a recording: a LiDAR named ``lidar`` or a camera with its name in the rig."""
+    """One normalised sensor of a recording: a LiDAR named ``lidar`` or a camera with its name in the rig.
+
+    Its file holds ``count`` sweeps or frames and an index of them (`apexcal.documents.sensor_files`).
+    """
 
     __table_args__ = (UniqueConstraint("recording_id", "name"),)
 
@@ -141,21 +144,3 @@ class CameraFrame(Base):
     media_type: Mapped[str] = mapped_column(String(40))
     width: Mapped[int]
     height: Mapped[int]
-
-
-class PackedSweeps(Base):
-    """The file of a LiDAR's sweeps as they go over the wire. A sensor has none until its sweeps are packed."""
-
-    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
-    blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"))
-
-
-class PackedSweep(Base):
-    """Where a sweep's bytes lie in that file. ``index`` is the sweep's number in the order of the stamps."""
-
-    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
-    index: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
-    stamp_ns: Mapped[Nanoseconds]
-    points: Mapped[int]
-    offset: Mapped[Bytes]
-    length: Mapped[Bytes]

@@ -17,7 +17,7 @@ from apexcal.documents.states import WorkState
 from service.platform.db.base import new_id
 from service.platform.db.clock import now
 from service.platform.db.jobs import Job
-from service.platform.db.recordings import Blob, BlobHold, PackedSweeps, Sensor
+from service.platform.db.recordings import Blob, BlobHold, Sensor
 from service.platform.storage.errors import ReservationEndedError
 
 # When an object that could not be removed is tried again: as after a store that was away for a moment, at last daily.
@@ -64,12 +64,8 @@ def condemn(session: Session, keys: Iterable[str]) -> None:
 
 
 def sensor_keys(session: Session, recording_id: UUID) -> list[str]:
-    """The keys of a recording's sensors' files, and of its packed sweeps."""
-    packed = select(PackedSweeps.blob_key).join(Sensor, Sensor.id == PackedSweeps.sensor_id)
-    return [
-        *session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording_id)),
-        *session.scalars(packed.where(Sensor.recording_id == recording_id)),
-    ]
+    """The keys of a recording's sensors' files."""
+    return list(session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording_id)))
 
 
 def give_up(session: Session, key: str) -> None:

@@ -21,7 +21,7 @@ from service.platform.db.annotations import Answer
 from service.platform.db.calibrations import CorrespondenceSet
 from service.platform.db.fleets import Fleet, Rig, RigCamera
 from service.platform.db.people import IdempotencyKey
-from service.platform.db.recordings import Blob, PackedSweeps, Recording, Sensor, UploadPart
+from service.platform.db.recordings import Blob, Recording, Sensor, UploadPart
 from service.platform.db.rounds import one_by_one
 from service.platform.db.session import Database
 
@@ -146,11 +146,6 @@ def counted(session: Session, recording: Recording, *, besides: int | None) -> i
     Those of the job ``besides`` that are not kept do not count.
     """
     of_sensors = select(func.sum(Blob.size)).join(Sensor, Sensor.blob_key == Blob.key)
-    packed = (
-        select(func.sum(Blob.size))
-        .join(PackedSweeps, PackedSweeps.blob_key == Blob.key)
-        .join(Sensor, Sensor.id == PackedSweeps.sensor_id)
-    )
     writing = select(func.sum(Blob.size)).where(
         Blob.state == "reserved",
         Blob.job_id.is_not(None),
@@ -159,7 +154,6 @@ def counted(session: Session, recording: Recording, *, besides: int | None) -> i
     )
     sums = (
         session.scalar(of_sensors.where(Sensor.recording_id == recording.id)),
-        session.scalar(packed.where(Sensor.recording_id == recording.id)),
         session.scalar(writing),
     )
     size = 0 if recording.layers_gone else recording.size

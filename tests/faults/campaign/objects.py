@@ -5,12 +5,12 @@ from __future__ import annotations
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.platform.db.models import AnalysisFile, Blob, PackedSweeps, Sensor, UploadPart
+from service.platform.db.models import AnalysisFile, Blob, Sensor, UploadPart
 
 
 def used_keys(session: Session) -> set[str]:
     """The keys that parts, sensors, packed sweeps and calibrated copies name."""
-    columns = (UploadPart.blob_key, Sensor.blob_key, PackedSweeps.blob_key, AnalysisFile.blob_key)
+    columns = (UploadPart.blob_key, Sensor.blob_key, AnalysisFile.blob_key)
     return {key for column in columns for key in session.scalars(select(column))}
 
 

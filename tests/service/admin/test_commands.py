@@ -236,7 +236,9 @@ def test_failed_recordings_and_detections_are_started_again(run, database: Datab
     recording_id, _ = seed_recording(database, seed_rig(database, fleet_id), 2)
     with database.writing() as session:
         asked = {"region": {}, "detector": "tolerant", "options": {}, "pairing": {}, "content_hash": "0"}
-        row = Detection(fleet_id=fleet_id, recording_id=recording_id, remaining=2, **asked)
+        lidar = session.query(Sensor).filter_by(recording_id=recording_id, kind="lidar").one()
+        keys = {"fleet_id": fleet_id, "recording_id": recording_id, "lidar_id": lidar.id}
+        row = Detection(**keys, remaining=2, **asked)
         session.add(row)
         session.flush()
         shards = [{"first": 0, "stop": 1}, {"first": 1, "stop": 2}]

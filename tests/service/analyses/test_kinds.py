@@ -25,7 +25,6 @@ PIXEL = {"u": 300.0, "v": 200.0, "sigma_px": 2.0}
 KINDS = {
     "preview": (("recording_id",), {"region": REGION}, "engineer"),
     "suggestion": (("recording_id",), {}, "engineer"),
-    "packing": (("recording_id",), {}, "engineer"),
     "clock_offset": (("detection_id",), {"camera": "front"}, "engineer"),
     "machine_marks": (("detection_id",), {"camera": "front"}, "engineer"),
     "precision": (("detection_id",), {"camera": "front"}, "engineer"),

@@ -155,7 +155,7 @@ def test_a_published_result_is_current_with_both_transforms(api, fleet, rig, vie
 
 def test_a_rig_without_a_vehicle_frame_gives_none(api, fleet, rig, reviewer):
     with api.database.writing() as session:
-        session.get_one(Rig, rig.id).T_vehicle_lidar = None
+        session.get_one(Rig, rig.id).lidar.T_vehicle_lidar = None
     _, (full, _) = seed_results(api, rig)
     reviewer.post(f"/results/{full}/publication")
     assert "T_vehicle_camera" not in reviewer.get(current_address(rig)).json()

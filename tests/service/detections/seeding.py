@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from service.platform.db.annotations import Answer
 from service.platform.db.base import Json
 from service.platform.db.detections import Apex, Detection, Vertex, VertexFrame
-from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Fleet, Rig, RigCamera, RigLidar, Vehicle
 from service.platform.db.recordings import Blob, CameraFrame, Recording, Sensor
 from service.platform.db.session import Database
 from tests.support.rows import add, make
@@ -38,7 +38,7 @@ def seed_rig(
     """A vehicle with a rig of one camera, `front`, that looks where the LiDAR does."""
     with database.writing() as session:
         vehicle = add(session, Vehicle, session.get_one(Fleet, fleet_id))
-        rig = add(session, Rig, vehicle, T_vehicle_lidar=T_vehicle_lidar)
+        rig = add(session, Rig, vehicle, lidars=[make(RigLidar, T_vehicle_lidar=T_vehicle_lidar)])
         add(session, RigCamera, rig, bounds=bounds or {})
         return rig
 
@@ -61,7 +61,8 @@ def seed_detection(database: Database, fleet_id: UUID, recording_id: UUID, apexe
     with database.writing() as session:
         recording = session.get_one(Recording, recording_id)
         pairing = {"mode": "nearest", "offset_ns": 0, "max_gap_ns": 50_000_000}
-        detection = add(session, Detection, recording, pairing=pairing)
+        lidar = session.query(Sensor).filter_by(recording_id=recording_id, kind="lidar").one()
+        detection = add(session, Detection, recording, lidar, pairing=pairing)
         camera = session.query(Sensor).filter_by(recording_id=recording_id, name="front").one()
         known = {apex.id: apex for apex in session.query(Apex).filter_by(recording_id=recording_id)}
         rows = [vertex_of(detection, known[apex_id], rank) for rank, apex_id in enumerate(apexes)]
@@ -79,10 +80,8 @@ def vertex_of(detection: Detection, apex: Apex, rank: int) -> Vertex:
 def seed_apexes(database: Database, recording_id: UUID, count: int) -> list[UUID]:
     """One apex in each of the first sweeps, along a line that leads away from the LiDAR."""
     with database.writing() as session:
-        apexes = [
-            Apex(recording_id=recording_id, sweep_index=index, x=5.0 + index, y=0.1 * index, z=0.5)
-            for index in range(count)
-        ]
+        lidar = session.query(Sensor).filter_by(recording_id=recording_id, kind="lidar").one()
+        apexes = [make(Apex, lidar, sweep_index=index, x=5.0 + index, y=0.1 * index, z=0.5) for index in range(count)]
         session.add_all(apexes)
         session.flush()
         return [apex.id for apex in apexes]

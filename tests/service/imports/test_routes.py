@@ -160,7 +160,7 @@ class TestJoint:
         with api.database.writing() as session:
             row = session.get_one(type(rig), rig.id)
             row.cameras[0].joint = drafted["cameras"][0]["joint"]
-            row.T_vehicle_lidar = drafted["T_vehicle_lidar"]
+            row.lidar.T_vehicle_lidar = drafted["T_vehicle_lidar"]
         publish(api, rig, api.member(fleet, "reviewer"))
         return rig
 

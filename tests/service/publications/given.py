@@ -7,9 +7,9 @@ from datetime import datetime
 from sqlalchemy import update
 
 from service.platform.db.calibrations import CorrespondenceSet
-from service.platform.db.fleets import Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Rig, RigCamera, RigLidar, Vehicle
 from tests.service.calibrations.test_results import seed_results
-from tests.support.rows import add
+from tests.support.rows import add, make
 
 
 def publish(api, rig, reviewer, **body):
@@ -38,7 +38,8 @@ def another_rig(api, rig, name, **changed):
     """A later rig of the same vehicle with the same camera; ``serial`` and ``lidar_serial`` of its sensors."""
     with api.database.writing() as session:
         vehicle = session.get_one(Vehicle, rig.vehicle_id)
-        made = add(session, Rig, vehicle, name=name, lidar_serial=changed.get("lidar_serial"))
+        lidars = [make(RigLidar, serial=changed.get("lidar_serial"))]
+        made = add(session, Rig, vehicle, name=name, lidars=lidars)
         add(session, RigCamera, made, serial=changed.get("serial"))
         return made
 

@@ -40,7 +40,7 @@ DELETED = "nothing, it was deleted (410)"
 def published(api, rig, reviewer):
     """What the camera `front` is given, with the serial numbers C-1 and L-1; the audit begins after it."""
     with api.database.writing() as session:
-        session.get_one(Rig, rig.id).lidar_serial = "L-1"
+        session.get_one(Rig, rig.id).lidar.serial = "L-1"
         session.query(RigCamera).filter_by(rig_id=rig.id).one().serial = "C-1"
     made = publish(api, rig, reviewer)
     forget(api)
@@ -218,7 +218,7 @@ def test_a_rig_without_cameras_ends_what_was_withdrawn(api, rig, reviewer, publi
     """Cars are no longer told of a camera that the newest rig of the LiDAR does not carry."""
     withdraw(reviewer, published)
     with api.database.writing() as session:
-        session.get_one(Rig, rig.id).lidar_frame = "lidar"
+        session.get_one(Rig, rig.id).lidar.frame = "lidar"
     forget(api)
     with api.database.writing() as session:
         empty_rig(session, session.get_one(Vehicle, rig.vehicle_id), "next")

@@ -15,7 +15,7 @@ from sqlalchemy import delete, update
 from service.platform.auth.credential_actions import new_secret, secret_hash
 from service.platform.db.calibrations import Calibration, Result
 from service.platform.db.clock import utc_now
-from service.platform.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.platform.db.fleets import Fleet, Rig, RigCamera, RigLidar, Vehicle
 from service.platform.db.people import ApiToken, BrowserSession, Membership
 from service.publications import retrieval
 from tests.service.detections.seeding import seed_rig
@@ -151,7 +151,7 @@ def test_the_usual_question_has_the_answer_of_the_same_with_a_query(api, rig, re
 def test_by_name_and_by_a_sensor(api, fleet, rig, reviewer, viewer):
     publish(api, rig, reviewer)
     with api.database.writing() as session:
-        session.execute(update(Rig).values(lidar_serial="L-1"))
+        session.execute(update(RigLidar).values(serial="L-1"))
         session.execute(update(RigCamera).values(serial="C-1"))
     whole = viewer.get(address(rig))
     for question in (
@@ -217,7 +217,7 @@ def test_an_answer_is_another_one_once_its_calibration_has_ended(api, rig, revie
 def test_a_vehicle_is_found_by_the_sensors_that_it_carries_now(api, rig, reviewer, viewer):
     publish(api, rig, reviewer)
     with api.database.writing() as session:
-        session.execute(update(Rig).values(lidar_serial="L-1"))
+        session.execute(update(RigLidar).values(serial="L-1"))
         session.execute(update(RigCamera).values(serial="C-1"))
     another_rig(api, rig, "roof 2", lidar_serial="L-2")
     assert viewer.get("/calibration", params={"sensor": "C-1"}).json()["code"] == "calibration_does_not_apply"

@@ -20,6 +20,7 @@ from tests.service.calibrations.test_results import (
     failed,
     seed_results,
 )
+from tests.support.rows import make
 
 
 def history(actor, rig, **query):
@@ -75,7 +76,7 @@ def test_worse_and_older_than_the_current_result_is_said_at_the_moment_of_asking
     assert failed(reviewer.get(f"/results/{old}").json()) == [], "nothing is current yet"
     with api.database.writing() as session:
         of = session.scalars(select(CorrespondenceSet)).one()
-        newer_rig = Rig(fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, name="roof 2", lidar_frame="velodyne")
+        newer_rig = make(Rig, fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, name="roof 2")
         session.add(newer_rig)
         session.flush()
         newer = CorrespondenceSet(

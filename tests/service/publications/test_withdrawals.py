@@ -11,7 +11,7 @@ from service.platform.db.fleets import Rig, RigCamera, Vehicle
 from service.publications import routes
 from tests.service.calibrations.test_results import FOUND, NEWER, current_address, failed, seed_results
 from tests.service.publications.given import history, publish, same_moment, withdraw
-from tests.support.rows import LEVEL
+from tests.support.rows import LEVEL, make
 
 
 def addresses(rig):
@@ -142,7 +142,7 @@ def test_a_withdrawn_camera_that_is_no_longer_mounted_does_not_hold_the_vehicle_
     address = f"/vehicles/{rig.vehicle_id}/calibration"
     assert viewer.get(address).status_code == 410
     with api.database.writing() as session:
-        newer = Rig(fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, name="new", lidar_frame=rig.lidar_frame)
+        newer = make(Rig, fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, name="new")
         session.add(newer)
         session.flush()
         session.add(

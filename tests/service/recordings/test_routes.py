@@ -37,7 +37,7 @@ from tests.support.rows import add
 from tests.support.uploads import new_recording, upload
 
 KEPT = {"alembic_version", "fleet", "vehicle", "rig", "rig_camera", "person", "membership", "api_token", "job"}
-KEPT |= {"job_event", "blob", "audit_entry"}
+KEPT |= {"rig_lidar", "job_event", "blob", "audit_entry"}
 
 
 def add_camera(api: Api, recording: dict, images: list[bytes]) -> Sensor:
@@ -180,7 +180,7 @@ def calibrated(api: Api, engineer, recording: dict) -> Result:
     sensor = add_camera(api, recording, [b"image"])
     with api.database.writing() as session:
         row = session.get_one(Recording, sensor.recording_id)
-        detection, apex = add(session, Detection, row, state="queued"), add(session, Apex, row)
+        detection, apex = add(session, Detection, row, sensor, state="queued"), add(session, Apex, sensor)
         add(session, Vertex, detection, apex)
         said = answered(row.id, engineer.person_id, sensor.id, 0, "confirmed", (1.0, 2.0))
         add(session, Answer, apex_id=apex.id, **said)

@@ -18,8 +18,8 @@ from fuzz_seeds import REPACKED, make_whole, members
 from making_bombs import BOMBS
 from making_recordings import png
 
-from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import RecordingManifest
+from workers.readers.normalised.sensor_files import FrameFile, SweepFile
 
 ROOT = Path(__file__).parents[3]
 RUNNER = Path(__file__).with_name("fuzz_runner.py")
@@ -103,15 +103,16 @@ def complaint(result, runner):
 def broken_output(last, out):
     """What a manifest says must be there, whole, and usable without another look."""
     manifest = RecordingManifest.model_validate(last["manifest"])
-    with LidarFile(out / manifest.sensors[0].file) as lidar:
+    with SweepFile(out / manifest.sensors[0].file) as lidar:
         if len(lidar) != manifest.sensors[0].count:
             return "the table and the file differ"
         for sweep in lidar.sweeps():
             if not np.isfinite(sweep.xyz).all() or (len(sweep.ring) and sweep.ring.max() >= lidar.ring_count):
                 return "points that are none"
     for sensor in manifest.sensors:
-        if not all((out / name).is_file() for name in (sensor.file, sensor.frames) if name):
-            return f"{sensor.file} is missing"
+        with (SweepFile if sensor.kind == "lidar" else FrameFile)(out / sensor.file) as file:
+            if len(file) != sensor.count:
+                return "the manifest and the file differ"
     return None
 
 

@@ -15,7 +15,7 @@ from rosbags.rosbag1 import Writer
 from workers.readers import limited
 from workers.readers.limited import ingest_limited
 from workers.readers.limits import Limits
-from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.normalised.sensor_files import SweepFile
 from workers.readers.recording import ReadError
 
 ROOT = Path(__file__).parents[3]
@@ -74,7 +74,7 @@ def test_a_manifest_comes_back_and_progress_with_it(small, tmp_path):
     assert (seen[-1].done, seen[-1].total, seen[-1].share) == (10, 10, 1.0)
     assert [s.name for s in manifest.sensors] == ["lidar", "front"]
     assert manifest.sensors[0].time_source == "stamp_only"
-    with LidarFile(tmp_path / "out" / "lidar.mcap") as file:
+    with SweepFile(tmp_path / "out" / "lidar.sweeps") as file:
         assert len(file) == 5
 
 

@@ -168,7 +168,7 @@ def test_a_camera_that_cannot_serve_leaves_the_others(tmp_path):
     (omission,) = manifest.omissions
     assert (omission.topic, omission.count, omission.total) == ("/rear/image_raw", COUNT, COUNT)
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == [
-        *("camera-front.frames.json", "camera-front.mcap", "lidar.mcap"),
+        *("camera-front.images", "lidar.sweeps"),
     ]
     inspection = inspect_recording(path)
     assert [fault.sensor for fault in inspection.faults if fault.code == "image_encoding_unsupported"] == ["rear"]

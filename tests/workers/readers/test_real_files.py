@@ -9,8 +9,7 @@ from apexcal.documents.readings import ReadOptions
 from workers.readers.clouds.rings import learn_missing_rings
 from workers.readers.inspection import inspect_recording
 from workers.readers.limited import ingest_limited
-from workers.readers.normalised.lidar_file import LidarFile
-from workers.readers.normalised.manifest import FrameTable, read_table
+from workers.readers.normalised.sensor_files import FrameFile, SweepFile
 from workers.readers.recording import ReadError
 
 BOARD = DATA / "vlp16-diamond-board"
@@ -21,7 +20,7 @@ def ingested(path, out, **request):
         pytest.skip(f"real data is not here: ../shared/data/{path.relative_to(DATA)}")
     manifest = ingest_limited(path, out, request)
     manifest.model_dump_json()
-    with LidarFile(out / "lidar.mcap") as file:
+    with SweepFile(out / "lidar.sweeps") as file:
         return manifest, list(file.sweeps())
 
 
@@ -70,8 +69,8 @@ def test_the_bag_and_the_folder_of_the_same_poses_give_the_same_clouds(tmp_path)
         assert len(sweep.xyz) == len(twin.xyz)
         np.testing.assert_allclose(by_ring(sweep.xyz, sweep.ring), by_ring(twin.xyz, twin.ring), atol=1e-4)
         np.testing.assert_array_equal(np.sort(sweep.ring), np.sort(twin.ring))
-    table = read_table(tmp_path / "folder" / folder.sensors[1].frames)
-    assert isinstance(table, FrameTable) and set(table.media_type) == {"image/png"}
+    with FrameFile(tmp_path / "folder" / folder.sensors[1].file) as frames:
+        assert {row["media_type"] for row in frames.rows()} == {"image/png"}
     assert (folder.sensors[1].width, folder.sensors[1].height) == (1920, 1208)
 
 
@@ -79,9 +78,8 @@ def test_the_bag_s_sweeps_and_frames(tmp_path):
     manifest, sweeps = ingested(BOARD / "recording.bag", tmp_path / "out", cameras=["front"])
     (lidar, camera), original = manifest.sensors, (BOARD / "recording.bag").read_bytes()
     assert (camera.width, camera.height, camera.transcoded) == (1920, 1208, False)
-    table = read_table(tmp_path / "out" / camera.frames)
-    data = (tmp_path / "out" / camera.file).read_bytes()
-    assert all(data[at : at + n] in original for at, n in zip(table.offset, table.length, strict=True))
+    with FrameFile(tmp_path / "out" / camera.file) as frames:
+        assert len(frames) == 20 and all(frames.data(index) in original for index in range(20))
     assert lidar.time_source == "derived_from_azimuth"
     without = learn_missing_rings([sweep.xyz for sweep in sweeps[:5]], "lidar")
     assert without.count == 16 and "VLP-16" in without.note

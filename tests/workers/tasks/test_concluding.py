@@ -130,9 +130,9 @@ def test_the_transaction_that_ends_a_calibration_is_short(context):
         take(session, calibration_id, hand_over(session))
         session.flush()
     # The calibration, locked; the vehicle, locked; the results' checks; the recommended result and its checks of now
-    # (its origin, the current one, withdrawals; no sensors, as the rig states no serial numbers); the end, and the
-    # fleet request.
-    assert seen == ["SELECT", "SELECT", "UPDATE", *["SELECT"] * 4, "UPDATE", "UPDATE"]
+    # (its origin, the current one, withdrawals, the rig's LiDAR; no sensors, as that states no serial number); the
+    # end, and the fleet request.
+    assert seen == ["SELECT", "SELECT", "UPDATE", *["SELECT"] * 5, "UPDATE", "UPDATE"]
 
 
 def two_models(context, *, folds=2):

@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import select
 
 from apexcal.documents.detections import DetectionCounts
-from service.platform.db.models import Analysis, Answer, Apex, Detection, Job, Person, Vertex, VertexFrame
+from service.platform.db.models import Analysis, Answer, Apex, Detection, Job, Person, Sensor, Vertex, VertexFrame
 from service.platform.jobs.claims import claim, finishing
 from service.platform.jobs.claims import finish as end_job
 from service.platform.jobs.queue import enqueue_all
@@ -38,7 +38,8 @@ class Run:
         fleet_id, recording_id, self.camera_id = recording
         with database.writing() as session:
             asked = {"region": REGION, "pairing": PAIRING, "state": "running", "remaining": shards, "counts": {}}
-            self.row = add(session, Detection, fleet_id=fleet_id, recording_id=recording_id, **asked)
+            lidar = session.query(Sensor).filter_by(recording_id=recording_id, kind="lidar").one()
+            self.row = add(session, Detection, lidar, fleet_id=fleet_id, **asked)
             payloads = [{"first": number, "stop": number + 1} for number in range(shards)]
             of_run = {"kind": "detect", "fleet_id": fleet_id, "subject_id": self.row.id}
             self.jobs = [job.id for job in enqueue_all(session, payloads=payloads, **of_run)]
@@ -120,7 +121,8 @@ def test_a_vertex_keeps_the_frame_that_people_marked(database, make_run, recordi
         session.add(Answer(**marked, apex_id=apex.id))
     with database.reading() as session:
         marks, stamps = (
-            each[camera_id] for each in (_marked_frames(session, recording_id), _camera_stamps(session, recording_id))
+            each[camera_id]
+            for each in (_marked_frames(session, apex.lidar_id), _camera_stamps(session, recording_id))
         )
     run = make_run()
     both = found((0, 60), (1, 5))

@@ -30,7 +30,7 @@ def camera(kind, topic="/front/image", *, d=(0.1,), **info):
     }
     stated = whole | info if info or d else None
     stamps = {"count": 5, "first_ns": 0, "last_ns": 1, "rate_hz": 10.0, "gaps": [], "gap_count": 0}
-    names = {"kind": "camera", "name": "front", "topic": topic, "frame_id": "camera", "file": "a", "frames": "b"}
+    names = {"kind": "camera", "name": "front", "topic": topic, "frame_id": "camera", "file": "a"}
     return SensorManifest(**names, **stamps, camera_info=stated, image_kind=kind)
 
 

@@ -126,7 +126,7 @@ def test_a_rig_without_cameras_is_described_by_the_recording(context, database, 
         assert [session.get_one(Recording, row.id).state for row in (first, again, blind)] == ["ready"] * 3
         described = session.get_one(Rig, rig.id)
         (camera,) = described.cameras
-        assert (described.lidar_frame, described.lidar_topic, described.version) == ("velodyne", "/points", 2)
+        assert (described.lidar.frame, described.lidar.topic, described.version) == ("velodyne", "/points", 2)
         assert (camera.name, camera.topic) == ("front", "/camera/front/image_raw/compressed")
         assert (camera.image_width, camera.image_height, camera.images["kind"]) == (640, 480, "raw")
         warned = session.get_one(Recording, first.id).warnings

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from workers.readers.copying.edits import EditCounts, Edits
+from workers.readers.copying.mcap_copy import copy_mcap
 from workers.readers.copying.rosbag1_copy import copy_rosbag1
-from workers.readers.copying.rosbag2_copy import copy_file, copy_folder
+from workers.readers.copying.rosbag2_copy import copy_rosbag2
 from workers.readers.detect import MCAP, ROSBAG1, SQLITE, read_head
 from workers.readers.output import bytes_written
 from workers.readers.recording import ReadError
@@ -33,14 +34,15 @@ def copy_recording(
 
 
 def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> tuple[Path, EditCounts]:
-    if path.is_dir():
-        return copy_folder(path, out, edits, on_done)
-    head = read_head(path)
+    head = b"" if path.is_dir() else read_head(path)
+    if path.is_dir() or head.startswith(SQLITE):
+        return copy_rosbag2(path, out, edits, on_done)
     if head.startswith(ROSBAG1):
         copy = out.with_name(f"{out.name}.bag")
         return copy, copy_rosbag1(path, copy, edits, on_done)
-    if head.startswith((SQLITE, MCAP)):
-        return copy_file(path, out, edits, on_done)
+    if head.startswith(MCAP):
+        copy = out.with_name(f"{out.name}.mcap")
+        return copy, copy_mcap(path, copy, edits, on_done)
     with closing(open_tree(path)) as tree:
         contents = look_into(tree)
         sources = list(contents.sources)

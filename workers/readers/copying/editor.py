@@ -63,15 +63,9 @@ class NewTopic:
         return fixed_types(self.encoding).generate_msgdef(self.type, ros_version=version)[0]
 
     @property
-    def metadata(self) -> dict[str, str]:
-        """What rosbag2 says of it, in a bag's metadata and in SQLite."""
-        return {
-            "name": self.name,
-            "type": self.type,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": self.qos,
-            "type_description_hash": fixed_types("cdr").hash_rihs01(self.type),
-        }
+    def type_hash(self) -> str:
+        """What rosbag2 writes of its type."""
+        return fixed_types("cdr").hash_rihs01(self.type)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +78,10 @@ class Added:
 
 
 class Editor:
-    """Knows a bag's topics, and what becomes of each of their messages.
-
-    One file of several may lack a camera; :meth:`check_complete` looks at all of them.
-    """
+    """Knows a bag's topics, and what becomes of each of their messages."""
 
     def __init__(self, container: Container, edits: Edits) -> None:
         self.counts = EditCounts()
-        self.added_by_topic: dict[str, int] = {}
         self._edits = edits
         topics = {topic.name: topic for topic in container.topics}
         self._encodings = {name: topic.encoding for name, topic in topics.items()}
@@ -113,11 +103,6 @@ class Editor:
         }
         self._found: set[str] = set()
         self.has_begun = False
-
-    @property
-    def watched(self) -> frozenset[str]:
-        """Topics whose messages must be shown to :meth:`take`."""
-        return frozenset({*self._infos, *self._static, *self._moving, *self._new_infos})
 
     @property
     def new_topics(self) -> list[NewTopic]:
@@ -142,8 +127,6 @@ class Editor:
     def take(self, topic: str, log_ns: int, raw: bytes) -> tuple[bytes, list[Added]]:
         """Return a message as it is to be written, the same object if nothing of it changes, and what follows it.
 
-        Messages of topics that are not in ``watched`` need not be given; whoever copies them counts them.
-
         Raises:
             ReadError: ``frame_moves``, a frame whose pose is put in is placed by a moving transform.
         """
@@ -166,7 +149,7 @@ class Editor:
         if topic is None:
             return []
         new = [pose for pose in self._edits.poses if pose.is_new]
-        self._count(topic)
+        self.counts.added += 1
         encoding = self._encodings.get(topic, self._first_encoding)
         return [Added(topic, log_ns, self._messages[encoding].new_poses(new, log_ns))]
 
@@ -177,18 +160,9 @@ class Editor:
         camera, name = self._new_infos[topic]
         encoding = self._encodings[topic]
         image = self._decoders[topic](raw)
-        self._count(name)
+        self.counts.added += 1
         frame_id = image.frame_id or camera.frame_id
         return [Added(name, log_ns, self._messages[encoding].new_info(camera, image.stamp_ns, frame_id))]
-
-    def _count(self, topic: str) -> None:
-        self.counts.added += 1
-        self.added_by_topic[topic] = self.added_by_topic.get(topic, 0) + 1
-
-    def found_elsewhere(self, other: Editor) -> None:
-        """Count the poses that another file of the same bag states, and the cameras that it has."""
-        self._found |= other._found
-        self._found_topics |= other._found_topics
 
     def check_complete(self) -> None:
         """Raises :class:`ReadError` ``copy_not_possible`` if a pose to replace was not found, or if a camera's topic

@@ -1,12 +1,11 @@
-"""An MCAP file, record by record into a new one.
+"""An MCAP file, message by message into a new one, which the library mcap writes.
 
-Chunks without a message that is replaced are copied as they are. Of others only the messages that are replaced
-change; chunks keep their compression. Messages that are added stand in chunks of their own, near their time.
+Schemas, channels, attachments and metadata go with it; so do each message's times and sequence number.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from io import BytesIO
 from pathlib import Path
@@ -14,133 +13,94 @@ from typing import Final
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, MetadataIndex
+from mcap.records import Attachment, Header, Metadata
+from mcap.writer import CompressionType, Writer
 
 from workers.readers.copying.editor import Added, Editor
-from workers.readers.copying.edits import Edits
-from workers.readers.mcap_io.records import HEAD, MESSAGE, chunk_head, records, unpacked_chunk
-from workers.readers.mcap_io.writer import McapWriter
+from workers.readers.copying.edits import EditCounts, Edits
+from workers.readers.output import create
 from workers.readers.ros.mcap_bag import McapBag
+from workers.readers.ros.mcap_records import MESSAGE, chunk_head
 
-_PIECE: Final = 1 << 20
+_COMPRESSIONS: Final = {"": CompressionType.NONE, "lz4": CompressionType.LZ4}
 
 
-def copy_mcap(path: Path, out: Path, edits: Edits, is_first: bool, on_done: Callable[[float], None]) -> Editor:
-    """Copy a file. ``is_first``: whether new poses go into it.
-
-    Raises:
-        ReadError: as :class:`McapBag` and :class:`Editor` do.
-    """
-    with closing(McapBag(path)) as bag:
+def copy_mcap(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> EditCounts:
+    """Raises :class:`ReadError` as :class:`McapBag` and :class:`Editor` do."""
+    with closing(McapBag(path)) as bag, create(out) as file:
         editor = Editor(bag, edits)
-        writer = McapWriter(out, None, "zstd")
-        try:
-            with bag.damage():
-                _Copy(bag, writer, editor, is_first).run(on_done)
-        finally:
-            writer.abandon()
-    return editor
+        with bag.damage():
+            profile, compression = _form(bag)
+            writer = Writer(file, compression=_COMPRESSIONS.get(compression, CompressionType.ZSTD))
+            writer.start(profile=profile, library="apexcal")
+            _Copy(bag, writer, editor).run(on_done)
+            writer.finish()
+    editor.check_complete()
+    return editor.counts
+
+
+def _form(bag: McapBag) -> tuple[str, str]:
+    """The file's profile, and by what its first chunk is compressed."""
+    profile = ""
+    for _, kind, size in bag.walk():
+        if kind == Opcode.HEADER:
+            profile = Header.read(_stream(bag, size)).profile
+        elif kind == Opcode.CHUNK:
+            return profile, chunk_head(bag.body(size))[1]
+    return profile, ""
+
+
+def _stream(bag: McapBag, size: int) -> ReadDataStream:
+    return ReadDataStream(BytesIO(bag.body(size)))
 
 
 class _Copy:
-    def __init__(self, bag: McapBag, writer: McapWriter, editor: Editor, is_first: bool) -> None:
+    def __init__(self, bag: McapBag, writer: Writer, editor: Editor) -> None:
         self._bag, self._writer, self._editor = bag, writer, editor
-        self._says_first = is_first
-        self._topics = {number: channel.topic for number, channel in bag.contents.channels.items()}
-        self._numbers = {topic: number for number, topic in reversed(self._topics.items())}
-        writer.summary.schemas |= bag.contents.schemas
-        writer.summary.channels |= bag.contents.channels
-        self._pending: list[Added] = []
+        contents = bag.contents
+        schemas = {
+            number: writer.register_schema(schema.name, schema.encoding, schema.data)
+            for number, schema in sorted(contents.schemas.items())
+        }
+        self._topics = {number: channel.topic for number, channel in contents.channels.items()}
+        self._channels = {
+            number: writer.register_channel(
+                channel.topic, channel.message_encoding, schemas.get(channel.schema_id, 0), dict(channel.metadata)
+            )
+            for number, channel in sorted(contents.channels.items())
+        }
+        self._by_topic = {self._topics[number]: new for number, new in reversed(self._channels.items())}
+        for topic in editor.new_topics:
+            is_ros1 = topic.encoding == "ros1"
+            name, form = (topic.type.replace("/msg/", "/"), "ros1msg") if is_ros1 else (topic.type, "ros2msg")
+            schema = writer.register_schema(name, form, topic.definition.encode())
+            facts = {} if is_ros1 else {"offered_qos_profiles": topic.qos}
+            self._by_topic[topic.name] = writer.register_channel(topic.name, topic.encoding, schema, facts)
 
     def run(self, on_done: Callable[[float], None]) -> None:
-        """Walk over the file, then write the new summary."""
+        """Walk over the file."""
         for _, kind, size in self._bag.walk():
-            if kind == Opcode.CHUNK:
-                self._take_chunk(self._bag.body(size))
-            elif kind == Opcode.MESSAGE:
-                self._flush()
-                head, data, _ = self._message(self._bag.body(size))
-                channel, _, log_ns, _ = MESSAGE.unpack(head)
-                self._writer.summary.count(channel, log_ns)
-                self._writer.write(HEAD.pack(kind, len(head) + len(data)), head, data)
-            elif kind in (Opcode.ATTACHMENT, Opcode.METADATA):
-                self._take_extra(kind, size)
-            elif kind != Opcode.MESSAGE_INDEX:  # written anew behind its chunk
-                self._writer.write(HEAD.pack(kind, size), self._bag.body(size))
-                if kind == Opcode.HEADER:
-                    self._add_channels()
+            if kind in (Opcode.CHUNK, Opcode.MESSAGE):
+                for inner, part in self._bag.records(kind, size):
+                    if inner == Opcode.MESSAGE:
+                        self._take(part)
+            elif kind == Opcode.ATTACHMENT:
+                file = Attachment.read(_stream(self._bag, size))
+                self._writer.add_attachment(file.create_time, file.log_time, file.name, file.media_type, file.data)
+            elif kind == Opcode.METADATA:
+                facts = Metadata.read(_stream(self._bag, size))
+                self._writer.add_metadata(facts.name, facts.metadata)
             on_done(self._bag.share_read)
-        self._flush()
-        self._writer.finish()
 
-    def _take_extra(self, kind: int, size: int) -> None:
-        """Attachments may be larger than memory."""
-        start, left = self._writer.tell(), size
-        self._writer.write(HEAD.pack(kind, size))
-        while left and (piece := self._bag.file.read(min(left, _PIECE))):
-            if left == size:
-                self._index_extra(kind, piece, start, size + HEAD.size)
-            self._writer.write(piece)
-            left -= len(piece)
+    def _take(self, part: memoryview) -> None:
+        number, sequence, log_ns, publish_ns = MESSAGE.unpack_from(part)
+        if not self._editor.has_begun:
+            self._add(self._editor.begin(log_ns))
+        message, added = self._editor.take(self._topics.get(number, ""), log_ns, bytes(part[MESSAGE.size :]))
+        if number in self._channels:
+            self._writer.add_message(self._channels[number], log_ns, message, publish_ns, sequence)
+        self._add(added)
 
-    def _index_extra(self, kind: int, piece: bytes, start: int, length: int) -> None:
-        stream, summary = ReadDataStream(BytesIO(piece)), self._writer.summary
-        if kind == Opcode.METADATA:
-            summary.metadata.append(MetadataIndex(start, length, stream.read_prefixed_string()))
-            return
-        index = AttachmentIndex(
-            offset=start,
-            length=length,
-            log_time=stream.read8(),
-            create_time=stream.read8(),
-            name=stream.read_prefixed_string(),
-            media_type=stream.read_prefixed_string(),
-            data_size=stream.read8(),
-        )
-        summary.attachments.append(index)
-
-    def _take_chunk(self, body: memoryview) -> None:
-        """A chunk as it is, or with messages replaced; and its message indexes."""
-        self._flush()
-        has_changed = False
-        for kind, part in records(unpacked_chunk(body)):
-            if kind != Opcode.MESSAGE:
-                self._writer.put(kind, part)
-                continue
-            head, data, is_changed = self._message(part)
-            has_changed = has_changed or is_changed
-            channel, _, log_ns, _ = MESSAGE.unpack(head)
-            self._writer.put_message(channel, log_ns, head, data)
-        self._writer.end_chunk(chunk_head(body)[1], None if has_changed else body)
-
-    def _message(self, part: memoryview) -> tuple[memoryview, bytes | memoryview, bool]:
-        """A message's numbers and its content as it is to be written, and whether that has changed."""
-        channel, _, log_ns, _ = MESSAGE.unpack_from(part)
-        topic = self._topics.get(channel, "")
-        if self._says_first:
-            self._says_first = False
-            self._pending += self._editor.begin(log_ns)
-        head, raw = part[: MESSAGE.size], part[MESSAGE.size :]
-        if topic not in self._editor.watched:
-            self._editor.counts.copied += 1
-            return head, raw, False
-        data = bytes(raw)
-        message, added = self._editor.take(topic, log_ns, data)
-        self._pending += added
-        return head, message, message is not data
-
-    def _flush(self) -> None:
-        """Write what was added since, as a chunk of its own."""
-        for pending in self._pending:
-            self._writer.add(self._numbers[pending.topic], pending.log_ns, pending.data)
-        self._pending = []
-        self._writer.end_chunk()
-
-    def _add_channels(self) -> None:
-        """Schemas and channels of the topics that are added, behind the header."""
-        for topic in self._editor.new_topics:
-            is_ros1 = topic.encoding == "ros1"
-            name, encoding = (topic.type.replace("/msg/", "/"), "ros1msg") if is_ros1 else (topic.type, "ros2msg")
-            schema = self._writer.add_schema(name, encoding, topic.definition.encode())
-            facts = {} if is_ros1 else {"offered_qos_profiles": topic.qos}
-            self._numbers[topic.name] = self._writer.add_channel(topic.name, schema, topic.encoding, facts)
+    def _add(self, messages: Sequence[Added]) -> None:
+        for added in messages:
+            self._writer.add_message(self._by_topic[added.topic], added.log_ns, added.data, added.log_ns)

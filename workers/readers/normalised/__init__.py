@@ -1,1 +1,1 @@
-"""The recording as everything downstream reads it: one MCAP file per sensor, and a manifest."""
+"""The recording as everything downstream reads it: one file per sensor, and a manifest."""

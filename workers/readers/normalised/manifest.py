@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from io import TextIOWrapper
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
@@ -14,7 +9,6 @@ from pydantic import ConfigDict, Field
 from apexcal.documents.base import Document
 from apexcal.documents.omissions import Omission
 from apexcal.documents.recordings import FixedFrame, RecordingFacts, SensorFacts, StampFacts
-from workers.readers.output import create
 
 _BareName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 
@@ -34,8 +28,7 @@ class SensorManifest(SensorFacts, SensorStamps):
         name: ``lidar``, or the camera's name in the rig.
         topic: topic or folder in the original.
         frame_id: coordinate frame that the original states, or empty.
-        file: name of the MCAP file.
-        frames: of a camera: name of the sidecar with the table of its frames (:func:`read_table`).
+        file: name of its file.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -45,7 +38,6 @@ class SensorManifest(SensorFacts, SensorStamps):
     topic: str
     frame_id: str
     file: _BareName
-    frames: _BareName | None = None
 
 
 class RecordingManifest(Document):
@@ -79,39 +71,3 @@ class RecordingManifest(Document):
             omissions=self.omissions,
         )
         return facts.model_dump(mode="json", exclude=None if self.static_transforms else {"static_transforms"})
-
-
-@dataclass(frozen=True, slots=True)
-class FrameTable:
-    """Where each frame of a camera stands in its file, ordered by stamp; index i is the frame's number.
-
-    Attributes:
-        stamp_ns: UTC nanoseconds.
-        offset, length: byte range of the encoded image in the MCAP file.
-        media_type, width, height: of that image.
-    """
-
-    stamp_ns: Sequence[int]
-    offset: Sequence[int]
-    length: Sequence[int]
-    media_type: Sequence[str]
-    width: Sequence[int]
-    height: Sequence[int]
-
-    def __len__(self) -> int:
-        return len(self.stamp_ns)
-
-
-def write_table(path: Path, table: FrameTable) -> None:
-    """Write a table as JSON, a column per key."""
-    with TextIOWrapper(create(path), "ascii") as file:
-        json.dump(asdict(table), file, separators=(",", ":"))
-
-
-def read_table(path: Path) -> FrameTable:
-    """Read a table written by :func:`write_table`.
-
-    Raises:
-        TypeError: not such a table.
-    """
-    return FrameTable(**json.loads(path.read_text()))

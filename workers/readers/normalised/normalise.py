@@ -1,4 +1,4 @@
-"""Turns any recording into one MCAP file per sensor and a manifest: validated, in one pass, in constant memory."""
+"""Turns any recording into one file per sensor and a manifest: validated, in one pass, in constant memory."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
 from workers.readers.images.frame_sizes import FrameSize, other_size, usual_size
 from workers.readers.normalised.clocks import ClockReport, Times, report_clocks
-from workers.readers.normalised.manifest import FrameTable, RecordingManifest, SensorManifest, write_table
-from workers.readers.normalised.mcap_files import CameraWriter, LidarWriter, check_item
+from workers.readers.normalised.manifest import RecordingManifest, SensorManifest
+from workers.readers.normalised.sensor_writers import FrameWriter, SweepWriter, check_item
 from workers.readers.normalised.stamps import (
     StampReport,
     overlap_warning,
@@ -56,35 +56,36 @@ class _Times:
 class _Lidar:
     """Writes the LiDAR's file, and collects what its manifest needs."""
 
-    def __init__(self, out_dir: Path, sensor: Sensor, facts: LidarFacts, accepts_implausible: bool) -> None:
+    def __init__(
+        self, out_dir: Path, name: str, sensor: Sensor, facts: LidarFacts, accepts_implausible: bool
+    ) -> None:
+        self.name = name
         self.sensor = sensor
         self.facts = facts
         self.accepts_implausible = accepts_implausible
-        self.writer = LidarWriter(out_dir / "lidar.mcap", sensor.name, sensor.frame_id)
+        self.writer = SweepWriter(sensor_path(out_dir, "lidar", name), sensor, facts)
         self.times = _Times()
-        self.points = array("q")
         self.sample = SweepSample()
 
     def add(self, item: Sweep | Frame) -> None:
         assert isinstance(item, Sweep)
         self.writer.add(item)
-        self.points.append(len(item.xyz))
         self.sample.add(item)
 
     def finish(self, omissions: Omissions, clock: ClockReport | None) -> tuple[SensorManifest, list[str]]:
         facts = self.facts
         stamps = _by_one_clock(self, omissions, clock)
-        self.writer.finish(facts, stamps if clock and clock.steps else None)
         omitted_ns = _omitted_by_one_clock(self, omissions, clock)
-        report = report_stamps(stamps, "lidar", omitted_ns, has_times=self.sensor.has_times)
-        points = np.array(self.points, np.int64)[report.order]
+        report = report_stamps(stamps, self.name, omitted_ns, has_times=self.sensor.has_times)
+        self.writer.finish(stamps, report.order)
+        points = np.array(self.writer.points, np.int64)[report.order]
         rate_hz = report.facts.rate_hz
         fault = implausible(self.sample, self.sensor.name, 1.0 / rate_hz if rate_hz else None)
         if fault is not None and not self.accepts_implausible:
             raise refusal(fault)
         accepted = [] if fault is None else [f"{fault.sentence} The owner has accepted it."]
         manifest = _described(
-            *("lidar", self.sensor, self.writer.path, report, clock),
+            *(self.name, self.sensor, self.writer.path, report, clock),
             stamp_convention=facts.stamp_convention,
             time_source=facts.time_source,
             ring_count=facts.ring_count,
@@ -93,7 +94,7 @@ class _Lidar:
             empty=omissions.count(self.sensor.name, "cloud_empty"),
             notes=list(facts.notes),
         )
-        return manifest, [*accepted, *report.warnings, *sweep_warnings(points, "lidar")]
+        return manifest, [*accepted, *report.warnings, *sweep_warnings(points, self.name)]
 
 
 class _Camera:
@@ -103,45 +104,31 @@ class _Camera:
         self.name = name
         self.sensor = sensor
         self.size = size
-        self.writer = CameraWriter(out_dir / f"camera-{name}.mcap", sensor.name, sensor.frame_id)
+        self.writer = FrameWriter(sensor_path(out_dir, "camera", name), sensor)
         self.times = _Times()
-        self.rows: list[tuple[str, int, int]] = []  # media type, width and height; mostly one object
         self.transcodings: list[str] = []
 
     def add(self, item: Sweep | Frame) -> None:
         assert isinstance(item, Frame)
         self.writer.add(item)
-        row = (item.media_type, item.width, item.height)
-        self.rows.append(self.rows[-1] if self.rows and self.rows[-1] == row else row)
         if item.transcoding and item.transcoding not in self.transcodings:
             self.transcodings.append(item.transcoding)
 
     def finish(self, omissions: Omissions, clock: ClockReport | None) -> tuple[SensorManifest, list[str]]:
-        offsets = self.writer.finish()
         stamps = _by_one_clock(self, omissions, clock)
-        counts = Counter((width, height) for _, width, height in self.rows)
+        all_sizes = [kind[:2] for kind in self.writer.kinds]
+        counts = Counter(all_sizes)
         usual = usual_size(counts, self.size)
-        is_usual = np.array([row[1:] == usual for row in self.rows])
+        is_usual = np.array([size == usual for size in all_sizes])
         omitted_ns = np.concatenate([_omitted_by_one_clock(self, omissions, clock), stamps[~is_usual]])
         for i in np.flatnonzero(~is_usual).tolist():
             stamp_ns = int(stamps[i])
-            omissions.add(self.sensor.name, other_size(self.rows[i][1:], usual, stamp_ns), stamp_ns)
+            omissions.add(self.sensor.name, other_size(all_sizes[i], usual, stamp_ns), stamp_ns)
         report = report_stamps(stamps[is_usual], self.name, omitted_ns, has_times=self.sensor.has_times)
-        order: list[int] = np.flatnonzero(is_usual)[report.order].tolist()
-        table = FrameTable(
-            stamp_ns=stamps[order].tolist(),
-            offset=[offsets[i] for i in order],
-            length=[self.writer.lengths[i] for i in order],
-            media_type=[self.rows[i][0] for i in order],
-            width=[self.rows[i][1] for i in order],
-            height=[self.rows[i][2] for i in order],
-        )
-        frames = self.writer.path.with_suffix(".frames.json")
-        write_table(frames, table)
+        self.writer.finish(stamps, np.flatnonzero(is_usual)[report.order])
         sizes = [ImageSize(width=width, height=height, count=n) for (width, height), n in counts.most_common(100)]
         manifest = _described(
             *(self.name, self.sensor, self.writer.path, report, clock),
-            frames=frames.name,
             transcoded=bool(self.transcodings),
             width=usual[0],
             height=usual[1],
@@ -151,6 +138,11 @@ class _Camera:
             notes=list(self.transcodings),
         )
         return manifest, [*report.warnings, *_size_warnings(self.name, usual, self.sensor)]
+
+
+def sensor_path(folder: Path, kind: str, name: str) -> Path:
+    """Where a normalised recording in a folder has a sensor's file."""
+    return folder / (f"{name}.sweeps" if kind == "lidar" else f"camera-{name}.images")
 
 
 def _described(
@@ -219,7 +211,7 @@ def normalise(
     options: ReadOptions | None = None,
     on_progress: OnProgress | None = None,
 ) -> RecordingManifest:
-    """Write ``lidar.mcap``, a ``camera-<name>.mcap`` per camera, and their tables into a folder.
+    """Write ``lidar.sweeps`` and a ``camera-<name>.images`` per camera into a folder.
 
     Args:
         path: the recording, a file or a folder.
@@ -238,12 +230,11 @@ def normalise(
     try:
         with closing(open_recording(path, options)) as recording:
             chosen = choose_sensors(recording, lidar, cameras, sizes)
-            stems = ("lidar" if name == "lidar" else f"camera-{name}" for name in chosen)
-            files += [out / f"{stem}{end}" for stem in stems for end in (".mcap", ".frames.json")]
+            files += [sensor_path(out, sensor.kind, name) for name, sensor in chosen.items()]
             accepts = options is not None and options.accept_implausible
             sinks = {
-                name: _Lidar(out, sensor, recording.lidar_facts(sensor), accepts)
-                if name == "lidar"
+                name: _Lidar(out, name, sensor, recording.lidar_facts(sensor), accepts)
+                if sensor.kind == "lidar"
                 else _Camera(out, name, sensor, (sizes or {}).get(name))
                 for name, sensor in chosen.items()
             }
@@ -305,7 +296,7 @@ def _normalise(
 
 def _serving(sinks: Mapping[str, _Lidar | _Camera]) -> Mapping[str, _Lidar | _Camera]:
     """Those without the cameras of which no frame can be used, whose files are removed; all if no camera can."""
-    empty = {name for name, sink in sinks.items() if name != "lidar" and not sink.times.stamps}
+    empty = {name for name, sink in sinks.items() if sink.sensor.kind == "camera" and not sink.times.stamps}
     if len(empty) == len(sinks) - 1:
         return sinks
     for name in empty:

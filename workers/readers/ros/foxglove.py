@@ -16,8 +16,8 @@ from google.protobuf.json_format import ParseDict, ParseError
 from google.protobuf.message import DecodeError
 from google.protobuf.unknown_fields import UnknownFieldSet
 
-from workers.readers.mcap_io.records import RecordError
 from workers.readers.ros.foxglove_messages import FOXGLOVE_MESSAGES
+from workers.readers.ros.mcap_records import RecordError
 from workers.readers.ros.topic_messages import BagTopic, Decoder
 
 _MOST_FIELDS: Final = 256  # of a point: each becomes an object of Python

@@ -25,7 +25,10 @@ from rosbags.serde import SerdeError
 
 from workers.readers.damage import damage, on_error
 from workers.readers.detect import MCAP
-from workers.readers.mcap_io.records import (
+from workers.readers.progress import beat
+from workers.readers.recording import ReadError
+from workers.readers.ros.containers import Container, spread
+from workers.readers.ros.mcap_records import (
     FOOTER_BYTES,
     HEAD,
     MAX_CHUNK_BYTES,
@@ -36,9 +39,6 @@ from workers.readers.mcap_io.records import (
     records,
     unpacked_chunk,
 )
-from workers.readers.progress import beat
-from workers.readers.recording import ReadError
-from workers.readers.ros.containers import Container, spread
 from workers.readers.ros.topic_messages import BagTopic
 
 _TIMES: Final = 64
@@ -124,7 +124,7 @@ class McapBag(Container):
         contents = McapContents()
         for offset, kind, size in self.walk():
             present: set[int] = set()
-            for inner, part in self._records(kind, size) if kind in _CONTENT else ():
+            for inner, part in self.records(kind, size) if kind in _CONTENT else ():
                 if inner == Opcode.MESSAGE:
                     present.add(contents.count(part))
                 elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -164,7 +164,7 @@ class McapBag(Container):
             raise RecordError(f"a record claims {size} bytes; at most {MAX_CHUNK_BYTES} are read")
         return memoryview(self.file.read(size))
 
-    def _records(self, kind: int, size: int) -> Iterable[tuple[int, memoryview]]:
+    def records(self, kind: int, size: int) -> Iterable[tuple[int, memoryview]]:
         """The records of the chunk at which the file stands, or the one record that is no chunk."""
         body = self.body(size)
         return records(unpacked_chunk(body)) if kind == Opcode.CHUNK else ((kind, body),)
@@ -179,7 +179,9 @@ class McapBag(Container):
             schema = self.contents.schemas.get(channel.schema_id, _NO_SCHEMA)
             definition = "" if schema.encoding == "protobuf" else schema.data.decode(errors="replace")
             by_name[channel.topic] = BagTopic(
-                channel.topic, schema.name, channel.message_encoding, definition, schema.encoding, count
+                *(channel.topic, schema.name, channel.message_encoding, definition, schema.encoding, count),
+                qos=channel.metadata.get("offered_qos_profiles", ""),
+                type_hash=channel.metadata.get("topic_type_hash", ""),
             )
         return list(by_name.values())
 
@@ -200,7 +202,7 @@ class McapBag(Container):
             for offset, kind, size in self.walk():
                 if kind not in (Opcode.CHUNK, Opcode.MESSAGE) or offset in skip:
                     continue
-                for inner, part in self._records(kind, size):
+                for inner, part in self.records(kind, size):
                     if inner == Opcode.MESSAGE and struct.unpack_from("<H", part)[0] in numbers:
                         number, log_ns, data = message_of(part)
                         yield numbers[number], log_ns, data
@@ -216,7 +218,7 @@ class McapBag(Container):
                 head = self._record_at(offset)
                 if head is None or head[0] != (Opcode.MESSAGE if loose else Opcode.CHUNK):
                     raise RecordError(f"there is no message at byte {offset} any more")
-                parts = [part for kind, part in self._records(*head) if kind == Opcode.MESSAGE]
+                parts = [part for kind, part in self.records(*head) if kind == Opcode.MESSAGE]
                 ours = [part for part in parts if _CHANNEL.unpack_from(part)[0] in numbers]
                 share = (number + 1) * count // len(chosen) - number * count // len(chosen)
                 is_end = share == 1 and number == count - 1 > 0

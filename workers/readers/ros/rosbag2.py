@@ -31,10 +31,10 @@ class Rosbag2Recording(TopicRecording):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        super().__init__(_open_files(path, [path]) if path.is_file() else _open_folder(path), options)
+        super().__init__(open_bag(path), options)
 
 
-def unpacked_file(path: Path, scratch: Scratch) -> Path:
+def _unpacked_file(path: Path, scratch: Scratch) -> Path:
     """One file of a bag, decompressed where it is packed as a whole."""
     if packing_of(read_head(path)) == "zstd":
         return scratch.unpack(path, "zstd", path.name.removesuffix(".zstd") + ".unpacked")
@@ -42,7 +42,7 @@ def unpacked_file(path: Path, scratch: Scratch) -> Path:
 
 
 def _open_file(path: Path, scratch: Scratch) -> Container:
-    path = unpacked_file(path, scratch)
+    path = _unpacked_file(path, scratch)
     head = read_head(path)
     # Each needs a library of its own, so the module is loaded when its format is met.
     if head.startswith(MCAP):
@@ -56,9 +56,10 @@ def _open_file(path: Path, scratch: Scratch) -> Container:
     )
 
 
-def _open_folder(path: Path) -> Container:
+def open_bag(path: Path) -> Container:
+    """Open a bag's file, or all files of its folder. Raises as :class:`Rosbag2Recording` does."""
     warnings: list[str] = []
-    return _open_files(path, bag_files(path, warnings), warnings)
+    return _open_files(path, [path] if path.is_file() else _bag_files(path, warnings), warnings)
 
 
 def _open_files(path: Path, parts: Sequence[Path], warnings: Sequence[str] = ()) -> Container:
@@ -73,7 +74,7 @@ def _open_files(path: Path, parts: Sequence[Path], warnings: Sequence[str] = ())
         return SplitContainer(files, warnings, stack.pop_all())
 
 
-def bag_files(path: Path, warnings: list[str]) -> list[Path]:
+def _bag_files(path: Path, warnings: list[str]) -> list[Path]:
     """A bag's files in order, as its metadata say it, else as they are named.
 
     Raises:

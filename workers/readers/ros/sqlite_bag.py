@@ -73,13 +73,18 @@ class SqliteBag(Container):
             raise sqlite3.DatabaseError("it has more messages than room for them")
         ids: dict[str, list[int]] = {}
         topics: list[BagTopic] = []
-        rows = self.file.rows("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
-        for number, name, kind, encoding in rows:
+        there = self.file.columns["topics"]
+        more = [name if name in there else "''" for name in ("offered_qos_profiles", "type_description_hash")]
+        rows = self.file.rows(
+            f"SELECT id, name, type, serialization_format, {', '.join(more)} FROM topics ORDER BY id"
+        )
+        for number, name, kind, encoding, qos, type_hash in rows:
             ids.setdefault(str(name), []).append(int(number))
             if len(ids[name]) == 1:
                 text, form = definitions.get(str(kind), ("", ""))
                 usual = str(encoding) or "cdr"  # old recorders left it empty; there is no other format in ROS 2
-                topics.append(BagTopic(str(name), str(kind), usual, text, form, counts.get(number, 0)))
+                facts = (str(name), str(kind), usual, text, form, counts.get(number, 0))
+                topics.append(BagTopic(*facts, qos=str(qos), type_hash=str(type_hash)))
         return ids, topics
 
     def _last_whole(self) -> int:

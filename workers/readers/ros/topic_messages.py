@@ -26,6 +26,8 @@ class BagTopic:
         definition: the type's definition as the file carries it, empty where it carries none.
         definition_format: ``ros1msg``, ``ros2msg``, ``ros2idl`` or another.
         count: number of messages where the file says it.
+        qos: the quality of service that it was offered with, as the file says it; of ROS 2.
+        type_hash: its type's hash, as the file says it; of ROS 2.
     """
 
     name: str
@@ -34,6 +36,8 @@ class BagTopic:
     definition: str
     definition_format: str
     count: int | None
+    qos: str = ""
+    type_hash: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,18 +22,25 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.timestamp_pb2 import Timestamp
-from numpy.typing import NDArray
 
 from apexcal.documents.recordings import FixedFrame
-from workers.readers.normalised.cdr import POINT_DTYPE
+from workers.readers.recording import Sweep
 
 ENCODING: Final = "protobuf"
+_POINT: Final = np.dtype(
+    {
+        "names": ["x", "y", "z", "intensity", "offset_ns", "ring"],
+        "formats": ["<f4", "<f4", "<f4", "<f4", "<i4", "<u2"],
+        "offsets": [0, 4, 8, 12, 16, 20],
+        "itemsize": 24,
+    }
+)
 KINDS: Final[tuple[Any, ...]] = (PointCloud, CompressedImage, CameraCalibration, FrameTransforms)
 _NUMERIC_TYPES: Final = {"<f4": 7, "<i4": 6, "<u2": 3}
 _SAME_AXES: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 _COLUMNS: Final = [
     PackedElementField(name=name, offset=offset, type=_NUMERIC_TYPES[kind.str])  # pyright: ignore[reportArgumentType]
-    for name, (kind, offset, *_) in (POINT_DTYPE.fields or {}).items()
+    for name, (kind, offset, *_) in (_POINT.fields or {}).items()
 ]
 
 
@@ -68,14 +75,19 @@ def descriptor_set(kind: Any) -> bytes:
     return files.SerializeToString()
 
 
-def point_cloud(stamp_ns: int, frame_id: str, points: NDArray[np.uint8]) -> bytes:
-    """Points that are laid out as POINT_DTYPE."""
+def point_cloud(sweep: Sweep, frame_id: str) -> bytes:
+    """A sweep's points with intensity, nanoseconds after the stamp (at most 2.1 s) and ring."""
+    points = np.zeros(len(sweep.xyz), _POINT)
+    for axis, name in enumerate("xyz"):
+        points[name] = sweep.xyz[:, axis]
+    points["intensity"], points["ring"] = sweep.intensity, sweep.ring
+    points["offset_ns"] = np.clip(sweep.offset_ns, -(2**31), 2**31 - 1)
     pose = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
     return PointCloud(
-        timestamp=_time(stamp_ns),
+        timestamp=_time(sweep.stamp_ns),
         frame_id=frame_id,
         pose=pose,
-        point_stride=POINT_DTYPE.itemsize,
+        point_stride=_POINT.itemsize,
         fields=_COLUMNS,
         data=points.tobytes(),
     ).SerializeToString()

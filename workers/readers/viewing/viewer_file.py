@@ -11,20 +11,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final, cast
+from typing import Any, Final, cast
 
 import cv2
 import numpy as np
+from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from apexcal.documents.recordings import FixedFrame
 from workers.readers.images.decode import decoded
-from workers.readers.mcap_io.writer import McapWriter
-from workers.readers.normalised.cdr import point_bytes
-from workers.readers.normalised.lidar_file import LidarFile
-from workers.readers.normalised.manifest import read_table
-from workers.readers.output import bytes_written
+from workers.readers.normalised.sensor_files import FrameFile, SweepFile
+from workers.readers.output import bytes_written, create
 from workers.readers.viewing.messages import (
     ENCODING,
     KINDS,
@@ -44,7 +42,7 @@ class ViewedCamera:
     Attributes:
         name: the camera's name in the rig.
         frame_id: its optical frame.
-        file: its normalised recording. table: where its frames stand in it.
+        file: its frames.
         map: an .npy file, (height, width, 2) float32: for each pixel of the undistorted image the pixel of the frame;
             it lies outside of the frame where the lens sees nothing.
         clock_offset_ns: its clock minus the LiDAR's.
@@ -55,7 +53,6 @@ class ViewedCamera:
     name: str
     frame_id: str
     file: Path
-    table: Path
     map: Path
     clock_offset_ns: int
     raw: ViewerLens | None
@@ -65,8 +62,6 @@ class ViewedCamera:
 FILE_NAME: Final = "recording.mcap"
 _LIDAR: Final = -1
 _Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
-# The level of normalised LiDAR files (mcap_files.py): points become a third smaller. Frames are compressed already.
-_LEVEL: Final = -1
 
 
 def write_viewer_file(
@@ -82,14 +77,14 @@ def write_viewer_file(
     """
     out_dir.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        sweeps = stack.enter_context(LidarFile(lidar))
+        sweeps = stack.enter_context(SweepFile(lidar))
         cameras = [
             _Camera(camera, stack) for camera in TypeAdapter(list[ViewedCamera]).validate_python(request["cameras"])
         ]
-        file = McapWriter(out_dir / FILE_NAME, "", "zstd", _LEVEL)
-        stack.callback(file.abandon)
+        file = Writer(stack.enter_context(create(out_dir / FILE_NAME)), compression=CompressionType.ZSTD)
+        file.start(library="apexcal")
         poses = [FixedFrame(**item) for item in request["poses"]]
-        writer = _Writer(file, sweeps, str(request["lidar_frame"]), cameras, poses)
+        writer = _ViewerFile(file, sweeps, str(request["lidar_frame"]), cameras, poses)
         writer.run(on_share)
         file.add_metadata("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
         file.finish()
@@ -102,24 +97,18 @@ class _Camera:
 
     def __init__(self, camera: ViewedCamera, stack: ExitStack) -> None:
         self.of = camera
-        self.table = read_table(camera.table)
-        self._file: BinaryIO = stack.enter_context(camera.file.open("rb"))
+        self.frames = stack.enter_context(FrameFile(camera.file))
         # Fixed-point coordinates of 1/32 px. From other coordinates cv2.remap computes them again for every frame.
         at = np.load(camera.map)
         self._maps = cast("_Maps", cv2.convertMaps(at[..., 0], at[..., 1], cv2.CV_16SC2))
 
     def stamp_ns(self, index: int) -> int:
         """A frame's time by the LiDAR's clock."""
-        return max(0, self.table.stamp_ns[index] - self.of.clock_offset_ns)
-
-    def encoded(self, index: int) -> bytes:
-        """A frame as it was recorded."""
-        self._file.seek(self.table.offset[index])
-        return self._file.read(self.table.length[index])
+        return max(0, int(self.frames.stamps_ns[index]) - self.of.clock_offset_ns)
 
     def undistorted(self, index: int, data: bytes) -> bytes | None:
         """The frame as the pinhole sees it, as JPEG; black where the lens sees nothing. None: it cannot be made."""
-        width, height = self.table.width[index], self.table.height[index]
+        width, height = (int(self.frames.entries[name][index]) for name in ("width", "height"))
         if (width, height) != (self.of.pinhole.width, self.of.pinhole.height):
             return None
         # As large as it is, also where it is taller than wide: the map is of its own pixels.
@@ -131,11 +120,11 @@ class _Camera:
         return cv2.imencode(".jpg", undistorted_pixels)[1].tobytes()
 
 
-class _Writer:
+class _ViewerFile:
     def __init__(
         self,
-        file: McapWriter,
-        sweeps: LidarFile,
+        file: Writer,
+        sweeps: SweepFile,
         lidar_frame: str,
         cameras: list[_Camera],
         poses: list[FixedFrame],
@@ -144,7 +133,7 @@ class _Writer:
         self._cameras, self._poses = cameras, poses
         self.copied = self.added = self.left_out = 0
         self._schemas = {
-            kind.DESCRIPTOR.name: file.add_schema(kind.DESCRIPTOR.full_name, ENCODING, descriptor_set(kind))
+            kind.DESCRIPTOR.name: file.register_schema(kind.DESCRIPTOR.full_name, ENCODING, descriptor_set(kind))
             for kind in KINDS
         }
         self._channels: dict[str, int] = {}
@@ -157,15 +146,15 @@ class _Writer:
         self._add_channel("/tf", "FrameTransforms")
 
     def _add_channel(self, topic: str, schema: str) -> None:
-        self._channels[topic] = self._file.add_channel(topic, self._schemas[schema], ENCODING)
+        self._channels[topic] = self._file.register_channel(topic, ENCODING, self._schemas[schema])
 
     def run(self, on_share: Callable[[float], None]) -> None:
         """Write all messages in the order of their times."""
-        total = len(self._sweeps) + sum(len(camera.table) for camera in self._cameras)
+        total = len(self._sweeps) + sum(len(camera.frames) for camera in self._cameras)
         moments = heapq.merge(
             _moments(map(int, self._sweeps.stamps_ns), _LIDAR),
             *(
-                _moments(map(camera.stamp_ns, range(len(camera.table))), number)
+                _moments(map(camera.stamp_ns, range(len(camera.frames))), number)
                 for number, camera in enumerate(self._cameras)
             ),
         )
@@ -180,15 +169,14 @@ class _Writer:
             on_share(done / total)
 
     def _write_sweep(self, stamp_ns: int, index: int) -> None:
-        points = point_bytes(self._sweeps.sweep(index))
-        self._file.add(self._channels["/lidar"], stamp_ns, point_cloud(stamp_ns, self._lidar_frame, points))
+        self._write("/lidar", stamp_ns, point_cloud(self._sweeps.sweep(index), self._lidar_frame))
         self.copied += 1
 
     def _write_frame(self, camera: _Camera, stamp_ns: int, index: int) -> None:
         of = camera.of
-        data = camera.encoded(index)
-        image = compressed_image(stamp_ns, of.frame_id, camera.table.media_type[index], data)
-        self._file.add(self._channels[f"/{of.name}/raw/image"], stamp_ns, image)
+        data = camera.frames.data(index)
+        image = compressed_image(stamp_ns, of.frame_id, camera.frames.media_type(index), data)
+        self._write(f"/{of.name}/raw/image", stamp_ns, image)
         self.copied += 1
         if of.raw is not None:
             self._add(f"/{of.name}/raw/calibration", stamp_ns, camera_calibration(stamp_ns, of.frame_id, of.raw))
@@ -202,8 +190,11 @@ class _Writer:
         self._add(f"/{of.name}/undistorted/calibration", stamp_ns, calibration)
 
     def _add(self, topic: str, stamp_ns: int, message: bytes) -> None:
-        self._file.add(self._channels[topic], stamp_ns, message)
+        self._write(topic, stamp_ns, message)
         self.added += 1
+
+    def _write(self, topic: str, stamp_ns: int, message: bytes) -> None:
+        self._file.add_message(self._channels[topic], stamp_ns, message, stamp_ns)
 
 
 def _moments(stamps_ns: Iterable[int], source: int) -> Iterator[tuple[int, int, int]]:

@@ -3,8 +3,8 @@ import { test } from "node:test";
 import type { Sweep } from "../points/sweep.ts";
 import { motionAt, moved } from "./motion.ts";
 
-const STAMP = 1_700_000_000_000_000_000n;
-const at = (ms: number): number => Number(STAMP) + ms * 1e6;
+const STAMP = 1_700_000_000e9;
+const at = (ms: number): number => STAMP + ms * 1e6;
 /** A corner that goes 1.2 m/s to the left and 0.5 m/s away. */
 const corner = (ms: number): [number, number, number] => [8 + 0.0005 * ms, -1 + 0.0012 * ms, 0.5];
 const vertices = [-60, 40, 140, 5000].map((ms) => {
@@ -25,8 +25,6 @@ function sweepOf(): Sweep {
   }
   const count = times.length;
   return {
-    index: 0,
-    stampNs: STAMP,
     count,
     ringCount: 1,
     positions: Float32Array.from(points),
@@ -41,7 +39,7 @@ test("the board's points are where it was at the frame's time, and nothing else 
   const motion = motionAt(vertices, at(90));
   assert.ok(motion);
   assert.ok(Math.hypot(motion.velocity[0] - 0.5, motion.velocity[1] - 1.2, motion.velocity[2]) < 1e-3);
-  const found = moved(sweep, motion);
+  const found = moved(sweep, STAMP, motion);
   assert.equal(found.count, 100);
   assert.ok(Math.abs(found.farthestM - 0.09 * 1.3) < 1e-3, `${found.farthestM}`);
   const [x, y, z] = corner(90);

@@ -52,13 +52,13 @@ export interface Moved {
   farthestM: number;
 }
 
-/** The sweep with the points of board and holder where they were at the motion's moment. */
-export function moved(sweep: Sweep, { atNs, corner, velocity }: Motion): Moved {
+/** The sweep of this stamp with the points of board and holder where they were at the motion's moment. */
+export function moved(sweep: Sweep, stampNs: number, { atNs, corner, velocity }: Motion): Moved {
   const positions = sweep.positions.slice();
   const speed = Math.hypot(...velocity);
   let [count, farthestM] = [0, 0];
   for (let i = 0; i < sweep.count; i += 1) {
-    const later = (atNs - Number(sweep.stampNs) - (sweep.timesNs[i] ?? 0)) / 1e9;
+    const later = (atNs - stampNs - (sweep.timesNs[i] ?? 0)) / 1e9;
     const there = [0, 1, 2].map((axis) => (positions[3 * i + axis] ?? 0) + later * (velocity[axis] ?? 0)) as Vector;
     const above = there[2] - corner[2];
     if (above > ABOVE_M || above < -BELOW_M) continue;

@@ -26,8 +26,6 @@ const text = readFileSync(new URL("./vectors.json", import.meta.url), "utf8");
 const { size, vertices, sweep: given, cases } = JSON.parse(text) as Vectors;
 
 const sweep: Sweep = {
-  index: 0,
-  stampNs: BigInt(given.stamp_ns),
   count: given.rings.length,
   ringCount: Math.max(...given.rings) + 1,
   positions: Float32Array.from(given.points.flat()),
@@ -41,7 +39,7 @@ test("the pages see and move the same points as NumPy, at the same places", () =
     const where = `${one.intrinsics.model} at ${one.at_ns}`;
     const motion = motionAt(vertices, one.at_ns);
     assert.equal(motion === null, one.moved === null, where);
-    const atFrame = motion && moved(sweep, motion);
+    const atFrame = motion && moved(sweep, given.stamp_ns, motion);
     assert.equal(atFrame?.count, one.moved?.count, where);
     assert.ok(Math.abs((atFrame?.farthestM ?? 0) - (one.moved?.farthest_m ?? 0)) < 1e-9, where);
     const [width, height] = size;

@@ -37,8 +37,6 @@ function room(): Sweep {
   }
   const count = RINGS * COLUMNS;
   return {
-    index: 0,
-    stampNs: 0n,
     count,
     ringCount: RINGS,
     positions,

@@ -3,14 +3,14 @@
 import type { Sweep } from "./sweep.ts";
 
 /** The first n points are an even sample of all, for every n. */
-export interface Cloud extends Omit<Sweep, "index" | "stampNs"> {
+export interface Cloud extends Sweep {
   /** Which of `sweeps` each point is of. */
   sweepOf: Uint16Array;
-  sweeps: { index: number; stampNs: bigint }[];
+  sweeps: { index: number }[];
 }
 
-/** Several sweeps as one cloud. */
-export function cloudOf(sweeps: readonly Sweep[]): Cloud {
+/** Several sweeps, with their numbers in the recording, as one cloud. */
+export function cloudOf(sweeps: readonly (Sweep & { index: number })[]): Cloud {
   const count = sweeps.reduce((sum, sweep) => sum + sweep.count, 0);
   const cloud: Cloud = {
     count,
@@ -20,7 +20,7 @@ export function cloudOf(sweeps: readonly Sweep[]): Cloud {
     intensities: new Float32Array(count),
     timesNs: new Float64Array(count),
     sweepOf: new Uint16Array(count),
-    sweeps: sweeps.map(({ index, stampNs }) => ({ index, stampNs })),
+    sweeps: sweeps.map(({ index }) => ({ index })),
   };
   const firsts = sweeps.map((_, number) => sweeps.slice(0, number).reduce((sum, before) => sum + before.count, 0));
   const owner = new Uint16Array(count);

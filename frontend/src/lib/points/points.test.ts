@@ -8,11 +8,10 @@ import type { Sweep } from "./sweep.ts";
 import { circlesOf, placeOf } from "./views.ts";
 
 /** A sweep of `count` points along x, one ring after the other. */
-function sweepOf(count: number, index = 0, ringCount = 4): Sweep {
+function sweepOf(count: number, index = 0, ringCount = 4): Sweep & { index: number } {
   const numbers = Array.from({ length: count }, (_, i) => i);
   return {
     index,
-    stampNs: 1_700_000_000_000_000_000n + BigInt(index),
     count,
     ringCount,
     positions: Float32Array.from(numbers.flatMap((i) => [i + 1, -i, index])),

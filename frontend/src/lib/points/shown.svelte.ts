@@ -31,15 +31,11 @@ export class ShownSweeps {
       () => (this.wanted.length > 0 ? this.wanted : null),
       async (wanted) => {
         const next = this.together ? undefined : this.sweeps[this.number + 1];
-        const loaded = await Promise.all(wanted.map((index) => loadSweep(url(index))));
+        const loaded = await Promise.all(wanted.map(async (index) => ({ ...(await loadSweep(url(index))), index })));
         if (next) loadSweep(url(next.index)).catch(() => undefined);
         return cloudOf(loaded);
       },
     );
-  }
-
-  get isPacked(): boolean {
-    return this.#found.error?.code !== "not_packed";
   }
 
   get problem(): ApiProblem | null {

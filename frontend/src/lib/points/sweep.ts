@@ -1,13 +1,10 @@
 /** A packed sweep as the service sends it, unpacked: docs/api.md has the layout. */
 
 const MAGIC = 0x53585041; // "APXS" in little-endian order
-const LAYOUT = 1;
-const HEADER_BYTES = 48;
+const LAYOUT = 2;
+const HEADER_BYTES = 36;
 
 export interface Sweep {
-  index: number;
-  /** UTC nanoseconds; a number would lose digits. */
-  stampNs: bigint;
   count: number;
   ringCount: number;
   /** x, y, z of each point in metres, LiDAR frame: ordered by ring, within a ring as the sensor gave them. */
@@ -33,19 +30,17 @@ function decode(body: ArrayBuffer): Sweep {
   const count = view.getUint32(8, true);
   const columns = new Columns(new Uint8Array(body, HEADER_BYTES + 4 * ringCount), count);
   const positions = new Float32Array(3 * count);
-  const step = view.getFloat64(24, true);
+  const step = view.getFloat64(12, true);
   for (let axis = 0; axis < 3; axis += 1) {
     columns.unfold((i, value) => (positions[3 * i + axis] = value * step));
   }
   const intensities = new Float32Array(count);
-  const intensityStep = view.getFloat64(32, true);
+  const intensityStep = view.getFloat64(20, true);
   columns.pairs((i, value) => (intensities[i] = value * intensityStep));
   const timesNs = new Float64Array(count);
-  const timeStepNs = view.getFloat64(40, true);
+  const timeStepNs = view.getFloat64(28, true);
   columns.unfold((i, value) => (timesNs[i] = value * timeStepNs));
   return {
-    index: view.getUint32(12, true),
-    stampNs: view.getBigInt64(16, true),
     count,
     ringCount,
     positions,

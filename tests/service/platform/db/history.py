@@ -20,7 +20,7 @@ from tests.support.rows import USUAL
 # Rows of one kind begin here, so that no two tables share an id.
 FLEET, PERSON, VEHICLE, RIG = (UUID(int=kind << 96) for kind in range(1, 5))
 _CAMERA, _SET, _CALIBRATION, _RUN, _RESULT, _PUBLICATION, _REQUEST, _ASKED, _OTHER = range(5, 14)
-_RECORDING, _SENSOR, _DETECTION, _APEX, _VERTEX, _ANSWER, _TASK, _KEY, _QUIET_FLEET = range(14, 23)
+_RECORDING, _SENSOR, _DETECTION, _APEX, _VERTEX, _ANSWER, _TASK, _KEY, _QUIET_FLEET, _LIDAR = range(14, 24)
 
 QUIET_FLEET = UUID(int=_QUIET_FLEET << 96)
 RECORDING, CAMERA, DETECTION = (UUID(int=kind << 96) for kind in (_RECORDING, _SENSOR, _DETECTION))
@@ -122,6 +122,7 @@ def _fleets(filler: _Filler, size: Size) -> None:
     common = {"fleet_id": filler.id(1, "0"), **at}
     filler.fill(models.Vehicle, size.vehicles, id=filler.id(3), name="'car ' || n", sort_name="'car ' || n", **common)
     filler.fill(models.Rig, size.vehicles, id=filler.id(4), vehicle_id=filler.id(3), **common)
+    filler.fill(models.RigLidar, size.vehicles, id=filler.id(_LIDAR), rig_id=filler.id(4))
     filler.fill(
         models.RigCamera,
         2 * size.vehicles,
@@ -225,9 +226,12 @@ def _marking(filler: _Filler, size: Size) -> None:
     count, at = size.answered + 10, {"created_at": filler.at(100)}
     recording, sensor, detection = (filler.id(kind, "0") for kind in (_RECORDING, _SENSOR, _DETECTION))
     filler.fill(models.Sensor, 1, id=sensor, recording_id=recording, blob_key="'blob/0'", count=str(count))
-    filler.fill(models.Detection, 1, id=detection, fleet_id=filler.id(1, "0"), recording_id=recording, **at)
-    filler.fill(models.Apex, count, id=filler.id(_APEX), recording_id=recording, sweep_index="n")
+    filler.fill(
+        models.Detection, 1, id=detection, fleet_id=filler.id(1, "0"), recording_id=recording, lidar_id=sensor, **at
+    )
+    filler.fill(models.Apex, count, id=filler.id(_APEX), recording_id=recording, lidar_id=sensor, sweep_index="n")
     vertex = {"id": filler.id(_VERTEX), "detection_id": detection, "apex_id": filler.id(_APEX), "rank": "n"}
+    vertex["lidar_id"] = sensor
     filler.fill(models.Vertex, count, **vertex, sweep_index="n", time_ns="n")
     filler.fill(
         models.VertexFrame, count, vertex_id=filler.id(_VERTEX), sensor_id=sensor, frame_index="n", gap_ns="0"

@@ -13,7 +13,7 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, text
 
 from service.platform.db import revisions
-from service.platform.db.migrate import NewerSchemaError, config, upgrade
+from service.platform.db.migrate import NewerSchemaError, OtherSchemaError, config, upgrade
 from service.platform.db.models import Base
 from service.platform.db.revisions import all_revisions, is_older, newest, stored
 from service.platform.db.session import Database, open_engine
@@ -105,6 +105,20 @@ def test_a_schema_of_a_newer_version_is_named_and_left(make_url: Callable[[], st
         connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
     with pytest.raises(NewerSchemaError, match=f"revision 9999 .* knows {all_revisions()[0]} as the newest"):
         upgrade(url)
+    opened.close()
+
+
+def test_a_database_of_a_development_version_is_refused_in_words_and_left(make_url: Callable[[], str]) -> None:
+    url = make_url()
+    upgrade(url)
+    opened = Database(url)
+    with opened.engine.begin() as connection:
+        connection.execute(text("ALTER TABLE recording ADD COLUMN earlier INTEGER"))
+    with pytest.raises(OtherSchemaError, match=r"table recording differs in earlier.* upload recordings again"):
+        upgrade(url)
+    with opened.engine.begin() as connection:
+        connection.execute(text("ALTER TABLE recording DROP COLUMN earlier"))
+    upgrade(url)
     opened.close()
 
 

@@ -20,4 +20,4 @@ def test_kinds_that_no_answering_worker_takes_are_named(api: Api) -> None:
     say(api, "computing", "detect,solve,report", warm=False)  # it compiles its kernels, and answers
     assert viewer.get("/workers").json() == {"answering": 2, "unserved": []}
     say(api, "reader", "ingest", ago_s=SILENT_S + 1.0)
-    assert viewer.get("/workers").json() == {"answering": 1, "unserved": ["ingest", "packing", "calibrated_copy"]}
+    assert viewer.get("/workers").json() == {"answering": 1, "unserved": ["ingest", "calibrated_copy"]}

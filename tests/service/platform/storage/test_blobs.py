@@ -17,7 +17,7 @@ def state_of(database: Database, key: str) -> str | None:
 
 def test_what_is_reserved_is_kept_once(database: Database) -> None:
     with database.writing() as session:
-        key = reserve(session, "recordings/r/sensors", suffix=".mcap")
+        key = reserve(session, "recordings/r/sensors", suffix=".tar")
         keep(session, key, size=3, sha256="0" * 64)
     with database.reading() as session:
         blob = session.get_one(Blob, key)

@@ -213,7 +213,6 @@ def test_a_frame_that_moves_is_refused(tmp_path):
 def test_a_pose_that_nobody_states_and_a_topic_that_is_not_there_are_refused(tmp_path):
     path, topic = write(tmp_path, "db3")
     assert refusal(tmp_path, path, request(topic, child="mast")).code == "copy_not_possible"
-    (tmp_path / "out" / "recording.db3").unlink()
     assert "has no ROS messages" in refusal(tmp_path, path, request("/rear")).message
 
 

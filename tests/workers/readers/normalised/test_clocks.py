@@ -9,9 +9,8 @@ from making_recordings import CLOUD, COMPRESSED, cloud, compressed, png, scene
 from making_ros2 import SCAN, TYPES, as_cdr, scan, write_mcap, write_ros2
 
 from workers.readers.normalised.clocks import Times, offset_reports, offset_sentence, report_clocks
-from workers.readers.normalised.lidar_file import LidarFile
-from workers.readers.normalised.manifest import read_table
 from workers.readers.normalised.normalise import normalise
+from workers.readers.normalised.sensor_files import FrameFile, SweepFile
 
 T0 = 1_700_000_000 * 10**9
 S = 10**9
@@ -237,12 +236,17 @@ def written(folder, lidar, camera, recorder=lambda t: T0 + t, *, mcap=False, sec
     return write_mcap(folder / "walk.mcap", as_cdr(messages())) if mcap else write_ros2(folder / "walk", messages())
 
 
+def stamps_of(path):
+    with FrameFile(path) as file:
+        return file.stamps_ns.copy()
+
+
 def stamps_in(path, out):
     manifest = normalise(path, out, cameras=["front"])
-    with LidarFile(out / "lidar.mcap") as lidar:
+    with SweepFile(out / "lidar.sweeps") as lidar:
         sweeps = [lidar.sweep(index).stamp_ns for index in range(len(lidar))]
         assert sweeps == lidar.stamps_ns.tolist()
-    return manifest, np.array(sweeps), np.array(read_table(out / "camera-front.frames.json").stamp_ns)
+    return manifest, np.array(sweeps), stamps_of(out / "camera-front.images")
 
 
 @pytest.mark.parametrize("mcap", [False, True])

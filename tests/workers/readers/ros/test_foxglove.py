@@ -7,8 +7,8 @@ from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf.internal.encoder import _VarintBytes
 
-from workers.readers.mcap_io.records import RecordError
 from workers.readers.ros.foxglove import foxglove_decoder
+from workers.readers.ros.mcap_records import RecordError
 from workers.readers.ros.topic_messages import BagTopic
 
 

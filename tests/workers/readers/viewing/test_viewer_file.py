@@ -17,10 +17,10 @@ from tests.service.exports.rigs import HEIGHT, LENSES, WIDTH, ours, rig_of, seen
 from tests.workers.readers.making_recordings import START_NS, clouds, images, interleaved, write_bag
 from tests.workers.readers.viewing.reading_viewer_files import chain, distorted, messages, rectified, stamp_ns
 from workers.geometry.projection import project
-from workers.readers.normalised.lidar_file import LidarFile
-from workers.readers.normalised.mcap_files import LidarWriter
 from workers.readers.normalised.normalise import normalise
-from workers.readers.recording import LidarFacts, Sweep
+from workers.readers.normalised.sensor_files import SweepFile
+from workers.readers.normalised.sensor_writers import SweepWriter
+from workers.readers.recording import LidarFacts, Sensor, Sweep
 from workers.readers.viewing.viewer_file import write_viewer_file
 from workers.tasks.viewing import write_map
 
@@ -71,13 +71,13 @@ def written(tmp_path, cameras, plan, frames=(), count=2):
     files = {one.name: one for one in manifest.sensors}
     for camera in plan["cameras"]:
         name = camera["name"]
-        places = {"file": files[name].file, "table": files[name].frames, "map": f"{name}.npy"}
+        places = {"file": files[name].file, "map": f"{name}.npy"}
         camera |= {kind: str(out / place) for kind, place in places.items()}
         write_map(out / f"{name}.npy", camera, lambda: None)
         del camera["model"], camera["intrinsics"]
     for pose in plan["poses"]:
         del pose["is_new"]
-    made = write_viewer_file(out / "lidar.mcap", tmp_path / "out", plan | {"facts": {"a": "b"}}, lambda share: None)
+    made = write_viewer_file(out / "lidar.sweeps", tmp_path / "out", plan | {"facts": {"a": "b"}}, lambda share: None)
     return tmp_path / "out" / made["file"], made
 
 
@@ -129,7 +129,7 @@ def test_frames_are_stamped_by_the_lidars_clock_and_points_are_the_recordings(tm
     assert [at - START_NS for _, at, _ in messages(path, "/front/raw/image")] == [0, 100_000_000]
     # The recording names both frames alike, so the camera has the rig's name.
     assert {one.frame_id for _, _, one in messages(path, "/front/raw/image")} == {cameras[0].frame}
-    with LidarFile(tmp_path / "normalised" / "lidar.mcap") as sweeps:
+    with SweepFile(tmp_path / "normalised" / "lidar.sweeps") as sweeps:
         for (_, at, cloud), sweep in zip(messages(path, "/lidar"), sweeps.sweeps(), strict=True):
             assert (cloud.frame_id, at) == ("velodyne", sweep.stamp_ns)
             columns = {one.name: (one.offset, one.type) for one in cloud.fields}
@@ -204,14 +204,15 @@ def peak(tmp_path, sweeps):
     random = np.random.default_rng(3)
     out = tmp_path / str(sweeps)
     out.mkdir()
-    writer = LidarWriter(out / "lidar.mcap", "/points", "velodyne")
+    facts = LidarFacts(1, 10**8, "start", "derived_from_azimuth", ())
+    writer = SweepWriter(out / "lidar.sweeps", Sensor("lidar", "/points", "velodyne", None), facts)
     for n in range(sweeps):
         at_ns = START_NS + n * 100_000_000
         xyz, ring = random.normal(0, 10, (30_000, 3)).astype(np.float32), np.zeros(30_000, np.uint16)
         writer.add(Sweep(at_ns, xyz, xyz[:, 0], ring, np.zeros(30_000, np.int64), "derived_from_azimuth"))
-    writer.finish(LidarFacts(1, 10**8, "start", "derived_from_azimuth", ()))
+    writer.finish(START_NS + 100_000_000 * np.arange(sweeps), np.arange(sweeps))
     request = {"view": {"lidar_frame": "velodyne", "cameras": [], "poses": [], "facts": {}}}
-    command = [sys.executable, "-m", "workers.readers", str(out / "lidar.mcap"), str(out / "made")]
+    command = [sys.executable, "-m", "workers.readers", str(out / "lidar.sweeps"), str(out / "made")]
     done = subprocess.run([*command, "--request", json.dumps(request)], capture_output=True, text=True, check=True)
     last = json.loads(done.stdout.splitlines()[-1])
     assert last["file"]["copied"] == sweeps and last["used"]["written_bytes"] > sweeps * 400_000
