@@ -69,7 +69,7 @@ INGEST: Mapping[str, str] = {
     "job_event": _ADD,
     "blob": f"{_ADD}, UPDATE (state, size, sha256)",
     "fleet": f"{_READ}, UPDATE (version)",
-    "analysis": f"{_ADD}, UPDATE (state, result, problem, job_id)",
+    "analysis": f"{_READ}, UPDATE (state, result, problem, job_id)",
     # A rig may get its cameras, so what cars are answered is compared.
     "vehicle": _READ,
     "publication": _READ,
