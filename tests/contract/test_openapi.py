@@ -233,7 +233,7 @@ def rows_of(api: Api, fleet: Any, engineer: Actor, context: Context) -> dict[str
     """Ids of rows of every kind; the calibration, its result and its publication are real ones."""
     with api.database.writing() as session:
         rows = fill(session, fleet)
-        sensor = session.scalars(select(Sensor.id)).one()
+        sensor = session.scalars(select(Sensor.id).where(Sensor.kind == "camera")).one()
         session.add(VertexFrame(vertex_id=UUID(rows["vertices"]), sensor_id=sensor, frame_index=0, gap_ns=0))
     van = new_vehicle(engineer, fleet, "calibrated")
     brought = engineer.post(
