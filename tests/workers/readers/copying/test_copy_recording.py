@@ -20,8 +20,11 @@ from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability
+from rosbags.rosbag2.metadata import parse_qos
 
 from workers.readers.copying.copy_recording import copy_recording
+from workers.readers.copying.editor import LATCHED_QOS
 from workers.readers.detect import open_recording
 from workers.readers.normalised.normalise import normalise
 from workers.readers.recording import ReadError
@@ -282,3 +285,48 @@ def test_an_mcap_file_keeps_its_numbers_and_its_index_finds_every_message(tmp_pa
     schema, channel, _ = next(one for one in found if one[1].topic == "/front/camera_info")
     assert schema.name == INFO and schema.encoding == "ros2msg" and b"float64[9] k" in schema.data
     assert "durability: 2" in channel.metadata["offered_qos_profiles"]
+
+
+def test_an_mcap_file_keeps_attachments_metadata_and_channels_that_are_not_ros(tmp_path):
+    path, topic = write(tmp_path, "mcap")
+    whole = path.read_bytes()
+    with path.open("wb") as file, path.with_suffix(".plain").open("w+b") as plain:
+        plain.write(whole)
+        plain.seek(0)
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        notes = writer.register_channel(
+            "/notes", "json", writer.register_schema("Note", "jsonschema", b"{}"), {"a": "b"}
+        )
+        writer.add_attachment(1, 2, "rig.yaml", "text/yaml", b"rig: roof")
+        writer.add_metadata("drive", {"weather": "rain"})
+        channels = {}
+        for schema, channel, message in make_reader(plain).iter_messages(log_time_order=False):
+            if channel.id not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+            times = (message.log_time, message.data, message.publish_time)
+            writer.add_message(channels[channel.id], *times)
+        writer.add_message(notes, START_NS, b'{"said": 1}', START_NS)
+        writer.finish()
+    file = copied(tmp_path, path, request(topic))
+    with file.open("rb") as stream:
+        reader = make_reader(stream)
+        assert reader.get_header().profile == "ros2"
+        assert [(one.name, one.data) for one in reader.iter_attachments()] == [("rig.yaml", b"rig: roof")]
+        assert [(one.name, one.metadata) for one in reader.iter_metadata()] == [("drive", {"weather": "rain"})]
+        ((schema, channel, message),) = reader.iter_messages(topics=["/notes"])
+        assert (schema.name, channel.metadata, message.data) == ("Note", {"a": "b"}, b'{"said": 1}')
+
+
+def test_topics_of_a_bag_keep_their_quality_of_service_and_type(tmp_path):
+    path, topic = write(tmp_path, "db3")
+    query = "SELECT offered_qos_profiles, type_description_hash FROM topics WHERE name = '/tf_static'"
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("UPDATE topics SET offered_qos_profiles = ? WHERE name = '/tf_static'", (LATCHED_QOS,))
+        db.commit()
+        ((_, stated),) = db.execute(query)
+    with closing(sqlite3.connect(copied(tmp_path, path, request(topic)))) as db:
+        ((qos, type_hash),) = db.execute(query)
+    assert parse_qos(qos) == parse_qos(LATCHED_QOS) and type_hash == stated
+    assert parse_qos(qos)[0].durability is QosDurability.TRANSIENT_LOCAL
