@@ -34,7 +34,7 @@ NounArgument = Annotated[_Noun, typer.Argument(help="What kind of thing.")]
 NameArgument = Annotated[
     str,
     typer.Argument(
-        help="Its name, its id or @last; for the newest calibration of a vehicle also that one's name.",
+        help="Its name, its id or @last; for a vehicle's newest calibration also the vehicle's name.",
         autocompletion=complete_name,
     ),
 ]

@@ -42,7 +42,7 @@ def clock(causes: Mapping[str, Finding], result: FitResult) -> Check:
     way = "later" if seconds > 0 else "earlier"
     return _CLOCK.fails(
         verdict,
-        f"The clocks differ by {offset}: marks show the board that much {way} than pairs. {_effect(finding)}{beside}"
+        f"The clocks differ by {offset}: marks show the board {way} than the pairs say. {_effect(finding)}{beside}"
         if finding.is_named
         else f"The clocks agree: an offset of {offset} is within chance{_beside(finding)}.{beside}",
         "Are the clocks apart? Estimate their offset on the recording's page, detect again, and compare held-out "

@@ -126,8 +126,8 @@ def _judged(summits: Summits, gravest: AxisVerdict) -> MountVerdict:
         return MountVerdict("pass", "The mount fits in pitch, yaw and roll.", axes)
     fits = [axis.axis for axis in axes if axis.verdict == "pass"]
     missing = " and ".join(axis.axis for axis in axes if axis.verdict == "not_told")
-    sentence = f"The mount fits in {' and '.join(fits)}; t" if fits else "T"
-    sentence += f"his drive does not tell {missing}."
+    unclear = f"this drive does not tell {missing}."
+    sentence = f"The mount fits in {' and '.join(fits)}; {unclear}" if fits else unclear.capitalize()
     return MountVerdict("not_told", sentence, axes)
 
 
