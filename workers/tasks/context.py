@@ -27,7 +27,6 @@ from service.platform.db.session import Database
 from service.platform.jobs.messages import COURIER, Sender
 from service.platform.settings import Settings, get_settings
 from service.platform.storage.store import open_store
-from workers.tasks.handful import Handful
 
 # Correspondence sets in memory: megabytes at most.
 _SETS = 4
@@ -39,7 +38,7 @@ class Context:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.database = Database(settings.database)
-        self.send = self.database.couriers[COURIER] = Handful(Sender(settings.broker))
+        self.send = self.database.couriers[COURIER] = Sender(settings.broker)
         self.database.couriers[HINTS] = Publisher(settings.events)
         self.store = open_store(settings)
         self.worker = f"{socket.gethostname()}:{os.getpid()}"

@@ -19,7 +19,7 @@ from celery.signals import (
 )
 
 from service.platform.jobs.kinds import kinds
-from service.platform.jobs.messages import Message, task_of
+from service.platform.jobs.messages import task_of
 from service.platform.settings import get_settings
 from workers import alive
 from workers.app import app
@@ -28,7 +28,7 @@ from workers.readers.limited import isolation_here
 from workers.tasks.context import get_context, remove_leftovers
 from workers.tasks.drain import DRAIN_SIGNAL, listen_for_drain
 from workers.tasks.presence import Presence
-from workers.tasks.running import prepare, run_jobs
+from workers.tasks.running import prepare, run_job
 
 log = logging.getLogger(__name__)
 
@@ -44,13 +44,10 @@ _KINDS = {task_of(kind.name): kind.name for kind in kinds()}
 
 
 def look_at_job(task: Any, job_id: int) -> None:
-    """Claim the job and do it, or drop the message, and go on with what follows for a moment.
-
-    What to do says the job's row. Raises :class:`JobFailedError`.
-    """
+    """Claim the job and do it, or drop the message. What to do says the job's row. Raises :class:`JobFailedError`."""
     if not (isinstance(job_id, int) and 0 < job_id <= _LARGEST_ID):
         log.warning("dropped a message: it names no job")
-    elif failure := run_jobs(get_context(), Message(job_id, _KINDS[task.name])):
+    elif failure := run_job(get_context(), job_id, _KINDS.get(task.name, "")):
         raise JobFailedError(failure)
 
 

@@ -99,15 +99,6 @@ def prepare(queues: Collection[str]) -> None:
         import_module("workers.tasks.warming").warm_up()
 
 
-def run_jobs(context: Context, first: Message) -> str | None:
-    """Do a message's job, and for a moment those that its end and theirs send to the same queue.
-
-    Returns the code of the problem of one that failed.
-    """
-    failures = [run_job(context, *message) for message in context.send.after(first)]
-    return next(filter(None, failures), None)
-
-
 def run_job(context: Context, job_id: int, kind: str = "") -> str | None:
     """Claim a job, do it under its lease, and end it as done, failed or cancelled; or give it back.
 
