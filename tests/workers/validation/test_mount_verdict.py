@@ -65,7 +65,7 @@ def test_a_mount_passes_only_if_pitch_yaw_and_roll_are_told_and_figures_make_the
     assert verdict(sigma_deg=vague[0]).axes[2].verdict == "pass"
     judged = verdict(sigma_deg=vague[1])
     assert judged.verdict == "not_told" and "fits in pitch and yaw; this drive does not tell roll" in judged.sentence
-    (shown,) = re.findall(r"show (\d\.\d\d) degrees", judged.axes[2].sentence)
+    (shown,) = re.findall(r"from (\d\.\d\d) degrees", judged.axes[2].sentence)
     assert float(shown) > 0.5
 
 
