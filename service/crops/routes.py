@@ -111,5 +111,5 @@ def _picture(
 async def get_crop(
     picture: Annotated[ByteRange, Depends(_picture)], request: Request, conditions: Conditional
 ) -> Response:
-    """The piece of the frame around a mark of one's own page, grey. [annotator]"""
+    """The piece of the frame around a mark of one's own page, in colour. [annotator]"""
     return await picture.answer(request, conditions)
