@@ -121,7 +121,7 @@ def test_runs_that_did_not_end_are_looked_at_and_cameras_that_do_not_agree_stop(
     [
         (current(differs=True, sigmas=7.0), "7.0 times their stated errors"),
         (current(heldout_mean_px=0.6), "in the vehicle's current calibration 0.60"),
-        (current(over_limit=0.3), "1.7 times those"),
+        (current(over_limit=0.3), "1.7 times as uncertain"),
     ],
 )
 def test_a_person_looks_before_a_better_current_result_is_replaced(of, said):
