@@ -89,7 +89,8 @@ def test_the_board_is_where_it_was_at_the_frames_time(sign_in: SignIn, track: Tr
     corner = first[0] + velocity * (moment - first[1])
 
     sweep = unpack(track.owner.recordings.sweep(track.recording_id, index))
-    later = moment - sweep.time_ns
+    stamp = next(one.stamp_ns for one in track.owner.recordings.sweeps(track.recording_id) if one.index == index)
+    later = moment - (stamp + sweep.offset_ns)
     there = sweep.xyz + later[:, None] * velocity
     above = there[:, 2] - corner[2]
     board = (np.linalg.norm(there[:, :2] - corner[:2], axis=1) <= 0.55) & (above <= 0.1) & (above >= -1.1)

@@ -63,7 +63,7 @@ def run_slot(
         outcome = search(fitness, problem.schedule, stream_key(problem, iteration, slot), problem.stop)
     problem.stop.check()
     p = fitness.parameters(outcome.best)
-    if problem.schedule.agreeing:
+    if problem.schedule.agreeing and np.isfinite(fitness.loss_px(p)):
         p = np.array(polish(problem, p).parameters)
     return SlotOutcome(fitness.loss_px(p), tuple(p.tolist()), outcome.evaluations)
 

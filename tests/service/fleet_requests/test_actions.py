@@ -80,7 +80,7 @@ def test_filters_name_vehicles_by_id_name_and_rig(vans: Vans):
     assert matched(name="none") == "no_vehicle_matches"
     assert matched(vehicle_ids=[str(uuid4())]) == "unknown_vehicle"
     assert matched(rig="none", new_pairs=True) == "no_vehicle_matches"
-    assert "it has 4." in vans.ask({"name": "none"}).json()["detail"], "all vehicles, not those that are left"
+    assert "there are 4." in vans.ask({"name": "none"}).json()["detail"], "all vehicles, not those that are left"
 
 
 def publish_looks(context, *, value):
