@@ -51,7 +51,8 @@ def assert_fits(page: Page) -> None:
     """No wider than the window."""
     window = page.viewport_size
     assert window
-    assert page.evaluate("document.scrollingElement.scrollWidth") <= window["width"], (page.url, window)
+    if page.evaluate("document.scrollingElement.scrollWidth") > window["width"]:
+        raise AssertionError((page.url, window, page.evaluate(_TOO_WIDE)))
 
 
 def show(page: Page, view: View) -> None:
@@ -59,6 +60,12 @@ def show(page: Page, view: View) -> None:
     scheme, width = view
     page.emulate_media(color_scheme=scheme)
     page.set_viewport_size({"width": width, "height": 900})
+
+
+_TOO_WIDE = """[...document.querySelectorAll("*")]
+    .filter((element) => element.getBoundingClientRect().right > innerWidth + 1)
+    .slice(0, 9).map((element) => `${element.tagName}.${element.className}: ${element.textContent.trim().slice(0, 60)}`)
+"""
 
 
 def assert_looks(page: Page, views: tuple[View, ...] = PHONE) -> None:
