@@ -64,7 +64,8 @@ def show(page: Page, view: View) -> None:
 
 _TOO_WIDE = """[...document.querySelectorAll("*")]
     .filter((element) => element.getBoundingClientRect().right > innerWidth + 1)
-    .slice(0, 9).map((element) => `${element.tagName}.${element.className}: ${element.textContent.trim().slice(0, 60)}`)
+    .slice(0, 9)
+    .map((element) => `${element.tagName}.${element.className}: ${element.textContent.trim().slice(0, 60)}`)
 """
 
 
