@@ -291,6 +291,7 @@ def take(page: Page, name: str) -> None:
         page.screenshot(path=Path(folder or "") / f"{name}-{view[0]}-{view[1]}.png", full_page=True)
 
 
+@pytest.mark.slow  # it writes states into rows of the service that the other pages share
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.timeout(3600)
 def test_each_page_at_each_state(sign_in: SignIn, stage: Stage, served: Embedded, room: str) -> None:
