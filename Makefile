@@ -114,10 +114,10 @@ bench-neighbours: setup  ## how long a quiet fleet waits beside noisy ones, API 
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.neighbours
 
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))
 
 faults-hosts: setup  ## seven hosts in network namespaces (root, ip), fourteen faults of hosts, on S3; SECONDS=60 for a short form, SEED
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --hosts --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED))
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.campaign --hosts --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED))
 
 check: setup $(API_TYPES)  ## style, types, import rules, names
 	$(BIN)/ruff check .

@@ -14,7 +14,6 @@ PACES = {
     "e2e/test_marks_kept.py": "a loop that looks again, as often as a minute takes",
     "e2e/test_workspace.py": "a loop that looks again, as often as half a minute takes",
     "faults/test_nothing_is_lost.py": "how long the broker stays away",
-    "faults/campaign/campaign.py": "when a disturbance begins",
     "service/platform/http/test_connections.py": "between two pieces of what is endless",
     "service/test_app.py": "how far the service has come when it is stopped",
 }

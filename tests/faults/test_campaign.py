@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 from sqlalchemy.orm import Session
 
+from benchmarks.campaign.invariants import check
+from benchmarks.campaign.ledger import Ledger
+from benchmarks.campaign.requests import Expected
 from service.platform.db.base import new_id
 from service.platform.db.models import Blob, Fleet, Recording, Rig, UploadPart, Vehicle
 from service.platform.storage.store import Store
-from tests.faults.campaign.invariants import check
-from tests.faults.campaign.ledger import Ledger
-from tests.faults.campaign.requests import Expected
 from tests.support.databases import one_database
 from tests.support.draws import DRAWS
 from tests.support.folders import folder_store
@@ -58,7 +58,7 @@ def test_a_broken_promise_is_found(database, tmp_path: Path, kind: str | None):
 @pytest.mark.slow
 def test_the_campaign_in_its_short_form_finds_every_promise_kept(tmp_path: Path):
     """A few faults of different kinds; `make faults` is the long form."""
-    command = [sys.executable, "-m", "tests.faults.campaign", "--seconds", "10", "--keep-logs", str(tmp_path)]
+    command = [sys.executable, "-m", "benchmarks.campaign", "--seconds", "10", "--keep-logs", str(tmp_path)]
     command += ["--seed", str(DRAWS.seed)]
     run = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"})
     assert run.returncode == 0, run.stderr[-6000:]

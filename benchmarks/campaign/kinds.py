@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import psycopg
 
-from tests.faults.campaign.plant import HOSTS, WORKERS, Plant
+from benchmarks.campaign.plant import HOSTS, WORKERS, Plant
 from tests.support.processes import children, send, stop
 
 Undo = Callable[[], None]

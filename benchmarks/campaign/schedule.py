@@ -11,8 +11,8 @@ from itertools import count
 from random import Random
 from typing import NamedTuple
 
-from tests.faults.campaign.kinds import KINDS, Undo
-from tests.faults.campaign.plant import Plant
+from benchmarks.campaign.kinds import KINDS, Undo
+from benchmarks.campaign.plant import Plant
 
 # A fault that finds nothing to hit, because it is just starting again or has no work, looks again for a while.
 _WAITS_S = 20.0

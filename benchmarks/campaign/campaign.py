@@ -16,15 +16,15 @@ from uuid import UUID
 from sqlalchemy import func, select, text, update
 from sqlalchemy.exc import OperationalError
 
+from benchmarks.campaign.clients import Annotator, Engineer, GaveUpError
+from benchmarks.campaign.invariants import Findings, check
+from benchmarks.campaign.kinds import KINDS, NEED_A_NETWORK, OF_HOSTS
+from benchmarks.campaign.ledger import Ledger
+from benchmarks.campaign.plant import CLOCKS_APART_S, Plant
+from benchmarks.campaign.requests import CALIBRATIONS, Expected, record, sensors, vertices
+from benchmarks.campaign.schedule import Injector, draw, say
 from service.platform.db.models import Blob, Calibration, Detection, Job, Recording
 from service.platform.storage.audit import audit
-from tests.faults.campaign.clients import Annotator, Engineer, GaveUpError
-from tests.faults.campaign.invariants import Findings, check
-from tests.faults.campaign.kinds import KINDS, NEED_A_NETWORK, OF_HOSTS
-from tests.faults.campaign.ledger import Ledger
-from tests.faults.campaign.plant import CLOCKS_APART_S, Plant
-from tests.faults.campaign.requests import CALIBRATIONS, Expected, record, sensors, vertices
-from tests.faults.campaign.schedule import Injector, draw, say
 from tests.faults.results import documents
 from tests.support.networks import Network
 from tests.support.people import add_person

@@ -11,6 +11,9 @@ from uuid import UUID
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from benchmarks.campaign.ledger import Ledger
+from benchmarks.campaign.objects import check_objects, missing_objects
+from benchmarks.campaign.requests import CALIBRATIONS, Expected, sensors, sha256_of, vertices
 from service.platform.db.base import Base
 from service.platform.db.models import (
     Answer,
@@ -28,9 +31,6 @@ from service.platform.db.models import (
     Vehicle,
 )
 from service.platform.storage.store import Store
-from tests.faults.campaign.ledger import Ledger
-from tests.faults.campaign.objects import check_objects, missing_objects
-from tests.faults.campaign.requests import CALIBRATIONS, Expected, sensors, sha256_of, vertices
 from tests.faults.results import documents
 
 _UNENDED = ("queued", "running", "ingesting")

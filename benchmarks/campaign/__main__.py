@@ -1,4 +1,4 @@
-"""``python -m tests.faults.campaign``: the campaign as a command; it ends with one line of JSON."""
+"""``python -m benchmarks.campaign``: the campaign as a command; it ends with one line of JSON."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from random import Random, SystemRandom
 
-from tests.faults.campaign.campaign import Campaign, Size
-from tests.faults.campaign.isolation import let_modes_bind_children, small_file_system
+from benchmarks.campaign.campaign import Campaign, Size
+from benchmarks.campaign.isolation import let_modes_bind_children, small_file_system
 from tests.support.networks import Network, why_not
 
 _MIB = 1024 * 1024
@@ -83,7 +83,7 @@ def size_of(seconds: float) -> Size:
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m tests.faults.campaign", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.campaign", description=__doc__)
     parser.add_argument("--seconds", type=float, default=_SCALE_S, help="how long faults strike")
     parser.add_argument("--seed", type=int, default=None, help="of the schedule; another one each time by default")
     parser.add_argument("--store", choices=("folder", "s3"), default="folder", help="where blobs are")

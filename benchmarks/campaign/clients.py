@@ -20,8 +20,8 @@ from apexcal.resources.fleets import Fleets, Vehicles
 from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
 from apexcal.transport import Document, HttpTransport
-from tests.faults.campaign.ledger import Ledger
-from tests.faults.campaign.requests import CALIBRATIONS, REGION_OF_WALKS
+from benchmarks.campaign.ledger import Ledger
+from benchmarks.campaign.requests import CALIBRATIONS, REGION_OF_WALKS
 from tests.faults.jobs import LEVEL_RIG, Walk, pairs
 
 _PAUSE_S = 0.3
