@@ -89,24 +89,6 @@ def test_board_beam_and_person_are_learned_from_near_sweeps():
     assert sorted(unknown.edges) == pytest.approx(sorted(SIZE.values()), abs=0.02)
 
 
-def test_a_head_above_the_board_is_no_apex_and_is_flagged():
-    recorded = walk(13, 8.0, disturbances=Disturbances(head_above_m=0.12))
-    found = detected(recorded)
-    wrong, _ = errors(recorded, found.vertices)
-    assert len(found.vertices) > 16
-    assert np.mean(np.hypot(*wrong[:, :2].T) > 0.3) <= 0.03
-    assert np.mean(["head_above" in vertex.flags for vertex in found.vertices]) > 0.3
-
-
-def test_poles_and_a_second_person_are_no_boards():
-    spoiled = Disturbances(poles=5, second_person="beside")
-    recorded = walk(14, 8.0, disturbances=spoiled)
-    found = detected(recorded)
-    wrong, _ = errors(recorded, found.vertices)
-    assert len(found.vertices) > 0.4 * np.count_nonzero(recorded.rings >= 2)
-    assert np.mean(np.hypot(*wrong[:, :2].T) > 0.3) <= 0.03
-
-
 def test_the_track_steadies_the_roll(whole):
     recorded, _ = whole
     off = []

@@ -1,7 +1,5 @@
 """Still poses: real recordings through the product's own path, and simulated ones with a sensor that has flaws."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,38 +7,14 @@ from apexcal.documents.corners import CORNERS
 from apexcal.documents.detectors import DETECTORS
 from benchmarks.detection.real import DATA, RECORDINGS, judge, read, regions, run
 from tests.support.scenes.held_board import BoardHold
-from tests.workers.vertices.refined_walks import REGION, SIZE, START_NS, Recorded, errors, walk
+from tests.workers.vertices.refined_walks import REGION, SIZE, errors, walk
+from tests.workers.vertices.scenes import poses
 from workers.vertices.board.learning import learn
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 DEFAULTS = {key: option.default for key, option in DETECTORS["refined"].options.items()}
-
-
-def poses(count, seed=27, biased_m=0.0):
-    """Sweeps of a walk far apart, as stamps of ten a second would have them; each ring with a bias of its own."""
-    recorded = walk(seed, 30.0)
-    near = np.argsort(np.linalg.norm(recorded.apex, axis=1))[:: len(recorded.sweeps) // (3 * count)][:count]
-    chosen = np.random.default_rng(seed).permutation(near)
-    bias = np.random.default_rng(seed).normal(0.0, biased_m, 64)
-    sweeps = []
-    for number, index in enumerate(chosen):
-        sweep = recorded.sweeps[index]
-        reach = np.linalg.norm(sweep.xyz, axis=1)
-        xyz = sweep.xyz * (1.0 + bias[sweep.ring] / reach)[:, None]
-        sweeps.append(replace(sweep, xyz=xyz.astype(np.float32), stamp_ns=START_NS + 100_000_000 * number))
-    return Recorded(sweeps, recorded.apex[chosen], recorded.moment_ns[chosen], recorded.rings[chosen])
-
-
-@pytest.mark.parametrize(("count", "biased_m"), [(16, 0.012), (8, 0.012), (1, 0.0)])
-def test_poses_are_found_also_by_a_sensor_whose_rings_disagree(count, biased_m):
-    recorded = poses(count, biased_m=biased_m)
-    found = detect_range(recorded.source, REGION, "refined", SIZE, indices=recorded.all)
-    wrong, scaled = errors(recorded, found.vertices)
-    assert len(found.vertices) >= 0.85 * np.count_nonzero(recorded.rings >= 2)
-    assert np.hypot(*wrong[:, :2].T).max() < 0.3
-    assert np.mean(np.abs(scaled) < 2.0) > 0.85
 
 
 def test_what_rings_disagree_by_is_learned_and_poses_are_noticed():
@@ -50,21 +24,6 @@ def test_what_rings_disagree_by_is_learned_and_poses_are_noticed():
     walked = learn(walk(27, 30.0).source, REGION, DEFAULTS | SIZE, lambda: None)
     assert not walked.poses
     assert walked.bias < 0.006
-
-
-@pytest.mark.parametrize(
-    "rolled_deg", [15.0, *(pytest.param(other, marks=pytest.mark.slow) for other in (-15.0, 10.0))]
-)
-def test_a_board_that_is_held_rolled_is_found_where_it_is(rolled_deg):
-    recorded = walk(27, 8.0, hold=BoardHold(rolled_deg=rolled_deg))
-    found = detect_range(recorded.source, REGION, "refined", SIZE, indices=recorded.all)
-    wrong, scaled = errors(recorded, found.vertices)
-    assert len(found.vertices) > 0.75 * np.count_nonzero(recorded.rings >= 2)
-    assert np.abs(wrong[:, :2].mean(axis=0)).max() < 0.03
-    assert np.mean(np.abs(scaled) < 2.0) > 0.93
-    rolls = np.degrees([vertex.roll for vertex in found.vertices])
-    assert rolls[:, 0].mean() == pytest.approx(rolled_deg, abs=2.0)
-    assert (rolls[:, 1] > 0.0).all()
 
 
 @pytest.mark.parametrize("upper_corner", [1, -1])
