@@ -142,6 +142,8 @@ def test_a_copy_is_asked_for_downloaded_and_deleted(
 
 
 def test_a_rig_of_the_recordings_tree_its_serials_and_gates(sign_in: SignIn, track: Track, given: Given) -> None:
+    # The fleet's page, which an admin looks at below on a phone, has a row for each person.
+    track.owner.fleets.invite(track.fleet_id, "Maximiliana Featherstonehaugh-Throckmorton", "annotator")
     page = sign_in("Yrsa", "admin")
     take_proposed_rig(page, track, given.recording, "coach.bag,")
     page.goto(f"{track.url}/vehicles/{given.vehicle}")
