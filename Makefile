@@ -36,10 +36,10 @@ demo: setup $(KERNELS) frontend  ## start the service and drive the whole job th
 serve: setup frontend  ## leave the service up, with the demo's data where there is some; ARGS="--port 8001"
 	$(BIN)/apexcal serve $(ARGS)
 
-test: setup $(KERNELS) frontend $(STAMPS)/collected  ## all tests but the long ones, each draw the same at every run; ARGS="tests/apexcal -x"
+test: setup $(KERNELS) $(STAMPS)/walks frontend $(STAMPS)/collected  ## all tests but the long ones, each draw the same at every run; ARGS="tests/apexcal -x"
 	$(BIN)/python -m pytest -m "not slow" --hypothesis-profile=ci --draws $(DRAWS) $(SIDE_BY_SIDE) $(ARGS)
 
-test-long: setup $(KERNELS) frontend $(STAMPS)/collected  ## all tests, with new draws; DRAWS=7 for those of a run that failed
+test-long: setup $(KERNELS) $(STAMPS)/walks frontend $(STAMPS)/collected  ## all tests, with new draws; DRAWS=7 for those of a run that failed
 	$(BIN)/python -m pytest --draws $(DRAWS) $(SIDE_BY_SIDE) $(ARGS)
 # Ids, secrets and the order of sets follow from it (tests/support/draws.py).
 test: DRAWS := 0
@@ -53,7 +53,7 @@ SIDE_BY_SIDE ?= -n 4 --dist loadfile
 test test-long: export OPENBLAS_NUM_THREADS = 1
 test test-long: export OMP_NUM_THREADS = 1
 test test-long $(STAMPS)/collected: export PYTHONDONTWRITEBYTECODE =
-$(KERNELS): export OPENBLAS_NUM_THREADS = 1
+$(KERNELS) $(STAMPS)/walks: export OPENBLAS_NUM_THREADS = 1
 
 compose-test: setup frontend $(STAMPS)/containers  ## docker-compose.yml in real containers, by the manual's commands: start, calibrate, replace, back up, restore
 	$(BIN)/python -m pytest tests/containers/journey.py -q -s $(ARGS)
@@ -169,6 +169,11 @@ $(STAMPS)/collected: $(STAMPS)/installed
 # Else every process that meets a kernel before another has compiled it compiles it too, workers included: up to 45 s.
 $(KERNELS): $(STAMPS)/kernels-%: $(STAMPS)/compiled
 	$(BIN)/python -m tests.support.kernels $* > /dev/null
+	@touch $@
+
+# Walks that tests share. A simulator that stays the same keeps those that are there.
+$(STAMPS)/walks: $(STAMPS)/kernels-detectors $(SOURCES)
+	$(BIN)/python -m tests.support.walks
 	@touch $@
 
 # Docker Compose and the store's binary, for an engine of our own. Others bring their own.

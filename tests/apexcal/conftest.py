@@ -1,8 +1,6 @@
 """A real embedded service for the client's and the command's tests."""
 
 import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +9,7 @@ import pytest
 from apexcal.client import Client
 from tests.apexcal.cars import Car
 from tests.support.served import Embedded, start, stop
+from tests.support.walks import walk
 
 
 @pytest.fixture(scope="session")
@@ -44,9 +43,6 @@ def owner(embedded: Embedded) -> Iterator[Client]:
 
 
 @pytest.fixture(scope="session")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def simulated() -> Path:
     """A folder with a short simulated recording."""
-    folder = tmp_path_factory.mktemp("simulated") / "walk"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "6"]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return folder
+    return walk("short")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-import subprocess
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from apexcal.documents.inspections import Inspection
 from apexcal.geometry.se3 import from_document
 from apexcal.rigs import read_rig
 from tests.apexcal.test_cli import apexcal
+from tests.support import walks
 from workers.readers import __main__ as reader
 
 TYPES = get_typestore(Stores.ROS1_NOETIC)
@@ -30,13 +29,9 @@ Edit = Callable[[Message], Iterable[Message]]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
-    """Ten seconds of a walk with CameraInfo, ``/tf_static`` and a URDF."""
-    folder = tmp_path_factory.mktemp("inspected") / "walk"
-    words = ("--seconds", "10", "--camera-hz", "5", "--camera-info", "raw", "--json")
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), *words]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return folder
+def folder() -> Path:
+    """A walk with CameraInfo, ``/tf_static`` and a URDF."""
+    return walks.walk("with-tree")
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +122,7 @@ FAULTS: dict[str, tuple[Edit, str, int]] = {
     "wrong size": (edited(INFO, half_size), "image_size_differs", 2),
     "clocks apart": (shifted(30, 0), "clocks_apart", 1),
     "no overlap": (shifted(60, 60), "no_overlap", 2),
-    "little overlap": (shifted(8, 8), "little_overlap", 1),
+    "little overlap": (shifted(10, 10), "little_overlap", 1),
     "no frame in common": (edited(TREE, other_tree), "frames_not_connected", 1),
     "no images": (dropped(is_camera), "no_camera", 2),
 }
@@ -145,7 +140,7 @@ def test_a_good_walk_lacks_nothing_and_is_told_as_it_is(walk, tmp_path):
     lidar, camera = inspection.sensors
     assert told.returncode == 0 and inspection.faults == [] and inspection.is_connected is True
     assert inspection.calibratable == [camera.name]
-    assert (lidar.count, camera.count) == (100, 50)
+    assert (lidar.count, camera.count) == (120, 60)
     assert lidar.rate_hz == pytest.approx(10.0, abs=0.1) and camera.rate_hz == pytest.approx(5.0, abs=0.1)
     assert camera.image_kind == "raw" and camera.lens and camera.image_size
     shown = apexcal("inspect", tmp_path / "walk.bag")

@@ -31,6 +31,7 @@ from benchmarks.demo.truth import Truth
 from service.admin.__main__ import app as admin
 from tests.apexcal.test_cli import apexcal
 from tests.faults.jobs import SHORT
+from tests.support import walks
 from tests.support.served import Embedded, start, stop
 from workers.simulation.options import parser as simulation_parser
 
@@ -261,10 +262,8 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
     os.chdir(folder)
     service = start(folder / "var" / "apexcal", "--workers", "1")
     try:
-        written = apexcal("simulate", "--out", "walk", "--seconds", "14", "--seed", "3")
-        assert written.returncode == 0, written.stderr
         with Client(service.url, service.token) as client, ExitStack() as opened:
-            yield Reader(service, client, folder, folder / "walk", opened)
+            yield Reader(service, client, folder, walks.walk("practice"), opened)
     finally:
         stop(service)
         os.chdir(here)

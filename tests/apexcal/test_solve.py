@@ -22,6 +22,7 @@ from benchmarks.demo.truth import Truth
 from tests.apexcal.test_cli import apexcal
 from tests.apexcal.test_inspection import TYPES, shifted, write
 from tests.apexcal.test_rectified_images import mark
+from tests.support import walks
 from tests.support.processes import die_with_parent
 from tests.support.served import Embedded
 
@@ -104,13 +105,9 @@ def distance_m(urdf: Path, walk: Path) -> float:
     return float(np.linalg.norm(T.t + truth.R.T @ truth.t))
 
 
-@pytest.fixture(scope="module")
-def short(tmp_path_factory) -> Path:
-    """A walk of 12 s with a tree of frames."""
-    walk = tmp_path_factory.mktemp("short") / "walk"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(walk), "--seconds", "12", "--camera-hz", "5"]
-    subprocess.run([*command, "--camera-info", "raw"], check=True, stdout=subprocess.DEVNULL)
-    return walk
+@pytest.fixture
+def short() -> Path:
+    return walks.walk("with-tree")
 
 
 def words_of(walk: Path, served: Embedded, fleet: str, out: Path) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ import pytest
 
 from apexcal.rigs import read_rig
 from service.openapi import document
+from tests.support import walks
 from tests.support.databases import one_database
 from tests.support.people import Api
 from tests.support.work import work
@@ -40,19 +41,11 @@ OVERRIDES = {
 QUICK = {"slots": 2, "population": 200, "generations": 20, "max_iterations": 3}
 
 
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("generated") / "walk"
-    words = ("--seconds", "14", "--camera-hz", "10", "--camera-model", "pinhole", "--json")
-    command = (sys.executable, "-m", "workers.simulation", "--out", str(folder), *words)
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return folder
-
-
 @pytest.fixture
-def given(served: tuple[Api, str], context: Context, walk: Path) -> Iterator[dict[str, Any]]:
+def given(served: tuple[Api, str], context: Context) -> Iterator[dict[str, Any]]:
     """What a client is told, with the truth's marks by the frame's number. Workers work meanwhile."""
     api, url = served
+    walk = walks.walk("plain")
     owner = api.owner()
     frames = json.loads((walk / "truth.json").read_text())["frames"]
     seen = zip(frames["apex_uv"], frames["apex_in_image"], strict=True)

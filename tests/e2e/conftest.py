@@ -1,11 +1,11 @@
 """The real service with a real, small recording in it, and a browser to look at it."""
 
 import json
-import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from uuid import UUID
 
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
@@ -14,12 +14,12 @@ from apexcal.client import Client
 from apexcal.documents.machine_marks import MachineMark, MarksView
 from apexcal.rigs import read_rig
 from tests.e2e.chromium import find_chromium
-from tests.support.processes import start, stop
 from tests.support.served import Embedded, serving
+from tests.support.walks import walk
 from workers.simulation.walker import BOARD_EDGES_M
 
+BOARD = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
 WEB = Path(__file__).parents[2] / "service" / "web" / "index.html"
-SECONDS = 12
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -44,23 +44,13 @@ class Track:
 
 
 @pytest.fixture(scope="package")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Path]]:
-    """Starts simulating a recording; called, it waits for the folder with recording.bag and rig.json."""
-    folder = tmp_path_factory.mktemp("simulated")
-    log = folder / "log"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder / "walk"), "--seconds", str(SECONDS)]
-    child = start(command, log)
-
-    def wait() -> Path:
-        assert child.wait() == 0, log.read_text()
-        return folder / "walk"
-
-    yield wait
-    stop(child)
+def simulated() -> Path:
+    """A folder with recording.bag and rig.json."""
+    return walk("plain")
 
 
 @pytest.fixture(scope="package")
-def served(simulated: Callable[[], Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Embedded]:
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Embedded]:
     """`apexcal serve` on an empty folder."""
     assert WEB.exists(), "the pages are not built: run `make frontend`"
     with serving(tmp_path_factory.mktemp("served") / "data", "--workers", "1") as embedded:
@@ -68,49 +58,35 @@ def served(simulated: Callable[[], Path], tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.fixture(scope="package")
-def track(served: Embedded, simulated: Callable[[], Path]) -> Iterator[Track]:
+def track(served: Embedded, simulated: Path) -> Iterator[Track]:
     """The service after an upload, an ingestion and a detection over HTTP."""
     with Client(served.url, served.token) as owner:
-        fleet = owner.fleets.create("Test track")
-        vehicle = owner.vehicles.create(fleet.id, "Van 7")
-        folder = simulated()
-        region = json.loads((folder / "region.json").read_text())
-        rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
-        recording = owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id)
-        recording = owner.wait(recording)
-        detection = owner.wait(owner.detections.create(recording.id, region))
-        assert detection.counts.paired >= 10, detection.counts
-        width, height = rig.cameras[0].image_size
-        yield Track(
-            served.url,
-            owner,
-            str(fleet.id),
-            str(vehicle.id),
-            str(recording.id),
-            str(detection.id),
-            str(rig.id),
-            json.loads((folder / "truth.json").read_text()),
-            (width, height),
-        )
+        yield recorded(owner, owner.fleets.create("Test track").id, "Van 7", simulated)
+
+
+def recorded(owner: Client, fleet_id: UUID | str, name: str, walk: Path, **options: float) -> Track:
+    """A vehicle of its own with the walk, read and searched for vertices."""
+    vehicle = owner.vehicles.create(fleet_id, name)
+    rig = owner.vehicles.create_rig(vehicle.id, read_rig(walk / "rig.json", "roof"))
+    recording = owner.wait(owner.recordings.upload(walk / "recording.bag", vehicle.id, rig.id))
+    region = json.loads((walk / "region.json").read_text())
+    detection = owner.wait(owner.detections.create(recording.id, region, options=options))
+    assert detection.counts.paired >= 10, detection.counts
+    width, height = rig.cameras[0].image_size
+    ids = (str(id) for id in (fleet_id, vehicle.id, recording.id, detection.id, rig.id))
+    return Track(owner.base_url, owner, *ids, json.loads((walk / "truth.json").read_text()), (width, height))
 
 
 @pytest.fixture(scope="package")
-def marked(track: Track, simulated: Callable[[], Path]) -> tuple[Track, dict[str, MachineMark]]:
+def marked(track: Track, simulated: Path) -> tuple[Track, dict[str, MachineMark]]:
     """A recording of its own whose vertices the machine has marked, and its marks by vertex."""
     owner = track.owner
-    vehicle = owner.vehicles.create(track.fleet_id, "Marked by the machine")
-    folder = simulated()
-    rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
-    recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id))
-    size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
-    region = owner.detections.get(track.detection_id).region
-    detection = owner.wait(owner.detections.create(recording.id, region, options=size))
-    (analysis,) = owner.analyses.list(MarksView, recording_id=recording.id)
+    own = recorded(owner, track.fleet_id, "Marked by the machine", simulated, **BOARD)
+    (analysis,) = owner.analyses.list(MarksView, recording_id=own.recording_id)
     analysis = owner.wait(analysis)
     marks = {str(one.vertex_id): one for one in owner.analyses.marks(analysis.id) if one.reason is None}
     assert len(marks) >= 30, analysis.result
-    own = {"vehicle_id": vehicle.id, "rig_id": rig.id, "recording_id": recording.id, "detection_id": detection.id}
-    return replace(track, **{name: str(id) for name, id in own.items()}), marks
+    return own, marks
 
 
 @pytest.fixture(scope="package")

@@ -1,39 +1,21 @@
 """Marking several corners of the board in one frame."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from apexcal.rigs import read_rig
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import BOARD, Track, recorded
 from tests.e2e.marking import Marker
-from workers.simulation.walker import BOARD_EDGES_M
 
 SignIn = Callable[[str, str], Page]
 
 
 @pytest.fixture
-def sized(track: Track, simulated: Callable[[], Path]) -> Track:
+def sized(track: Track, simulated: Path) -> Track:
     """A recording of its own, with a detection that was told the board's size."""
-    region = track.owner.detections.get(track.detection_id).region
-    vehicle = track.owner.vehicles.create(track.fleet_id, "Cart with a board of known size")
-    folder = simulated()
-    rig = track.owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
-    recording = track.owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id)
-    recording = track.owner.wait(recording)
-    size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
-    asked = track.owner.detections.create(recording.id, region, options=size)
-    found = track.owner.wait(asked)
-    return replace(
-        track,
-        vehicle_id=str(vehicle.id),
-        rig_id=str(rig.id),
-        recording_id=str(recording.id),
-        detection_id=str(found.id),
-    )
+    return recorded(track.owner, track.fleet_id, "Cart with a board of known size", simulated, **BOARD)
 
 
 def test_two_corners_of_a_frame_are_marked_one_after_the_other(sign_in: SignIn, sized: Track) -> None:

@@ -20,12 +20,13 @@ import pytest
 from playwright.sync_api import ConsoleMessage, Page, expect
 from sqlalchemy import select
 
-from apexcal.documents.machine_marks import MachineMark
+from apexcal.client import Client
+from apexcal.documents.machine_marks import MarksView
 from service.platform.db import models
 from service.platform.db.base import Base
 from service.platform.db.clock import utc_now
 from service.platform.db.session import Database
-from tests.e2e.conftest import Track
+from tests.e2e.conftest import BOARD, Track, recorded
 from tests.e2e.looks import CROSSED, DRAWN, assert_fits, show
 from tests.e2e.test_calibrating import add_cart
 from tests.e2e.test_workers import stopped
@@ -86,7 +87,7 @@ class State:
 
 @dataclass
 class Stage:
-    """The rows that the states are written into."""
+    """The rows that the states are written into: of a fleet of their own, for others look at theirs."""
 
     track: Track
     database: Database
@@ -143,8 +144,17 @@ def altered(database: Database, change: Change) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def stage(marked: tuple[Track, dict[str, MachineMark]], served: Embedded) -> Iterator[Stage]:
-    track, _ = marked
+def track(served: Embedded, simulated: Path) -> Iterator[Track]:
+    """In the place of the track that the other pages share: people sign in to this one's fleet."""
+    with Client(served.url, served.token) as owner:
+        own = recorded(owner, owner.fleets.create("States").id, "Van 8", simulated, **BOARD)
+        (analysis,) = owner.analyses.list(MarksView, recording_id=own.recording_id)
+        owner.wait(analysis)
+        yield own
+
+
+@pytest.fixture(scope="module")
+def stage(track: Track, served: Embedded) -> Iterator[Stage]:
     owner = track.owner
     vehicle, pairs = add_cart(track, "Carriage", 60)
     wanted = {"folds": 3, "publish": "none", "schedule": SHORT}
@@ -291,7 +301,7 @@ def take(page: Page, name: str) -> None:
         page.screenshot(path=Path(folder or "") / f"{name}-{view[0]}-{view[1]}.png", full_page=True)
 
 
-@pytest.mark.slow  # it writes states into rows of the service that the other pages share
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.timeout(3600)
 def test_each_page_at_each_state(sign_in: SignIn, stage: Stage, served: Embedded, room: str) -> None:

@@ -16,14 +16,13 @@ WRONG, WRONG_PX = 5, 60  # one mark, so far to the side
 SignIn = Callable[[str, str], Page]
 
 
-def test_an_engineer_goes_the_whole_way(sign_in: SignIn, track: Track, simulated: Callable[[], Path]) -> None:
-    folder = simulated()
+def test_an_engineer_goes_the_whole_way(sign_in: SignIn, track: Track, simulated: Path) -> None:
     page = sign_in("Nora", "engineer")
     count_effort(page.context)
     page.goto(f"{track.url}/fleets/{track.fleet_id}")
     page.set_viewport_size({"width": 1280, "height": 1000})
-    describe(page, "Walker", folder / "rig.json")
-    upload(page, folder / "recording.bag")
+    describe(page, "Walker", simulated / "rig.json")
+    upload(page, simulated / "recording.bag")
     draw(page)
     apexes = track.truth["frames"]["apex_uv"]
     mark(page, apexes)

@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,18 +18,11 @@ from tests.e2e.looks import assert_looks
 from tests.e2e.marking import Marker
 from tests.e2e.test_crops import Confirmer
 from tests.e2e.test_workspace import DROP
+from tests.support import walks
 from tests.support.served import Embedded
 
 # From the sign-in to the first verdict, and from there to the vehicle's own URDF.
 MOST = Effort(clicks=8, keys=3)
-
-
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("whole") / "walk"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "40"]
-    subprocess.run([*command, "--camera-info", "raw", "--camera-hz", "3"], check=True, stdout=subprocess.DEVNULL)
-    return folder
 
 
 @pytest.fixture
@@ -56,7 +47,8 @@ def page(browser: Browser, served: Embedded, owner: Client) -> Iterator[Page]:
     assert complaints == []
 
 
-def test_eight_clicks_lead_from_a_bag_to_a_urdf(page: Page, served: Embedded, owner: Client, walk: Path) -> None:
+def test_eight_clicks_lead_from_a_bag_to_a_urdf(page: Page, served: Embedded, owner: Client) -> None:
+    walk = walks.walk("long")
     page.get_by_role("button", name="Sign in").click()
     expect(page.get_by_label("Recording and URDF")).to_be_visible()
     assert_looks(page)

@@ -9,8 +9,10 @@ from uuid import uuid4
 
 import pytest
 
+from apexcal.rigs import read_rig
 from tests.faults.farm import Farm
-from tests.faults.jobs import Walk, record
+from tests.faults.jobs import Walk
+from tests.support import walks
 from tests.support.postgres import Postgres
 
 
@@ -35,6 +37,7 @@ def farm(
 
 
 @pytest.fixture(scope="session")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Walk:
+def walk() -> Walk:
     """A simulated recording, long enough that work on it can be interrupted."""
-    return record(tmp_path_factory.mktemp("walk"))
+    folder = walks.walk("plain")
+    return Walk(folder / "recording.bag", read_rig(folder / "rig.json", "roof"))

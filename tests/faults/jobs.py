@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import copy
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +12,6 @@ import numpy as np
 from apexcal.client import Client
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.fleets import RigOut, VehicleOut
-from apexcal.rigs import read_rig
 
 REGION = {"all": [{"quantity": "x", "op": ">", "value": 1.0}, {"quantity": "z", "op": ">", "value": -1.2}]}
 # A slot of about an eighth of a second, so that a kill finds somebody at work.
@@ -28,13 +25,6 @@ class Walk(NamedTuple):
 
     bag: Path
     rig: dict[str, Any]
-
-
-def record(folder: Path) -> Walk:
-    """Simulate 14 seconds: a detection takes a fifth of one."""
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "14", "--seed", "5"]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return Walk(next(folder.glob("*.bag")), read_rig(folder / "rig.json", "roof"))
 
 
 def new_rig(client: Client, rig: dict[str, Any], name: str) -> tuple[VehicleOut, RigOut]:

@@ -1,53 +1,33 @@
-"""The whole job through the fleet of docker-compose.yml: its own commands and environment, as plain processes."""
+"""A recording through the fleet of docker-compose.yml: its own commands and environment, as plain processes.
+
+`test_rolling_restart.py` has the same fleet calibrate.
+"""
 
 import json
-import sys
-from collections.abc import Callable, Iterator
 from datetime import timedelta
 from pathlib import Path
 from uuid import UUID
 
 import httpx
-import pytest
 
 from apexcal.client import Client
 from apexcal.documents.recordings import BlobAddress, Parts
 from apexcal.regions import read_region
 from apexcal.rigs import read_rig
-from benchmarks.demo.annotators import mark_everything
-from benchmarks.demo.truth import Truth
 from service.platform.db.session import Database
 from service.platform.settings import Settings
 from service.platform.storage.audit import audit
 from service.platform.storage.store import open_store
 from tests.integration.fleet import APIS, WORKERS, ComposeFleet
-from tests.support.processes import start, stop
+from tests.support.walks import walk
 
-SECONDS = 10
-QUICK = {"slots": 2, "population": 300, "generations": 20, "max_iterations": 3}
 # What a loaded machine may need; an idle one takes a tenth of it.
 PATIENCE_S = 150
 
 
-@pytest.fixture
-def walk(tmp_path: Path) -> Iterator[Callable[[], Path]]:
-    """A recording that is simulated while the fleet starts; called, it waits for its folder."""
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(tmp_path / "walk"), "--seconds", str(SECONDS)]
-    child = start(command, tmp_path / "simulation.log")
-
-    def wait() -> Path:
-        assert child.wait(PATIENCE_S) == 0, (tmp_path / "simulation.log").read_text()
-        return tmp_path / "walk"
-
-    yield wait
-    stop(child)
-
-
-def test_the_job_goes_through_the_fleet_of_the_compose_file(
-    walk: Callable[[], Path], fleet: ComposeFleet, tmp_path: Path
-) -> None:
+def test_a_recording_goes_through_the_fleet_of_the_compose_file(fleet: ComposeFleet, tmp_path: Path) -> None:
     fleet.wait_until_healthy((*APIS, *WORKERS, "sweeper"), PATIENCE_S)
-    folder = walk()
+    folder = walk("plain")
     bag = folder / "recording.bag"
     with Client(fleet.url, fleet.token) as owner:
         trucks = owner.fleets.create("Trucks")
@@ -58,20 +38,7 @@ def test_the_job_goes_through_the_fleet_of_the_compose_file(
             owner.detections.create(recording.id, read_region(folder / "region.json"), detector="tolerant"),
             timeout_s=PATIENCE_S,
         )
-        marked, _ = mark_everything(
-            owner, trucks.id, detection, "front", Truth(folder / "truth.json"), lambda share, message: None
-        )
-        pairs = owner.correspondence_sets.build(detection.id, "front")
-        assert marked.complete == detection.counts.paired >= pairs.count >= 10
-        calibration = owner.wait(
-            owner.calibrations.create(
-                vehicle.id, [pairs.id], ["pinhole"], folds=0, farm="slots", schedule=QUICK, publish="recommended"
-            ),
-            timeout_s=PATIENCE_S,
-        )
-        found = calibration.summary.cameras["front"].models["pinhole"]
-        # A few seconds of walking and a click on another corner now and then: near, no more can be asked.
-        assert found.polished.rms_px < 30
+        assert detection.counts.paired >= 10
         check_bytes(owner, recording.id, bag, tmp_path)
     check_store(fleet)
 

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,6 +32,7 @@ from service.platform.settings import Settings, get_settings
 from service.platform.storage.errors import StoreUnavailableError
 from service.platform.storage.store import Store, open_store
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
+from tests.support import walks
 from tests.support.asking import ask_calibration, bring_pairs
 from tests.support.people import Actor, Api, TestClient
 from tests.support.postgres import ROLES, Postgres, as_role
@@ -43,13 +42,10 @@ from tests.support.work import work
 from workers.tasks.context import Context
 
 
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def walk() -> Path:
     """A short simulated recording and its rig."""
-    folder = tmp_path_factory.mktemp("walk")
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "1"]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return folder
+    return walks.walk("moment")
 
 
 class Site:
