@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-_PR_SET_PDEATHSIG = 1
-_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
+from apexcal.processes import has_ended, kill_session, tied_to_this
 
 _FIRST_DELAY_S = 0.2
 _LONGEST_DELAY_S = 10.0
@@ -32,21 +29,6 @@ class ChildPlan:
     environment: Mapping[str, str]
     log: Path
     grace_s: float = 10.0
-
-
-def tied_to(parent: int) -> Callable[[], None]:
-    """What a new child runs before its program: it dies with ``parent``, also when that is killed.
-
-    Linux only (prctl PR_SET_PDEATHSIG); elsewhere a killed parent leaves its children to be found by hand.
-    """
-
-    def tie() -> None:
-        if _LIBC is not None:
-            _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:
-            os._exit(1)
-
-    return tie
 
 
 class Child:
@@ -78,7 +60,7 @@ class Child:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=tied_to(os.getpid()),
+                preexec_fn=tied_to_this(),
             )
         self._started = time.monotonic()
         self._turn("running")
@@ -130,7 +112,7 @@ class Child:
         deadline = time.monotonic() + self.plan.grace_s
         while self._process is not None and not self._ended():
             if time.monotonic() > deadline or hurry():
-                self._kill_session()
+                kill_session(self._process.pid)
             time.sleep(0.02)
         self._turn("stopped")
 
@@ -142,16 +124,9 @@ class Child:
         process = self._process
         if process is None:
             return True
-        # Looked at without reaping: until then the process id, and so the session's, cannot be anybody else's.
-        with contextlib.suppress(ChildProcessError):
-            if os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
-                return False
-        self._kill_session()
+        if not has_ended(process.pid):
+            return False
+        kill_session(process.pid)
         process.wait()
         self._process = None
         return True
-
-    def _kill_session(self) -> None:
-        if self._process is not None:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(self._process.pid, signal.SIGKILL)

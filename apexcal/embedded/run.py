@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from apexcal.embedded import plans
-from apexcal.embedded.children import tied_to
 from apexcal.embedded.folder import DataFolder, OpenFolderError
 from apexcal.embedded.supervisor import Supervisor
+from apexcal.processes import tied_to_this
 
 _START_S = 60.0
 
@@ -127,7 +127,7 @@ def _run(module: str, arguments: tuple[str, ...], settings: Mapping[str, str]) -
         env=dict(settings),
         capture_output=True,
         text=True,
-        preexec_fn=tied_to(os.getpid()),
+        preexec_fn=tied_to_this(),
     )
     if done.returncode != 0:
         lines = (done.stderr.strip() or done.stdout.strip()).splitlines()

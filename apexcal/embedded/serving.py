@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,8 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from apexcal.documents.served_folder import is_served, read_status
-from apexcal.embedded.children import tied_to
 from apexcal.errors import ClientError
+from apexcal.processes import tied_to_this
 
 WORKERS = 2
 
@@ -41,7 +40,7 @@ def serving(data: Path) -> Iterator[LocalService]:
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=tied_to(os.getpid()),
+        preexec_fn=tied_to_this(),
     ) as process:
         try:
             assert process.stdout is not None

@@ -40,7 +40,7 @@ from workers.solver.slot import warm_up  # noqa: E402
 IN_TABLE: Final = 60
 NAMED: Final = 0.05
 """A case is named beside a check that finds this share of its draws."""
-SOUND, FAULTS, WHOLE, WALKED, FOLLOWED = 300, 80, 40, 100, 100
+SOUND, FAULTS, WHOLE, WALKED, FOLLOWED = 300, 60, 25, 60, 50
 """Draws of each sound case, each other case, each cell of whole walks, each other walk, each case with remedies."""
 
 

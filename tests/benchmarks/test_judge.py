@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.judge.__main__ import cases_table, checks_table, summary
 from benchmarks.judge.cases import CASES
-from benchmarks.judge.judging import outcome
+from benchmarks.judge.judging import BROKEN, outcome
 from benchmarks.judge.remedies import REMEDIED, followed, remedies_summary, remedies_table
 
 
@@ -32,6 +32,11 @@ def test_remedies_that_trials_advise_lessen_the_error_and_intervals_hold():
     assert (figures["draws"], figures["followed"]) == (2, 2)
     assert figures["rms_px_after"] < figures["rms_px_before"]
     assert "wrong_pairs 1" in remedies_table([kept, late])
+
+
+def test_a_remedy_is_judged_though_its_lens_folds_before_the_farthest_corners():
+    (number,) = [number for number, case in enumerate(REMEDIED) if case.name == "lens of another camera"]
+    assert followed((number, 6200012)).check != BROKEN
 
 
 @pytest.mark.slow

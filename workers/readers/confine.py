@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import ctypes
 import json
-import os
 import resource
-import signal
-import sys
 from collections.abc import Mapping
 from typing import Final
 
-_PR_SET_PDEATHSIG: Final = 1
+from apexcal.processes import die_with
+
 # An ingestion has its recording, one file for each sensor and a few of the libraries' open at once.
 _OPEN_FILES: Final = 1024
 
@@ -30,17 +27,13 @@ def confine(parent: int | None, limits: Mapping[str, int]) -> None:
     between fork and exec of a parent with threads, where it may deadlock.
 
     Args:
-        parent: pid of the starter; None: live on alone. Linux sends the signal when the **thread** that started this
-            process ends, so that thread must wait for it.
+        parent: pid of the starter; None: live on alone.
         limits: ``memory_bytes``: address space (RLIMIT_AS); allocations beyond it fail with MemoryError.
             ``cpu_s``: processor seconds (RLIMIT_CPU); beyond it SIGXCPU ends the process.
             ``file_bytes``: size of any file that is written (RLIMIT_FSIZE); beyond it writes fail with EFBIG.
     """
     if parent is not None:
-        if sys.platform == "linux":
-            ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # it died before the line above
-            os._exit(1)
+        die_with(parent)
         open_files = min(_OPEN_FILES, resource.getrlimit(resource.RLIMIT_NOFILE)[1])
         resource.setrlimit(resource.RLIMIT_NOFILE, (open_files, open_files))
     # SIGXCPU comes at the first limit of time; SIGKILL would at the second.

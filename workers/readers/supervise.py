@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import selectors
-import signal
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Final, NamedTuple
+
+from apexcal.processes import has_ended, kill_session
 
 _LOOK_S: Final = 0.2
 _PIECE_BYTES: Final = 1 << 16
@@ -69,7 +69,8 @@ def supervise(
         try:
             complaint = _listen(child.pid, spoken, complained, _Lines(take), look)
         finally:
-            _kill(child)
+            kill_session(child.pid)
+            child.wait()
     return ChildEnd(child.returncode, complaint.decode(errors="replace"))
 
 
@@ -96,25 +97,13 @@ def _listen(pid: int, spoken: IO[bytes], complained: IO[bytes], lines: _Lines, l
             if now >= next_look:
                 look()
                 next_look = now + _LOOK_S
-            if not heard and _has_ended(pid):
+            if not heard and has_ended(pid):
                 break
             if not ready.get_map():
                 if gone_at is None:
                     gone_at = now + _LAST_BREATH_S
                 time.sleep(0.01)
     return complaint
-
-
-def _has_ended(pid: int) -> bool:
-    """Whether the child has ended; it stays there to be waited for, so that its number is nobody else's."""
-    return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
-
-
-def _kill(child: subprocess.Popen[bytes]) -> None:
-    """End the child's whole session, also what it left behind where it has ended itself."""
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(child.pid, signal.SIGKILL)
-    child.wait()
 
 
 class _Lines:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import logging
 import os
-import signal
-import sys
 from typing import Any
 
 from billiard.process import active_children
@@ -18,6 +15,7 @@ from celery.signals import (
     worker_shutting_down,
 )
 
+from apexcal.processes import die_with
 from service.platform.jobs.kinds import kinds
 from service.platform.jobs.messages import task_of
 from service.platform.settings import get_settings
@@ -32,7 +30,7 @@ from workers.tasks.running import prepare, run_job
 
 log = logging.getLogger(__name__)
 
-_PR_SET_PDEATHSIG = 1
+_PARENT = os.getpid()  # the pool's processes are forked from the one that loads this module
 _LARGEST_ID = 2**63 - 1  # of the column
 
 
@@ -96,8 +94,5 @@ def end_presence(sender: Any, **_: object) -> None:
 def prepare_child(**_: object) -> None:
     """Die with the parent, and when it is told to stop give the job in hand back."""
     hide_from_others()
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() == 1:
-            os.kill(os.getpid(), signal.SIGKILL)
+    die_with(_PARENT)
     listen_for_drain()

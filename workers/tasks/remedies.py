@@ -208,9 +208,9 @@ def _trial(remedy: Remedy, before: Fits, state: State, stop: Stop) -> RemedyTria
     digits = 2 if figure(noise) != figure(noise_before) else 3
     noises = f"{figure(noise, digits)} instead of {figure(noise_before, digits)} px"
     scatter = f"held-out pairs scatter by {noises} per coordinate"
+    moves = "" if moved_px is None else f" Corners move by up to {figure(moved_px)} px."
     brings = {
-        "helps": f"{remedy.words} the result is better: {scatter}. Projected corners move by up to "
-        f"{figure(moved_px)} px, and the fit's checks say {verdict}.",
+        "helps": f"{remedy.words} the result is better: {scatter}.{moves} The fit's checks say {verdict}.",
         "alike": f"{remedy.words} nothing changes that shows: {scatter}.",
         "harms": f"{remedy.words} the result is worse: {scatter}.",
         "unknown": scatter,
@@ -237,9 +237,12 @@ def _as_fitted(candidate: Candidate) -> Candidate:
     return replace(candidate, heldout=plain)
 
 
-def _moved_px(columns: Json, before: FitResult, after: FitResult) -> float:
+def _moved_px(columns: Json, before: FitResult, after: FitResult) -> float | None:
+    """How far corners move that both results project; None where there are none."""
     points = np.column_stack([columns[name] for name in "xyz"]).astype(np.float64)
-    return float(np.quantile(np.hypot(*(_projected(before, points) - _projected(after, points)).T), _MIDDLE))
+    moved = np.hypot(*(_projected(before, points) - _projected(after, points)).T)
+    moved = moved[np.isfinite(moved)]
+    return float(np.quantile(moved, _MIDDLE)) if moved.size else None
 
 
 def _projected(result: FitResult, points: NDArray[np.float64]) -> NDArray[np.float64]:
