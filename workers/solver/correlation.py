@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from math import exp, inf, log, sqrt
 from typing import Final, NamedTuple
 
@@ -28,8 +29,9 @@ _LONGEST: Final = 1.0 / 8.0
 """Share of the walk for which errors may last: the fit's own parameters do what lasts longer."""
 _STARTS: Final = 4  # lengths of time to begin from
 _STEP: Final = 0.02  # of the logarithms, for second differences
-_UNTIL: Final = {"eps": 1e-6, "ftol": 1e-7}
-"""Of the logarithms, for first differences; and the share of a likelihood of some hundreds that ends the search."""
+_FIRST_STEP: Final = 1e-6  # of the logarithms, for first differences
+_ENDS: Final = 1e-7
+"""Share of a likelihood of some hundreds that ends the search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +108,7 @@ def shares_of(fit: Linearised, components: Sequence[Component], noise: float) ->
     sizes = np.array([max(float(np.mean(each.shapes[used] ** 2)), 1e-300) for each in components])
     lasting = [k for k, each in enumerate(components) if each.lasts < inf]
     ranges = [components[k].lengths(used) for k in lasting]
-    count = 1 + len(components)
+    count, pairs = 1 + len(components), int(np.count_nonzero(used))
     order = np.lexsort([key for each in components for key in (each.moments, each.labels)] or [np.arange(len(used))])
     rows = np.concatenate([fit.jacobian, fit.residuals[:, :, None]], axis=2)[order]
     shapes = np.concatenate([np.zeros((len(used), 2, 0)), *(each.shapes for each in components)], axis=2)[order]
@@ -114,11 +116,22 @@ def shares_of(fit: Linearised, components: Sequence[Component], noise: float) ->
     decays = np.array([each.decay(order) for each in components]).reshape(-1, len(used))
     gaps = [components[k].gaps(order) for k in lasting]
 
-    def unlikely(x: Floats) -> float:
-        for k, gap, last in zip(lasting, gaps, x[count:].tolist(), strict=True):
+    # It does not depend on the noise, of which the variances are multiples.
+    @cache
+    def normal_equations(*logarithms: float) -> tuple[Floats, float]:
+        for k, gap, last in zip(lasting, gaps, logarithms[count - 1 :], strict=True):
             decays[k] = np.exp(-gap / exp(last))
-        variances = (np.exp(x[1:count]) / sizes)[columns]
-        return _unlikely(decays[columns], variances, shapes, used[order], rows, fit.prior, fit.pull, x[0])
+        variances = (np.exp(np.array(logarithms[: count - 1])) / sizes)[columns]
+        return _normal_equations(decays[columns], variances, shapes, used[order], rows)
+
+    def unlikely(x: Floats) -> float:
+        log_noise, *logarithms = x.tolist()
+        return _unlikely(*normal_equations(*logarithms), pairs, fit.prior, fit.pull, log_noise)
+
+    def with_slope(x: Floats) -> tuple[float, Floats]:
+        value = unlikely(x)
+        steps = _FIRST_STEP * np.eye(len(x))
+        return value, np.array([unlikely(x + step) - value for step in steps]) / _FIRST_STEP
 
     begin = np.log([0.7 * noise, *([0.3 / max(count - 1, 1)] * (count - 1))])
     starts = [
@@ -127,7 +140,9 @@ def shares_of(fit: Linearised, components: Sequence[Component], noise: float) ->
     ]
     ends = np.log([(1e-10 * noise, 1e4 * noise), *([(_LEAST, _MOST)] * (count - 1)), *ranges])
     start = min(starts if lasting else starts[:1], key=unlikely)
-    best = scipy.optimize.minimize(unlikely, start, method="L-BFGS-B", bounds=ends, options=_UNTIL)
+    best = scipy.optimize.minimize(
+        with_slope, start, jac=True, method="L-BFGS-B", bounds=ends, options={"ftol": _ENDS}
+    )
     x = np.asarray(best.x, np.float64)
     free = np.flatnonzero((x > ends[:, 0] + _STEP) & (x < ends[:, 1] - _STEP))
     unsure = np.zeros((len(x), len(x)))
@@ -220,27 +235,29 @@ def _whiten(decays: Floats, variances: Floats, shapes: Floats, used: NDArray[np.
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
-def _unlikely(
-    decays: Floats,
-    variances: Floats,
-    shapes: Floats,
-    used: NDArray[np.bool_],
-    rows: Floats,
-    prior: Floats,
-    pull: Floats,
-    log_noise: float,
-) -> float:
-    """The restricted likelihood's negative logarithm: of the priors' part only what depends on the variances."""
-    white = rows.copy()
+def _normal_equations(
+    decays: Floats, variances: Floats, shapes: Floats, used: NDArray[np.bool_], rows: Floats
+) -> tuple[Floats, float]:
+    """The lower half (m, m) of W^T W of the whitened rows W, and the logarithm of `_whiten`."""
+    white, m = rows.copy(), rows.shape[2]
     log_det = _whiten(decays, variances, shapes, used, white)
-    F = len(pull)
-    G = np.zeros((F + 1, F + 1))
-    for row in white.reshape(-1, F + 1):
-        for a in range(F + 1):
+    G = np.zeros((m, m))
+    for row in white.reshape(-1, m):
+        for a in range(m):
             for b in range(a + 1):
                 G[a, b] += row[a] * row[b]
-    G[:] = G / exp(log_noise)
-    total = 0.5 * (2.0 * np.count_nonzero(used) * log_noise + log_det + G[F, F])
+    return G, log_det
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def _unlikely(normal: Floats, log_det: float, count: int, prior: Floats, pull: Floats, log_noise: float) -> float:
+    """The restricted likelihood's negative logarithm: of the priors' part only what depends on the variances.
+
+    Of `count` pairs, by the normal equations (F + 1, F + 1) of Jacobian and residuals.
+    """
+    F = len(pull)
+    G = normal / exp(log_noise)
+    total = 0.5 * (2.0 * count * log_noise + log_det + G[F, F])
     # Cholesky's factor in place, without the parameters that nothing determines beside those before them.
     for a in range(F):
         G[F, a] += pull[a]

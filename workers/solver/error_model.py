@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -61,11 +62,9 @@ class ErrorModel:
         values = np.linalg.eigvalsh(J.T @ J / self.noise + self.fit.prior)
         return bool(values[0] > _OPEN * values[-1])
 
-    def step(self, used: Used | None = None) -> Floats:
-        """(F,) the step from the linearisation to the optimum of the used pairs and the priors: rad, m, px."""
-        J = self._rows(used).reshape(-1, len(self.scale))
-        gradient = J.T @ self.fit.residuals.ravel() / self.noise + self.fit.pull
-        return -(self.inverse(used) @ gradient) * self.scale
+    def step(self) -> Floats:
+        """(F,) the step from the linearisation to the optimum of the pairs and the priors: rad, m, px."""
+        return self._step(*self._influence(()))
 
     def without(self, term: str) -> ErrorModel:
         """The same without what that term of the common errors adds."""
@@ -92,12 +91,20 @@ class ErrorModel:
         )
         return replace(self, fit=fit, scale=np.concatenate([self.scale, scale]), moved=np.zeros(0))
 
-    def parts(self, *halves: Used) -> list[Floats]:
-        """(F, F) each: how the covariance grows with the logarithms that `unsure` is of.
+    def parts(self) -> list[Floats]:
+        """(F, F) each: how the covariance of the estimate from all pairs grows with the logarithms of `unsure`."""
+        return self._grows(self._influence(())[0])
 
-        Of the estimate from all pairs, or of the difference of the estimates from two disjoint `halves` of them.
-        """
-        influence = self._influence(halves)[0]
+    def difference(self, first: Used, second: Used) -> tuple[Floats, Floats, list[Floats]]:
+        """The estimate from the used pairs (N,) less that from other ones: (F,), its covariance, and its `parts`."""
+        influence = self._influence((first, second))
+        return self._step(*influence), self._spread(*influence), self._grows(influence[0])
+
+    def _step(self, influence: Floats, by_prior: Floats) -> Floats:
+        by_pairs = influence.reshape(-1, len(self.scale)).T @ self.fit.residuals.ravel()
+        return -(by_pairs + by_prior @ self.fit.pull)
+
+    def _grows(self, influence: Floats) -> list[Floats]:
         lasting = [
             variance * (each.lasting(1.0 + _STEP).product(influence) - each.lasting(1.0 - _STEP).product(influence))
             for each, variance in zip(self.shared, self.variances.tolist(), strict=True)
@@ -110,15 +117,14 @@ class ErrorModel:
         return np.einsum("ncf,ncm->fm", self._influence(used)[0], self.common)
 
     def covariance(self, *used: Used) -> Floats:
-        """(F, F) of the estimate from all pairs, or from the used ones: rad, m, px.
+        """(F, F) of the estimate from all pairs, or from the used ones: rad, m, px."""
+        total = self._spread(*self._influence(used))
+        return total + np.outer(self.moved, self.moved) if self.moved.size else total
 
-        Of two disjoint sets of used pairs it is that of the difference of the two estimates.
-        """
-        influence, by_prior = self._influence(used)
+    def _spread(self, influence: Floats, by_prior: Floats) -> Floats:
         by_common = np.einsum("ncf,ncm->fm", influence, self.common)
         total = np.sum(self._parts(influence), axis=0) + by_prior @ self.fit.prior @ by_prior.T
-        total = total + by_common @ by_common.T
-        return total + np.outer(self.moved, self.moved) if self.moved.size and len(used) < 2 else total
+        return total + by_common @ by_common.T
 
     def freedoms(self, along: Floats | None = None) -> Floats:
         """Degrees of freedom of the variances (Satterthwaite 1946): (F,) of the estimate, or (n,) of what moves with
@@ -142,12 +148,19 @@ class ErrorModel:
         """The same without what all pairs share."""
         return replace(self, common=self.common[:, :, :0], terms=(), estimated=0, moved=np.zeros(0))
 
+    @cached_property
+    def _of_all(self) -> tuple[Floats, Floats]:
+        return self._anew((None,))
+
     def _influence(self, used: Sequence[Used]) -> tuple[Floats, Floats]:
+        return self._anew(used) if used else self._of_all
+
+    def _anew(self, used: Sequence[Used | None]) -> tuple[Floats, Floats]:
         """(N, 2, F) what a pixel of each pair's error moves the estimate, or the difference of two, by; (F, F) what
         the priors' pull moves it by. Rad, m, px.
         """
         of_pairs, by_prior = np.zeros_like(self.fit.jacobian), np.zeros_like(self.fit.prior)
-        for sign, rows in zip((1.0, -1.0), used or (None,), strict=False):
+        for sign, rows in zip((1.0, -1.0), used, strict=False):
             Q = sign * self.inverse(rows) * self.scale
             of_pairs += self._rows(rows) @ Q / self.noise
             by_prior += Q.T

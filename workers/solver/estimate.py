@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -75,22 +75,24 @@ class Estimate:
         return self.parameters if self.kept is None else np.array(self.kept.parameters)
 
 
-def estimate(problem: FitProblem, start: Floats) -> Estimate:
+def estimate(problem: FitProblem, start: Floats, descend: Callable[[FitProblem, Floats], Fit] = polish) -> Estimate:
     """Polish from `start` (D,), name the outliers, and find the noise and the covariance.
+
+    descend: `refine` where the start is an end of `polish` already.
 
     A prior weighs against the marks by its own sigma and theirs. The marks' sigma is not known beforehand, so where
     there are priors fit and noise are repeated until the noise settles. Distortion and aspect that the pairs hardly
     hold are fitted once more, with weak priors. So is everything if the pairs tell the clocks' offset.
     """
-    result = _estimate(problem, start)
+    result = _estimate(problem, start, descend)
     clock = _clock(result)
     if clock is None:
         return result
-    return replace(_estimate(at_clock(problem, clock), result.parameters), clock=clock)
+    return replace(_estimate(at_clock(problem, clock), result.parameters, refine), clock=clock)
 
 
-def _estimate(problem: FitProblem, start: Floats) -> Estimate:
-    result = _settled(problem, polish(problem, start))
+def _estimate(problem: FitProblem, start: Floats, descend: Callable[[FitProblem, Floats], Fit]) -> Estimate:
+    result = _settled(problem, descend(problem, start))
     weak = lens_priors(problem, result.parameters, result.spread) | _aspect_prior(result)
     if weak and result.spread.sigma_px > 0.0:
         priors = problem.priors | {name: (float(name == ASPECT), sigma) for name, sigma in weak.items()}

@@ -1,6 +1,7 @@
 """Projections of fixed points around the LiDAR, by which any two results of a vehicle are compared in pixels."""
 
 from dataclasses import replace
+from functools import cache
 from math import cos, radians, sin
 
 import numpy as np
@@ -53,6 +54,7 @@ def _at(problem: FitProblem, points: Floats) -> FitProblem:
     return replace(plain, points=points, pixels=np.zeros((count, 2)), weights=np.ones(count))
 
 
+@cache
 def _points() -> Floats:
     return np.array(
         [

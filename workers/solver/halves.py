@@ -85,7 +85,8 @@ def _compared(whole: Estimate, errors: ErrorModel, split: Split, first: Used, se
     rows: Floats = J.reshape(len(first), 2, -1)[first | second].reshape(-1, len(problem.free))
     ratios, stated = _ratios(errors, rows, first, second)
     # Stretches may share errors that are too small to count. What these explain raises no objection.
-    explained, _ = _ratios(whole.wider or errors, rows, first, second)
+    wider = whole.wider or errors
+    explained = ratios if wider is errors else _ratios(wider, rows, first, second)[0]
     limits = [
         ratio.ratio * _limit(other) / other.ratio if other.ratio > 0.0 else _limit(other)
         for ratio, other in zip(ratios, explained, strict=True)
@@ -127,8 +128,7 @@ def _ratios(errors: ErrorModel, rows: Floats, first: Used, second: Used) -> tupl
     """
     # Linear steps from the full fit: parameters that the pairs hardly determine, like higher distortion terms, bend
     # the ends of the polished fits.
-    step = errors.step(first) - errors.step(second)
-    covariance, parts = errors.covariance(first, second), errors.parts(first, second)
+    step, covariance, parts = errors.difference(first, second)
     over_parameters = _root_mahalanobis(errors, step, covariance, parts)
     moved: Floats = rows @ _directions(covariance)[1]
     stated: Floats = np.sum(moved**2, axis=1)

@@ -1,6 +1,6 @@
 """Looks for other optima nearly as deep, from where the search's slots and the baselines ended."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -43,14 +43,18 @@ def other_optima(
     freedom = max(2 * int(np.count_nonzero(problem.weights)) - len(problem.free), 1)
     sigma = max(float(np.sqrt(polished.cost / freedom)), _EXACT_PX)
     places: list[tuple[float, Fit]] = []
-    for fit in (*(polish(replace(here, covariances=None), start) for start in starts), *ends):
+    # A descent from the polished fit's own place would end there.
+    elsewhere = [start for start in starts if _apart(problem, J, sigma, start, polished.parameters)]
+    for fit in (*(polish(replace(here, covariances=None), start) for start in elsewhere), *ends):
         cost = cost_of(here, fit.parameters, polished.scale_px)
         # A descent that ran out of steps has not reached its optimum, which may be this one.
         if not fit.outcome.converged:
             continue
-        if cost > _NEARLY_AS_DEEP**2 * polished.cost or not _apart(problem, J, sigma, fit, polished):
+        if cost > _NEARLY_AS_DEEP**2 * polished.cost or not _apart(
+            problem, J, sigma, fit.parameters, polished.parameters
+        ):
             continue
-        if all(_apart(problem, J, sigma, fit, other) for _, other in places):
+        if all(_apart(problem, J, sigma, fit.parameters, other.parameters) for _, other in places):
             places.append((cost, fit))
     return [fit for _, fit in sorted(places, key=lambda optimum: optimum[0])]
 
@@ -71,6 +75,6 @@ def optimum_sentences(problem: FitProblem, polished: Fit, others: list[Fit]) -> 
     return sentences
 
 
-def _apart(problem: FitProblem, J: Floats, sigma: float, fit: Fit, other: Fit) -> bool:
-    step = (np.array(fit.parameters) - np.array(other.parameters))[problem.free]
+def _apart(problem: FitProblem, J: Floats, sigma: float, p: Sequence[float], q: Sequence[float]) -> bool:
+    step = (np.array(p) - np.array(q))[problem.free]
     return bool(np.linalg.norm(J @ step) > _ELSEWHERE_SIGMAS * sigma * np.sqrt(len(step)))

@@ -2,9 +2,9 @@
 """The last step: least squares from where a search ended, plain or robust."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy  # its rooms are loaded by their first use
@@ -51,6 +51,18 @@ class Fit:
     scale_px: float | None = None
 
 
+class _End(NamedTuple):
+    """Where a descent ended: p (D,), how, and the scale of its loss; by a trust region also the minimum, px^2, and
+    whether a pair's projection was forbidden on the way.
+    """
+
+    p: Floats
+    outcome: Outcome
+    scale_px: float | None
+    cost: float = inf
+    met_wall: bool = False
+
+
 def polish(problem: FitProblem, start: Sequence[float] | Floats) -> Fit:
     """Least squares over the free parameters inside the problem's bounds, from `start` (D,).
 
@@ -59,14 +71,14 @@ def polish(problem: FitProblem, start: Sequence[float] | Floats) -> Fit:
     d^2 / (1 + d^2 / c^2) of the same distances (Geman and McClure 1987), c following from the median distance as
     long as that stays below `saturation_px`, and otherwise from the pairs nearer than that (`robust_sigma_px`).
 
-    It descends twice and keeps the lower end: straight on, and over the continued formulas first, in which
-    forbidden projections are no walls (from a far start walls would stop it at once). With covariances this is done
-    under rough weights. From its end it goes on as `refine` does.
+    It descends straight on. If it meets forbidden projections, which are walls (from a far start they would stop it
+    at once), it also descends over the continued formulas first, without walls, and keeps the lower end. With
+    covariances this is done under rough weights. From its end it goes on as `refine` does.
     """
     p = np.clip(np.asarray(start, dtype=np.float64), *_walls_of(problem))
     rough = roughly_whitened(problem)
     if len(problem.free):
-        p = np.array((_robust(rough, p) if problem.loss == "saturating" else _plain(rough, p)).parameters)
+        p = (_robust(rough, p) if problem.loss == "saturating" else _descend_twice(rough, p, None)).p
     return refine(problem, p)
 
 
@@ -76,15 +88,24 @@ def refine(problem: FitProblem, start: Sequence[float] | Floats) -> Fit:
     It descends straight on, by steps of Newton as far as they lead down. With covariances it does so twice, each time
     under the weights that hold where it begins (iteratively reweighted).
     """
-    p = np.clip(np.asarray(start, dtype=np.float64), *_walls_of(problem))
-    fit = _fit(problem, p, None, Outcome.NOTHING_FREE)
+    p, here = np.clip(np.asarray(start, dtype=np.float64), *_walls_of(problem)), problem
+    end = _end(problem, p, None, Outcome.NOTHING_FREE)
     for _ in range(0 if len(problem.free) == 0 else REWEIGHTED if problem.covariances is not None else 1):
-        here = whitened(problem, np.array(fit.parameters))
+        here = whitened(problem, end.p)
         if problem.loss == "saturating":
-            fit = _follow_scale(here, replace(fit, scale_px=None))
+            end = _follow_scale(here, end._replace(scale_px=None))
         else:
-            fit = _descend_near(here, np.array(fit.parameters), None)
-    return fit
+            end = _descend_near(here, end.p, None)
+    mean, rms = mean_and_rms(here, end.p)
+    return Fit(
+        parameters=tuple(end.p.tolist()),
+        mean_px=mean,
+        rms_px=rms,
+        minimised=SQUARES if end.scale_px is None else ROBUST,
+        outcome=end.outcome,
+        cost=cost_of(here, end.p, end.scale_px),
+        scale_px=end.scale_px,
+    )
 
 
 def robust_sigma_px(problem: FitProblem, p: Floats) -> float:
@@ -175,57 +196,45 @@ def _under_prior(problem: FitProblem, p: Floats, name: str) -> tuple[float, Floa
     return float(p[7] / p[6]), slope
 
 
-def _plain(problem: FitProblem, p: Floats) -> Fit:
-    straight = _descend(problem, p, None)
-    around = _descend(problem, np.array(_descend(problem, p, None, walls=False).parameters), None)
-    return straight if straight.cost <= around.cost else around
-
-
-def _robust(problem: FitProblem, p: Floats) -> Fit:
+def _robust(problem: FitProblem, p: Floats) -> _End:
     # From a far start the scale begins wide, and so sees every pair. That loses a good start where half of the pairs
     # are wrong: so where the median did not come down, also straight on at the saturation, and the lower end counts.
     wide, most = _median_scale(problem, p), problem.saturation_px
-    fit = _follow_scale(problem, _narrowed(problem, _plain_or_robust(problem, p, wide)))
-    if wide <= most or _median_scale(problem, fit.parameters) <= most:
-        return fit
-    near = _follow_scale(problem, _plain_or_robust(problem, p, most))
-    scale = min(_known_scale(fit), _known_scale(near))
-    return min((near, fit), key=lambda polished: cost_of(problem, polished.parameters, scale))
+    end = _follow_scale(problem, _narrowed(problem, _descend_twice(problem, p, wide)))
+    if wide <= most or _median_scale(problem, end.p) <= most:
+        return end
+    near = _follow_scale(problem, _descend_twice(problem, p, most))
+    scale = min(end.scale_px or inf, near.scale_px or inf)
+    return min((near, end), key=lambda robust: cost_of(problem, robust.p, scale))
 
 
-def _narrowed(problem: FitProblem, fit: Fit) -> Fit:
+def _narrowed(problem: FitProblem, end: _End) -> _End:
     # Graduated non-convexity (Blake and Zisserman 1987): where the median does not take the scale below the
     # saturation, it goes there by halves, each descent from the last one's end.
     most = problem.saturation_px
-    while _known_scale(fit) > most and _median_scale(problem, fit.parameters) > most:
-        fit = _descend(problem, np.array(fit.parameters), max(most, 0.5 * _known_scale(fit)))
-    return fit
+    while (scale := end.scale_px or inf) > most and _median_scale(problem, end.p) > most:
+        end = _descend(problem, end.p, max(most, 0.5 * scale))
+    return end
 
 
-def _follow_scale(problem: FitProblem, fit: Fit) -> Fit:
+def _follow_scale(problem: FitProblem, end: _End) -> _End:
     for _ in range(_SCALE_ROUNDS):
-        scale = _scale_at(problem, fit)
-        if fit.scale_px is not None and abs(scale - fit.scale_px) <= 1e-3 * scale:
+        scale = SATURATION_SIGMAS * robust_sigma_px(problem, end.p)
+        if end.scale_px is not None and abs(scale - end.scale_px) <= 1e-3 * scale:
             break
-        fit = _descend_near(problem, np.array(fit.parameters), scale)
-    return fit
+        end = _descend_near(problem, end.p, scale)
+    return end
 
 
-def _scale_at(problem: FitProblem, fit: Fit) -> float:
-    return SATURATION_SIGMAS * robust_sigma_px(problem, np.array(fit.parameters))
-
-
-def _known_scale(fit: Fit) -> float:
-    return inf if fit.scale_px is None else fit.scale_px
-
-
-def _plain_or_robust(problem: FitProblem, p: Floats, scale: float) -> Fit:
+def _descend_twice(problem: FitProblem, p: Floats, scale: float | None) -> _End:
     straight = _descend(problem, p, scale)
-    around = _descend(problem, np.array(_descend(problem, p, scale, walls=False).parameters), scale)
+    if not straight.met_wall:
+        return straight  # without walls it would go the same way
+    around = _descend(problem, _descend(problem, p, scale, walls=False).p, scale)
     return straight if straight.cost <= around.cost else around
 
 
-def _descend_near(problem: FitProblem, start: Floats, scale: float | None) -> Fit:
+def _descend_near(problem: FitProblem, start: Floats, scale: float | None) -> _End:
     p, free = start.copy(), problem.free
     lower, upper = (end[free] for end in _walls_of(problem))
 
@@ -238,25 +247,28 @@ def _descend_near(problem: FitProblem, start: Floats, scale: float | None) -> Fi
     if minimum is None:
         return _descend(problem, start, scale, tolerance=_ENDS)
     p[free] = minimum
-    return _fit(problem, p, scale, Outcome.CONVERGED)
+    return _end(problem, p, scale, Outcome.CONVERGED)
 
 
 def _descend(
     problem: FitProblem, start: Floats, scale: float | None, walls: bool = True, tolerance: float = _ON_THE_WAY
-) -> Fit:
+) -> _End:
     p, free = start.copy(), problem.free
     lower, upper = (end[free] for end in _walls_of(problem))
     count = 2 * len(problem.points)
 
     at, known = np.full(len(free), np.nan), (np.empty(0), np.empty((0, 0)))
+    used, met_wall = problem.weights > 0.0, False
 
     def both(x: Floats) -> tuple[Floats, Floats]:
-        nonlocal known
+        nonlocal known, met_wall
         # SciPy asks for the derivatives where it has just asked for the residuals.
         if not np.array_equal(at, x):
             problem.stop.check()
             at[:] = p[free] = x
             weighted = weighted_residuals(problem, p, walls=walls)
+            # Forbidden projections have no derivatives.
+            met_wall = met_wall or not np.all(np.any(weighted[1][:count].reshape(len(used), -1)[used], axis=1))
             known = weighted if scale is None else saturated(*weighted, count, scale)
         return known
 
@@ -282,7 +294,7 @@ def _descend(
     )
     p[free] = solution.x
     outcome = Outcome.CONVERGED if solution.status > 0 else Outcome.OUT_OF_STEPS
-    return _fit(problem, p, scale, outcome)
+    return _end(problem, p, scale, outcome)._replace(cost=2.0 * float(solution.cost), met_wall=met_wall)
 
 
 def _walls_of(problem: FitProblem) -> tuple[Floats, Floats]:
@@ -292,16 +304,7 @@ def _walls_of(problem: FitProblem) -> tuple[Floats, Floats]:
     return lower, upper
 
 
-def _fit(problem: FitProblem, p: Floats, scale: float | None, outcome: Outcome) -> Fit:
+def _end(problem: FitProblem, p: Floats, scale: float | None, outcome: Outcome) -> _End:
     if problem.any_rotation:
         p[:3] = shortest_vector(p[:3])
-    mean, rms = mean_and_rms(problem, p)
-    return Fit(
-        parameters=tuple(p.tolist()),
-        mean_px=mean,
-        rms_px=rms,
-        minimised=SQUARES if scale is None else ROBUST,
-        outcome=outcome,
-        cost=cost_of(problem, p, scale),
-        scale_px=scale,
-    )
+    return _End(p, outcome, scale)

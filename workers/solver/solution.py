@@ -30,7 +30,7 @@ from workers.solver.next_steps import next_steps
 from workers.solver.optima import MOST_SLOTS, optimum_sentences, other_optima
 from workers.solver.outcomes import SolveError
 from workers.solver.pair_errors import explained_px, marks_outside
-from workers.solver.polish import Fit, cost_of, distances, mean_and_rms
+from workers.solver.polish import Fit, cost_of, distances, mean_and_rms, polish, refine
 from workers.solver.prediction import prediction
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
@@ -66,7 +66,9 @@ def finished(problem: FitProblem, state: State) -> Finished:
     """
     if not state.best_parameters:
         raise SolveError("bad_schedule", "The run has no iteration to finish from.", "Run at least one.")
-    best = estimate(problem, np.array(state.best_parameters))
+    # Slots that are to agree are polished.
+    descend = refine if problem.schedule.agreeing else polish
+    best = estimate(problem, np.array(state.best_parameters), descend)
     problem = at_clock(problem, best.clock)
     polished, outliers, counted, spread = best.fit, best.outliers, best.fitted, best.spread
     p = best.parameters

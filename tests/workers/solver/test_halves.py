@@ -56,11 +56,8 @@ def test_a_variance_that_is_lost_in_rounding_leaves_the_ratios_numbers():
     """A board that stood in two places: along one direction the computed variance is below zero."""
     axes = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     covariance = axes @ np.diag([1e4, 1.0, -1e-10]) @ axes.T
-    steps = iter((axes @ [100.0, 1.0, 0.0], np.zeros(3)))
-    errors = SimpleNamespace(
-        step=lambda half: next(steps), difference=lambda *halves: covariance, parts=lambda *halves: [covariance],
-        covariance=lambda *halves: covariance, freedom_of=lambda grows: 10.0,
-    )  # fmt: skip
+    difference = axes @ [100.0, 1.0, 0.0], covariance, [covariance]
+    errors = SimpleNamespace(difference=lambda *halves: difference, freedom_of=lambda grows: 10.0)
     used = np.ones(3, np.bool_)
     (parameters, marks), stated = _ratios(errors, axes.T, used, used)
     assert parameters.ratio == pytest.approx(1.0) and parameters.directions == 2.0
@@ -115,12 +112,12 @@ def test_limits_allow_for_what_stretches_may_share_without_counting():
     for one, alone, first in zip(halves_of(found), plain, found.holding.blocks.halves, strict=True):
         assert (one.ratio, one.field_ratio) == (alone.ratio, alone.field_ratio)
         assert one.limit > 1.05 * alone.limit
-        step = found.wider.step(first) - found.wider.step(~first)
+        step, covariance, parts = found.wider.difference(first, ~first)
         scale = 1.0 / found.wider.scale
-        covariance = found.wider.covariance(first, ~first) * np.outer(scale, scale)
+        covariance = covariance * np.outer(scale, scale)
         wide = np.sqrt((step * scale) @ np.linalg.solve(covariance, step * scale) / len(step))
-        parts = [part * np.outer(scale, scale) for part in found.wider.parts(first, ~first)]
-        grows = np.array([np.trace(np.linalg.solve(covariance, part)) for part in parts]) / len(step)
+        grows = np.array([np.trace(np.linalg.solve(covariance, part * np.outer(scale, scale))) for part in parts])
+        grows /= len(step)
         freedom = 2.0 / (grows @ found.wider.unsure @ grows)
         limit = np.sqrt(stats.f.ppf(0.999, len(step), freedom))
         assert one.limit / one.ratio == pytest.approx(limit / wide, rel=1e-4)

@@ -25,6 +25,7 @@ KERNELS = (
     rays.mixed_rays,
     range_image._image,
     correlation._product,
+    correlation._normal_equations,
     correlation._unlikely,
 )
 
