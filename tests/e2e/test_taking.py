@@ -197,18 +197,6 @@ def take_proposed_rig(page: Page, track: Track, recording: str, name: str) -> No
     assert rig.name.startswith(name) and rig.cameras[0].joint is not None
 
 
-def publish_anyway(page: Page, why: str = "Made for a test.") -> None:
-    """From a calibration's page, also against what speaks against few pairs."""
-    page.get_by_role("button", name="Publish for the vehicle").click()
-    dialog = page.get_by_role("dialog")
-    given = page.get_by_text("Published: the current calibration")
-    expect(dialog.or_(given)).to_be_visible()
-    if dialog.count():
-        dialog.get_by_role("textbox").fill(why)
-        dialog.get_by_role("button", name="Publish").click()
-    expect(given).to_be_visible()
-
-
 def test_a_reviewer_withdraws_and_everybody_is_told(sign_in: SignIn, track: Track, given: Given) -> None:
     """Last, because nothing is current afterwards."""
     page = sign_in("Zoe", "reviewer")
