@@ -12,7 +12,7 @@ from apexcal.documents.corners import CornerName
 from service.platform.db.base import Json
 from service.platform.jobs.claims import Claim, Lease
 from workers.tasks.context import Context
-from workers.vertices.corners import Floats, moved
+from workers.vertices.corners import Floats, move_corners
 from workers.vertices.vertex import Corners, Vertex
 
 
@@ -38,7 +38,7 @@ def vertex_columns(corners: Corners | None) -> Json:
 
 def frame_columns(vertex: Vertex, xyz: Floats, covariance: Floats) -> list[Json] | None:
     """The column of a vertex's frame: its corners, moved with the vertex to ``xyz`` (3,), covariance (3, 3)."""
-    return [_corner(*corner) for corner in moved(vertex, xyz, covariance)] or None
+    return [_corner(*corner) for corner in move_corners(vertex, xyz, covariance)] or None
 
 
 def _corner(name: CornerName, xyz: ArrayLike, covariance: ArrayLike) -> Json:

@@ -1,4 +1,9 @@
-"""The board's other corners: where the detector puts them, and where they are after their apex was moved."""
+"""The board's other corners: where the detector puts them, and where they are after the vertex was moved in time.
+
+A corner is the apex plus known lengths along both edges. So its errors come from apex, roll, plane and lengths, and
+all
+corners of a board share most of them: one joint covariance holds what they share.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,9 @@ import numpy as np
 
 from apexcal.documents.corners import CORNERS, CornerName
 from workers.geometry.spherical import axes, to_spherical, to_xyz
-from workers.vertices.board.model import EDGE_M, Fix, Plane, Way
+from workers.vertices.board.board_estimate import BoardEstimate, PosteriorMode
+from workers.vertices.board.candidate import Plane
+from workers.vertices.board.model import EDGE_M
 from workers.vertices.vertex import Corners, Floats, Vertex
 
 _COUNT = len(CORNERS)
@@ -18,20 +25,16 @@ _STEP = 1e-6  # of a difference quotient, relative
 _UNLIKELY = 0.05  # share of the posterior
 
 
-def corners_of(fix: Fix, most: float) -> Corners | None:
-    """The corners besides the apex that the rays tell to ``most`` radians, azimuth and elevation together.
-
-    A corner is the apex plus known lengths along both edges. So its errors come from apex, roll, plane and lengths.
-    All else in the apex's own covariance moves the board as a whole, so all corners share it.
-    """
-    weights = [way.weight for way in fix.ways]
-    places, spreads, floors = zip(*(_of_way(fix.plane, way) for way in fix.ways), strict=True)
+def corners_of(board: BoardEstimate, most: float) -> Corners | None:
+    """Return the other corners with ``most`` radians of deviation, azimuth and elevation together; None: none."""
+    weights = [mode.weight for mode in board.hold.modes]
+    places, spreads, floors = zip(*(_corners_of_mode(board.plane, mode) for mode in board.hold.modes), strict=True)
     mean: Floats = np.average(places, axis=0, weights=weights)
     apart: Floats = np.array(places) - mean
     own = np.average(spreads, axis=0, weights=weights) + (apart.T * weights) @ apart
     joint = own + np.average(floors, axis=0, weights=weights)
-    stated = to_xyz(fix.covariance[None], fix.xyz[None])[0]
-    turn = fix.plane.R_window_lidar.T
+    stated = to_xyz(board.covariance[None], board.xyz[None])[0]
+    turn = board.plane.R_window_lidar.T
     shared = _not_negative(turn.T @ stated @ turn - joint[:3, :3])
     joint += np.kron(np.ones((_COUNT, _COUNT)), shared)
     xyz = mean.reshape(_COUNT, 3) @ turn.T
@@ -47,16 +50,16 @@ def corners_of(fix: Fix, most: float) -> Corners | None:
     return Corners.of([CORNERS[k] for k in precise], xyz[precise], covariance)
 
 
-def apart(first: Fix, other: Fix, sways_m: float) -> float:
-    """Chi-square of three by which the worst corner of two boards lies apart, in the likeliest ways to hold them.
+def corner_chi_square(first: BoardEstimate, other: BoardEstimate, sways_m: float) -> float:
+    """Return the chi-square (of three) by which the worst corner of two boards lies apart, over the likeliest modes.
 
     ``sways_m``: standard deviation of a corner of a board that somebody holds still.
     """
 
-    def places(fix: Fix) -> list[tuple[Floats, Floats]]:
-        turn = np.kron(np.eye(_COUNT), fix.plane.R_window_lidar.T)
-        ways = [_of_way(fix.plane, way) for way in fix.ways if way.weight > _UNLIKELY]
-        return [(turn @ at, turn @ own @ turn.T) for at, own, _ in ways]
+    def places(board: BoardEstimate) -> list[tuple[Floats, Floats]]:
+        turn = np.kron(np.eye(_COUNT), board.plane.R_window_lidar.T)
+        modes = [_corners_of_mode(board.plane, mode) for mode in board.hold.modes if mode.weight > _UNLIKELY]
+        return [(turn @ at, turn @ own @ turn.T) for at, own, _ in modes]
 
     def worst(at: Floats, own: Floats, there: Floats, others: Floats) -> float:
         off = (there - at).reshape(_COUNT, 3)
@@ -71,30 +74,31 @@ def _blocks(inverse: Floats, joint: Floats) -> Floats:
     return np.einsum("iab,ibjc,jdc->iajd", inverse, joint.reshape(_COUNT, 3, _COUNT, 3), inverse)
 
 
-def _of_way(plane: Plane, way: Way) -> tuple[Floats, Floats, Floats]:
-    """For one way to hold the board: (12,) x, y, z of all corners in the window's frame; two (12, 12) covariances.
+def _corners_of_mode(plane: Plane, mode: PosteriorMode) -> tuple[Floats, Floats, Floats]:
+    """Return, for one mode, x, y, z of all corners in the window's frame (12,), and two covariances (12, 12).
 
-    The first is what the rays leave open: apex and roll in the plane, and the plane itself. The second is what they
-    cannot tell: the lengths of the edges, how straight they are, and the errors of whole rings.
+    The first comes from the rays: apex and roll in the plane, and the plane itself. The second is what the rays
+        cannot
+    show: the lengths of the edges, how straight they are, and the errors of whole rings.
     """
-    first, second = way.edges
-    at: Floats = np.array([*way.mean, first, second, *plane.w])
+    first, second = mode.edges
+    at: Floats = np.array([*mode.mean, first, second, *plane.w])
     step = _STEP * np.array([1.0, 1.0, 1.0, 1.0, 1.0, *[np.linalg.norm(plane.w)] * 3])
-    columns = [(_place(plane, at + shift) - _place(plane, at - shift)) for shift in np.diag(step)]
+    columns = [(_corner_xyz(plane, at + shift) - _corner_xyz(plane, at - shift)) for shift in np.diag(step)]
     J = np.column_stack(columns) / (2.0 * step)
     covariance = np.zeros((8, 8))
-    covariance[:3, :3], covariance[5:, 5:] = way.covariance, plane.spread
-    # Either end of an edge may err by EDGE_M. Both upper edges tell the roll.
+    covariance[:3, :3], covariance[5:, 5:] = mode.covariance, plane.covariance
+    # Either end of an edge may err by EDGE_M. Both upper edges determine the roll.
     roll = 0.5 * EDGE_M**2 * (first**-2 + second**-2)
     floor = np.diag([0.0, 0.0, roll, EDGE_M**2, EDGE_M**2, 0.0, 0.0, 0.0])
-    floor[5:, 5:] = plane.uneven
-    return _place(plane, at), J @ covariance @ J.T, J @ floor @ J.T
+    floor[5:, 5:] = plane.ring_covariance
+    return _corner_xyz(plane, at), J @ covariance @ J.T, J @ floor @ J.T
 
 
-def _place(plane: Plane, at: Floats) -> Floats:
-    """Top, left, right and bottom corner, (12,) metres, of (left, up, fall, first edge, second edge, w).
+def _corner_xyz(plane: Plane, at: Floats) -> Floats:
+    """Return top, left, right and bottom corner, (12,) metres, of (left, up, fall, first edge, second edge, w).
 
-    If the plane turns, it meets the ray to the apex at another place; the rays to the board's edges stay the same.
+    If the plane turns, it meets the ray to the apex elsewhere; the rays to the board's edges stay the same.
     """
     foot, e_left, e_up = _frame(plane.w)
     ray = foot + at[0] * e_left + at[1] * e_up
@@ -107,7 +111,7 @@ def _place(plane: Plane, at: Floats) -> Floats:
 
 
 def _frame(w: Floats) -> tuple[Floats, Floats, Floats]:
-    """Foot of the sensor's perpendicular on the plane w . X = 1, and unit vectors in it: to the left and up."""
+    """Return the foot of the sensor's perpendicular on the plane w . X = 1, and unit vectors left and up in it."""
     norm = float(np.linalg.norm(w))
     n = w / norm
     e_left = np.array([-n[1], n[0], 0.0]) / math.hypot(n[0], n[1])
@@ -115,7 +119,7 @@ def _frame(w: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _not_negative(symmetric: Floats) -> Floats:
-    """The nearest covariance: rounding may leave an eigenvalue just below zero."""
+    """Return the nearest covariance: rounding may leave an eigenvalue just below zero."""
     size, axis = np.linalg.eigh(0.5 * (symmetric + symmetric.T))
     nearest: Floats = (axis * np.maximum(size, 0.0)) @ axis.T
     return nearest
@@ -132,8 +136,8 @@ class MovedCorner(NamedTuple):
     covariance: Floats
 
 
-def moved(vertex: Vertex, xyz: Floats, covariance: Floats) -> list[MovedCorner]:
-    """The corners of a vertex that was moved to ``xyz`` (3,), with the covariance (3, 3) that it has there.
+def move_corners(vertex: Vertex, xyz: Floats, covariance: Floats) -> list[MovedCorner]:
+    """Return the corners of a vertex that was moved to ``xyz`` (3,), with the covariance (3, 3) that it has there.
 
     The board keeps its attitude. The error of a corner's offset from the apex correlates with the error of the apex
     in its own sweep. Where other sweeps reduced that error, only the rest counts: along each axis the smaller
@@ -162,26 +166,28 @@ def moved(vertex: Vertex, xyz: Floats, covariance: Floats) -> list[MovedCorner]:
     return moved_corners
 
 
-def of_mean(vertices: Sequence[Vertex], narrowed: Narrow) -> Corners | None:
-    """The corners of the mean of some sweeps of one still pose: those that all of them have.
+def mean_corners(vertices: Sequence[Vertex], narrowed: Narrow) -> Corners | None:
+    """Return the mean corners of some sweeps of one still pose: those that all of them have; None if there are none.
 
     Args:
-        narrowed: the covariance (3, 3) of a mean over x, y, z, from the covariance that a sweep states on average and
-            from the sweeps' values (N, 3). The correlations between corners are scaled in the same way.
+        narrowed: returns the covariance (3, 3) of a mean over x, y, z, from the mean covariance that the sweeps state
+            and from the sweeps' values (N, 3). The correlations between corners are scaled in the same way.
     """
-    having = [vertex.corners for vertex in vertices if vertex.corners is not None]
-    if not having or len(having) < len(vertices):
+    with_corners = [vertex.corners for vertex in vertices if vertex.corners is not None]
+    if not with_corners or len(with_corners) < len(vertices):
         return None
-    names: list[CornerName] = [name for name in having[0].names if all(name in corners.names for corners in having)]
+    names: list[CornerName] = [
+        name for name in with_corners[0].names if all(name in corners.names for corners in with_corners)
+    ]
     if not names:
         return None
     places: Floats = np.array(
         [
             [vertex.xyz, *(corners.xyz[corners.names.index(name)] for name in names)]
-            for vertex, corners in zip(vertices, having, strict=True)
+            for vertex, corners in zip(vertices, with_corners, strict=True)
         ]
     )
-    joint: Floats = np.mean([_taken(corners, names) for corners in having], axis=0)
+    joint: Floats = np.mean([_joint_covariance(corners, names) for corners in with_corners], axis=0)
     middle: Floats = places.mean(axis=0)
     scaled = np.zeros_like(joint)
     for k, at in enumerate(axes(middle)):
@@ -194,15 +200,15 @@ def of_mean(vertices: Sequence[Vertex], narrowed: Narrow) -> Corners | None:
 
 
 def _joint_xyz(vertex: Vertex) -> Floats:
-    """(K, 3, K, 3) covariance over x, y, z of the apex and its corners."""
+    """Return the covariance (K, 3, K, 3) over x, y, z of the apex and its corners."""
     assert vertex.corners is not None
     at = axes(np.array([vertex.xyz, *vertex.corners.xyz]))
     joint = np.array(vertex.corners.covariance).reshape(len(at), 3, len(at), 3)
     return np.einsum("iab,ibjc,jdc->iajd", at, joint, at)
 
 
-def _taken(corners: Corners, names: Sequence[CornerName]) -> Floats:
-    """The joint covariance of the apex and these corners."""
+def _joint_covariance(corners: Corners, names: Sequence[CornerName]) -> Floats:
+    """Return the joint covariance of the apex and these corners."""
     positions = np.array([0, *(1 + corners.names.index(name) for name in names)])
     rows = np.add.outer(3 * positions, np.arange(3)).ravel()
     return np.array(corners.covariance)[np.ix_(rows, rows)]

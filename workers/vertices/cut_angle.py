@@ -1,7 +1,7 @@
-"""If the azimuth at which sweeps begin lies in the region, sweeps are cut again where no board can be.
+"""Sweeps cut again at another azimuth, if a driver cuts them within the region.
 
-A board across it is seen at the beginning of a sweep and at its end, a turn apart in time. The end of a sweep and the
-beginning of the next one follow each other: they are joined to a piece.
+A board across the driver's cut angle is seen at the beginning of a sweep and at its end, a turn apart in time. The
+end of a sweep is joined with the beginning of the next one, and cut where no board can be.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from workers.vertices.vertex import Answers, Rejection, Vertex
 
 Floats = NDArray[np.float64]
 Part = tuple[Sweep, NDArray[np.bool_], int]
-# Looks for the apex in each sweep of a range of a walk, as `sweep_source.Run` does in an area.
-Look = Callable[[SweepSource, Region, Options, range, OnSweep], Answers]
+# Looks for the apex in each sweep of a range, as `sweep_source.Run` does, in a region.
+Run = Callable[[SweepSource, Region, Options, range, OnSweep], Answers]
 
 _SAMPLES: Final = 12
 _BINS: Final = 72  # of 5 degrees
@@ -31,10 +31,10 @@ _AROUND: Final = 4  # bins to either side: a board of 1.4 m nearly 2 m away, hal
 _RANGES_M: Final = np.geomspace(1.0, 100.0, 24)
 _ELEVATIONS: Final = 12
 _FEWEST: Final = 50
-_ONE_SHOT_RAD: Final = math.radians(3.0)  # neighbouring returns of a ring; what is farther apart is a gap
+_ONE_SHOT_RAD: Final = math.radians(3.0)  # neighbouring returns of a ring; farther apart is a gap
 _TURNS_S: Final = (0.01, 1.0)
-# Turns between the stamps of two sweeps that follow each other. With more a sweep is missing; fewer have sweeps that
-# were recorded twice, or stamped by a clock that was set back.
+# Turns between the stamps of consecutive sweeps. With more, a sweep is missing; with fewer, a sweep was recorded
+# twice, or its clock was set back.
 _NEXT: Final = (0.5, 1.5)
 
 
@@ -53,24 +53,28 @@ class Cut:
     turn_ns: float
 
     def early(self, sweep: Sweep) -> NDArray[np.bool_]:
-        """Which points (N,) were measured before the sensor first looked along the cut."""
+        """Return which points (N,) were measured before the sensor first looked along the cut."""
         if not len(sweep.xyz):
             return np.zeros(0, np.bool_)
-        until = self.turn_ns * ((self.azimuth - _begins(sweep)) * self.direction % (2.0 * math.pi)) / (2.0 * math.pi)
+        until = (
+            self.turn_ns
+            * ((self.azimuth - _first_azimuth(sweep)) * self.direction % (2.0 * math.pi))
+            / (2.0 * math.pi)
+        )
         return sweep.offset_ns < int(sweep.offset_ns.min()) + until
 
 
 def find_cut(source: SweepSource, region: Region) -> Cut | None:
-    """Where to cut a recording's sweeps again; None if the seam is outside the region, or points have no times."""
+    """Return where to cut sweeps again; None if the cut angle is outside of the region, or points have no times."""
     count = len(source)
     numbers = spread(count, _SAMPLES) if count > 1 else []
     sweeps = [sweep for sweep in map(source.sweep, numbers) if len(sweep.xyz) and sweep.time_source != "stamp_only"]
     if not sweeps:
         return None
-    counts = _around(sum((_histogram(sweep, region) for sweep in sweeps), np.zeros(_BINS)))
-    possible = _around(_reached(sweeps, region))
-    seams = {int(_bin(np.array([begins]))[0]) for begins in map(_begins, sweeps) if math.isfinite(begins)}
-    if not any(counts[k] or possible[k] for k in seams):
+    counts = _neighbour_sums(sum((_histogram(sweep, region) for sweep in sweeps), np.zeros(_BINS)))
+    possible = _neighbour_sums(_visible_places(sweeps, region))
+    cut_bins = {int(_bin(np.array([begins]))[0]) for begins in map(_first_azimuth, sweeps) if math.isfinite(begins)}
+    if not any(counts[k] or possible[k] for k in cut_bins):
         return None
     turning = _turning(sweeps)
     if turning is None:
@@ -79,39 +83,41 @@ def find_cut(source: SweepSource, region: Region) -> Cut | None:
     opposite = np.cos(middles[:, None] - middles) @ counts
     best = min(range(_BINS), key=lambda k: (counts[k], possible[k], opposite[k]))
     returns = sum((_counted(sweep.xyz) for sweep in sweeps), np.zeros(_BINS))
-    if not any((counts[k], possible[k]) > (counts[best], possible[best]) and _both_sides(returns, k) for k in seams):
+    if not any(
+        (counts[k], possible[k]) > (counts[best], possible[best]) and _both_sides(returns, k) for k in cut_bins
+    ):
         return None
     return Cut(float(middles[best]), *turning)
 
 
 def run_cut(
-    source: SweepSource, region: Region, cut: Cut, look: Look, options: Options, indices: range, on_sweep: OnSweep
+    source: SweepSource, region: Region, cut: Cut, run: Run, options: Options, indices: range, on_sweep: OnSweep
 ) -> Answers:
-    """The answers of a detector for the sweeps ``indices``, found in the pieces between two cuts.
+    """Return a detector's answers for the sweeps ``indices``, found in the pieces between two cuts.
 
     A vertex belongs to the sweep in which the sensor looked at it. If a sweep gets two, the one with the smaller
     variance is kept.
     """
     pieces = Pieces(source, cut)
-    answers = look(pieces, region, options, range(indices.start, indices.stop + 1), on_sweep)
-    homes: dict[int, Vertex] = {}
-    refused: dict[int, Rejection] = {}
+    answers = run(pieces, region, options, range(indices.start, indices.stop + 1), on_sweep)
+    vertices: dict[int, Vertex] = {}
+    rejections: dict[int, Rejection] = {}
     nothing = Rejection("no_points")
-    for number, answer in zip(range(indices.start, indices.stop + 1), answers.found, strict=True):
+    for number, answer in zip(range(indices.start, indices.stop + 1), answers.outcomes, strict=True):
         if isinstance(answer, Rejection):
             for index in (number - 1, number):
-                if refused.get(index, nothing) == nothing:
-                    refused[index] = answer
+                if rejections.get(index, nothing) == nothing:
+                    rejections[index] = answer
             continue
-        home = pieces.home(number, answer.time_ns)
-        if home not in homes or _variance(answer) < _variance(homes[home]):
-            homes[home] = replace(answer, sweep_index=home)
-    settled = [homes.get(index) or refused.get(index, nothing) for index in indices]
-    return replace(answers, found=settled)
+        sweep_of = pieces.sweep_of(number, answer.time_ns)
+        if sweep_of not in vertices or _variance(answer) < _variance(vertices[sweep_of]):
+            vertices[sweep_of] = replace(answer, sweep_index=sweep_of)
+    outcomes = [vertices.get(index) or rejections.get(index, nothing) for index in indices]
+    return replace(answers, outcomes=outcomes)
 
 
 class Pieces:
-    """The pieces between two cuts as a source: number k is the end of sweep k - 1 and the beginning of sweep k."""
+    """The pieces between two cuts as a source: piece k is the end of sweep k - 1 and the beginning of sweep k."""
 
     def __init__(self, source: SweepSource, cut: Cut) -> None:
         self._source = source
@@ -122,11 +128,11 @@ class Pieces:
         return len(self._source) + 1
 
     def sweep(self, index: int) -> Sweep:
-        """The piece of that number. Where a sweep is missing or there twice, the larger of its two parts alone."""
+        """Return piece ``index``; only its larger part if a sweep is missing or recorded twice."""
         before = self._part(index - 1) if index > 0 else None
         after = self._part(index) if index < len(self._source) else None
-        late = None if before is None else _taken(before[0], ~before[1])
-        early = None if after is None else _taken(after[0], after[1])
+        late = None if before is None else _select(before[0], ~before[1])
+        early = None if after is None else _select(after[0], after[1])
         if late is None or early is None:
             whole = late or early
             assert whole is not None
@@ -143,14 +149,14 @@ class Pieces:
             time_source=late.time_source,
         )
 
-    def home(self, index: int, time_ns: int) -> int:
-        """The sweep in which a moment of piece ``index`` lies."""
+    def sweep_of(self, index: int, time_ns: int) -> int:
+        """Return the index of the sweep in which a moment of piece ``index`` lies."""
         if index == len(self._source):
             return index - 1
         return index if index == 0 or time_ns >= self._part(index)[2] else index - 1
 
     def _part(self, index: int) -> Part:
-        """A sweep, which of its points come before the cut, and the time of its first point."""
+        """Return a sweep, which of its points come before the cut, and the time of its first point."""
         if index not in self._parts:
             sweep = self._source.sweep(index)
             first_ns = sweep.stamp_ns + (int(sweep.offset_ns.min()) if len(sweep.xyz) else 0)
@@ -160,7 +166,7 @@ class Pieces:
         return self._parts[index]
 
 
-def _taken(sweep: Sweep, chosen: NDArray[np.bool_]) -> Sweep:
+def _select(sweep: Sweep, chosen: NDArray[np.bool_]) -> Sweep:
     return replace(
         sweep,
         xyz=sweep.xyz[chosen],
@@ -174,14 +180,14 @@ def _variance(vertex: Vertex) -> float:
     return math.inf if vertex.covariance is None else vertex.covariance[0][0] + vertex.covariance[1][1]
 
 
-def _begins(sweep: Sweep) -> float:
-    """Azimuth of the first point in time, radians."""
+def _first_azimuth(sweep: Sweep) -> float:
+    """Return the azimuth of the first point in time, radians."""
     x, y, _ = sweep.xyz[int(np.argmin(sweep.offset_ns))].tolist()
     return math.atan2(y, x)
 
 
 def _turning(sweeps: Iterable[Sweep]) -> tuple[int, float] | None:
-    """Sense of the turn, and nanoseconds that it takes; None where the points' times do not follow the azimuth."""
+    """Return sense and duration (ns) of the turn; None if the points' times do not follow the azimuth."""
     rates: list[Floats] = [np.zeros(0)]
     for sweep in sweeps:
         order = np.lexsort((sweep.offset_ns, sweep.ring))
@@ -205,7 +211,7 @@ def _bin(azimuth: Floats) -> NDArray[np.int64]:
 
 
 def _histogram(sweep: Sweep, region: Region) -> Floats:
-    """(B,) how many returns lie in the region."""
+    """Return (B,) the number of returns in the region."""
     return _counted(sweep.xyz[region.mask(sweep.xyz)])
 
 
@@ -214,14 +220,14 @@ def _counted(xyz: NDArray[np.float32]) -> Floats:
     return np.bincount(_bin(azimuth), minlength=_BINS).astype(np.float64)
 
 
-def _both_sides(returns: Floats, seam: int) -> bool:
-    """Whether the sensor looks to both sides of a seam; a sensor that is set to a sector does not."""
+def _both_sides(returns: Floats, cut_bin: int) -> bool:
+    """Return whether the sensor looks to both sides of the cut angle; a sensor that is set to a sector does not."""
     beside = np.arange(1, _AROUND + 1)
-    return all(bool(returns[(seam + sign * beside) % _BINS].any()) for sign in (-1, 1))
+    return all(bool(returns[(cut_bin + sign * beside) % _BINS].any()) for sign in (-1, 1))
 
 
-def _reached(sweeps: Sequence[Sweep], region: Region) -> Floats:
-    """(B,) how many places that the sensor can see lie in the region."""
+def _visible_places(sweeps: Sequence[Sweep], region: Region) -> Floats:
+    """Return (B,) the number of places in the region that the sensor can see."""
     xyz = np.concatenate([sweep.xyz for sweep in sweeps]).astype(np.float64)
     with np.errstate(invalid="ignore"):
         slope = xyz[:, 2] / np.maximum(np.hypot(xyz[:, 0], xyz[:, 1]), 1e-3)
@@ -236,6 +242,6 @@ def _reached(sweeps: Sequence[Sweep], region: Region) -> Floats:
     return inside.reshape(_BINS, -1).sum(axis=1).astype(np.float64)
 
 
-def _around(counts: Floats) -> Floats:
-    """(B,) sums over the bins beside each one."""
+def _neighbour_sums(counts: Floats) -> Floats:
+    """Return (B,) sums over the bins beside each one."""
     return np.sum([np.roll(counts, shift) for shift in range(-_AROUND, _AROUND + 1)], axis=0)

@@ -1,7 +1,8 @@
-"""The detectors of the board's apex by name, and the one way to run them: one vertex or a reason per sweep.
+"""The detectors of the board's apex by name, and the one way to run them: each sweep gets a vertex or a reason.
 
-``strict`` is Algorithm 1 of Lyu et al. 2019; ``tolerant`` is what the authors' released toolbox does: both look
-at the highest ring alone. On a walk, what stands still (walls, cars and signs) can be no board.
+``strict`` is Algorithm 1 of Lyu et al. 2019; ``tolerant`` is what the authors' released toolbox does: both look at
+the highest ring alone. ``refined`` fits a board (`board`). On a walk the static background (walls, cars and signs)
+can be no board and is left out first.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ _Select = Callable[[_Candidates, Options], NDArray[np.bool_] | Rejection]
 
 
 def _strict(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Rejection:
-    """Algorithm 1: ring span (max - min) at least 3, exactly one point on the highest ring."""
+    """Return the single point of the highest ring, if the rings span at least 3 (Algorithm 1)."""
     if inside.ring.size == 0:
         return Rejection("no_points")
     top = int(inside.ring.max())
@@ -52,7 +53,7 @@ def _strict(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Reject
 
 
 def _tolerant(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Rejection:
-    """The authors' toolbox: few points on the top ring, close together, and a board below them."""
+    """Return the points of the top ring as the authors' toolbox does: few, close together, and a board below them."""
     if inside.ring.size == 0:
         return Rejection("no_points")
     if inside.ring.size < options["min_points"]:
@@ -69,7 +70,7 @@ def _tolerant(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Reje
     return on_top
 
 
-def _look(
+def _find_vertex(
     detector: str, select: _Select, sweep: Sweep, area: Area, options: Options, index: int, upwards: int
 ) -> Vertex | Rejection:
     chosen = np.flatnonzero(area.inside(sweep))
@@ -97,7 +98,7 @@ def _runner(detector: str, select: _Select) -> Run:
         upwards = -1 if some_grid(source).R_level_lidar[2, 2] < 0.0 else 1
         outcomes: list[Vertex | Rejection] = []
         for index in indices:
-            outcomes.append(_look(detector, select, source.sweep(index), area, options, index, upwards))
+            outcomes.append(_find_vertex(detector, select, source.sweep(index), area, options, index, upwards))
             on_sweep(index)
         return Answers(outcomes)
 
@@ -118,7 +119,7 @@ _COMPARED: Final = 16
 def without_fixed(
     source: SweepSource, region: Region, on_sweep: Callable[[], None] | None = None
 ) -> Region | Foreground:
-    """Return the region without fixed objects; as it is where the recording is too short to tell them."""
+    """Return the region without static background; unchanged if the recording is too short to show it."""
     count = len(source)
     if count < _COMPARED or stamp_of(source, count - 1) - stamp_of(source, 0) < _LEAST_S * 1e9:
         return region
@@ -144,7 +145,7 @@ def detect_range(
     margin: int = 0,
     still: bool = False,
 ) -> Detections:
-    """Look for the apex in some consecutive sweeps of a recording.
+    """Return the vertices, or the reasons for none, of some consecutive sweeps of a recording.
 
     The answer for a sweep does not depend on how the recording is cut into ranges: what a detector learns across
     sweeps comes from a fixed selection over the whole source, and what uses the track reads beyond the range's ends.
@@ -154,10 +155,10 @@ def detect_range(
         name: a name in :data:`RUNS`.
         options: numbers that differ from the defaults of :mod:`apexcal.documents.detectors`.
         indices: consecutive rising numbers of sweeps of ``source``.
-        on_sweep: called now and then with the number of a sweep of ``indices``, never a smaller one than before:
-            that many are done. It may raise to stop the work.
-        margin: how many sweeps before and after are looked at too, for ``context``.
-        still: the owner says that these are still poses; it is noticed otherwise, too.
+        on_sweep: called now and then with the index of a sweep of ``indices``, never a smaller one than before.
+            Sweeps up to it are done. It may raise to stop the work.
+        margin: how many sweeps before and after are looked at, too, for ``context``.
+        still: the owner says that these are still poses; otherwise the sweeps themselves may show it.
 
     Raises:
         DocumentError: ``unknown_detector``, ``invalid_options``, ``points_without_rings``.
@@ -195,9 +196,9 @@ def detect_range(
         answers = walk(source, region, resolved, wider, report)
     else:
         answers = detect_poses(source, region, poses, RUNS[detector], resolved, wider, report)
-    for index, answer in zip(wider, answers.found, strict=True):
+    for index, answer in zip(wider, answers.outcomes, strict=True):
         if isinstance(answer, Vertex):
-            # Nothing moves while a pose is still: its frame is the one nearest to its sweep's stamp.
+            # Nothing moves during a still pose, so its frame is the one nearest to its sweep's stamp.
             timed = answer if facts is None else replace(answer, time_ns=stamp_of(source, answer.sweep_index))
             (vertices if index in indices else context).append(timed)
         elif index in indices:

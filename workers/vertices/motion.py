@@ -1,9 +1,9 @@
-"""What moves: the LiDAR itself, or one thing that walks, or jumps as the board of still poses does.
+"""How things move: whether the LiDAR itself drives, and whether one thing walks or jumps as the board of still poses.
 
-A facade stays where it is for a LiDAR that drives along it, so most of what is upright seems to stand still. What
-tells is the rest: ends of facades, cars, poles. Two sweeps are laid on each other as seen from above. If the LiDAR
-moves, one shift lays more of what is upright on itself than no shift does, to the left of its way and to the right.
-Traffic that passes a parked car gains on the side of its lane only, and what stands there loses.
+A facade looks the same to a LiDAR that drives along it, so most upright things seem to stand still. Ends of facades,
+cars and poles show the drive. Two sweeps are laid on each other as seen from above. If the LiDAR moves, one shift
+lays more upright things on themselves than no shift does, to the left of its way and to the right. Traffic that
+passes a parked car gains on the side of its lane only, and loses where the parked cars stand.
 """
 
 from __future__ import annotations
@@ -22,21 +22,23 @@ from workers.vertices.sweep_source import SweepSource, spread, stamp_of
 Floats = NDArray[np.float64]
 
 _PAIRS: Final = 8
-_APART_S: Final = (0.0, 1.0)  # neighbours tell a drive, sweeps farther apart tell that the LiDAR creeps
+_APART_S: Final = (0.0, 1.0)  # neighbours show a drive, sweeps farther apart a LiDAR that creeps
 _COLUMNS: Final = 900
 _CELL_M: Final = 0.15  # upright surfaces are met within this: accuracy 0.03 m (data sheets), motion during a sweep
 _CELLS: Final = 480
 _FARTHEST: Final = 27  # cells: 40 m/s in the tenth of a second between two sweeps
-_DENSE_M: Final = 0.3  # two cells; farther along a facade the motor's phase tells which cells are met
+_DENSE_M: Final = 0.3  # two cells; farther along a facade the motor's phase decides which cells are met
 _BY_CHANCE: Final = 3.0  # standard deviations of a difference of two counts
 
 
-def passes_by(source: SweepSource, grid: SensorGrid, on_sweep: Callable[[], None] | None = None) -> bool:
-    """Whether most pairs of sweeps tell that the LiDAR moved between them."""
-    return any(_most_shifted(source, grid, apart_s, on_sweep) for apart_s in _APART_S)
+def is_drive(source: SweepSource, grid: SensorGrid, on_sweep: Callable[[], None] | None = None) -> bool:
+    """Return whether the LiDAR moved between the sweeps of most pairs."""
+    return any(_is_shifted_mostly(source, grid, apart_s, on_sweep) for apart_s in _APART_S)
 
 
-def _most_shifted(source: SweepSource, grid: SensorGrid, apart_s: float, on_sweep: Callable[[], None] | None) -> bool:
+def _is_shifted_mostly(
+    source: SweepSource, grid: SensorGrid, apart_s: float, on_sweep: Callable[[], None] | None
+) -> bool:
     count = len(source)
     if count < 2:
         return False
@@ -46,16 +48,16 @@ def _most_shifted(source: SweepSource, grid: SensorGrid, apart_s: float, on_swee
     shifted = 0
     for first in firsts:
         before, other = (_upright(source.sweep(number), grid) for number in (first, first + gap))
-        shifted += _shifted(before, other)
+        shifted += _is_shifted(before, other)
         if on_sweep is not None:
             on_sweep()
     return 2 * shifted > len(firsts)
 
 
 def _upright(sweep: Sweep, grid: SensorGrid) -> Floats:
-    """(N, 2) metres, level axes: points from which the next ring's surface rises more than it recedes.
+    """Return (N, 2) metres, level axes: points from which the next ring's surface rises more than it recedes.
 
-    A neighbour on the same ring is near them.
+    A neighbour on the same ring is near each of them.
     """
     rings = grid.elevation.size
     xyz = sweep.xyz.astype(np.float64)
@@ -76,10 +78,10 @@ def _upright(sweep: Sweep, grid: SensorGrid) -> Floats:
     return points
 
 
-def _shifted(image: Floats, other: Floats) -> bool:
-    """Whether a shift lays the one on the other better than none does, to the left of its direction and to the right.
+def _is_shifted(image: Floats, other: Floats) -> bool:
+    """Return whether a shift lays one image on the other better than none does, on both sides of its direction.
 
-    A surface counts by the cells that it takes, not by its points: of a near car there are many.
+    A surface counts by the cells that it takes, not by its points: a near car has many.
     """
     here, there = np.unique(_cells(image), axis=0), _cells(other)
     before, after = np.zeros((2, _CELLS, _CELLS))
@@ -106,11 +108,11 @@ def _shifted(image: Floats, other: Floats) -> bool:
     stays, comes = on(here), on(here + shift)
     x, y = (here - _CELLS // 2).T
     left = shift[0] * y > shift[1] * x
-    return all(_more(comes & ~stays & side, stays & ~comes & side) for side in (left, ~left))
+    return all(_is_significant(comes & ~stays & side, stays & ~comes & side) for side in (left, ~left))
 
 
-def _more(gained: NDArray[np.bool_], lost: NDArray[np.bool_]) -> bool:
-    """Whether more is gained than lost, and not by chance."""
+def _is_significant(gained: NDArray[np.bool_], lost: NDArray[np.bool_]) -> bool:
+    """Return whether more is gained than lost, and not by chance."""
     gains, losses = int(np.count_nonzero(gained)), int(np.count_nonzero(lost))
     return gains - losses > _BY_CHANCE * math.sqrt(gains + losses)
 
@@ -136,7 +138,7 @@ Place = tuple[int, float, float]
 
 
 class Steps(NamedTuple):
-    """How often one thing moves on as somebody walks, how often it jumps, and how far it gets between two jumps."""
+    """How often one thing walks on, how often it jumps, and how far it gets between two jumps (m)."""
 
     walks: int
     jumps: int
@@ -144,38 +146,39 @@ class Steps(NamedTuple):
 
 
 def jumps(places: Sequence[Place]) -> bool:
-    """Whether places of one thing jump more often than they move as somebody walks.
+    """Return whether one thing jumps more often than it walks.
 
-    Two places that no track joins tell neither. A place without which the others go on is another thing's.
+    Steps longer in time than a track reaches do not count, nor do places of another thing, without which the rest
+    walks.
     """
-    runs = [[at for k, at in enumerate(run) if not _astray(run, k)] for run in _runs(places)]
+    runs = [[at for k, at in enumerate(run) if not _is_outlier(run, k)] for run in _runs(places)]
     steps = [count_steps(run) for run in runs]
     return sum(part.jumps for part in steps) > sum(part.walks for part in steps)
 
 
 def count_steps(places: Sequence[Place]) -> Steps:
-    """The steps of one thing between places; where it stays counts as neither.
+    """Return the steps of one thing between places; standing still counts as neither.
 
-    Who walks goes on nearly as before; from pose to pose the next place has nothing to do with the one before.
+    A walker goes on nearly as before; from pose to pose the next place has nothing to do with the one before.
     """
-    walks = odd = 0
+    walks = jump_count = 0
     start, way_m = next(iter(places), (0, 0.0, 0.0)), 0.0
     for before, at, after in zip(places, places[1:], places[2:], strict=False):
-        if _odd(before, at, after):
-            odd += 1
+        if _is_jump(before, at, after):
+            jump_count += 1
             start = after
             continue
         walks += not _stays(before, at, after)
         way_m = max(way_m, math.dist(start[1:], after[1:]))
-    return Steps(walks, odd, way_m)
+    return Steps(walks, jump_count, way_m)
 
 
 def _stays(before: Place, at: Place, after: Place) -> bool:
     return max(math.dist(before[1:], at[1:]), math.dist(at[1:], after[1:])) < _STAYS_M
 
 
-def _odd(before: Place, at: Place, after: Place) -> bool:
-    """Whether nobody walks so."""
+def _is_jump(before: Place, at: Place, after: Place) -> bool:
+    """Return whether nobody walks through these three places at their times."""
     step_s = max(at[0] - before[0], after[0] - at[0]) * 1e-9
     step_m = max(math.dist(before[1:], at[1:]), math.dist(at[1:], after[1:]))
     bend_m = math.hypot(*(after[k] - 2.0 * at[k] + before[k] for k in (1, 2)))
@@ -185,7 +188,7 @@ def _odd(before: Place, at: Place, after: Place) -> bool:
 
 
 def _runs(places: Sequence[Place]) -> list[list[Place]]:
-    """Stretches of places that a track joins."""
+    """Return the places in runs that a track joins."""
     runs: list[list[Place]] = []
     for at in places:
         if not runs or at[0] - runs[-1][-1][0] > APART_S * 1e9:
@@ -194,8 +197,9 @@ def _runs(places: Sequence[Place]) -> list[list[Place]]:
     return runs
 
 
-def _astray(run: Sequence[Place], k: int) -> bool:
+def _is_outlier(run: Sequence[Place], k: int) -> bool:
+    """Return whether place ``k`` of a run makes a jump that the run has not without it."""
     others = [*run[max(k - 2, 0) : k], *run[k + 1 : k + 3]]
-    if not 0 < k < len(run) - 1 or len(others) < 3 or not _odd(*run[k - 1 : k + 2]):
+    if not 0 < k < len(run) - 1 or len(others) < 3 or not _is_jump(*run[k - 1 : k + 2]):
         return False
-    return not any(_odd(*three) for three in zip(others, others[1:], others[2:], strict=False))
+    return not any(_is_jump(*three) for three in zip(others, others[1:], others[2:], strict=False))

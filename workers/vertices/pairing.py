@@ -1,4 +1,4 @@
-"""Pairs each vertex with the camera frame nearest in time to the moment its point was measured.
+"""Pairs: each vertex with the camera frame nearest in time to the moment at which its point was measured.
 
 The vertex may then be moved along its track to the frame's own time, so that no gap is left.
 """
@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from workers.vertices.tracks import MARGIN_SWEEPS, Track
 from workers.vertices.vertex import Vertex
 
-# How far from the nearest vertex the track is followed. Within a second a walker at 1.2 m/s turns round; farther away
-# a straight line goes on to where nobody walked.
+# How far in time from the nearest vertex the track is followed. Within a second a walker at 1.2 m/s turns round;
+# farther away a straight line goes on to where nobody walked.
 REACH_NS: Final = 1_000_000_000
 
 # People walk at 0.5 to 1.6 m/s and run at 3; a vertex is off by centimetres.
@@ -25,7 +25,7 @@ _NOISE_M: Final = 0.1
 _LEAST_STEPS: Final = 3
 _MOST_FAST: Final = 0.1
 
-# The gap of a vertex that has no frame at all to be compared with.
+# The gap of a vertex if there is no frame at all.
 NO_FRAME_GAP_NS = int(np.iinfo(np.int64).max)
 
 
@@ -38,7 +38,7 @@ def pair(
     marked: ArrayLike = -1,
     reach_ns: int = 0,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pair each vertex with the camera frame nearest to its own time, or with the one that people marked.
+    """Return, for each vertex, the camera frame nearest to its own time, or the one that people marked.
 
     Args:
         vertex_times_ns: (N,) when each vertex point was measured, UTC nanoseconds (LiDAR clock).
@@ -49,9 +49,9 @@ def pair(
             is no farther than max_gap_ns, or than reach_ns.
 
     Returns:
-        (N,) int64 index of the frame, -1 where none is near enough; (N,) int64 signed gap in nanoseconds,
-        frame minus vertex time (that of the nearest frame also where it is too far;
-        :data:`NO_FRAME_GAP_NS` without frames). Of two frames equally near the earlier is taken.
+        (N,) int64 index of the frame, -1 if none is near enough; (N,) int64 signed gap in nanoseconds, frame minus
+        vertex time, also of a frame that is too far (:data:`NO_FRAME_GAP_NS` without frames). Of two frames equally
+        near the earlier is taken.
 
     Raises:
         ValueError: max_gap_ns is negative.
@@ -98,10 +98,10 @@ class MovedVertices:
 
 
 def on_track(vertices: Sequence[Vertex], context: Sequence[Vertex] = ()) -> NDArray[np.bool_]:
-    """(N,) whether the vertices within `tracks.MARGIN_SWEEPS` sweeps of each form a track that a person can walk.
+    """Return (N,) whether the vertices within `tracks.MARGIN_SWEEPS` sweeps of each form a track of a walker.
 
     It needs at least three steps of at most a second, of which at most a tenth is faster than a person with a board.
-    Still poses, whose board is elsewhere in the next sweep, form no track.
+    Still poses form no track: their board is elsewhere in the next sweep.
     """
     whole = sorted([*vertices, *context], key=lambda vertex: (vertex.time_ns, vertex.sweep_index))
     times = np.array([vertex.time_ns for vertex in whole], np.int64)
@@ -128,7 +128,7 @@ def pair_interpolated(
     max_gap_ns: int,
     marked: ArrayLike = -1,
 ) -> MovedVertices:
-    """Pair each vertex with a frame, as `pair` does, and move it along its track to the frame's time.
+    """Return each vertex paired with a frame, as `pair` does, and moved along its track to the frame's time.
 
     A frame that people marked is taken as far as the track reaches.
 

@@ -1,4 +1,8 @@
-"""Any detector over still poses: before the background, without a track, one vertex while a board stands still."""
+"""Any detector over still poses: no static background, no track, and one vertex while the board stands still.
+
+The sweeps of a pose share most of their error, because the same rings meet the same board. So their mean vertex gains
+only in the part of the covariance by which the sweeps differ.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.detectors import Options
 from workers.geometry.spherical import to_spherical, to_xyz
-from workers.vertices.corners import of_mean
+from workers.vertices.corners import mean_corners
 from workers.vertices.region import Region
 from workers.vertices.static_background import Foreground
 from workers.vertices.still_poses import StillPoses
@@ -23,9 +27,8 @@ Floats = NDArray[np.float64]
 _FEWEST_FIXED: Final = 8
 FIXED_M: Final = 0.05  # who stands still sways by as much
 _NEARLY_ALL: Final = 0.9
-SAME_PLACE_M: Final = (
-    0.1  # where most sweeps of a pose agree, those that put the apex farther away saw something else
-)
+# Where most sweeps of a pose agree, those that put the apex farther away saw something else.
+SAME_PLACE_M: Final = 0.1
 AGREE: Final = 16.3  # chi-square of three: 99.9 % of the errors that a vertex states
 # A difference between few sweeps is uncertain. As many imagined ones do not differ, so that S is rather too small.
 _IMAGINED: Final = 4
@@ -40,14 +43,14 @@ def detect_poses(
     indices: range,
     on_sweep: OnSweep,
 ) -> Answers:
-    """One answer for each sweep of ``indices``; of a pose's sweeps that agree one has the vertex, the others say so.
+    """Return one answer for each sweep of ``indices``; one of a pose's agreeing sweeps has their vertex.
 
     A pose that reaches beyond ``indices`` is looked at whole, so that its vertex is the same in every shard.
     """
     wider = range(poses.pose_of(indices.start).start, poses.pose_of(indices.stop - 1).stop)
     alone = {**options, "track": 0.0} if "track" in options else options
-    run_answers = run(source, Foreground(region, poses.before, not poses.single), alone, wider, on_sweep)
-    outcomes = list(run_answers.found)
+    run_answers = run(source, Foreground(region, poses.foreground, not poses.single), alone, wider, on_sweep)
+    outcomes = list(run_answers.outcomes)
     for number, index in enumerate(wider):
         if outcomes[number] == Rejection("no_points") and region.inside(source.sweep(index)).any():
             outcomes[number] = Rejection("nothing_differs")
@@ -55,13 +58,13 @@ def detect_poses(
     at = wider.start
     while at < wider.stop:
         pose = poses.pose_of(at)
-        answers += one_of(outcomes[pose.start - wider.start : pose.stop - wider.start])
+        answers += merge_pose(outcomes[pose.start - wider.start : pose.stop - wider.start])
         at = pose.stop
-    return replace(run_answers, found=answers[indices.start - wider.start : indices.stop - wider.start])
+    return replace(run_answers, outcomes=answers[indices.start - wider.start : indices.stop - wider.start])
 
 
 def fixed_place(xyz: Floats) -> tuple[float, float, float] | None:
-    """Where nearly all of a walk's vertices (N, 3) stand, if that is one place: then it is no board that moves."""
+    """Return the place where nearly all vertices (N, 3) of a walk stand, if there is one: that is no board."""
     if len(xyz) < _FEWEST_FIXED:
         return None
     middle = np.median(xyz, axis=0)
@@ -71,11 +74,11 @@ def fixed_place(xyz: Floats) -> tuple[float, float, float] | None:
     return x, y, z
 
 
-def one_of(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
-    """Return the answers of a pose's sweeps with a single vertex for those in a row that agree within their errors.
+def merge_pose(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
+    """Return the answers of a pose's sweeps with one vertex for each run of sweeps that agree within their errors.
 
-    It stands in the middle one of them, and is their mean. Who sways out of these errors gets a vertex for each
-    place: sweeps may have images of their own.
+    It is their mean and stands in the middle sweep. A person who sways out of these errors gets a vertex for each
+    place, because sweeps may have images of their own.
     """
     vertices = [(number, vertex) for number, vertex in enumerate(outcomes) if isinstance(vertex, Vertex)]
     if len(vertices) < 2:
@@ -101,7 +104,7 @@ def one_of(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
 
 
 def _agree(first: Vertex, other: Vertex) -> bool:
-    """Whether two vertices differ by no more than the first one's errors, where it states any."""
+    """Return whether two vertices differ by no more than the first one's stated errors, or by `SAME_PLACE_M`."""
     off = np.array(other.xyz) - np.array(first.xyz)
     if first.covariance is None:
         return float(np.linalg.norm(off)) <= SAME_PLACE_M
@@ -111,10 +114,10 @@ def _agree(first: Vertex, other: Vertex) -> bool:
 
 
 def _mean(home: Vertex, vertices: Sequence[Vertex]) -> Vertex:
-    """The vertex of ``home``'s sweep at the mean of all, with the covariance of that mean.
+    """Return the vertex of ``home``'s sweep at the mean of all, with the covariance of that mean.
 
-    The sweeps of a pose share most of their error: the same rings meet the same board. Of the covariance C that each
-    states, the part S by which they differ is theirs alone. So their mean has C - (1 - 1/n) S.
+    Of the covariance C that each sweep states, only the part S by which the sweeps differ is its own. So their mean
+    has C - (1 - 1/n) S.
     """
     values = np.array([vertex.xyz for vertex in vertices])
     mean = values.mean(axis=0)
@@ -123,7 +126,7 @@ def _mean(home: Vertex, vertices: Sequence[Vertex]) -> Vertex:
     covariance = None
     if len(stated) == len(vertices):
         common = to_xyz(np.mean(np.array(stated), axis=0), mean)
-        (aa, ae, ar), (ea, ee, er), (ra, re, rr) = to_spherical(_less(common, values), mean).tolist()
+        (aa, ae, ar), (ea, ee, er), (ra, re, rr) = to_spherical(_covariance_of_mean(common, values), mean).tolist()
         covariance = (aa, ae, ar), (ea, ee, er), (ra, re, rr)
     flags = tuple(sorted({flag for vertex in vertices for flag in vertex.flags}))
     points = sum(vertex.points_used for vertex in vertices)
@@ -133,12 +136,12 @@ def _mean(home: Vertex, vertices: Sequence[Vertex]) -> Vertex:
         points_used=points,
         covariance=covariance,
         flags=flags,
-        corners=of_mean(vertices, _less),
+        corners=mean_corners(vertices, _covariance_of_mean),
     )
 
 
-def _less(stated: Floats, values: Floats) -> Floats:
-    """C - (1 - 1/n) S, in axes where C is the unit matrix and no eigenvalue of S is above 1."""
+def _covariance_of_mean(stated: Floats, values: Floats) -> Floats:
+    """Return C - (1 - 1/n) S, in axes where C is the unit matrix and no eigenvalue of S is above 1."""
     n = len(values)
     root = np.linalg.cholesky(stated)
     white: Floats = np.asarray(np.linalg.solve(root, (values - values.mean(axis=0)).T), np.float64)

@@ -1,8 +1,9 @@
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
 # pyright: reportUnknownArgumentType=false
-"""A part of a sweep as an image: one row per ring, one column per shot, also where nothing came back.
+"""Range images: parts of a sweep with one row per ring and one column per shot, also where nothing returned.
 
-Where to look is told by clusters: points that stand together, seen from above.
+A recording holds returns only. But the sensor fires at even steps, so the azimuth of a shot without a return follows
+from its neighbours. Clusters of points, seen from above, decide where windows are opened.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _MOST_RETURNS = 3000  # of a window without rings
 
 
 def clusters(xy: Floats, cell_m: float) -> NDArray[np.int64]:
-    """(N,) the cluster of each point (N, 2), numbered from 0: cells of ``cell_m`` that touch, corners included."""
+    """Return (N,) the cluster of each point (N, 2), from 0: cells of ``cell_m`` that touch, corners included."""
     cells, of_point = np.unique(np.floor(xy / cell_m), axis=0, return_inverse=True)
     touching = KDTree(cells).query_pairs(1.5, output_type="ndarray")
     graph = coo_array((np.ones(len(touching)), touching.T), (len(cells), len(cells)))
@@ -34,8 +35,8 @@ def clusters(xy: Floats, cell_m: float) -> NDArray[np.int64]:
     return numbers[of_point.reshape(-1)]
 
 
-def groups(xyz: NDArray[np.float32]) -> list[tuple[float, float]]:
-    """Azimuth of the middle and half the width of each cluster of points (N, 3), metres, from above; radians."""
+def cluster_sectors(xyz: NDArray[np.float32]) -> list[tuple[float, float]]:
+    """Return azimuth of the middle and half the width, radians, of each cluster of points (N, 3) seen from above."""
     if not len(xyz):
         return []
     cell = np.unique(np.floor(xyz[:, :2].astype(np.float64) / _CELL_M), axis=0)
@@ -66,11 +67,11 @@ class RangeImage:
     Attributes:
         R_window_lidar: (3, 3) from the LiDAR frame to the window's.
         steps: (R,) radians between two shots of each ring.
-        ring: (R,) number of each row's ring in the sweep.
-        azimuth: (R, C) radians from the middle; pi where no shot is known: beyond the window, or on rings that never
+        ring: (R,) of each row.
+        azimuth: (R, C) radians from the middle; pi if there is no shot: beyond the window, or on rings that never
             returned anything.
         slope: (R, C) tangent of the elevation.
-        distance: (R, C) horizontal metres, 0 where nothing came back.
+        distance: (R, C) horizontal metres, 0 if nothing returned.
         inside: (R, C) whether the return lies in the region.
         point: (R, C) index of the return in its sweep, -1 where there is none.
     """
@@ -88,7 +89,7 @@ class RangeImage:
 def open_window(
     sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid, centre: float, half_width: float
 ) -> RangeImage:
-    """The rays within ``half_width`` (radians, at most 80 degrees) of the azimuth ``centre``.
+    """Return the rays within ``half_width`` (radians, at most 80 degrees) of the azimuth ``centre``.
 
     Args:
         inside: (N,) which points lie in the region.
@@ -125,12 +126,12 @@ def open_window(
 
 
 def scattered_window(
-    sweep: Sweep, inside: NDArray[np.bool_], R_level_lidar: Floats, centre: float, half_width: float, beside: float
+    sweep: Sweep, inside: NDArray[np.bool_], R_level_lidar: Floats, centre: float, half_width: float, margin: float
 ) -> RangeImage:
-    """As `open_window`, of a sensor without rings: one row of its returns, in any order.
+    """Return a window as `open_window` of a sensor without rings: one row of its returns, in any order.
 
     Args:
-        beside: radians to either side of ``half_width`` where returns lie outside of the region, whatever they are.
+        margin: radians to either side of ``half_width``; returns there count as outside of the region.
     """
     ahead = R_level_lidar @ np.array([math.cos(centre), math.sin(centre), 0.0])
     flat = max(math.hypot(ahead[0], ahead[1]), 1e-9)
@@ -139,7 +140,7 @@ def scattered_window(
     x, y, z = R_window_lidar @ sweep.xyz.astype(np.float64).T
     azimuth, distance = np.arctan2(y, x), np.hypot(x, y)
     off = np.abs(azimuth)
-    (point,) = np.nonzero((off < min(half_width + beside, math.radians(80.0))) & (distance > 0.0))
+    (point,) = np.nonzero((off < min(half_width + margin, math.radians(80.0))) & (distance > 0.0))
     point = point[:: max(1, -(-point.size // _MOST_RETURNS))]
     slope, within = z[point] / distance[point], inside[point] & (off[point] <= half_width)
     row = (azimuth[None, point], slope[None], distance[None, point], within[None], point[None])
@@ -147,7 +148,7 @@ def scattered_window(
 
 
 def _levelled(azimuth: Floats, slope: Floats, distance: Floats, turn: Floats) -> tuple[Floats, Floats, Floats]:
-    """Azimuth, slope and horizontal distance in the axes to which ``turn`` (3, 3) leads."""
+    """Return azimuth, slope and horizontal distance in the axes to which ``turn`` (3, 3) leads."""
     none = azimuth == math.pi
     rays = np.stack([np.cos(azimuth), np.sin(azimuth), slope], axis=-1) @ turn.T
     flat = np.maximum(np.hypot(rays[..., 0], rays[..., 1]), 1e-9)
@@ -156,7 +157,7 @@ def _levelled(azimuth: Floats, slope: Floats, distance: Floats, turn: Floats) ->
 
 
 def _for_rings(sweep: Sweep, grid: SensorGrid) -> tuple[Floats, Floats, Floats]:
-    """Elevations, shifts and steps, also of rings that the sweep has and the sweeps that taught the grid had not."""
+    """Return elevations, shifts and steps, extended to rings that the sweeps that taught the grid did not have."""
     further = (sweep.ring >= grid.elevation.size) & (sweep.ring < MOST_RINGS)
     if not further.any():
         return grid.elevation, grid.shift, grid.steps
@@ -189,12 +190,12 @@ def _image(
             indices[count], angle[count] = i, math.atan2(across, along)
             count += 1
     indices, angle = indices[:count], angle[:count]
-    late = _wandered(angle, ring[indices], shift, steps, half)
+    advance = _motor_advance(angle, ring[indices], shift, steps, half)
     rate = _TWO_PI / steps
     cosine, sine = np.zeros(rings), np.zeros(rings)
     for j in range(count):
         r = ring[indices[j]]
-        even = angle[j] - _at(late, angle[j], half)
+        even = angle[j] - _advance_at(advance, angle[j], half)
         cosine[r] += math.cos(rate[r] * even)
         sine[r] += math.sin(rate[r] * even)
     phase = _ring_phases(cosine, sine, shift, steps)
@@ -205,7 +206,7 @@ def _image(
         for c in range(columns):
             if abs(c - middle) * steps[r] <= half + 2.0 * steps[r] and not math.isnan(elevation[r]):
                 even = phase[r] + (c - middle) * steps[r]
-                azimuth[r, c] = even + _at(late, even, half)
+                azimuth[r, c] = even + _advance_at(advance, even, half)
                 slope[r, c] = math.tan(elevation[r])
             else:
                 azimuth[r, c], slope[r, c] = math.pi, 0.0
@@ -215,7 +216,7 @@ def _image(
     for j in range(count):
         i = indices[j]
         r = np.int64(ring[i])
-        c = math.floor((angle[j] - _at(late, angle[j], half) - phase[r]) / steps[r] + 0.5) + middle
+        c = math.floor((angle[j] - _advance_at(advance, angle[j], half) - phase[r]) / steps[r] + 0.5) + middle
         x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
         h = math.sqrt(x * x + y * y)
         if 0 <= c < columns and h > 0.0 and (point[r, c] < 0 or h < distance[r, c]):
@@ -225,8 +226,8 @@ def _image(
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def _wandered(angle: Floats, ring: NDArray[np.uint16], shift: Floats, steps: Floats, half: float) -> Floats:
-    """Radians by which the motor is ahead of even steps, at even places from ``-half`` to ``half``."""
+def _motor_advance(angle: Floats, ring: NDArray[np.uint16], shift: Floats, steps: Floats, half: float) -> Floats:
+    """Return the radians by which the motor is ahead of even steps, at even places from ``-half`` to ``half``."""
     places = 2 * math.ceil(half / _BLOCK_RAD) + 1
     step = np.median(steps)
     cosine, sine = np.zeros(places), np.zeros(places)
@@ -236,34 +237,34 @@ def _wandered(angle: Floats, ring: NDArray[np.uint16], shift: Floats, steps: Flo
             turned = (angle[j] - shift[ring[j]]) * _TWO_PI / step
             cosine[index] += math.cos(turned)
             sine[index] += math.sin(turned)
-    late = np.zeros(places)
+    advance = np.zeros(places)
     middle = places // 2
     for direction in (1, -1):
         before, c, s = 0.0, cosine[middle], sine[middle]
         index = middle + direction
         while 0 <= index < places:
-            # Between two places the motor wanders by less than half a step.
+            # Between two places the motor wavers by less than half a step.
             if cosine[index] != 0.0 or sine[index] != 0.0:
                 if c != 0.0 or s != 0.0:
                     further = math.atan2(sine[index] * c - cosine[index] * s, cosine[index] * c + sine[index] * s)
                     before += further * step / _TWO_PI
                 c, s = cosine[index], sine[index]
-            late[index] = before
+            advance[index] = before
             index += direction
-    return late
+    return advance
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
-def _at(late: Floats, angle: float, half: float) -> float:
-    """``late`` of `_wandered` at an angle."""
-    x = min(max((angle + half) / (2.0 * half), 0.0), 1.0) * (late.size - 1)
-    k = min(int(x), late.size - 2)
-    return late[k] + (x - k) * (late[k + 1] - late[k])
+def _advance_at(advance: Floats, angle: float, half: float) -> float:
+    """Return the `_motor_advance` at an angle."""
+    x = min(max((angle + half) / (2.0 * half), 0.0), 1.0) * (advance.size - 1)
+    k = min(int(x), advance.size - 2)
+    return advance[k] + (x - k) * (advance[k + 1] - advance[k])
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def _ring_phases(cosine: Floats, sine: Floats, shift: Floats, steps: Floats) -> Floats:
-    """Azimuth of each ring's grid modulo its step: its own where it has returns, else from others of that step."""
+    """Return the azimuth of each ring's grid modulo its step; rings without returns take that of similar rings."""
     phase = np.empty(shift.size)
     base, based_on = 0.0, 0.0
     for r in range(shift.size):

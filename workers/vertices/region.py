@@ -1,7 +1,7 @@
-"""Region of interest: tables of its parts, which one kernel evaluates for each point.
+"""The region of interest as tables of its parts, which one kernel evaluates for each point.
 
-What a region document may say stands in `apexcal.documents.regions`. Boxes become inequalities, turned boxes and
-polygons a bounding box and a test of their corners. A part holds where all its tests hold.
+`apexcal.documents.regions` defines the region document. Boxes become inequalities; turned boxes and polygons become a
+bounding box and a test of their corners. A part holds if all its tests hold.
 """
 
 from __future__ import annotations
@@ -27,10 +27,14 @@ Node = Mapping[str, Any]
 
 @dataclass(slots=True)
 class _Tables:
-    """The parts of a region as tables for the kernel. A part holds where all its tests hold.
+    """The parts of a region as tables for the kernel.
 
-    tests: quantity, divisor or -1, operator. Of a polygon the first two are the number of its first corner and of the
-    corner after its last. parts: the number of the test after the part's last, and whether the part must hold.
+    Attributes:
+        tests: quantity, divisor or -1, operator. For a polygon the first two are the index of its first corner and of
+            the corner after its last.
+        values: that the quantity of each test is compared with.
+        corners: of all polygons.
+        parts: the index of the test after the part's last, and whether the part must hold.
     """
 
     tests: list[tuple[int, int, int]] = field(default_factory=list[tuple[int, int, int]])
@@ -80,7 +84,7 @@ class _Tables:
         self.values += [float(low), float(high)]
 
     def bounds(self) -> NDArray[np.float64]:
-        """(2, 3) least and greatest x, y and z of what may lie inside, by the parts that must hold."""
+        """Return (2, 3) least and greatest x, y and z inside, by the parts that must hold."""
         bounds = np.array([[-math.inf] * 3, [math.inf] * 3])
         first = 0
         for end, must_hold in self.parts:
@@ -96,9 +100,9 @@ class _Tables:
 class Region:
     """A checked region of interest in the LiDAR frame (x forward, y left, z up; metres, degrees), or in level axes.
 
-    Azimuth is atan2(y, x), elevation atan2(z, hypot(x, y)), range the Euclidean distance. A quotient by
-    zero follows IEEE 754 (infinite or not a number), and a comparison with not-a-number is false. Boxes and the z of
-    polygons hold their bounds.
+    Azimuth is atan2(y, x), elevation atan2(z, hypot(x, y)), range the Euclidean distance. A quotient by zero follows
+    IEEE 754 (infinite or not a number), and a comparison with not-a-number is false. Bounds of boxes and the z bounds
+    of polygons lie inside.
     """
 
     document: Document
@@ -132,7 +136,7 @@ class Region:
         )
 
     def mask(self, xyz: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-        """Which points lie inside.
+        """Return which points lie inside.
 
         Args:
             xyz: (N, 3), metres, LiDAR frame.
@@ -146,15 +150,15 @@ class Region:
 
     @property
     def fixed_left_out(self) -> bool:
-        """A region alone does not know what stands still."""
+        """False: a region alone has no background to leave out."""
         return False
 
     def inside(self, sweep: Sweep) -> NDArray[np.bool_]:
-        """Which points (N,) of a sweep lie inside."""
+        """Return which points (N,) of a sweep lie inside."""
         return self.mask(sweep.xyz)
 
     def outside(self, sweep: Sweep) -> NDArray[np.bool_]:
-        """None: of what is outside it is not known what stands still."""
+        """Return no points: a region alone cannot show which points outside of it are static."""
         return np.zeros(len(sweep.xyz), np.bool_)
 
 
@@ -180,7 +184,7 @@ def _quantity(code: int, x: float, y: float, z: float) -> float:
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def _in_polygon(x: float, y: float, corners: NDArray[np.float64], first: int, end: int) -> bool:
-    """Even-odd rule: does a ray to the right of (x, y) cross an odd number of sides?"""
+    """Return whether a ray to the right of (x, y) crosses an odd number of sides (even-odd rule)."""
     inside = False
     before = end - 1
     for here in range(first, end):
@@ -200,7 +204,7 @@ def _holds(
     value: float,
     corners: NDArray[np.float64] | None,
 ) -> bool:
-    # Compiled away where the region has no polygon: a test more each time costs a fifth.
+    # Compiled away if the region has no polygon: one more test each time costs a fifth.
     if corners is not None:  # noqa: SIM102
         if test[2] == _POLYGON:
             return _in_polygon(x, y, corners, test[0], test[1])
@@ -232,7 +236,7 @@ def _mask(
         x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
         if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
             continue
-        # Compiled away where the region is in the LiDAR's own axes.
+        # Compiled away if the region is in the LiDAR's own axes.
         if turn is not None:
             x, y, z = (
                 turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
@@ -258,7 +262,7 @@ def _mask(
 
 
 def preview(sweeps: Iterable[Sweep], region: Region) -> RegionPreview:
-    """Count what ``region`` keeps."""
+    """Return how many points and frames ``region`` keeps."""
     kept_per_frame: list[int] = []
     points = 0
     all_rings: NDArray[np.int64] = np.zeros(0, np.int64)

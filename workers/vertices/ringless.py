@@ -1,7 +1,7 @@
 """Boards of sensors without rings, solid-state ones for instance, on still poses.
 
-A board is looked for in each sweep. Sweeps in a row whose boards agree, plane and corners, are one pose. Its
-points are put together, and judged as a sweep with rings is.
+A board is looked for in each sweep. Sweeps in a row whose boards agree, plane and corners, are one pose. Its points
+are put together, and judged as a sweep with rings is.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from apexcal.documents.detectors import Options
 from apexcal.documents.errors import InputError
 from workers.readers.clouds.ring_spread import RINGLESS
 from workers.readers.recording import Sweep
+from workers.vertices.board.board_estimate import BoardEstimate
 from workers.vertices.board.estimate import find_boards
 from workers.vertices.board.learning import learn
-from workers.vertices.board.model import BoardModel, Fix
+from workers.vertices.board.model import BoardModel
 from workers.vertices.board.run import run
-from workers.vertices.board.surroundings import overtopped
-from workers.vertices.corners import apart
+from workers.vertices.board.surroundings import is_overtopped
+from workers.vertices.corners import corner_chi_square
 from workers.vertices.motion import count_steps
 from workers.vertices.pose_detection import AGREE, FIXED_M
 from workers.vertices.region import Region
@@ -42,16 +43,16 @@ _MOST: Final = 0.51  # more than half of the poses: two boards of few poses may 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Block:
-    """Sweeps in a row that show a board, their points put together, which of these may be the board's, and it."""
+    """Sweeps in a row that show a board: their points together, which of these may be the board's, and the board."""
 
     numbers: range
     sweep: Sweep
     inside: Mask
-    board: Fix
+    board: BoardEstimate
 
     def with_next(self, other: _Block, model: BoardModel) -> _Block | None:
-        """Return both together, if they show the same board."""
-        if apart(self.board, other.board, FIXED_M / AGREE**0.5) > AGREE:
+        """Return both blocks together, if they show the same board; else None."""
+        if corner_chi_square(self.board, other.board, FIXED_M / AGREE**0.5) > AGREE:
             return None
         parts = self.sweep, other.sweep
         inside = np.concatenate([self.inside, other.inside])
@@ -88,14 +89,14 @@ def run_ringless(
         inside = (region.inside(source.sweep(index)).any() for index in indices)
         return Answers([Rejection("size_not_stated" if some else "no_points") for some in inside]), PoseFacts(0, True)
     blocks: list[_Block] = []
-    for area in (moving, region):  # of a single pose nothing moves
+    for area in (moving, region):  # in a single pose nothing moves
         for index in range(len(scattered)) if not blocks else ():
             sweep = scattered.sweep(index)
             chosen = area.inside(sweep)
             board = _board(sweep, chosen, model)
             blocks += [] if board is None else [_Block(range(index, index + 1), sweep, chosen, board)]
             report()
-    every = _poses(blocks, model)
+    every = _join_blocks(blocks, model)
     lengths = [len(block.numbers) for block in every]
     least = _LEAST_SHARE * float(np.median(np.repeat(lengths, lengths))) if lengths else 0.0
     poses = [block for block in every if len(block.numbers) >= least]
@@ -114,10 +115,10 @@ def run_ringless(
     together = Scattered(Listed([*sweeps, *(source.sweep(index) for index in alone)]))
     others = StaticBackground.of(together)
     area = Foreground.of(region, others, _MOST, len(poses) > 1)
-    each = run(together, area, {**options, "track": 0.0}, range(len(together)), lambda _: report(), model).found
-    for block, middle, outcome in zip(poses, middles, _carried(each[: len(poses)]), strict=True):
+    each = run(together, area, {**options, "track": 0.0}, range(len(together)), lambda _: report(), model).outcomes
+    for block, middle, outcome in zip(poses, middles, _reject_immovable(each[: len(poses)]), strict=True):
         outcomes |= {middle: outcome} if isinstance(outcome, Vertex) else dict.fromkeys(block.numbers, outcome)
-    # What no sweep shows by itself is no board.
+    # A board that no sweep shows by itself is none.
     outcomes |= {
         index: Rejection("not_a_board") if isinstance(outcome, Vertex) else outcome
         for index, outcome in zip(alone, each[len(poses) :], strict=True)
@@ -133,18 +134,18 @@ def _needs_poses(why: str) -> InputError:
     return InputError("points_without_rings", f"The LiDAR has no rings, and {why}.", RINGLESS)
 
 
-def _board(sweep: Sweep, inside: Mask, model: BoardModel) -> Fix | None:
-    """The likeliest board of a sweep, if its returns agree with it."""
+def _board(sweep: Sweep, inside: Mask, model: BoardModel) -> BoardEstimate | None:
+    """Return the likeliest board of a sweep, if its returns agree with it."""
     if not inside.any():
         return None
-    for sighting, fix in find_boards(sweep, inside, model, _PLANES):
-        if fix.trustworthy and not overtopped(sighting, fix, model):
-            return fix
+    for candidate, board in find_boards(sweep, inside, model, _PLANES):
+        if board.is_trustworthy and not is_overtopped(candidate, board, model):
+            return board
     return None
 
 
-def _poses(blocks: list[_Block], model: BoardModel) -> list[_Block]:
-    """Neighbours that agree, put together two by two, then those again: what is longer is known better."""
+def _join_blocks(blocks: list[_Block], model: BoardModel) -> list[_Block]:
+    """Return the blocks with agreeing neighbours joined two by two, and again: a longer block is known better."""
     while True:
         joined: list[_Block] = []
         is_open = False
@@ -157,13 +158,13 @@ def _poses(blocks: list[_Block], model: BoardModel) -> list[_Block]:
         blocks = joined
 
 
-def _walked(boards: Sequence[tuple[int, Fix]]) -> bool:
-    """Whether the board goes on from pose to pose as somebody who walks."""
+def _walked(boards: Sequence[tuple[int, BoardEstimate]]) -> bool:
+    """Return whether the board moves on from pose to pose as somebody who walks."""
     steps = count_steps([(stamp_ns, *board.xyz[:2].tolist()) for stamp_ns, board in boards])
     return steps.walks > steps.jumps and steps.way_m >= STANDS_M
 
 
-def _carried(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
+def _reject_immovable(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
     """Return the answers without vertices of what stands at one place in several poses that are no neighbours."""
     answers = list(outcomes)
     vertices = [(number, vertex) for number, vertex in enumerate(outcomes) if isinstance(vertex, Vertex)]
@@ -176,7 +177,7 @@ def _carried(outcomes: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]
 
 
 def _at_one_place(first: Vertex, other: Vertex) -> bool:
-    """Whether no corner that two vertices state lies farther apart than who stands still sways."""
+    """Return whether all corners that both vertices state are nearer to each other than a standing person sways."""
     places: list[dict[str, NDArray[np.float64]]] = []
     for vertex in (first, other):
         more = dict(zip(vertex.corners.names, vertex.corners.xyz, strict=True)) if vertex.corners else {}

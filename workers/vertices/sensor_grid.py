@@ -1,8 +1,8 @@
-"""Where a spinning sensor looks: elevation and azimuth step of each ring, how the rings are shifted, which way is up.
+"""The sensor's grid: elevation and azimuth step of each ring, how rings are shifted, and which way is up.
 
-A normalised recording holds returns only. A ray without a return is known all the same, because the sensor fires at
-even steps: this module learns the steps from the returns of some sweeps. How a board is held is known against
-gravity, not against the sensor's z: a sensor may be tilted or upside down.
+A normalised recording holds returns only. But a spinning sensor fires at even steps, so rays without a return can be
+restored once some sweeps have shown the steps. How a board is held is measured against gravity, not against the
+sensor's z: a sensor may be tilted or upside down.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from workers.vertices.sweep_source import Scattered, SweepSource, spread
 
 Floats = NDArray[np.float64]
 
-_LEANS_AT_MOST_DEG: Final = 35.0  # of a mount of which nothing is known
+_LEANS_AT_MOST_DEG: Final = 35.0  # of an unknown mount
 # Streets fall by up to 2.5 % across and 6 % along (AASHTO Green Book), together 3.7 degrees. Up to such a tilt the
 # ground is no better a sign of gravity than the sensor's z.
 _STREETS_DEG: Final = 4.0
@@ -38,7 +38,7 @@ _FLIPPED: Final = np.diag([1.0, -1.0, -1.0])
 
 
 def find_up(xyz: Floats, ring: NDArray[np.int64], stated: Floats | None = None) -> Floats:
-    """Direction of up (3,), of unit length, in the LiDAR frame.
+    """Return the direction of up (3,), of unit length, in the LiDAR frame.
 
     Args:
         xyz: (N, 3) points of some sweeps, metres, LiDAR frame; ring: (N,).
@@ -46,8 +46,8 @@ def find_up(xyz: Floats, ring: NDArray[np.int64], stated: Floats | None = None) 
             upright or upside down, tilted by up to 35 degrees.
 
     Returns:
-        The sensor's z, or the stated direction, if no ground is seen or if the ground's normal is within 4 degrees
-        of it.
+        The ground's normal. If no ground is seen, or its normal is within 4 degrees: the sensor's z, or the stated
+        up.
     """
     if stated is not None:
         turned = _to_level(stated / np.linalg.norm(stated))
@@ -60,7 +60,7 @@ def find_up(xyz: Floats, ring: NDArray[np.int64], stated: Floats | None = None) 
 
 
 def level_rotation(up: Floats) -> Floats:
-    """R_level_lidar (3, 3): z up, x the horizontal direction nearest to the LiDAR's x; exactly 1 if up is its z."""
+    """Return R_level_lidar (3, 3): z up, x horizontal and nearest to the LiDAR's x; exactly 1 if up is its z."""
     return np.eye(3) if up[2] == 1.0 else _to_level(up)
 
 
@@ -77,7 +77,7 @@ def _corrected(normal: Floats) -> Floats:
 
 
 def _ground(xyz: Floats, ring: NDArray[np.int64], steepest_deg: float) -> tuple[GroundPlane, int] | None:
-    """The ground below a sensor whose z is about up, and how many points lie on it."""
+    """Return the ground below a sensor whose z is about up, and how many points lie on it."""
     plane = ground_plane(xyz, steepest_deg)
     if plane is None or plane.offset < _LOWEST_M:
         return None
@@ -95,11 +95,11 @@ _STEP_RAD = (math.radians(0.03), math.radians(1.6))
 _DEFAULT_STEP_RAD = math.radians(0.2)
 _BLOCK_RAD = math.radians(10.0)  # so short that a motor's wavering does not blur the grid
 _ENOUGH = 5
-# A ring tells its own step by this many gaps between returns, of which 15 % or more are a single step.
+# A ring has its own step if it has this many gaps between returns; 15 % or more of these are a single step.
 _ENOUGH_STEPS, _LOW_QUANTILE = 30, 0.15
 _SAME_STEP = 0.25
 _GROUND_POINTS = 1000  # of each sweep
-# No sensor has more rings; a number beyond is a damaged point's, and tables by ring stay small without it.
+# No sensor has more rings. A larger number belongs to a damaged point, and tables by ring stay small without it.
 MOST_RINGS = 256
 
 
@@ -113,7 +113,7 @@ class SensorGrid:
         steps: (R,) radians between two firings of each ring.
         shift: (R,) radians, azimuth of each ring's grid against that of the others of its step, modulo the step.
         R_level_lidar: (3, 3) to axes whose z is up.
-        scattered: whether its rays lie anywhere, so that rings are cells only (`sweep_source.Scattered`).
+        scattered: whether the sensor has no rings, so that rings are cells of elevation (`sweep_source.Scattered`).
     """
 
     elevation: Floats
@@ -129,12 +129,12 @@ class SensorGrid:
 
 
 def learn_grid(sweeps: Iterable[Sweep], up: Floats | None = None) -> SensorGrid:
-    """The grid of a sensor from some of its sweeps; a default one from sweeps without points.
+    """Return the grid of a sensor from some of its sweeps; a default one from sweeps without points.
 
     Points of rings from ``MOST_RINGS`` on are ignored.
 
     Args:
-        up: (3,) direction of up in the LiDAR frame as the rig states it; None: as the ground tells.
+        up: (3,) direction of up in the LiDAR frame as the rig states it; None: from the ground.
     """
     rings: list[NDArray[np.int64]] = []
     azimuths: list[Floats] = []
@@ -167,7 +167,7 @@ def learn_grid(sweeps: Iterable[Sweep], up: Floats | None = None) -> SensorGrid:
 
 
 def some_grid(source: SweepSource, sweeps: int = 4, up: Floats | None = None) -> SensorGrid:
-    """Return the grid of a sensor as a few sweeps of its recording tell; ``up`` as of `learn_grid`."""
+    """Return the grid of a sensor from a few sweeps of its recording; ``up`` as of `learn_grid`."""
     grid = learn_grid((source.sweep(number) for number in spread(len(source), sweeps)), up)
     return replace(grid, scattered=isinstance(source, Scattered))
 
@@ -184,13 +184,13 @@ def _elevations(ring: NDArray[np.int64], elevation: NDArray[np.float64], count: 
 
 
 def _steps(ring: NDArray[np.int64], azimuth: Floats, count: int) -> Floats:
-    """(R,) step of each ring: the usual one, unless the ring's returns clearly show another."""
+    """Return (R,) the step of each ring: the usual one, unless the ring's returns clearly show another."""
     apart = np.diff(azimuth)
     beside = (np.diff(ring) == 0) & (apart > _STEP_RAD[0]) & (apart < _STEP_RAD[1])
     apart, of = apart[beside], ring[1:][beside]
     if apart.size == 0:
         return np.full(count, _DEFAULT_STEP_RAD)
-    # Each middle is a gap that there is: between two kinds of gaps there may be none within a quarter of it.
+    # The median is taken from the gaps themselves: between two kinds of gaps none may be within a quarter of it.
     usual = _mean_about(apart, float(np.quantile(apart, 0.5, method="lower")))
     steps = np.full(count, usual)
     ends = np.searchsorted(of, np.arange(count + 1))
@@ -204,7 +204,7 @@ def _steps(ring: NDArray[np.int64], azimuth: Floats, count: int) -> Floats:
 
 
 def _low(apart: Floats, usual: float) -> float:
-    """The step of one ring: gaps where nothing came back are multiples of it."""
+    """Return the step of one ring from its smallest gaps; gaps across missing returns are multiples of the step."""
     return float(np.quantile(apart, _LOW_QUANTILE, method="lower")) if apart.size >= _ENOUGH_STEPS else usual
 
 
@@ -213,7 +213,7 @@ def _mean_about(apart: Floats, middle: float) -> float:
 
 
 def _shifts(ring: NDArray[np.int64], azimuth: NDArray[np.float64], step: float, count: int) -> NDArray[np.float64]:
-    """Circular mean, over short blocks of azimuth, of each ring's phase against the best filled ring's."""
+    """Return the circular mean, over short blocks of azimuth, of each ring's phase against the fullest ring's."""
     if ring.size == 0:
         return np.zeros(count)
     block = np.floor(azimuth / _BLOCK_RAD).astype(np.int64)

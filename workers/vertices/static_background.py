@@ -1,10 +1,11 @@
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
 # pyright: reportUnknownArgumentType=false
-"""What stands still: the returns that most sweeps of a recording have in common.
+"""The static background: the returns that most sweeps of a recording have in common.
 
 Sweeps are compared as images of ranges, one row per ring and one column per two firings. A return is the same in
 another sweep if that has a return of about the same range in its cell or a neighbouring one. Without rings it is the
 same if it lies on the surface through the nearest returns of the other sweep, no farther away than these lie apart.
+A sweep in which something nearer hides the place does not count.
 """
 
 from __future__ import annotations
@@ -39,21 +40,21 @@ _GRAZING_M: Final = 0.5  # returns of one cell that are farther apart lie on two
 # step at most; two surfaces that meet within a cell bend it by the whole.
 _EVEN: Final = 0.5
 _SAME_SHARE: Final = 0.5  # of the sweeps that can see the place
-_SEEN_SHARE: Final = 0.25  # of all sweeps; what is seen less often may be several boards by chance
+_SEEN_SHARE: Final = 0.25  # of all sweeps; a place seen less often may hold several boards by chance
 FIXED_SHARE: Final = 0.75  # of a walk's sweeps that can see the place: nobody who walks stays so long
 _BEHIND_SHARE: Final = 0.15
-_SURFACE: Final = 7  # returns that tell the surface through one of them
+_SURFACE: Final = 7  # returns that determine the surface through one of them
 _APART: Final = 2.0  # times the distance of these
 _CLOUD: Final = 4000  # returns of a sweep without rings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """What the other sweeps tell of a sweep's N points.
+    """A sweep's N points compared with the other sweeps.
 
     Attributes:
         still: (N,) whether the point is the same in most sweeps that can see its place.
-        moved: (N,) whether it is not, and hides what other sweeps see behind it: a surface, or nothing.
+        moved: (N,) whether it is not, and other sweeps see something behind it: a surface, or nothing.
     """
 
     still: Mask
@@ -68,7 +69,7 @@ class StaticBackground:
         stamps_ns: of these sweeps.
         near, far: (S, R, C) least and greatest range in each cell, metres; 0 where there is no return.
         clouds: of sweeps without rings, instead of these.
-        tolerance_m: by which two ranges of one surface differ at most.
+        tolerance_m: greatest difference of two ranges of one surface.
     """
 
     stamps_ns: Sequence[int]
@@ -79,7 +80,7 @@ class StaticBackground:
 
     @classmethod
     def of(cls, source: SweepSource, most: int = MOST_COMPARED, on_sweep: Callable[[], None] | None = None) -> Self:
-        """The background of at most so many sweeps, spread over a recording."""
+        """Return the background of at most ``most`` sweeps, spread over a recording."""
         numbers = spread(len(source), most)
         if isinstance(source, Scattered):
             return cls._of_clouds([source.sweep(number) for number in numbers], on_sweep)
@@ -110,8 +111,8 @@ class StaticBackground:
         tolerance_m = max(_ACCURACY_M, _DEVIATIONS * float(np.median(thick)))
         return cls([sweep.stamp_ns for sweep in sweeps], none, none, tolerance_m, clouds)
 
-    def again(self, sweeps: Sequence[Sweep]) -> Self:
-        """The images of other sweeps of the recording, with the same tolerance."""
+    def with_sweeps(self, sweeps: Sequence[Sweep]) -> Self:
+        """Return the images of other sweeps of the recording, with the same tolerance."""
         if self.clouds:
             return replace(self._of_clouds(sweeps), tolerance_m=self.tolerance_m)
         near, far = (np.zeros((len(sweeps), *self.near.shape[1:]), np.float32) for _ in range(2))
@@ -120,7 +121,7 @@ class StaticBackground:
         return replace(self, stamps_ns=[sweep.stamp_ns for sweep in sweeps], near=near, far=far)
 
     def thinned(self, most: int) -> Self:
-        """The same of at most so many of its sweeps, evenly spread: coarser, and as much quicker."""
+        """Return the background with at most ``most`` of its sweeps, evenly spread: coarser and quicker."""
         if len(self.stamps_ns) <= most:
             return self
         places = spread(len(self.stamps_ns), most)
@@ -129,7 +130,7 @@ class StaticBackground:
         return replace(self, stamps_ns=stamps_ns, near=self.near[places], far=self.far[places], clouds=clouds)
 
     def compare(self, sweep: Sweep, chosen: Mask | None = None, share: float = _SAME_SHARE) -> Compared:
-        """What is still and what moved in a sweep of the recording; everything is neither without another sweep.
+        """Return which points of a sweep are still and which moved; without another sweep none is either.
 
         Args:
             chosen: (N,) points to look at; all others are neither.
@@ -142,34 +143,38 @@ class StaticBackground:
         )
         if not others.size:
             return Compared(still, moved)
-        same, beyond, none = self._look(sweep.xyz[chosen], sweep.ring[chosen], others)
+        same, beyond, none = self._count_relations(sweep.xyz[chosen], sweep.ring[chosen], others)
         count = others.size
         still[chosen] = (same >= max(1.0, _SEEN_SHARE * count)) & (same >= share * (same + beyond + none))
         moved[chosen] = ~still[chosen] & (beyond + none >= max(1.0, _BEHIND_SHARE * count))
         return Compared(still, moved)
 
     def same(self, sweep: Sweep, chosen: Mask, index: int) -> float:
-        """Share of a sweep's points ``chosen`` (N,) that are the same in the image at ``index``."""
+        """Return the share of a sweep's points ``chosen`` (N,) that are the same in the image at ``index``."""
         if not chosen.any():
             return 0.0
-        same, _, _ = self._look(sweep.xyz[chosen], sweep.ring[chosen], np.array([index], np.int64))
+        same, _, _ = self._count_relations(sweep.xyz[chosen], sweep.ring[chosen], np.array([index], np.int64))
         return float(np.mean(same > 0))
 
-    def _look(
+    def _count_relations(
         self, xyz: NDArray[np.float32], ring: NDArray[np.uint16], others: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], ...]:
-        """(N,) in how many other sweeps a point is the same, has something beyond it, has nothing."""
+        """Return (N,) the numbers of other sweeps that show the same point, something beyond it, and nothing."""
         if not self.clouds:
-            return _look(xyz, ring, self.near, self.far, others, self.tolerance_m)
+            return _count_relations(xyz, ring, self.near, self.far, others, self.tolerance_m)
         relations = np.array([self.clouds[int(index)].relations(xyz, self.tolerance_m) for index in others])
         return tuple(np.count_nonzero(relations == relation, axis=0) for relation in range(3))
 
 
 class _Cloud(NamedTuple):
-    """A sweep without rings: its returns, and of each the surface through the nearest ones.
+    """A sweep without rings: its returns, and for each the surface through the nearest ones.
 
-    normal (N, 3); thick_m, apart_m (N,): how far these lie off the surface, and apart; towards: by direction; reach_m
-    (N,): ranges.
+    Attributes:
+        tree: of the returns.
+        normal: (N, 3) of the surfaces.
+        thick_m, apart_m: (N,) how far the nearest returns lie off the surface, and apart.
+        towards: tree of the returns' directions.
+        reach_m: (N,) ranges.
     """
 
     tree: KDTree
@@ -195,7 +200,7 @@ class _Cloud(NamedTuple):
         return cls(tree, axes[:, :, 0], thick, apart[:, -1], KDTree(xyz / reach[:, None]), reach)
 
     def relations(self, points: NDArray[np.float32], tolerance_m: float) -> NDArray[np.int64]:
-        """As of `_relation`, of each point (N, 3)."""
+        """Return the `_relation` of each point (N, 3)."""
         xyz = np.nan_to_num(points.astype(np.float64), nan=1e6)
         reach = np.maximum(np.linalg.norm(xyz, axis=1), 1e-6)
         distance, nearest = self.tree.query(xyz)
@@ -213,34 +218,34 @@ class _Cloud(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Foreground:
-    """A region without what stands still.
+    """A region without the static background.
 
     Attributes:
-        before: which of the points (N,) of a sweep that lie in the region do not stand still.
+        foreground: which of the points (N,) of a sweep that lie in the region are not static.
         fixed_left_out: see `sweep_source.Area`.
     """
 
     region: Region
-    before: Callable[[Sweep, Mask], Mask]
+    foreground: Callable[[Sweep, Mask], Mask]
     fixed_left_out: bool
 
     @classmethod
     def of(cls, region: Region, background: StaticBackground, share: float, fixed_left_out: bool = True) -> Self:
-        """The region without what stands still in a share of the sweeps that see its place."""
+        """Return the region without the points that are the same in a share of the sweeps that see their place."""
         return cls(region, lambda sweep, of: of & ~background.compare(sweep, of, share).still, fixed_left_out)
 
     def inside(self, sweep: Sweep) -> Mask:
-        """Which points (N,) of a sweep lie in the region and do not stand still."""
+        """Return which points (N,) of a sweep lie in the region and are not static."""
         inside = self.region.mask(sweep.xyz)
-        return self.before(sweep, inside) if inside.any() else inside
+        return self.foreground(sweep, inside) if inside.any() else inside
 
     def outside(self, sweep: Sweep) -> Mask:
-        """Which points (N,) would be looked at too if the region were everywhere."""
-        return self.before(sweep, ~self.region.mask(sweep.xyz))
+        """Return which points (N,) would be looked at, too, if the region were unlimited."""
+        return self.foreground(sweep, ~self.region.mask(sweep.xyz))
 
 
 def _tolerance(near: Images, far: Images) -> float:
-    """From how much the ranges of a cell differ from one sweep to the next; most cells show what stands still."""
+    """Return the tolerance from the differences of ranges between neighbouring sweeps; most cells are static."""
     alone = (near > 0.0) & (far - near < 0.05)
     apart = [np.abs(near[k + 1] - near[k])[alone[k] & alone[k + 1]].astype(np.float64) for k in range(len(near) - 1)]
     values = np.concatenate([np.zeros(0), *apart])
@@ -251,7 +256,7 @@ def _tolerance(near: Images, far: Images) -> float:
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
 def _cell(x: float, y: float, z: float, columns: int) -> tuple[int, float]:
-    """Column and range of a point; the range is 0 where it is no point."""
+    """Return column and range of a point; the range is 0 if it has no coordinates."""
     distance = math.sqrt(x * x + y * y + z * z)
     if not (math.isfinite(distance) and distance > 0.0):
         return 0, 0.0
@@ -271,7 +276,7 @@ def _fill(xyz: NDArray[np.float32], ring: NDArray[np.uint16], near: Images, far:
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
 def _relation(near: Images, far: Images, r: int, c: int, distance: float, tolerance: float) -> int:
-    """0: the other sweep has the same there; 1: what lies beyond; 2: nothing; 3: something that hides the place."""
+    """Return 0: the other sweep shows the same; 1: something beyond; 2: nothing; 3: something in front."""
     columns = near.shape[1]
     empty = True
     for dc in range(-1, 2):
@@ -299,7 +304,7 @@ def _relation(near: Images, far: Images, r: int, c: int, distance: float, tolera
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
 def _on_slant(near: Images, far: Images, r: int, c: int, distance: float, tolerance: float) -> bool:
-    """Whether the place lies on a surface that recedes evenly over three cells, as a wall met at grazing incidence.
+    """Return whether the point lies on a surface that recedes evenly over three cells, as a wall seen at a slant.
 
     Its range in a cell depends on the phase of the firings. Two surfaces differ: their ranges step within one cell.
     """
@@ -318,7 +323,7 @@ def _on_slant(near: Images, far: Images, r: int, c: int, distance: float, tolera
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def _look(
+def _count_relations(
     xyz: NDArray[np.float32],
     ring: NDArray[np.uint16],
     near: Images,
@@ -326,7 +331,7 @@ def _look(
     others: NDArray[np.int64],
     tolerance: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """(N,) in how many other sweeps a point is the same, has something beyond it, has nothing."""
+    """Return (N,) the numbers of other sweeps that show the same point, something beyond it, and nothing."""
     counts = np.zeros((3, xyz.shape[0]), np.int64)
     _, rings, columns = near.shape
     column, range_m = np.empty(xyz.shape[0], np.int64), np.empty(xyz.shape[0])

@@ -1,4 +1,8 @@
-"""Still poses: noticing them, which sweeps show the same pose, and what of a sweep lies before the background."""
+"""Still poses: how they are noticed, which sweeps show the same pose, and which points are not static.
+
+A board that is shown in still poses jumps between sweeps farther than anybody walks. Sweeps that lie far apart in
+time, or short recordings whose largest moving thing jumps, are taken as poses even if the owner did not say so.
+"""
 
 from __future__ import annotations
 
@@ -28,27 +32,27 @@ _GRID_SWEEPS: Final = 8
 _PAIRS: Final = 4
 _A_SWEEP: Final = 500  # points; clouds with fewer were cut out already and show no surroundings
 _LOOKED_AT: Final = 16
-# Sweeps that tell where the largest thing that moves is. All points of a sweep are compared with them: of every k-th
-# point, pieces of a facade have a person's size.
+# Sweeps that the largest moving thing is looked for with. All points of a sweep are compared with them: among every
+# k-th point, pieces of a facade have a person's size.
 _MOST_IMAGES: Final = 12
-_RUNS, _RUN_SWEEPS = 4, 6  # of neighbouring sweeps that tell a walk from poses
+_RUNS, _RUN_SWEEPS = 4, 6  # of neighbouring sweeps that distinguish a walk from poses
 _BODY_M: Final = 0.5
 _FEET_M: Final = 0.3
-STANDS_M: Final = 0.2  # who stands and holds a board trembles and sways by less
+STANDS_M: Final = 0.2  # a person who stands and holds a board sways by less
 _SWAYS: Final = 0.3  # a swaying body shows a tenth of itself at its edges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StillPoses:
-    """What a recording of still poses tells before anything is looked for.
+    """A recording of still poses, before any board is looked for.
 
     Attributes:
-        background: what its sweeps have in common; of a single pose nothing can be told to be background.
-        first: of each sweep, the number of the first sweep of its pose.
+        background: what its sweeps have in common; a single pose shows no background.
+        first: for each sweep, the index of the first sweep of its pose.
         grid: the directions in which the sensor fires.
-        stated: whether the owner said so; else it was noticed.
-        single: whether there is one pose alone.
-        walked: whether what moves in them walks, although the owner said that they are still poses.
+        stated: whether the owner said so; otherwise the sweeps showed it.
+        single: whether there is only one pose.
+        walked: the owner said so, but something in the recording walks.
     """
 
     background: StaticBackground
@@ -60,19 +64,19 @@ class StillPoses:
 
     @property
     def count(self) -> int:
-        """How many poses."""
+        """Number of poses."""
         return len(set(self.first))
 
     def facts(self) -> PoseFacts:
-        """What the owner is told."""
+        """Return the facts for the owner."""
         return PoseFacts(self.count, self.stated, self.walked)
 
     def grouped(self, source: SweepSource, region: Region, on_sweep: Callable[[], None] | None = None) -> StillPoses:
-        """Return the poses whose sweeps, one after the other, look like the first of them."""
+        """Return the poses with consecutive sweeps joined that look like the first of them."""
         if self.single:
             return self
         first: list[int] = []
-        before: Sweep | None = None  # the first one of the pose: a chain of small steps goes anywhere
+        before: Sweep | None = None  # the first of its pose: a chain of small steps may lead anywhere
         for number in range(len(source)):
             sweep = source.sweep(number)
             if on_sweep is not None:
@@ -83,17 +87,17 @@ class StillPoses:
         return replace(self, first=tuple(first))
 
     def pose_of(self, index: int) -> range:
-        """The sweeps that show the same pose as sweep ``index``."""
+        """Return the sweeps that show the same pose as sweep ``index``."""
         first = self.first[index]
         stop = index + 1
         while stop < len(self.first) and self.first[stop] == first:
             stop += 1
         return range(first, stop)
 
-    def before(self, sweep: Sweep, chosen: Mask) -> Mask:
-        """Which of the points ``chosen`` (N,) are no background.
+    def foreground(self, sweep: Sweep, chosen: Mask) -> Mask:
+        """Return which of the points ``chosen`` (N,) are not static.
 
-        Of a single pose, walls and what else is too large for a board with its bearer is background.
+        In a single pose, walls and anything too large for a board with its bearer count as static.
         """
         if not self.single:
             return chosen & ~self.background.compare(sweep, chosen).still
@@ -104,13 +108,13 @@ class StillPoses:
 def find_poses(
     source: SweepSource, region: Region | None = None, *, stated: bool, on_sweep: Callable[[], None] | None = None
 ) -> StillPoses | None:
-    """The poses of a recording, or None if it is no recording of still poses.
+    """Return the poses of a recording; None if it is no recording of still poses.
 
     Args:
         region: sweeps show the same pose if nothing in it moves from one to the next. Without a region each sweep is
             a pose of its own.
-        stated: the owner says that it is. Otherwise it is noticed: the sweeps are far apart in time, or there are 64
-            at most, and what moves in them moves as nobody walks.
+        stated: the owner says that it is one. Otherwise the sweeps must show it: they are far apart in time, or there
+            are 64 at most and the thing that moves in them moves as nobody walks.
     """
     count = len(source)
     if not count:
@@ -130,7 +134,7 @@ def find_poses(
 
 
 def _far_apart(source: SweepSource) -> bool:
-    """Whether neighbouring sweeps, some of them, lie farther apart in time than a track reaches."""
+    """Return whether some neighbouring sweeps lie farther apart in time than a track reaches."""
     count = len(source)
     firsts = spread(count - 1, _PAIRS)
     steps_ns = [stamp_of(source, n + 1) - stamp_of(source, n) for n in firsts]
@@ -138,6 +142,7 @@ def _far_apart(source: SweepSource) -> bool:
 
 
 def _noticed(source: SweepSource, background: StaticBackground) -> bool:
+    """Return whether the largest moving thing jumps from pose to pose, or nothing moves at all."""
     if len(source) < _FEWEST_OF_A_WALK:
         return True
     places = _places(source, background, range(len(source)))
@@ -145,12 +150,12 @@ def _noticed(source: SweepSource, background: StaticBackground) -> bool:
     # Somebody may stand about between two jumps, or walk a little behind the stand.
     if steps.jumps >= _FEWEST_JUMPS and 2 * steps.jumps > len(places) - 2:
         return True
-    # Nothing moves in a single pose. Who walks slowly hardly moves from sweep to sweep, but does over the recording.
+    # Nothing moves in a single pose. A slow walker hardly moves from sweep to sweep, but does over the recording.
     return steps.jumps >= steps.walks and steps.way_m < STANDS_M
 
 
 def _walked(source: SweepSource, background: StaticBackground) -> bool:
-    """Whether what moves walks: told by some runs of neighbouring sweeps, spread over the recording."""
+    """Return whether the moving thing walks, by some runs of neighbouring sweeps spread over the recording."""
     starts = spread(max(len(source) - _RUN_SWEEPS, 0) + 1, _RUNS)
     runs = [range(start, min(start + _RUN_SWEEPS, len(source))) for start in starts]
     steps = [count_steps(_places(source, background, run)) for run in runs]
@@ -159,7 +164,7 @@ def _walked(source: SweepSource, background: StaticBackground) -> bool:
 
 
 def _places(source: SweepSource, background: StaticBackground, numbers: range) -> list[tuple[int, float, float]]:
-    """Stamp, x and y of the largest thing that moves in each of some sweeps."""
+    """Return stamp, x and y of the largest moving thing in each of some sweeps."""
     places: list[tuple[int, float, float]] = []
     few = background.thinned(_MOST_IMAGES)
     for number in numbers:
@@ -171,7 +176,7 @@ def _places(source: SweepSource, background: StaticBackground, numbers: range) -
 
 
 def _largest(xyz: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Middle of the thing of a person's size with the largest face, as its points and its distance tell."""
+    """Return the middle of the largest thing of a person's size; None if there is none."""
     things = things_of(xyz)
     if not things:
         return None
@@ -180,8 +185,8 @@ def _largest(xyz: NDArray[np.float64]) -> tuple[float, float] | None:
 
 
 def _same_pose(first: Sweep, other: Sweep, region: Region, background: StaticBackground) -> bool:
-    """Whether there is something before the background in the region, and it is the same in both sweeps."""
-    both = background.again([first, other])
+    """Return whether something in the region is not static, and is the same in both sweeps."""
+    both = background.with_sweeps([first, other])
     for sweep, index in ((first, 1), (other, 0)):
         inside = region.mask(sweep.xyz)
         if both.same(sweep, inside & ~background.compare(sweep, inside).still, index) < _SAME_POSE:
@@ -190,7 +195,7 @@ def _same_pose(first: Sweep, other: Sweep, region: Region, background: StaticBac
 
 
 def _single(source: SweepSource, background: StaticBackground) -> bool:
-    """Whether nothing, or only a little of a person with a board, differs: somebody who sways in one pose."""
+    """Return whether all sweeps are one pose: nothing differs, or only a little of a person who sways."""
     shares: list[float] = []
     for number in range(0, len(source), max(1, len(source) // _LOOKED_AT)):
         sweep = source.sweep(number)

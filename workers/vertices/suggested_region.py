@@ -1,9 +1,9 @@
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
 # pyright: reportUnknownArgumentType=false
-"""Things of a person's size in a sweep, and a region around them.
+"""Things of a person's size in a sweep, and a region document around them.
 
-Things are clusters of what moves, or upright pieces by their shape alone. A suggested region is a polygon around what
-was seen to move, off the ground, without the posts inside: the convex area around clusters seen from above.
+Things are clusters of what moves, or upright pieces by their shape alone. The suggested region is the convex polygon
+around the clusters seen from above, off the ground, with the posts inside cut out.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from workers.readers.recording import Sweep
-from workers.vertices.board.planes import find_stretches
+from workers.vertices.board.planes import find_segments
 from workers.vertices.range_image import RangeImage, clusters, open_window
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import SensorGrid
@@ -51,7 +51,7 @@ class Thing:
 
     @property
     def face(self) -> float:
-        """As many points as it would have one metre away, at least: a few points of a far tree may be chance."""
+        """Least number of points it would have one metre away: a few points of a far tree may be chance."""
         count = len(self.points)
         return max(count - _BY_CHANCE * math.sqrt(count), 0.0) * float(self.middle @ self.middle)
 
@@ -75,8 +75,8 @@ def upright_pieces(sweep: Sweep, inside: Mask, grid: SensorGrid) -> list[Mask]:
     """Return masks (N,) of upright pieces of at least two rings among the points ``inside`` (N,), the largest first.
 
     Returns along a ring belong together if their ranges do not jump, segments of neighbouring rings if one stands
-    above the other. Walls, cars and the ground make pieces that are too large. A piece at the rim of a sector may be
-    met twice.
+    above the other. Walls, cars and the ground make pieces that are too large. A piece at the rim of a sector may
+    occur twice.
     """
     half = math.pi / _SECTORS + _OVERLAP
     pieces: list[NDArray[np.int64]] = []
@@ -88,14 +88,14 @@ def upright_pieces(sweep: Sweep, inside: Mask, grid: SensorGrid) -> list[Mask]:
 
 
 def _is_small(points: NDArray[np.floating]) -> bool:
-    """Whether points (N, 3) take no more room than somebody with a board."""
+    """Return whether points (N, 3) take no more space than a person with a board."""
     width, depth, height = np.ptp(points, axis=0).tolist()
     return math.hypot(width, depth) <= _WIDEST_M and height <= _TALLEST_M
 
 
 def _pieces(window: RangeImage) -> list[NDArray[np.int64]]:
-    """Numbers of the points of each piece."""
-    segments = find_stretches(window.azimuth, window.distance, window.inside, _SIGMA_M, window.steps)
+    """Return the indices of the points of each piece."""
+    segments = find_segments(window.azimuth, window.distance, window.inside, _SIGMA_M, window.steps)
     if not len(segments):
         return []
     pairs = np.array(_stacked(segments, window.slope)).reshape(-1, 2)
@@ -118,7 +118,7 @@ def _points(window: RangeImage, segment: Floats) -> NDArray[np.int64]:
 
 
 def _stacked(segments: Floats, slope: Floats) -> Sequence[tuple[int, int]]:
-    """Pairs of segments of neighbouring rings that stand one above the other, as those of one upright surface."""
+    """Return pairs of segments on neighbouring rings, one above the other, as on one upright surface."""
     pairs: list[tuple[int, int]] = []
     middle = slope.shape[1] // 2
     for ring in np.unique(segments[:, 0]).astype(int).tolist():
@@ -148,7 +148,7 @@ _MOST_POSTS: Final = 16
 
 
 def area_around(xy: Floats, margin_m: float) -> Floats:
-    """Corners (SIDES, 2), counter-clockwise, of a convex polygon that holds points (N, 2) and ``margin_m`` around.
+    """Return the corners (SIDES, 2), counter-clockwise, of a convex polygon ``margin_m`` outside of points (N, 2).
 
     Its sides have fixed directions; each lies the margin outside of the farthest point in its direction.
     """
@@ -164,7 +164,7 @@ def area_around(xy: Floats, margin_m: float) -> Floats:
 
 
 def area_m2(corners: Floats) -> float:
-    """Area of a simple polygon (K, 2)."""
+    """Return the area of a simple polygon (K, 2)."""
     x, y = corners.T
     return 0.5 * abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))
 
@@ -179,7 +179,7 @@ class Suggestion:
 
 @dataclass(slots=True)
 class ObservedScene:
-    """What is gathered of some sweeps, in level axes: what moves in each; of a few all points and what stands."""
+    """Some sweeps in level axes: the moving things of each, and of a few all points and the static ones."""
 
     sweeps: int
     shares: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
@@ -189,12 +189,12 @@ class ObservedScene:
 
     @property
     def still(self) -> float:
-        """Share of the points that stand still, in the middle one of the sweeps."""
+        """Share of the points that are static: median of the sweeps."""
         return float(np.median([share for share, _ in self.shares]))
 
     @property
     def around(self) -> float:
-        """Share of the directions with points in which a fifth of them moved, in the middle one of the sweeps."""
+        """Share of the directions in which a fifth of the points moved: median of the sweeps."""
         return float(np.median([share for _, share in self.shares]))
 
     def add(self, things: list[Thing], xyz: NDArray[np.float32], still: Mask, moved: Mask) -> None:
@@ -220,18 +220,18 @@ def describe(
     poses: int = 0,
     notes: Sequence[str] = (),
 ) -> Suggestion:
-    """The region around what moved in each sweep.
+    """Return the region around what moved in each sweep.
 
     Args:
-        poses: how many still poses the recording has; 0 for a walk. Of poses the detectors leave out what stands
-            still, so that nothing is cut out for it here.
+        poses: number of still poses; 0 for a walk. In poses the detectors leave out the static background, so
+            nothing is cut out here.
     """
     points = np.concatenate([thing.points for some in things for thing in some])
     corners = area_around(points[:, :2], margin_m)
     still = np.concatenate(scene.background)
     inside = still[Region.from_document({"all": [{"polygon": corners.tolist()}]}).mask(still)]
     sentences = list(notes)
-    # What rises or stands still matters to detectors that do not know the background.
+    # Rising ground and static things matter to detectors that do not leave out the background.
     left_in = [] if poses else sentences
     ground, z_low = _ground(points, inside, left_in)
     # A sensor of few rings may never have met the board where it was highest.
@@ -260,12 +260,12 @@ def describe(
 
 
 def levelled(xyz: NDArray[np.float32], level: Floats) -> NDArray[np.float32]:
-    """Points (N, 3) in level axes, by R_level_lidar (3, 3); the same array where the LiDAR stands upright."""
+    """Return points (N, 3) in level axes, by R_level_lidar (3, 3); the same array if the LiDAR stands upright."""
     return xyz if level[2, 2] == 1.0 else (xyz @ level.T).astype(xyz.dtype)
 
 
 def in_level_axes(suggestion: Suggestion, level: Floats) -> Suggestion:
-    """The suggestion as one that says in which axes it was made."""
+    """Return the suggestion with its axes stated, if the LiDAR is not upright."""
     if level[2, 2] == 1.0:
         return suggestion
     tilt = math.degrees(math.acos(float(level[2, 2])))
@@ -276,7 +276,7 @@ def in_level_axes(suggestion: Suggestion, level: Floats) -> Suggestion:
 
 
 def _ground(points: Floats, still: Floats, notes: list[str]) -> tuple[float, float]:
-    """Height of the ground where the person walked, and that from which on the region keeps points."""
+    """Return the height of the ground where the person walked, and the least height that the region keeps."""
     feet = float(np.percentile(points[:, 2], 2.0))
     floor = still[still[:, 2] < feet + 0.3, 2]
     if len(floor) < 50:
@@ -293,7 +293,7 @@ def _ground(points: Floats, still: Floats, notes: list[str]) -> tuple[float, flo
 
 
 def _posts(still: Floats, notes: list[str]) -> list[tuple[list[float], list[float]]]:
-    """Lower and upper corner (x, y) of boxes around small things that stand still; more than they are is left in."""
+    """Return lower and upper corner (x, y) of boxes around small static things; larger things stay in."""
     boxes: list[tuple[list[float], list[float]]] = []
     left = 0
     if len(still):

@@ -1,9 +1,9 @@
-"""Where the board is: a region suggested from what moves before the static background, or from a board's shape.
+"""A suggested region: where the board is, from what moves before the static background, or from a board's shape.
 
-What moves in some sweeps is clustered on the ground. Of a walk, clusters of a person's size that stay together from
-one sweep to the next tell where the person walked; of still poses, each pose's likeliest board tells where it stood.
-The suggestion is a polygon around that, off the ground, without the posts that stand inside. If the ground tells that
-the sensor is tilted or hangs upside down, it is in level axes.
+What moves in some sweeps is clustered on the ground. In a walk, clusters of a person's size that stay together from
+one sweep to the next show where the person walked. In still poses, each pose's likeliest board shows where it stood.
+The suggestion is a polygon around that, off the ground, without the posts that stand inside. If the ground shows that
+the sensor is tilted or upside down, it is in level axes.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 
 from apexcal.documents.errors import InputError
 from workers.readers.recording import Sweep
-from workers.vertices.board.estimate import locate
-from workers.vertices.board.model import TRUNK_M, BoardModel, Fix
-from workers.vertices.board.sightings import find_planes, open_windows
-from workers.vertices.motion import passes_by
+from workers.vertices.board.board_estimate import BoardEstimate
+from workers.vertices.board.candidate import TRUNK_M
+from workers.vertices.board.candidate_search import find_planes, open_windows
+from workers.vertices.board.estimate import estimate_board
+from workers.vertices.board.model import BoardModel
+from workers.vertices.motion import is_drive
 from workers.vertices.pose_detection import SAME_PLACE_M
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import SensorGrid, some_grid
@@ -44,8 +46,8 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _FEWEST: Final = 8
-_COMPARED: Final = 24  # sweeps of a walk that tell what stands still
-_MOST_POSES, _MOST_EVERYWHERE = 64, 8  # sweeps of poses that are looked at, and that are searched whole
+_COMPARED: Final = 24  # sweeps of a walk that show the static background
+_MOST_POSES, _MOST_EVERYWHERE = 64, 8  # sweeps of poses looked at, and searched whole
 _BESIDE_M: Final = 1.2  # a board reaches no farther from its bearer
 _TOGETHER_S: Final = 0.5  # sweeps this near in time see a walker in nearly the same place
 _FASTEST_M_S: Final = 3.0
@@ -79,7 +81,7 @@ def suggest(
         source: the sweeps of a recording whose LiDAR stands still.
         samples: how many sweeps of a walk to look at, spread over the recording.
         on_sweep: called with the number of sweeps read so far; it may raise to stop the work.
-        still: the owner says that these are still poses; it is noticed otherwise, too.
+        still: the owner says that these are still poses; otherwise the sweeps themselves may show it.
 
     Raises:
         InputError: ``too_few_sweeps``, ``nothing_moves``, ``everything_moves``, ``no_board_seen``.
@@ -91,7 +93,7 @@ def suggest(
 
     source = source if any_rings(source) else Scattered(source)
     grid = some_grid(source)
-    if not grid.scattered and passes_by(source, grid, report):
+    if not grid.scattered and is_drive(source, grid, report):
         raise _everything_moves("What stands upright on many sides of the LiDAR shifts together from sweep to sweep")
     poses = find_poses(source, stated=still, on_sweep=report)
     if poses is None and len(source) < _FEWEST:
@@ -145,7 +147,7 @@ def _everything_moves(observation: str) -> InputError:
 
 
 def _in_pairs(count: int, samples: int) -> list[int]:
-    """Numbers of sweeps spread over the recording, in neighbouring pairs, so that things can be met twice."""
+    """Return indices of sweeps spread over the recording, in neighbouring pairs, so that things can be met twice."""
     if count <= samples:
         return list(range(count))
     first = np.linspace(0, count - 2, max(samples // 2, _FEWEST)).round().astype(int)
@@ -153,7 +155,7 @@ def _in_pairs(count: int, samples: int) -> list[int]:
 
 
 def _walker(things: Sequence[list[Thing]], stamps_ns: Sequence[int]) -> list[list[Thing]]:
-    """For each sweep what moves and has a person's size; with a neighbour near in time, only what is there too."""
+    """Return, for each sweep, the moving things of a person's size that a sweep near in time shows, too."""
     met: list[set[int]] = [set() for _ in things]
     alone = [True] * len(things)
     for before, after in pairwise(range(len(things))):
@@ -170,7 +172,7 @@ def _walker(things: Sequence[list[Thing]], stamps_ns: Sequence[int]) -> list[lis
 
 
 def _largest(things: Sequence[Thing]) -> list[Thing]:
-    """The first thing, and what belongs to it: a board adds to a person's."""
+    """Return the first thing and what belongs to it, as a board belongs to a person."""
     return [thing for thing in things if np.hypot(*(thing.middle - things[0].middle)) <= _BESIDE_M]
 
 
@@ -183,7 +185,7 @@ def _around_poses(
     level: Floats,
     report: Callable[[], None],
 ) -> Suggestion:
-    """The region around the boards; a pose whose board is not seen counts where it is as near as the others'."""
+    """Return the region around the boards; a pose whose board is not seen counts if it is as near as the others'."""
     notes: list[str] = []
     if not any(scene.things):
         notes.append(
@@ -237,7 +239,7 @@ def _listed(numbers: Sequence[int]) -> str:
 def _boards_outside(
     source: SweepSource, chosen: Sequence[int], poses: StillPoses, region: Region, report: Callable[[], None]
 ) -> list[int]:
-    """Return the sweeps in which a board by its own shape stands where the region leaves it out, and none in it."""
+    """Return the sweeps with a clear board outside of the region and none in it."""
     outside: list[int] = []
     for index in chosen:
         report()
@@ -250,12 +252,12 @@ def _boards_outside(
 
 
 def _stand_together(first: Floats | None, second: Floats | None) -> bool:
-    """Whether two boards have the same place (2,): then whatever else moves makes no other pose."""
+    """Return whether two boards stand at the same place (2,): then other motion makes no new pose."""
     return first is not None and second is not None and float(np.hypot(*(first - second))) < SAME_PLACE_M
 
 
 def _is_among(middle: Floats, places: Floats) -> bool:
-    """Whether a place (2,) is near a line between the places (N, 2) of two boards, or of a board and the LiDAR."""
+    """Return whether a place (2,) is near a line between two boards (N, 2), or between a board and the LiDAR."""
     ends = np.concatenate([places, np.zeros((1, 2))])
     along = ends[None] - places[:, None]
     length2 = np.maximum(np.einsum("ijk,ijk->ij", along, along), 1e-9)
@@ -265,40 +267,40 @@ def _is_among(middle: Floats, places: Floats) -> bool:
 
 
 def _bearer(points: Floats, apex: Floats) -> list[Thing]:
-    """The board and who holds it, of the points (N, 3) that move."""
+    """Return the board and its bearer, among the moving points (N, 3)."""
     points = points[np.linalg.norm(points[:, :2] - apex[:2], axis=1) < _BESIDE_M]
     return [Thing(np.concatenate([points, apex[None]]), apex[:2])]
 
 
 def _likeliest(sweep: Sweep, chosen: Mask, grid: SensorGrid) -> Floats | None:
-    """The apex (3,) of the likeliest board among the points ``chosen`` (N,), where only a board and people can be."""
-    best = max(_boards(sweep, chosen, grid, sure=False), key=lambda fix: fix.support, default=None)
+    """Return the apex (3,) of the likeliest board among the points ``chosen`` (N,), which hold a board and people."""
+    best = max(_boards(sweep, chosen, grid, sure=False), key=lambda board: board.joint_evidence, default=None)
     return None if best is None else best.xyz
 
 
 def _search_everywhere(sweep: Sweep, grid: SensorGrid) -> Floats | None:
-    """The apex of the likeliest board of a whole sweep, by its own shape alone."""
+    """Return the apex of the likeliest board of a whole sweep, by its own shape alone."""
     pieces = upright_pieces(sweep, np.ones(len(sweep.xyz), np.bool_), grid)[:_MOST_PIECES]
-    boards = [fix for piece in pieces for fix in _boards(sweep, piece, grid, sure=True)]
-    best = max(boards, key=lambda fix: (fix.plane.telling, fix.support), default=None)
+    boards = [board for piece in pieces for board in _boards(sweep, piece, grid, sure=True)]
+    best = max(boards, key=lambda board: (board.plane.extent.has_many_rings, board.joint_evidence), default=None)
     return None if best is None else best.xyz
 
 
-def _boards(sweep: Sweep, chosen: Mask, grid: SensorGrid, *, sure: bool) -> list[Fix]:
-    """Boards of either size among the points ``chosen`` (N,); sure: the rays agree with it and determine its apex."""
+def _boards(sweep: Sweep, chosen: Mask, grid: SensorGrid, *, sure: bool) -> list[BoardEstimate]:
+    """Return the boards of either size among the points ``chosen`` (N,); sure: only clear ones."""
     model = BoardModel(grid, sigma=_SIGMA_M, edges=_SIZES_M[0], slack=_SLACK_M)
-    boards: list[Fix] = []
+    boards: list[BoardEstimate] = []
     for window in open_windows(sweep, chosen, grid):
-        for plane in (sighting.plane for sighting in find_planes([window], model, _PLANES)):
-            if plane.points < _FEWEST_POINTS or plane.width < TRUNK_M:
+        for plane in (candidate.plane for candidate in find_planes([window], model, _PLANES)):
+            if plane.extent.points < _FEWEST_POINTS or plane.extent.width < TRUNK_M:
                 continue
             for edges in _SIZES_M:
-                fix = locate(plane, replace(model, edges=edges), coarse=True)
-                if fix is not None and fix.support >= _LEAST_SUPPORT and (not sure or _is_certain(fix)):
-                    boards.append(fix)
+                board = estimate_board(plane, replace(model, edges=edges), coarse=True)
+                if board is not None and board.joint_evidence >= _LEAST_SUPPORT and (not sure or _is_certain(board)):
+                    boards.append(board)
     return boards
 
 
-def _is_certain(fix: Fix) -> bool:
-    contradicted = fix.against / (fix.plane.points + fix.against)
-    return fix.explained and fix.sigma < _MOST_SIGMA and contradicted < _CONTRADICTED
+def _is_certain(board: BoardEstimate) -> bool:
+    contradicted = board.agreement.contradicting / (board.plane.extent.points + board.agreement.contradicting)
+    return board.is_consistent and board.sigma < _MOST_SIGMA and contradicted < _CONTRADICTED

@@ -1,4 +1,4 @@
-"""Where detectors read sweeps from."""
+"""Sources of sweeps for detectors (recordings, lists, sensors without rings), and the area to look in."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class SweepSource(Protocol):
 
 @runtime_checkable
 class Stamped(Protocol):
-    """A source that knows all stamps without reading a sweep."""
+    """A source that has all stamps without reading a sweep."""
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]: ...
 
 
 def stamp_of(source: SweepSource, index: int) -> int:
-    """The stamp of one sweep, UTC nanoseconds."""
+    """Return the stamp of one sweep, UTC nanoseconds."""
     return int(source.stamps_ns[index]) if isinstance(source, Stamped) else source.sweep(index).stamp_ns
 
 
@@ -63,14 +63,14 @@ class Listed:
 
 
 def any_rings(source: SweepSource) -> bool:
-    """Whether the sensor has rings; without any, all points are of ring 0. Sweeps without points tell nothing."""
+    """Return whether the sensor has rings; without any, all points are of ring 0."""
     rings = (source.sweep(index).ring for index in spread(len(source), _SAMPLES))
     some = next((ring for ring in rings if len(ring)), np.ones(1))
     return bool(some.any())
 
 
 class Scattered:
-    """Sweeps of a sensor without rings. Their ring numbers are cells of elevation at the sensor's own density."""
+    """Sweeps of a sensor without rings, with cells of elevation as rings, as fine as its points are dense."""
 
     def __init__(self, source: SweepSource) -> None:
         self._source = source
@@ -95,13 +95,13 @@ class Scattered:
 
 
 def _angles(sweep: Sweep) -> NDArray[np.float64]:
-    """(2, N) azimuth and elevation, radians."""
+    """Return (2, N) azimuth and elevation, radians."""
     x, y, z = np.nan_to_num(sweep.xyz.astype(np.float64)).T
     return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
 
 
 def _in_cell(angles: NDArray[np.float64], cell_rad: float) -> float:
-    """How many points share the cell of the middle one of the points."""
+    """Return how many points share a cell with the median point."""
     if not angles.size:
         return 0.0
     _, cell, count = np.unique(np.floor(angles / cell_rad), axis=1, return_inverse=True, return_counts=True)
@@ -109,17 +109,19 @@ def _in_cell(angles: NDArray[np.float64], cell_rad: float) -> float:
 
 
 class Area(Protocol):
-    """Which points of a sweep are looked at: a `region.Region`, or what of it does not stand still."""
+    """The points of a sweep that are looked at: a `region.Region` or a `static_background.Foreground`."""
 
     @property
     def fixed_left_out(self) -> bool:
-        """Whether what stands still over the recording is left out, so that what remains is carried or walks."""
+        """Whether the static background is left out, so that what remains is carried or walks."""
         ...
 
-    def inside(self, sweep: Sweep) -> NDArray[np.bool_]: ...
+    def inside(self, sweep: Sweep) -> NDArray[np.bool_]:
+        """Return which points (N,) are looked at."""
+        ...
 
     def outside(self, sweep: Sweep) -> NDArray[np.bool_]:
-        """Which points (N,) would be looked at too if the region were everywhere."""
+        """Return which points (N,) would be looked at, too, if the region were unlimited."""
         ...
 
 

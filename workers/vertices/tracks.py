@@ -1,10 +1,10 @@
-"""The board's apex between the sweeps: a smooth track through the vertices near a moment, with its covariance.
+"""The track: the apex between the sweeps, as a smooth path through the vertices near a moment, with its covariance.
 
 A person's motion is modelled as an integrated Wiener process: a velocity that wanders, as strongly as the vertices
-themselves say. The posterior mean is then a smoothing spline, and its covariance counts both the vertices' errors and
-how far the person may have strayed between them (Wahba 1978, "Improper priors, spline smoothing"; Särkkä and Solin,
-"Applied Stochastic Differential Equations", ch. 12). The result at a moment depends on the vertices of
-:data:`MARGIN_SWEEPS` sweeps on either side alone, so it does not depend on how a recording is cut into shards.
+themselves show. The posterior mean is then a smoothing spline, and its covariance counts both the vertices' errors
+and how far the person may have strayed between them (Wahba 1978, "Improper priors, spline smoothing"; Särkkä and
+Solin, "Applied Stochastic Differential Equations", ch. 12). The result at a moment depends only on the vertices of
+:data:`MARGIN_SWEEPS` sweeps on either side, so it does not depend on how a recording is cut into shards.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ _SLOTS: Final = 15  # vertices nearest in time that are used; farther ones hardl
 # azimuth, elevation and range: a walker bobs at every step, even where the vertices are too coarse to show it.
 _GRID: Final = np.array([0.001, 0.01, 0.1, 1.0, 10.0])
 _WANDER: Final = np.stack([_GRID, np.maximum(_GRID, 0.1), _GRID])
-_BRISK: Final = 2  # the density under which a vertex is told to be off the track
+_BRISK: Final = 2  # the density under which outliers are sought
 _OFF_TRACK: Final = 30.0  # squared standard score of three numbers: chance one in a million
 _MOST_OFF: Final = 4
-_BEFORE: Final = np.diag([1e-8, 1.2**-2])  # precision of position and velocity (1.2 m/s) before anything is seen
+_BEFORE: Final = np.diag([1e-8, 1.2**-2])  # precision of position and velocity (1.2 m/s) before any vertex
 _ABSENT: Final = 1e3  # standard deviation, metres, of a slot without a vertex
 _CHUNK: Final = 128
 
@@ -64,8 +64,8 @@ class Track:
         sweep: (N,) int64, number of the sweep in its recording.
         xyz: (N, 3) metres, LiDAR frame.
         covariance: (N, 3, 3) over x, y, z, square metres: what differs from sweep to sweep.
-        common: (N, 3) standard deviations over (azimuth rad, elevation rad, range m) of what neighbouring vertices
-            have in common, and smoothing does not remove.
+        common: (N, 3) standard deviations over (azimuth rad, elevation rad, range m) of the error that neighbouring
+            vertices share and smoothing does not remove.
         lasting: (N, 3) share of the variances, along the same axes, that lasts for some sweeps.
     """
 
@@ -78,7 +78,7 @@ class Track:
 
     @classmethod
     def of(cls, vertices: Sequence[Vertex]) -> Self:
-        """The track of vertices in any order; those without a covariance get that of their detector."""
+        """Return the track of vertices in any order; those without a covariance get that of their detector."""
         ordered = sorted(vertices, key=lambda vertex: (vertex.time_ns, vertex.sweep_index))
         xyz = np.array([vertex.xyz for vertex in ordered], np.float64).reshape(-1, 3)
         own, common, lasting = noise_of(ordered)
@@ -92,7 +92,7 @@ class Track:
         )
 
     def places(self, vertices: Sequence[Vertex]) -> NDArray[np.int64]:
-        """(M,) where vertices that the track was made of stand in it."""
+        """Return (M,) the indices of some of the track's vertices in it."""
         index = {
             (time, sweep): i
             for i, (time, sweep) in enumerate(zip(self.times_ns.tolist(), self.sweep.tolist(), strict=True))
@@ -100,7 +100,7 @@ class Track:
         return np.array([index[vertex.time_ns, vertex.sweep_index] for vertex in vertices], np.int64)
 
     def at(self, times_ns: ArrayLike, centre: ArrayLike | None = None) -> TrackPoints:
-        """The track at moments of the LiDAR's clock.
+        """Return the track at moments of the LiDAR's clock.
 
         Args:
             times_ns: (M,) nanoseconds; before the first and after the last vertex the track is continued.
@@ -140,7 +140,7 @@ class Track:
         return np.where(take_before, before, after)
 
     def _local(self, times: NDArray[np.int64], about: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
-        """Position (M, 3), velocity (M, 3) and covariance of the position (M, 3, 3) at a few moments."""
+        """Return position (M, 3), velocity (M, 3) and covariance of the position (M, 3, 3) at a few moments."""
         chosen, present = self._near(times, about)
         origin = self.xyz[about]
         # Along azimuth, elevation and range the vertices' errors and the walk's wandering are nearly independent.
@@ -169,7 +169,7 @@ class Track:
     def _near(
         self, times: NDArray[np.int64], about: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Indices (M, n) of the vertices that count at each moment, and which of them are there."""
+        """Return indices (M, n) of the vertices that count at each moment, and which of these exist."""
         reach = np.arange(-MARGIN_SWEEPS, MARGIN_SWEEPS + 1)
         position = about[:, None] + reach
         index = np.clip(position, 0, len(self.times_ns) - 1)
@@ -181,7 +181,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Window:
-    """What the n vertices near each of M moments say of each of 3 axes, under each of the Q densities `_WANDER`.
+    """The linear model of the n vertices near each of M moments, for 3 axes and the Q densities `_WANDER`.
 
     Attributes:
         H: (M, 1, 1, n, 2) design matrix of position and velocity at the moment itself.
@@ -197,12 +197,12 @@ class _Window:
     def of(
         cls, t: Floats, y: Floats, noise: Floats, shared: Floats, lasting: Floats, present: NDArray[np.bool_]
     ) -> Self:
-        """From t (M, n) seconds after the moment, y (M, n, 3), noise (M, n, 3, 3), shared and lasting (M, n, 3)."""
+        """Return the model; t (M, n) seconds after the moment, y and the others (M, n, 3), noise (M, n, 3, 3)."""
         t, y, shared = t * present, y * present[..., None], shared * present[..., None]
         own = np.where(present[..., None], np.einsum("mnaa->mna", noise), _ABSENT**2).swapaxes(1, 2)
         a, b = np.abs(t)[:, :, None], np.abs(t)[:, None, :]
         low, high = np.minimum(a, b), np.maximum(a, b)
-        # Given position and velocity at the moment, what came before says nothing of what comes after.
+        # Given position and velocity at the moment, past and future are independent.
         same_side = t[:, :, None] * t[:, None, :] > 0.0
         strayed = np.where(same_side, low * low * (0.5 * high - low / 6.0), 0.0)
         common = shared.swapaxes(1, 2)
@@ -218,7 +218,7 @@ class _Window:
 
 
 def _off_track(window: _Window, present: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(M, n): of each moment's vertices the one that disagrees most with all others, where it does so grossly."""
+    """Return (M, n) each moment's worst vertex, if it disagrees grossly with all others."""
     H, y = window.H[:, :, 0], window.y[:, :, 0]
     W = np.linalg.inv(window.S[:, :, _BRISK])
     WH = W @ H
@@ -234,7 +234,7 @@ def _off_track(window: _Window, present: NDArray[np.bool_]) -> NDArray[np.bool_]
 
 
 def _posterior(window: _Window, noise: Floats) -> tuple[Floats, Floats, Floats]:
-    """Position (M, 3), velocity (M, 3) and covariance of the position (M, 3, 3) over all densities, by evidence."""
+    """Return position (M, 3), velocity (M, 3) and position's covariance (M, 3, 3), averaged over the densities."""
     H, y, S = window.H, window.y, window.S
     inverse = np.linalg.inv(S)
     WH = inverse @ H
@@ -248,7 +248,7 @@ def _posterior(window: _Window, noise: Floats) -> tuple[Floats, Floats, Floats]:
     mean = np.einsum("maq,maqi->mai", weight, x[..., 0])
     apart = x[..., 0, 0] - mean[..., None, 0]
     variance = np.einsum("maq,maq->ma", weight, C[..., 0, 0] + apart * apart)
-    # What the vertices' own errors have in common between the axes passes through the same gains.
+    # The correlation of the vertices' errors between axes passes through the same gains.
     pull = np.einsum("maq,maqn->man", weight, gain[..., 0, :])
     spread = np.einsum("man,mnab,mbn->mab", pull, noise, pull)
     axis = np.arange(3)

@@ -1,4 +1,4 @@
-"""What a detector answers: a vertex with what is known of its errors, or the reason why there is none."""
+"""A detector's answers: a vertex with its errors, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Corners:
 
     @classmethod
     def of(cls, names: Sequence[CornerName], xyz: ArrayLike, covariance: ArrayLike) -> Self:
-        """From arrays of these shapes."""
+        """Return corners from arrays of these shapes."""
         joint = np.asarray(covariance, np.float64)
         joint = 0.5 * (joint + joint.T)
         places = [(x, y, z) for x, y, z in np.asarray(xyz, np.float64).tolist()]
@@ -48,17 +48,17 @@ class Vertex:
     Attributes:
         xyz: metres, LiDAR frame.
         time_ns: UTC nanoseconds, when the vertex point itself was measured (mean where there are several).
-        ring: ring of the vertex point, 0 the lowest; the highest ring on the board where the apex lies between rings.
-        sweep_index: number of the sweep in its recording.
+        ring: ring of the vertex point, 0 the lowest; if the apex lies between rings, the highest ring on the board.
+        sweep_index: index of the sweep in its recording.
         points_used: how many points were averaged, or lie on the board.
         detector: name in ``detectors.DETECTORS``.
-        covariance: of (azimuth rad, elevation rad, range m) of the apex in the LiDAR frame; None where the detector
+        covariance: of (azimuth rad, elevation rad, range m) of the apex in the LiDAR frame; None if the detector
             states none. Azimuth is atan2(y, x), elevation atan2(z, hypot(x, y)), range the Euclidean distance.
-        quality: ``fine`` or ``usable``; None where the detector does not grade.
+        quality: ``fine`` or ``usable``; None if the detector does not grade.
         flags: names in :data:`apexcal.documents.detectors.FLAGS`, for the person who confirms.
         roll: radians by which the board is turned, counter-clockwise as the sensor sees it, and its standard
-            deviation; at 0 both upper edges fall alike. None where the detector states none.
-        corners: those that the detector knows well enough; None if it knows none, or not the board's size.
+            deviation; at 0 both upper edges fall alike. None if the detector states none.
+        corners: those that are known well enough; None if there are none, or the board's size is unknown.
     """
 
     xyz: Xyz
@@ -76,7 +76,7 @@ class Vertex:
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """Why a sweep gave no vertex: one of its detector's ``reasons``; what was seen in numbers, on how many points."""
+    """Why a sweep has no vertex: one of its detector's ``reasons``, an example in figures, and its points."""
 
     reason: str
     example: str = ""
@@ -85,10 +85,10 @@ class Rejection:
 
 @dataclass(frozen=True, slots=True)
 class PoseFacts:
-    """How many still poses a recording has, and whether its owner said so or it was noticed.
+    """How many still poses a recording has, and whether its owner stated it (otherwise its sweeps showed it).
 
     Attributes:
-        walked: its owner said so, but what moves in it moves as somebody who walks.
+        walked: the owner stated it, but something in the recording moves as a person who walks.
     """
 
     count: int
@@ -103,8 +103,8 @@ class SizeFacts:
     Attributes:
         seen_m: its edges, the shorter one first.
         sigma_m: their standard deviations.
-        contradicts: whether the boards, with edges that bloom as usual, disagree with the stated size.
-        replaces: whether no blooming explains the stated size; then vertices are of the size seen.
+        contradicts: whether the boards disagree with the stated size, if edges bloom as usual.
+        replaces: whether no blooming explains the stated size; then vertices use the size that the boards show.
     """
 
     seen_m: tuple[float, float]
@@ -115,30 +115,30 @@ class SizeFacts:
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """What a detector answers for a range of sweeps, in their order, and what it says of the board's size.
+    """A detector's outcomes for a range of sweeps, in their order, and the board's size.
 
     Attributes:
-        size: as the boards show it; None where they do not tell.
+        size: as the boards show it; None if they do not.
     """
 
-    found: Sequence[Vertex | Rejection]
+    outcomes: Sequence[Vertex | Rejection]
     size: SizeFacts | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Detections:
-    """The vertices of a range of sweeps in sweep order, and why its other sweeps gave none.
+    """The vertices of a range of sweeps in sweep order, and why its other sweeps have none.
 
     Attributes:
-        vertices: of the sweeps that were asked for.
-        frames: how many sweeps were asked for.
-        rejected: sweeps for each reason.
+        vertices: of the requested sweeps.
+        frames: how many sweeps were requested.
+        rejected: number of sweeps by reason.
         context: vertices of some sweeps before and after, in sweep order, so that a track can be interpolated up to
             the range's ends.
-        refused: reason of each sweep without a vertex, by the sweep's number, in sweep order.
+        refused: reason of each sweep without a vertex, by the sweep's index, in sweep order.
         poses: of a recording of still poses, whose vertices form no track; else None.
-        size: as the boards show it; None where they do not tell.
-        examples: for a reason, what one of its sweeps shows.
+        size: as the boards show it; None if they do not.
+        examples: what one sweep shows, by reason.
     """
 
     vertices: list[Vertex]
@@ -153,21 +153,21 @@ class Detections:
 
 @dataclass(frozen=True, slots=True)
 class _Noise:
-    """Standard deviations in degrees, degrees and metres: of each vertex by itself, and of what is common."""
+    """Standard deviations in degrees, degrees and metres: of each vertex by itself, and of what neighbours share."""
 
     own: tuple[float, float, float]
     common: tuple[float, float, float]
 
 
-# What was measured on simulated walks (VLP-16, 900 and 330 vertices). The rules of the top ring put every vertex too
-# low, by 0.09 degrees (strict) and by 0.14 to 0.19 (tolerant): neighbours have that in common.
+# Measured on simulated walks (VLP-16, 900 and 330 vertices). The rules of the top ring place every vertex too low, by
+# 0.09 degrees (strict) and by 0.14 to 0.19 (tolerant): neighbours share that error.
 _BY_DETECTOR: Final = {
     "strict": _Noise(own=(0.047, 0.045, 0.008), common=(0.0, 0.1, 0.0)),
     "tolerant": _Noise(own=(0.047, 0.09, 0.008), common=(0.0, 0.18, 0.0)),
 }
 _UNKNOWN: Final = _BY_DETECTOR["tolerant"]
-# Share of a stated variance that lasts for some sweeps: what `refined` knows of the board's roll it knows from the
-# sweeps before and after, and the roll's error moves the apex in azimuth. Measured on simulated walks over 4-32 m:
+# Share of a stated variance that lasts for some sweeps. `refined` takes the board's roll partly from the sweeps
+# before and after, and an error of the roll moves the apex in azimuth. Measured on simulated walks over 4-32 m:
 # neighbours' errors in azimuth correlate by 0.43, 0.32, 0.20 one, two and three sweeps apart, those in elevation and
 # range by less than 0.1.
 _LASTING: Final = (0.4, 0.0, 0.0)
@@ -175,11 +175,11 @@ LASTING_S: Final = 0.3
 
 
 def noise_of(vertices: Sequence[Vertex]) -> tuple[Floats, Floats, Floats]:
-    """The errors of N vertices over (azimuth rad, elevation rad, range m).
+    """Return the errors of N vertices over (azimuth rad, elevation rad, range m).
 
     Returns:
-        (N, 3, 3) covariance of each vertex about what neighbours have in common; (N, 3) standard deviation of what
-        they have in common; (N, 3) share of the variance that lasts, with a correlation of exp(-dt / LASTING_S).
+        (N, 3, 3) covariance of each vertex without what neighbours share; (N, 3) standard deviation of what they
+        share; (N, 3) share of the variance that lasts, with a correlation of exp(-dt / LASTING_S).
     """
     own, common, lasting = np.zeros((len(vertices), 3, 3)), np.zeros((len(vertices), 3)), np.zeros((len(vertices), 3))
     for i, vertex in enumerate(vertices):
@@ -198,9 +198,9 @@ def _radians(sigma: tuple[float, float, float]) -> Floats:
 
 
 def spread_order(count: int) -> list[int]:
-    """The rank of each of ``count`` vertices in time order: van der Corput's sequence in base 2.
+    """Return the rank of each of ``count`` vertices in time order: van der Corput's sequence in base 2.
 
-    Whoever stops marking early has then marked vertices from the whole walk, near and far, left and right.
+    If marking stops early, the marked vertices are then spread over the whole walk, near and far, left and right.
     """
     bits = max(count - 1, 1).bit_length()
     reversed_bits = [int(f"{index:0{bits}b}"[::-1], 2) for index in range(count)]

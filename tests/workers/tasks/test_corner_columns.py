@@ -7,7 +7,7 @@ from service.detections.views import vertex_views
 from service.platform.db.models import Detection, Sensor, Vertex
 from tests.workers.tasks.test_detecting import PAIRING, make_run, recording  # noqa: F401 - fixtures
 from workers.tasks import detecting
-from workers.vertices.corners import moved
+from workers.vertices.corners import move_corners
 from workers.vertices.vertex import Corners, Detections
 from workers.vertices.vertex import Vertex as Found
 
@@ -47,7 +47,7 @@ def test_corners_are_kept_with_what_they_share_and_move_with_their_vertex(databa
     np.testing.assert_allclose(view.joint_covariance, joint, rtol=1e-8)
     np.testing.assert_allclose(view.corners[1].covariance, joint[6:, 6:], rtol=1e-8)
     (frame,) = view.frames.values()
-    expected = moved(vertices[2], np.array(pairs[2].xyz), np.array(pairs[2].covariance))
+    expected = move_corners(vertices[2], np.array(pairs[2].xyz), np.array(pairs[2].covariance))
     for told, corner in zip(frame.corners, expected, strict=True):
         assert told.corner == corner.name
         np.testing.assert_allclose([told.x, told.y, told.z], corner.xyz)

@@ -12,11 +12,11 @@ from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 KERNELS = (
-    surroundings.covered,
-    surroundings.to_angles,
+    surroundings.on_board_probability,
+    surroundings.angles_of_point,
     posterior.find_corner,
-    planes.find_stretches,
-    planes.pair_stretches,
+    planes.find_segments,
+    planes.pair_segments,
     planes.fit_plane,
     planes.grow_planes,
     rays.likelihood_ratios,

@@ -6,7 +6,7 @@ import pytest
 from apexcal.documents.errors import InputError
 from tests.support.scenes.still import looking_at
 from workers.readers.recording import Sweep
-from workers.vertices.motion import count_steps, passes_by
+from workers.vertices.motion import count_steps, is_drive
 from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.static_background import StaticBackground
 from workers.vertices.still_poses import _places, find_poses
@@ -113,7 +113,7 @@ def test_traffic_that_passes_a_parked_car_is_no_drive(speeds_m_s, walls):
     random = np.random.default_rng(6)
     lanes = list(zip((4.0, -4.0), speeds_m_s, strict=False))
     sweeps = [street(k, [box for y, v in lanes for box in lane(k, y, v)], random, **walls) for k in range(16)]
-    assert not passes_by(Listed(sweeps), learn_grid(sweeps))
+    assert not is_drive(Listed(sweeps), learn_grid(sweeps))
 
 
 def test_people_who_walk_alike_are_no_drive():
@@ -121,11 +121,11 @@ def test_people_who_walk_alike_are_no_drive():
     random = np.random.default_rng(5)
     walk = [street(k, [], random) for k in range(12)]
     grid = learn_grid(walk)
-    assert not passes_by(Listed(walk), grid)
+    assert not is_drive(Listed(walk), grid)
     people = [(x, y) for x in (6.0, 8.0, 10.0) for y in (-3.0, -1.0, 1.0)]
     walks = [[person(x, y + 0.14 * k) for x, y in people] for k in range(12)]
     both = [street(k, boxes, random, facades_m=(), doorsteps_m=()) for k, boxes in enumerate(walks)]
-    assert not passes_by(Listed(both), grid)
+    assert not is_drive(Listed(both), grid)
 
 
 def test_a_facade_at_grazing_incidence_is_the_same_in_all_sweeps():

@@ -12,11 +12,11 @@ from benchmarks.detection.real import DATA, DIAMOND, RECORDINGS, corners_compare
 from tests.workers.vertices.refined_walks import REGION, SIZE, angles, corners_at, errors, walk, walker
 from tests.workers.vertices.sweeps import EVERYTHING, row, sweep
 from workers.vertices.board.learning import learn
-from workers.vertices.board.model import hang
-from workers.vertices.corners import moved
+from workers.vertices.board.model import rest_angle
+from workers.vertices.corners import move_corners
 from workers.vertices.detectors import detect_range
 from workers.vertices.pairing import pair_interpolated
-from workers.vertices.pose_detection import one_of
+from workers.vertices.pose_detection import merge_pose
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 from workers.vertices.vertex import Corners
@@ -72,7 +72,7 @@ def test_a_shard_gives_what_the_whole_gives(whole):
     own = range(60, 120)
     part = detected(recorded, indices=own, margin=3)
     assert part.vertices == [vertex for vertex in found.vertices if vertex.sweep_index in own]
-    assert part.refused == {index: reason for index, reason in found.refused.items() if index in own}
+    assert part.refused == {index: reason for index, reason in found.reject.items() if index in own}
     beside = [vertex for vertex in found.vertices if vertex.sweep_index in (57, 58, 59, 120, 121, 122)]
     assert list(part.context) == beside
 
@@ -80,9 +80,9 @@ def test_a_shard_gives_what_the_whole_gives(whole):
 def test_board_beam_and_person_are_learned_from_near_sweeps():
     recorded = walk(12, 24.0, disturbances=Disturbances(beam_mrad=3.0))
     model = learn(recorded.source, REGION, DEFAULTS | SIZE, lambda: None)
-    assert model.growth == pytest.approx(1.5e-3, abs=0.5e-3)
+    assert model.blooming == pytest.approx(1.5e-3, abs=0.5e-3)
     assert model.sigma == pytest.approx(0.0085, abs=0.003)
-    assert np.degrees(hang(model.edges) + model.roll[0]) == pytest.approx(45, abs=4)
+    assert np.degrees(rest_angle(model.edges) + model.roll[0]) == pytest.approx(45, abs=4)
     assert abs(model.tilt[0]) < 0.08
     assert model.swapped < 0.3
     unknown = learn(recorded.source, REGION, DEFAULTS | {"edge_growth_mrad": 1.5}, lambda: None)
@@ -185,7 +185,7 @@ def test_a_corner_moves_along_the_track_with_its_apex(whole):
         if frame < 0:
             continue
         truth = corners_at(way, (stamps[frame] - start) * 1e-9)
-        for corner in moved(vertex, xyz, covariance):
+        for corner in move_corners(vertex, xyz, covariance):
             assert np.linalg.eigvalsh(corner.covariance).min() > 0.0
             wrong = (angles(corner.xyz) - angles(truth[CORNERS.index(corner.name)]))[0]
             scores.append(wrong @ np.linalg.solve(corner.covariance, wrong) / 3.0)
@@ -210,7 +210,7 @@ def test_the_mean_of_a_poses_sweeps_has_the_mean_corners(whole):
     ]
 
     def mean_of(vertices):
-        (mean,) = [one for one in one_of(vertices) if not hasattr(one, "reason")]
+        (mean,) = [one for one in merge_pose(vertices) if not hasattr(one, "reason")]
         return mean
 
     mean = mean_of(noisy)

@@ -11,9 +11,10 @@ from apexcal.documents.detectors import resolve_options
 from tests.workers.vertices.refined_walks import REGION, SIZE, walk
 from workers.geometry.spherical import to_xyz
 from workers.readers.recording import Sweep
-from workers.vertices.board.estimate import find_boards, locate
+from workers.vertices.board.board_estimate import PosteriorMode
+from workers.vertices.board.estimate import estimate_board, find_boards
 from workers.vertices.board.learning import learn
-from workers.vertices.board.model import EDGE_M, Way
+from workers.vertices.board.model import EDGE_M
 from workers.vertices.corners import corners_of
 from workers.vertices.detectors import detect_range, without_fixed
 from workers.vertices.sweep_source import Listed
@@ -32,11 +33,11 @@ def boards():
 
 def test_edges_that_bloom_raise_the_tip_by_the_root_of_two(boards):
     """Both upper edges move out by g radians, so the tip, a right angle, rises by sqrt(2) g."""
-    model, fixes = boards
+    model, estimates = boards
     sigma = 2e-3
-    for fix in fixes:
-        sharp = locate(fix.plane, replace(model, growth_sigma=0.0))
-        blooming = locate(fix.plane, replace(model, growth_sigma=sigma))
+    for board in estimates:
+        sharp = estimate_board(board.plane, replace(model, blooming_sigma=0.0))
+        blooming = estimate_board(board.plane, replace(model, blooming_sigma=sigma))
         more = blooming.covariance - sharp.covariance
         assert more[1, 1] == pytest.approx(2.0 * sigma**2, rel=0.05)
         # Straight up: azimuth hardly moves. Range follows the plane's lean.
@@ -46,36 +47,36 @@ def test_edges_that_bloom_raise_the_tip_by_the_root_of_two(boards):
 
 def test_edges_that_are_not_straight_and_beams_that_are_wide_move_the_tip(boards):
     """Across the ray the tip has a floor: a panel's cut, 3.5 mm, and a beam's width of 9.5 mm, even over it."""
-    model, fixes = boards
-    for fix in fixes:
-        told = locate(fix.plane, replace(model, growth_sigma=0.0))
-        floor = np.trace(told.covariance[:2, :2]) - told.sigma**2
-        distance = np.linalg.norm(told.xyz)
-        azimuth_by_metre = 1.0 / np.hypot(*told.xyz[:2])
+    model, estimates = boards
+    for board in estimates:
+        located = estimate_board(board.plane, replace(model, blooming_sigma=0.0))
+        floor = np.trace(located.covariance[:2, :2]) - located.sigma**2
+        distance = np.linalg.norm(located.xyz)
+        azimuth_by_metre = 1.0 / np.hypot(*located.xyz[:2])
         across = (0.0035**2 + 0.0095**2 / 12.0) * (azimuth_by_metre**2 + distance**-2)
         # A plane that is turned away has its metres shorter across the ray.
         assert 0.8 * across < floor < 1.02 * across
 
 
 def test_what_rings_have_in_common_is_part_of_the_range(boards):
-    model, fixes = boards
-    for fix in fixes:
-        none, some = (locate(fix.plane, replace(model, bias=bias)).covariance for bias in (0.01, 0.02))
+    model, estimates = boards
+    for board in estimates:
+        none, some = (estimate_board(board.plane, replace(model, bias=bias)).covariance for bias in (0.01, 0.02))
         assert some[2, 2] - none[2, 2] == pytest.approx(0.02**2 - 0.01**2, rel=1e-6)
 
 
 def test_the_lengths_of_the_edges_are_part_of_the_corners_errors(boards):
     """If tip, roll and plane are exact, a side corner errs along its edge by what the edge's length errs."""
-    for fix in boards[1]:
-        way = fix.ways[0]
+    for board in boards[1]:
+        mode = board.hold.modes[0]
         exact = replace(
-            fix,
-            plane=replace(fix.plane, spread=np.zeros((3, 3)), uneven=np.zeros((3, 3))),
-            ways=(Way(1.0, way.edges, way.mean, np.zeros((3, 3))),),
+            board,
+            plane=replace(board.plane, covariance=np.zeros((3, 3)), ring_covariance=np.zeros((3, 3))),
+            hold=replace(board.hold, modes=(PosteriorMode(1.0, mode.edges, mode.mean, np.zeros((3, 3))),)),
         )
         corners = corners_of(exact, 1.0)
         assert list(corners.names) == ["left", "right", "bottom"]
-        places = np.array([fix.xyz, *corners.xyz])
+        places = np.array([board.xyz, *corners.xyz])
         joint = np.array(corners.covariance).reshape(4, 3, 4, 3)
         to_metres = np.array([_metres_by_angles(place) for place in places])
         joint = np.einsum("iab,ibjc,jdc->iajd", to_metres, joint, to_metres)
@@ -87,7 +88,7 @@ def test_the_lengths_of_the_edges_are_part_of_the_corners_errors(boards):
             # Both upper edges tell the roll, each end of them to EDGE_M. It moves a side corner across its edge.
             w = exact.plane.R_window_lidar.T @ exact.plane.w
             across = np.cross(w / np.linalg.norm(w), along)
-            roll = EDGE_M * np.sqrt(0.5 * (way.edges[0] ** -2 + way.edges[1] ** -2))
+            roll = EDGE_M * np.sqrt(0.5 * (mode.edges[0] ** -2 + mode.edges[1] ** -2))
             assert np.sqrt(across @ apart @ across) == pytest.approx(roll * np.linalg.norm(edge), rel=0.03)
 
 

@@ -47,7 +47,8 @@ def test_some_false_boards_do_not_move_the_mean():
 
 def test_sweeps_that_were_recorded_twice_tell_a_roll_nothing_new():
     def seen(time_ns):
-        return SimpleNamespace(time_ns=time_ns, fix=SimpleNamespace(xyz=np.zeros(3), roll=0.1, roll_sigma=0.02))
+        hold = SimpleNamespace(roll=0.1, roll_sigma=0.02)
+        return SimpleNamespace(time_ns=time_ns, board=SimpleNamespace(xyz=np.zeros(3), hold=hold))
 
     model = SimpleNamespace(roll=(0.0, 0.2))
     assert roll_prior(seen(0), [seen(0)], model) == model.roll

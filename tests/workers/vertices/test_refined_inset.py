@@ -29,4 +29,4 @@ def learned(drawn):
 def test_the_inset_is_the_beam_and_the_growth_is_much_less(drawn, learned):
     half_rad = 0.5e-3 * drawn.disturbances.beam_mrad
     assert learned.inset == pytest.approx(half_rad, rel=0.35)
-    assert learned.growth < 0.25 * half_rad
+    assert learned.blooming < 0.25 * half_rad

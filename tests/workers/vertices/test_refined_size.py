@@ -26,10 +26,10 @@ def test_a_coordinate_that_is_not_open_stays():
     assert not inverse[0].any() and not inverse[:, 0].any()
 
 
-def estimate(growth_sigma):
+def estimate(blooming_sigma):
     """Boards at 5 m: a radian of growth makes an edge 10 m shorter. The growth is measured as half of a beam."""
     towards = np.array([-10.0, -10.0, 1.0])
-    spread = np.diag([0.004**2, 0.004**2, 1e-12]) + growth_sigma**2 * np.outer(towards, towards)
+    spread = np.diag([0.004**2, 0.004**2, 1e-12]) + blooming_sigma**2 * np.outer(towards, towards)
     return SizeEstimate(np.array([0.62, 0.84, BEAM_SIGMA_RAD]), spread)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.detection.walks import found, looked_at
 from tests.support.scenes.drawn import draw
-from workers.vertices.board.plane_learning import spread_about
+from workers.vertices.board.plane_learning import analyse_variance
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
@@ -23,15 +23,15 @@ def test_the_errors_of_rings_are_told_apart_from_noise(rings, ring_m):
     told = []
     for _ in range(2000):
         error = random.normal(0.0, 0.008, ring.size) + random.normal(0.0, ring_m, rings)[ring]
-        told.append(spread_about(error - fitted @ error, ring))
+        told.append(analyse_variance(error - fitted @ error, ring))
     within, between = (np.median([getattr(one, name) for one in told]) for name in ("within", "between"))
     assert np.sqrt(within) == pytest.approx(0.008, rel=0.05)
     assert np.sqrt(max(between, 0.0)) == pytest.approx(ring_m, abs=0.0015)
 
 
 def test_two_rings_tell_nothing_of_their_errors():
-    assert spread_about(np.linspace(-0.01, 0.01, 20), np.repeat([0, 1], 10)) is None
-    assert spread_about(np.linspace(-0.01, 0.01, 11), np.repeat([0, 1, 2], [5, 5, 1])) is None
+    assert analyse_variance(np.linspace(-0.01, 0.01, 20), np.repeat([0, 1], 10)) is None
+    assert analyse_variance(np.linspace(-0.01, 0.01, 11), np.repeat([0, 1, 2], [5, 5, 1])) is None
 
 
 def test_the_range_errs_as_it_is_stated_where_rings_err():

@@ -13,7 +13,7 @@ from workers.readers.recording import Sweep
 from workers.tasks.analysing import must_move
 from workers.vertices import static_background
 from workers.vertices.detectors import detect_range
-from workers.vertices.pose_detection import fixed_place, one_of
+from workers.vertices.pose_detection import fixed_place, merge_pose
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import SensorGrid
 from workers.vertices.still_poses import find_poses
@@ -109,7 +109,7 @@ def test_a_pose_states_no_less_than_what_its_sweeps_share():
             flat = reach * np.cos(elevation)
             xyz = (flat * np.cos(azimuth), flat * np.sin(azimuth), reach * np.sin(elevation))
             answers.append(Vertex(xyz, index, 3, index, 10, "refined", stated, "fine"))
-        (vertex,) = (answer for answer in one_of(answers) if isinstance(answer, Vertex))
+        (vertex,) = (answer for answer in merge_pose(answers) if isinstance(answer, Vertex))
         assert vertex.sweep_index == 2
         x, y, z = vertex.xyz
         wrong = np.array([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)), np.linalg.norm(vertex.xyz) - 10.0])
@@ -122,7 +122,7 @@ def test_a_pose_states_no_less_than_what_its_sweeps_share():
 def test_a_sweep_that_disagrees_is_not_averaged_in():
     answers = [Vertex((5.0, 0.0, 1.0 + 0.01 * k), k, 3, k, 10, "strict") for k in range(3)]
     other = Vertex((5.0, 1.0, 1.0), 3, 3, 3, 10, "strict")
-    answers = one_of([*answers, other, Rejection("not_a_board")])
+    answers = merge_pose([*answers, other, Rejection("not_a_board")])
     assert answers[1].xyz == pytest.approx((5.0, 0.0, 1.01))
     assert [answer.reason for answer in answers[2:]] == ["same_pose", "same_pose", "not_a_board"]
 
@@ -130,7 +130,7 @@ def test_a_sweep_that_disagrees_is_not_averaged_in():
 def test_who_sways_out_of_the_errors_gets_a_vertex_for_each_place():
     stated = tuple(tuple(row) for row in np.diag([0.001**2, 0.001**2, 0.005**2]).tolist())
     sway = [0.0, 0.002, 0.001, 0.03, 0.032, 0.069]
-    answers = one_of([Vertex((5.0, y, 1.0), k, 3, k, 10, "refined", stated) for k, y in enumerate(sway)])
+    answers = merge_pose([Vertex((5.0, y, 1.0), k, 3, k, 10, "refined", stated) for k, y in enumerate(sway)])
     kept = [(k, answer.xyz[1]) for k, answer in enumerate(answers) if isinstance(answer, Vertex)]
     assert kept == [(1, pytest.approx(0.001)), (4, pytest.approx(0.031)), (5, 0.069)]
 

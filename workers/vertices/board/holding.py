@@ -1,7 +1,7 @@
-"""How a person holds the board over a recording: mean and spread of roll and tilt, and which edge is where.
+"""How a person holds the board over a recording: mean and spread of roll and lean, and which edge is lower left.
 
-Each recording has its own mean and spread of roll and of tilt. Their posterior is summed over a grid; the prior is
-what holds for boards in general. So boards with little information leave the general prior.
+Each recording has its own mean and its own spread of roll and of lean, drawn from what people do in general (a
+hierarchical model). Their posterior is summed over a grid. Boards that say little leave the general prior as it is.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ _MEANS, _REACH, _SPREADS = 41, 2.8, 8
 _SWAPPED = np.array([0.03, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97])
 _STRAY = np.array([0.02, 0.1, 0.25, 0.5])
 _NOTHING = 1e6
-_TELLING = 0.98  # of the prior's variance; a board that leaves more carries no information
+_TELLING = 0.98  # of the prior's variance; a board whose posterior keeps more carries no information
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Population:
-    """The grid of a recording's possible means (S, M), spreads (S, 1) about them, and log priors."""
+    """The grid of a recording's possible means (S, M), spreads (S, 1) about them, and log priors (S, M)."""
 
     mean: Floats
     spread: Floats
     prior: Floats
 
     def moments(self, weight: Floats) -> Pair:
-        """Mean and standard deviation of the next board, with weights (S, M) that sum to 1."""
+        """Return mean and standard deviation of the next board, with weights (S, M) that sum to 1."""
         centre = float(np.sum(weight * self.mean))
         return centre, math.sqrt(float(np.sum(weight * (self.spread**2 + (self.mean - centre) ** 2))))
 
@@ -44,11 +44,12 @@ class Holding:
     """How the boards of a recording are held.
 
     Attributes:
-        roll: mean and standard deviation of the next board's roll, radians from `hang`.
+        roll: mean and standard deviation of the next board's roll, radians from the rest angle.
         mean_sigma: radians, standard deviation of the mean of all rolls.
         swapped: share of the sweeps in which the second edge is the one to the lower left.
-        evidence: log of the likelihood of all boards' rays, averaged over all rolls and ways to hold a board.
-        stray: share of the boards that no one mean explains, as where each hand holds them at its own angle.
+        evidence: log likelihood of all boards' rays, averaged over rolls and both modes.
+        stray: share of the boards that no single mean explains, for instance if each hand holds them at its own
+            angle.
     """
 
     roll: Pair
@@ -59,12 +60,13 @@ class Holding:
 
 
 def learn_roll(grids: Floats, general: Pair) -> Holding:
-    """How boards are held whose rays have the log likelihoods ``grids`` (N, 2, G), as `Fix.told`.
+    """Return how boards are held whose rays have the log likelihoods ``grids`` (N, 2, G).
 
-    The roll of a board that few rings meet can be anything within an interval, and hardly anything outside. So each
-    likelihood is summed as it is; a Gaussian of the same moments would draw the mean towards the usual roll.
+    A board on few rings can have any roll within an interval, and hardly any outside. So each likelihood is summed as
+    it is; a Gaussian of the same moments would draw the mean towards the usual roll.
 
     Args:
+        grids: `HoldEstimate.roll_log_likelihood` of each board.
         general: mean and standard deviation of the roll over all recordings.
     """
     rolls, prior = _any_rolls(*general)
@@ -90,7 +92,7 @@ def learn_roll(grids: Floats, general: Pair) -> Holding:
 
 @cache
 def _any_rolls(middle: float, wide: float) -> tuple[_Population, Floats]:
-    """All means and spreads of rolls that a recording may have, and their densities (S, M, G) at `ROLLS`."""
+    """Return all means and spreads of rolls that a recording may have, and their densities (S, M, G) at `ROLLS`."""
     spread = np.geomspace(_LEAST_ROLL, wide, _SPREADS)[:, None]
     between = np.sqrt(np.maximum(wide**2 - spread**2, 1e-12))
     mean = middle + _REACH * np.linspace(-1.0, 1.0, _MEANS) * between
@@ -103,13 +105,13 @@ def _density(x: Floats, mean: Floats | float, sigma: Floats | float) -> Floats:
 
 
 def learn_slope(slope: Floats, variance: Floats, fitted_with: Pair, general: Pair, least: float) -> Pair:
-    """Mean and standard deviation of a slope of the board's plane.
+    """Return mean and standard deviation of a slope of the board's plane over a recording.
 
     Few recordings are far from the usual, but these can be very far. So the prior of the mean has the long tails of
     Student's t with three degrees of freedom.
 
     Args:
-        slope, variance: (N,) of each board, found with the prior ``fitted_with``.
+        slope, variance: (N,) of each board, estimated with the prior ``fitted_with``.
         general: mean and standard deviation over all recordings.
         least: smallest possible spread.
     """
@@ -120,8 +122,8 @@ def learn_slope(slope: Floats, variance: Floats, fitted_with: Pair, general: Pai
     mean = np.broadcast_to(middle + _REACH * wide * np.linspace(-1.0, 1.0, _MEANS), (_SPREADS, _MEANS))
     usual = -2.0 * np.log1p((mean - general[0]) ** 2 / general[1] ** 2)
     slopes = _Population(mean, spread, _normalised(usual) - np.log(spread))
-    at, own = _alone(slope, variance, fitted_with)
-    # Legs and ground give any slope, also those of no board.
+    at, own = _without_prior(slope, variance, fitted_with)
+    # Legs and ground have any slope, also slopes that no board has.
     none = _normal(at, np.clip(at, mean.min(), mean.max()), wide**2 + own)
     log_density = _normal(at[:, None, None], slopes.mean, own[:, None, None] + slopes.spread**2)
     stray = _STRAY[:, None, None, None]
@@ -131,10 +133,10 @@ def learn_slope(slope: Floats, variance: Floats, fitted_with: Pair, general: Pai
     return slopes.moments(weight / weight.sum())
 
 
-def _alone(value: Floats, variance: Floats, prior: Pair) -> tuple[Floats, Floats]:
-    """Value and variance without the prior that they were found with; the variance is infinite without information.
+def _without_prior(value: Floats, variance: Floats, prior: Pair) -> tuple[Floats, Floats]:
+    """Return value and variance (N,) without the prior they were estimated with; infinite if they add nothing to it.
 
-    The likelihood is approximated by the Gaussian whose product with the prior has the moments found.
+    The likelihood is approximated by the Gaussian whose product with the prior has the estimate's moments.
     """
     middle, wide = prior
     is_informed = variance < _TELLING * wide**2
@@ -148,5 +150,5 @@ def _normalised(log: Floats) -> Floats:
 
 
 def _normal(x: Floats, mean: Floats | float, variance: Floats) -> Floats:
-    """Log density, without its constant."""
+    """Return the log density, without its constant."""
     return -0.5 * ((x - mean) ** 2 / variance + np.log(variance))

@@ -1,7 +1,8 @@
-"""What a recording's near sweeps tell of its sensor, its board and the person who carries it.
+"""What a recording's near sweeps show of its sensor, its board and the person who carries it.
 
-Everything comes from a fixed selection of sweeps spread over the whole recording, so that it is the same however the
-recording is cut into shards.
+First the planes of near sweeps teach the noise, then the boards in them teach size, edges and roll. All of this comes
+from a fixed selection of sweeps spread over the whole recording, so it is the same however the recording is cut into
+shards.
 """
 
 from __future__ import annotations
@@ -12,21 +13,28 @@ from dataclasses import replace
 import numpy as np
 
 from apexcal.documents.detectors import Options
-from workers.vertices.board.edge_learning import first_growth, learn_board, learn_size, learn_wrong, no_taller
-from workers.vertices.board.estimate import locate
-from workers.vertices.board.model import TRUNK_M, BoardModel, Plane, Sighting, any_roll
+from workers.vertices.board.candidate import TRUNK_M, Candidate, Plane
+from workers.vertices.board.candidate_search import find_planes, open_windows
+from workers.vertices.board.edge_learning import (
+    first_blooming,
+    fitting_on_board,
+    learn_board,
+    learn_size,
+    learn_wrong,
+)
+from workers.vertices.board.estimate import estimate_board
+from workers.vertices.board.model import BoardModel, any_roll
 from workers.vertices.board.plane_learning import (
     BIAS_M,
     ENOUGH,
     FIRST_SIGMA_M,
     MIN_RINGS,
-    best_sightings,
     learn_planes,
     learn_scattered,
+    likeliest_candidates,
 )
-from workers.vertices.board.sightings import find_planes, open_windows
-from workers.vertices.board.size import BEAM_SIGMA_RAD, GROWTH_RAD
-from workers.vertices.board.surroundings import likelier_than_upright, rim
+from workers.vertices.board.size import BEAM_SIGMA_RAD, BLOOMING_RAD
+from workers.vertices.board.upright_rectangle import is_likelier_than_upright, rim_rad
 from workers.vertices.motion import jumps
 from workers.vertices.range_image import RangeImage
 from workers.vertices.sensor_grid import some_grid
@@ -35,50 +43,56 @@ from workers.vertices.vertex import SizeFacts
 
 _GRID_SWEEPS = 24
 _SWEEPS = 96
-_NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart by boards at many distances
+_NEAR, _NEAR_OPEN = 24, 32  # boards at many distances separate an open size from blooming
 _SCATTERED = 8  # sweeps without rings
 _MIN_POINTS = 12
 _SHOWN, _SHOWN_OPEN = 0.4, 0.5  # share of the near planes; persons without a board show 8 of 24, and 11 of 26
 
 
 def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[[], None]) -> BoardModel | None:
-    """Return the model of a recording, with defaults where its near sweeps tell nothing.
+    """Return the model of a recording, with defaults for what its near sweeps do not show.
 
-    None if the size is not stated and fewer boards than `ENOUGH` tell it.
+    None if the size is not stated and fewer boards than `ENOUGH` show it.
     """
     up = np.array([options["up_x"], options["up_y"], options["up_z"]])
     grid = some_grid(source, _GRID_SWEEPS, up if up.any() else None)
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
-    is_growth_open = float(options["edge_growth_mrad"]) < 0.0
+    is_blooming_open = float(options["edge_growth_mrad"]) < 0.0
     default = BoardModel(grid, upper_corner=int(options["upper_corner"]))
-    model = _given(replace(default, sigma=FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
+    model = _with_stated(replace(default, sigma=FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
     if grid.scattered:
         if not all(edges):
             return None
         sweeps = [source.sweep(index) for index in spread(len(source), _SCATTERED)]
         windows = [window for sweep in sweeps for window in open_windows(sweep, area.inside(sweep), grid)]
-        model = learn_scattered(windows, replace(model, poses=True, shown=True))
-        model, planes = replace(model, soft=BEAM_SIGMA_RAD), _planes(windows, model)
-        fixes = [locate(plane, model, coarse=True) for plane in planes]
+        model = learn_scattered(windows, replace(model, is_posed=True, is_shown=True))
+        model, planes = replace(model, softness=BEAM_SIGMA_RAD), _planes(windows, model)
+        estimates = [estimate_board(plane, model, coarse=True) for plane in planes]
         rims = [
-            rim(fix) for fix in fixes if fix is not None and fix.trustworthy and likelier_than_upright(fix, model)
+            rim_rad(board)
+            for board in estimates
+            if board is not None and board.is_trustworthy and is_likelier_than_upright(board, model)
         ]
-        if is_growth_open and rims:
-            growth, end = np.clip(np.median(rims, axis=0), 0.0, GROWTH_RAD[1]).tolist()
-            model = replace(model, growth=growth, soft=max(end - growth, BEAM_SIGMA_RAD))
-        model = replace(model, growth_sigma=is_growth_open * BEAM_SIGMA_RAD)
+        if is_blooming_open and rims:
+            blooming, end = np.clip(np.median(rims, axis=0), 0.0, BLOOMING_RAD[1]).tolist()
+            model = replace(model, blooming=blooming, softness=max(end - blooming, BEAM_SIGMA_RAD))
+        model = replace(model, blooming_sigma=is_blooming_open * BEAM_SIGMA_RAD)
         return learn_wrong(planes, model)
     near: list[tuple[int, int, RangeImage]] = []
     places: list[tuple[int, float, float]] = []
     for index in spread(len(source), _SWEEPS):
         sweep = source.sweep(index)
         on_sweep()
-        for sighting in find_planes(open_windows(sweep, area.inside(sweep), grid), model, 1):
-            plane = sighting.plane
-            if plane.rings >= MIN_RINGS and plane.points >= _MIN_POINTS and not plane.like_a_person:
-                near.append((plane.points, index, sighting.window))
-                places.append((sweep.stamp_ns, *_place(sighting)))
-    model = replace(model, poses=jumps(places))
+        for candidate in find_planes(open_windows(sweep, area.inside(sweep), grid), model, 1):
+            plane = candidate.plane
+            if (
+                plane.extent.rings >= MIN_RINGS
+                and plane.extent.points >= _MIN_POINTS
+                and not plane.extent.is_like_a_person
+            ):
+                near.append((plane.extent.points, index, candidate.window))
+                places.append((sweep.stamp_ns, *_place(candidate)))
+    model = replace(model, is_posed=jumps(places))
     windows = [
         window
         for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[: _NEAR if all(edges) else _NEAR_OPEN]
@@ -86,71 +100,71 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     if len(windows) < ENOUGH:
         if not all(edges):
             return None
-        model = replace(model, sigma=default.sigma, bias=BIAS_M, growth_sigma=is_growth_open * BEAM_SIGMA_RAD)
-        return replace(model, shown=_shown(_planes(windows, model), model, edges))
-    model, sightings = learn_planes(windows, model)
-    planes = [sighting.plane for sighting in sightings]
+        model = replace(model, sigma=default.sigma, bias=BIAS_M, blooming_sigma=is_blooming_open * BEAM_SIGMA_RAD)
+        return replace(model, is_shown=_is_shown(_planes(windows, model), model, edges))
+    model, candidates = learn_planes(windows, model)
+    planes = [candidate.plane for candidate in candidates]
     if not all(edges):
         if len(planes) < ENOUGH:
             return None
-        model, estimate = learn_size(planes, model, edges, is_growth_open)
-        return _with_board(planes, model, edges, False, estimate.facts(edges))
-    solid = [plane for plane in planes if plane.telling]
+        model, size_estimate = learn_size(planes, model, edges, is_blooming_open)
+        return _with_board(planes, model, edges, False, size_estimate.facts(edges))
+    solid = [plane for plane in planes if plane.extent.has_many_rings]
     size: SizeFacts | None = None
-    # On few rings a plane may be a board and a body.
+    # On few rings a plane may hold a board and a body.
     if len(solid) >= ENOUGH:
         as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
-        as_seen, estimate = learn_size(solid, as_seen, (0.0, 0.0), is_growth_open, edges)
-        size = estimate.facts(edges)
-        # Apexes that are measured with a wrong size are wrong by decimetres; doors are no boards of another size.
+        as_seen, size_estimate = learn_size(solid, as_seen, (0.0, 0.0), is_blooming_open, edges)
+        size = size_estimate.facts(edges)
+        # With a wrong size apexes are wrong by decimetres. But a door is no board of another size.
         if size.replaces:
             as_seen = _with_board(planes, as_seen, (0.0, 0.0), False, size)
-            if as_seen.shown:
+            if as_seen.is_shown:
                 return as_seen
             size = None
-        elif is_growth_open:
-            model = first_growth(solid, model, as_seen)
-    return _with_board(planes, model, edges, is_growth_open, size)
+        elif is_blooming_open:
+            model = first_blooming(solid, model, as_seen)
+    return _with_board(planes, model, edges, is_blooming_open, size)
 
 
 def _with_board(
     planes: Sequence[Plane],
     model: BoardModel,
     edges: tuple[float, float],
-    is_growth_open: bool,
+    is_blooming_open: bool,
     size: SizeFacts | None,
 ) -> BoardModel:
     """Return the model with all that is learned of a board of its edges, and its size if boards are shown."""
-    learned = replace(learn_board(planes, model, is_growth_open), size=size)
-    shown = _shown(planes, learned, edges)
-    return replace(learned, shown=shown, size=size if shown else None)
+    learned = replace(learn_board(planes, model, is_blooming_open), size=size)
+    is_shown = _is_shown(planes, learned, edges)
+    return replace(learned, is_shown=is_shown, size=size if is_shown else None)
 
 
 def _planes(windows: Sequence[RangeImage], model: BoardModel) -> list[Plane]:
-    return [sighting.plane for sighting in best_sightings(windows, model)]
+    return [candidate.plane for candidate in likeliest_candidates(windows, model)]
 
 
-def _shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> bool:
-    """Whether near sweeps' planes are boards: four that many rings meet, or a large share of the planes.
+def _is_shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> bool:
+    """Return whether near sweeps' planes are boards: four that many rings meet, or a large share of the planes.
 
     If many rings meet some planes that fit on the board, only these count. A board of unknown size must be wider than
-    a person, where many rings meet it within two standard deviations. Planes that are less even than sensors are show
-    no board.
+    a person; on many rings two standard deviations are allowed for. Planes less even than a sensor's noise are no
+    boards.
     """
-    telling = [plane for plane in no_taller(planes, edges) if plane.telling]
-    sigma = model.size.sigma_m[0] if model.size is not None and telling else 0.0
+    many_ringed = [plane for plane in fitting_on_board(planes, edges) if plane.extent.has_many_rings]
+    sigma = model.size.sigma_m[0] if model.size is not None and many_ringed else 0.0
     if (not all(edges) and min(model.edges) + 2.0 * sigma < TRUNK_M) or model.bias > 2.0 * BIAS_M:
         return False
-    some = telling or planes
-    fixes = [fix for plane in some if (fix := locate(plane, model, coarse=True)) is not None]
-    boards = sum(fix.trustworthy and likelier_than_upright(fix, model) for fix in fixes)
+    some = many_ringed or planes
+    estimates = [board for plane in some if (board := estimate_board(plane, model, coarse=True)) is not None]
+    boards = sum(board.is_trustworthy and is_likelier_than_upright(board, model) for board in estimates)
     least = (_SHOWN if all(edges) else _SHOWN_OPEN) * len(some)
-    return boards >= max(least, 1) or (some is telling and boards >= ENOUGH)
+    return boards >= max(least, 1) or (some is many_ringed and boards >= ENOUGH)
 
 
-def _place(sighting: Sighting) -> tuple[float, float]:
-    """Where the middle of the plane's points stands, x and y in metres; a window's middle moves with its cells."""
-    window, ends = sighting.window, sighting.ends
+def _place(candidate: Candidate) -> tuple[float, float]:
+    """Return x and y (m) of the middle of the plane's points. A window's own middle would move with its cells."""
+    window, ends = candidate.window, candidate.ends
     runs = [(r, slice(first, last + 1)) for r, (first, last) in enumerate(ends.tolist()) if first >= 0]
     azimuth, slope, distance = (
         np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
@@ -160,7 +174,7 @@ def _place(sighting: Sighting) -> tuple[float, float]:
     return x, y
 
 
-def _given(model: BoardModel, edges: tuple[float, float], growth_mrad: float) -> BoardModel:
+def _with_stated(model: BoardModel, edges: tuple[float, float], growth_mrad: float) -> BoardModel:
     if all(edges):
         model = replace(model, edges=edges, slack=0.0, roll=any_roll(edges, model.upper_corner))
-    return replace(model, growth=max(growth_mrad, 0.0) * 1e-3)
+    return replace(model, blooming=max(growth_mrad, 0.0) * 1e-3)

@@ -1,7 +1,9 @@
-"""Where a board's plane could be: pairs of neighbouring stretches of points on rings, grown robustly.
+"""Planes that may be a board's: each grows from two segments of points on neighbouring rings, robustly.
 
 A plane that does not pass through the sensor is w . X = 1, so a ray (c, s, k) h meets it at 1 / h = w . (c, s, k): a
-linear least squares whose matrix holds directions only, and no noisy ranges.
+linear least squares whose matrix holds directions only, and no noisy ranges. Points join a plane by weights that
+compare the board's density with that of clutter, and each fit is repeated with the new weights (iteratively
+reweighted least squares).
 """
 
 from __future__ import annotations
@@ -20,16 +22,16 @@ _FAR = 8.0  # standard deviations; the normal density is 1e-14 of its highest th
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def find_stretches(
+def find_segments(
     azimuth: Floats, distance: Floats, inside: NDArray[np.bool_], sigma: float, steps: Floats
 ) -> NDArray[np.float64]:
-    """Runs of returns in the region whose distance does not jump.
+    """Return the runs of returns in the region whose distance does not jump.
 
     Returns:
         (S, 7) ring, first column, last column, points, y' of the first and of the last point, mean x'; metres.
     """
     rings, columns = distance.shape
-    stretches = np.empty((inside.sum(), 7))  # every point may be a run of its own
+    segments = np.empty((inside.sum(), 7))  # every point may be a segment of its own
     count = 0
     for r in range(rings):
         first, last, n, total = -1, -1, 0, 0.0
@@ -43,10 +45,10 @@ def find_stretches(
                 jump = 5.0 * sigma + 1.2 * h * steps[r] * (c - last)
                 joined = c - last <= 3 and abs(h - distance[r, last]) <= jump
             if last >= 0 and not joined:
-                stretches[count, 0], stretches[count, 1], stretches[count, 2], stretches[count, 3] = r, first, last, n
-                stretches[count, 4] = distance[r, first] * math.sin(azimuth[r, first])
-                stretches[count, 5] = distance[r, last] * math.sin(azimuth[r, last])
-                stretches[count, 6] = total / n
+                segments[count, 0], segments[count, 1], segments[count, 2], segments[count, 3] = r, first, last, n
+                segments[count, 4] = distance[r, first] * math.sin(azimuth[r, first])
+                segments[count, 5] = distance[r, last] * math.sin(azimuth[r, last])
+                segments[count, 6] = total / n
                 count += 1
                 n, total = 0, 0.0
             if is_point:
@@ -55,35 +57,38 @@ def find_stretches(
                 last = c
                 n += 1
                 total += distance[r, c] * math.cos(azimuth[r, c])
-    return stretches[:count].copy()
+    return segments[:count].copy()
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def pair_stretches(stretches: Floats, slope: Floats, widest: float, most: int) -> NDArray[np.int64]:
-    """(K, 2) pairs (upper, lower) on neighbouring filled rings that could lie on one board, the largest first."""
-    count = stretches.shape[0]
+def pair_segments(segments: Floats, slope: Floats, widest: float, most: int) -> NDArray[np.int64]:
+    """Return (K, 2) pairs (upper, lower) of segments that could lie on one board, the largest first.
+
+    The rings of a pair are neighbours among those with points.
+    """
+    count = segments.shape[0]
     middle = slope.shape[1] // 2
     pairs = np.empty((count * 6 + 1, 2), np.int64)
     points = np.empty(count * 6 + 1)
     n = 0
     for i in range(count):
-        ring = stretches[i, 0]
+        ring = segments[i, 0]
         partner_ring = -1.0
         for j in range(i - 1, -1, -1):
-            below = stretches[j, 0]
-            if below == ring or stretches[j, 5] - stretches[j, 4] > widest:
+            below = segments[j, 0]
+            if below == ring or segments[j, 5] - segments[j, 4] > widest:
                 continue
             if (partner_ring >= 0.0 and below != partner_ring) or n >= pairs.shape[0] - 1:
                 break
             if ring - below > 3:
                 break
-            rise = stretches[i, 6] * (slope[int(ring), middle] - slope[int(below), middle])
-            gap = max(stretches[j, 4] - stretches[i, 5], stretches[i, 4] - stretches[j, 5])
-            near = abs(stretches[i, 6] - stretches[j, 6]) <= 0.1 + 0.5 * rise
-            if rise < 1.2 and gap <= 0.15 and near and stretches[i, 5] - stretches[i, 4] <= widest:
+            rise = segments[i, 6] * (slope[int(ring), middle] - slope[int(below), middle])
+            gap = max(segments[j, 4] - segments[i, 5], segments[i, 4] - segments[j, 5])
+            near = abs(segments[i, 6] - segments[j, 6]) <= 0.1 + 0.5 * rise
+            if rise < 1.2 and gap <= 0.15 and near and segments[i, 5] - segments[i, 4] <= widest:
                 partner_ring = below
                 pairs[n, 0], pairs[n, 1] = i, j
-                points[n] = stretches[i, 3] + stretches[j, 3]
+                points[n] = segments[i, 3] + segments[j, 3]
                 n += 1
     order = np.argsort(-points[:n], kind="mergesort")
     return pairs[order[:most]]
@@ -93,12 +98,12 @@ def pair_stretches(stretches: Floats, slope: Floats, widest: float, most: int) -
 def fit_plane(
     azimuth: Floats, slope: Floats, distance: Floats, weight: Floats, sigma: float, prior: Floats
 ) -> tuple[Floats, Floats]:
-    """Weighted least squares of w, and its information matrix.
+    """Return w (3,) of a plane by weighted least squares, and its information matrix (3, 3).
 
     Args:
         azimuth, slope, distance, weight: (N,) of points.
         sigma: standard deviation of a distance, metres.
-        prior: mean and standard deviation of the plane's two slopes, dx'/dy' and dx'/dz'.
+        prior: (4,) mean and standard deviation of the plane's two slopes, dx'/dy' and dx'/dz'.
     """
     w, info = np.empty(3), np.empty((3, 3))
     _fit(np.cos(azimuth), np.sin(azimuth), slope, distance, weight, sigma, prior, w, info)
@@ -110,7 +115,7 @@ def _fit(
     cosine: Floats, sine: Floats, slope: Floats, distance: Floats, weight: Floats, sigma: float, prior: Floats,
     w: Floats, info: Floats,
 ) -> None:  # fmt: skip
-    """As `fit_plane`, of points whose azimuths have these cosines and sines; fills ``w`` and ``info``."""
+    """Fill ``w`` and ``info`` as `fit_plane` returns them, of points whose azimuths have these cosines and sines."""
     start = 0.0
     total = 0.0
     for i in range(distance.size):
@@ -159,18 +164,18 @@ def _fit(
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def grow_planes(
     azimuth: Floats, slope: Floats, distance: Floats, inside: NDArray[np.bool_],
-    stretches: Floats, pairs: NDArray[np.int64], sigma: float, prior: Floats,
+    segments: Floats, pairs: NDArray[np.int64], sigma: float, prior: Floats,
 ) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:  # fmt: skip
-    """The planes through pairs of stretches and all other points near them that lie on them, no two alike.
+    """Return the distinct planes that grow from pairs of segments, each with all nearby points that lie on it.
 
     Args:
         azimuth, slope, distance, inside: (R, C) of a window.
-        stretches: see `find_stretches`; pairs: see `pair_stretches`.
+        segments: see `find_segments`; pairs: see `pair_segments`.
         sigma, prior: see `fit_plane`.
 
     Returns:
         (K, 3) w; (K, 3, 3) its information; (K,) log likelihood of the points against clutter, prior included; (K,)
-        number of the pair.
+        index of the pair.
     """
     ring, column = np.nonzero(inside)
     count = ring.size
@@ -189,9 +194,9 @@ def grow_planes(
         lowest = math.inf
         for i in range(count):
             start[i] = False
-            for stretch in pairs[number]:
+            for segment in pairs[number]:
                 start[i] |= (
-                    ring[i] == stretches[stretch, 0] and stretches[stretch, 1] <= column[i] <= stretches[stretch, 2]
+                    ring[i] == segments[segment, 0] and segments[segment, 1] <= column[i] <= segments[segment, 2]
                 )
             if start[i]:
                 y += reach[i] * angle[i]
@@ -205,14 +210,14 @@ def grow_planes(
         some = np.flatnonzero(near | start)
         c, s, k, h = cosine[some], sine[some], rise[some], reach[some]
         first, counted = start[some], near[some]
-        # Points below those of the pair may be the body's: with them, and without them.
+        # Points below those of the pair may be a body's: grow once with them, and once without.
         for from_height in (-math.inf, lowest):
             w, info = planes[plane_count], infos[plane_count]
             scores[plane_count] = _grow(c, s, k, h, first, counted, from_height, sigma, prior, w, info)
-            again = False
+            is_known = False
             for other in range(plane_count):
-                again |= np.max(np.abs(planes[other] - w)) < _ALIKE * abs(w[0])
-            if not again:
+                is_known |= np.max(np.abs(planes[other] - w)) < _ALIKE * abs(w[0])
+            if not is_known:
                 pair_of[plane_count] = number
                 plane_count += 1
     return planes[:plane_count], infos[:plane_count], scores[:plane_count], pair_of[:plane_count]
@@ -223,7 +228,7 @@ def _grow(
     cosine: Floats, sine: Floats, slope: Floats, distance: Floats, start: NDArray[np.bool_], near: NDArray[np.bool_],
     lowest: float, sigma: float, prior: Floats, w: Floats, info: Floats,
 ) -> float:  # fmt: skip
-    """Fills ``w`` and ``info`` of the plane that grows from the points of ``start``; returns its score.
+    """Fill ``w`` and ``info`` of the plane that grows from the points of ``start``; return its score.
 
     Args:
         near: (N,) the points that may join.

@@ -1,9 +1,9 @@
 """The posterior of a board's apex and roll in its plane, from rays that meet the board and rays that miss it.
 
 In the plane, with the roll fixed, a point's distances to the four edges are differences of coordinates along the two
-edges, so the probability that a ray lies on the board is a product g(p) h(q), and the likelihood of a ray over a grid
-of apexes is 1 + (lambda - 1) g(p) h(q): no more than one multiplication and addition per cell and ray. So the
-posterior is summed over a grid, instead of sampled.
+edges. So the probability that a ray lies on the board is a product g(p) h(q), and the likelihood of a ray over a grid
+of apexes is 1 + (lambda - 1) g(p) h(q): at most one multiplication and one addition for each cell and ray. That is
+cheap enough to sum the posterior over a grid instead of sampling it.
 """
 
 from __future__ import annotations
@@ -17,41 +17,44 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 _COARSE, _FINE, _COMPARED = 24, 36, 20  # cells along either side of the grid
 _ROLLS = 9
-_ROLL_STEP = math.radians(0.9)  # of the prior's standard deviation for each roll of the first pass
+_ROLL_STEP = math.radians(0.9)  # standard deviation of the prior for each roll of the first pass
 _ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
-_ASTRAY_M = 0.12  # hits that are not the board's lie this far beside it at most
+_ASTRAY_M = 0.12  # hits that do not belong to the board lie this far beside it at most
 # The natural logarithm of the largest number is 709: cells are scaled before they may differ so much from 1.
 _MOST_LOG = 300.0
 _NOTHING, _PART, _ALL = 0, 1, 2
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
-def step(x: float) -> float:
-    """A smooth step from 0 at -1 to 1 at 1."""
+def smoothstep(x: float) -> float:
+    """Return a smooth step: 0 at -1, 1 at 1."""
     t = min(max(0.5 * x + 0.5, 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", fastmath=True, inline="always")
-def _along(x: float, cell: float, grow: float, soft: float, far: float, edge: float, on: Floats) -> int:
-    """Fills ``on`` (C,) with how likely a ray lies between two edges: x metres from the near edge in the first cell,
-    a cell less in each further one. Where it is the same in all cells, only says so.
+def _edge_profile(
+    x: float, cell: float, blooming_m: float, softness: float, far: float, edge: float, on: Floats
+) -> int:
+    """Fill ``on`` (C,) with the probability that a ray lies between two edges, or return NOTHING or ALL if constant.
+
+    The ray lies ``x`` metres from the near edge in the first cell, and a cell less in each further one.
     """
-    low, high = 1.0 / max(soft, 0.75 * cell), 1.0 / max(far, 0.75 * cell)
+    low, high = 1.0 / max(softness, 0.75 * cell), 1.0 / max(far, 0.75 * cell)
     least = x - (on.size - 1) * cell
-    if (x + grow) * low <= -1.0 or (edge + grow - least) * high <= -1.0:
+    if (x + blooming_m) * low <= -1.0 or (edge + blooming_m - least) * high <= -1.0:
         return _NOTHING
-    if (least + grow) * low >= 1.0 and (edge + grow - x) * high >= 1.0:
+    if (least + blooming_m) * low >= 1.0 and (edge + blooming_m - x) * high >= 1.0:
         return _ALL
     for a in range(on.size):
         at = x - a * cell
-        on[a] = step((at + grow) * low) * step((edge + grow - at) * high)
+        on[a] = smoothstep((at + blooming_m) * low) * smoothstep((edge + blooming_m - at) * high)
     return _PART
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def _rescale(grid: Floats, row: Floats, column: Floats) -> float:
-    """Puts the rows' and columns' parts into the cells, divides by the largest, and returns its logarithm."""
+    """Move the rows' and columns' factors into the cells, divide by the largest cell, and return its logarithm."""
     most = 0.0
     for a in range(row.size):
         for b in range(column.size):
@@ -66,26 +69,26 @@ def _rescale(grid: Floats, row: Floats, column: Floats) -> float:
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def integrate(
-    left: Floats, up: Floats, grow: Floats, soft: Floats, ratio: Floats,
+    left: Floats, up: Floats, blooming_m: Floats, softness: Floats, ratio: Floats,
     edge_p: float, edge_q: float, slack: float,
     rolls: Floats, log_prior: Floats, centre: Floats, half: Floats, cells: int,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Moments of the posterior over (apex left, apex up, roll).
+    """Return the moments of the posterior over (apex left, apex up, roll).
 
     Args:
         left, up: (N,) metres, where each ray meets the plane.
-        grow: (N,) metres by which the edges seem to lie farther out at the ray.
-        soft: (N,) metres, half width of the step at an edge.
-        ratio: (N,) likelihood of what the ray met if the board is there over that if it is not.
+        blooming_m: (N,) metres by which the edges appear shifted outward at the ray.
+        softness: (N,) metres, half width of the step at an edge.
+        ratio: (N,) likelihood of the ray's answer with the board over that without it.
         edge_p, edge_q: metres, edges to the lower left and to the lower right.
-        slack: metres, half width of what is not known of the edges' lengths.
-        rolls: (K,) radians, even; log_prior: (K,).
+        slack: metres, half width of the interval in which each edge's length may lie.
+        rolls: (K,) radians, evenly spaced; log_prior: (K,).
         centre: (K, 2) p and q of the grid's middle at each roll, metres; half: (K, 2) half widths of the grid.
         cells: grid cells along either side.
 
     Returns:
         (11,) log evidence, mean left, up, roll, covariance (ll, uu, rr, lu, lr, ur), best log likelihood; and (K, 5)
-        of each roll, log evidence without the prior, mean p and q of the apex, and their standard deviations.
+        for each roll, log evidence without the prior, mean p and q of the apex, and their standard deviations.
     """
     rays = left.size
     grid, row, column = np.empty((cells, cells)), np.empty(cells), np.empty(cells)
@@ -93,7 +96,7 @@ def integrate(
     far, log_ratio = np.empty(rays), np.empty(rays)
     outside = 0.0
     for i in range(rays):
-        far[i] = math.sqrt(soft[i] * soft[i] + slack * slack)
+        far[i] = math.sqrt(softness[i] * softness[i] + slack * slack)
         log_ratio[i] = math.log(max(ratio[i], 1e-300))
         outside -= max(log_ratio[i], 0.0)
     best = -1e300
@@ -105,7 +108,7 @@ def integrate(
     cm, sm = math.cos(middle), math.sin(middle)
     l0, u0 = centre[mid, 0] * cm - centre[mid, 1] * sm, -centre[mid, 0] * sm - centre[mid, 1] * cm
     scale = -1e300
-    out, of_roll = np.zeros(11), np.zeros((rolls.size, 5))
+    out, by_roll = np.zeros(11), np.zeros((rolls.size, 5))
     for k in range(rolls.size):
         cosine, sine = math.cos(rolls[k]), math.sin(rolls[k])
         cell_p, cell_q = 2.0 * half[k, 0] / cells, 2.0 * half[k, 1] / cells
@@ -117,8 +120,12 @@ def integrate(
         for i in range(rays):
             p = left[i] * cosine - up[i] * sine - p0
             q = -left[i] * sine - up[i] * cosine - q0
-            kind_p = _along(p, cell_p, grow[i], soft[i], far[i], edge_p, on_p)
-            kind_q = _along(q, cell_q, grow[i], soft[i], far[i], edge_q, on_q) if kind_p != _NOTHING else _NOTHING
+            kind_p = _edge_profile(p, cell_p, blooming_m[i], softness[i], far[i], edge_p, on_p)
+            kind_q = (
+                _edge_profile(q, cell_q, blooming_m[i], softness[i], far[i], edge_q, on_q)
+                if kind_p != _NOTHING
+                else _NOTHING
+            )
             if kind_q == _NOTHING:
                 continue
             if kind_p == _ALL and kind_q == _ALL:
@@ -161,16 +168,16 @@ def integrate(
             n22 += row[a] * w22
         highest = np.max(peak)
         if highest <= 0.0:
-            of_roll[k, 0] = -1e300
-            of_roll[k, 1], of_roll[k, 2] = centre[k, 0], centre[k, 1]
+            by_roll[k, 0] = -1e300
+            by_roll[k, 1], by_roll[k, 2] = centre[k, 0], centre[k, 1]
             continue
         n1, n2, n11, n12, n22 = n1 / n, n2 / n, n11 / n, n12 / n, n22 / n
-        of_roll[k, 0] = math.log(n * cell_p * cell_q) + offset
-        of_roll[k, 1], of_roll[k, 2] = centre[k, 0] + n1, centre[k, 1] + n2
+        by_roll[k, 0] = math.log(n * cell_p * cell_q) + offset
+        by_roll[k, 1], by_roll[k, 2] = centre[k, 0] + n1, centre[k, 1] + n2
         n11, n12, n22 = n11 - n1 * n1, n12 - n1 * n2, n22 - n2 * n2
-        of_roll[k, 3], of_roll[k, 4] = math.sqrt(max(n11, 0.0)), math.sqrt(max(n22, 0.0))
+        by_roll[k, 3], by_roll[k, 4] = math.sqrt(max(n11, 0.0)), math.sqrt(max(n22, 0.0))
         best = max(best, math.log(highest) + offset)
-        level = log_prior[k] + of_roll[k, 0]
+        level = log_prior[k] + by_roll[k, 0]
         if level > scale:
             shrink = math.exp(scale - level) if scale > -1e299 else 0.0
             s0, s1, s2, s3 = s0 * shrink, s1 * shrink, s2 * shrink, s3 * shrink
@@ -179,7 +186,7 @@ def integrate(
             scale = level
         weight = math.exp(level - scale)
         # The mean of left and up, and their covariance; the cells' own extent is part of it.
-        p, q, dr = of_roll[k, 1], of_roll[k, 2], rolls[k] - middle
+        p, q, dr = by_roll[k, 1], by_roll[k, 2], rolls[k] - middle
         dl, du = p * cosine - q * sine - l0, -p * sine - q * cosine - u0
         within = (cell_p * cell_p + cell_q * cell_q) / 24.0
         ll = n11 * cosine * cosine - 2.0 * n12 * sine * cosine + n22 * sine * sine + within
@@ -197,46 +204,46 @@ def integrate(
         m23 += weight * du * dr
     if s0 <= 0.0:
         out[0] = -1e300
-        return out, of_roll
+        return out, by_roll
     a1, a2, a3 = s1 / s0, s2 / s0, s3 / s0
     out[0] = math.log(s0) + scale
     out[1], out[2], out[3] = l0 + a1, u0 + a2, middle + a3
     out[4], out[5], out[6] = m11 / s0 - a1 * a1, m22 / s0 - a2 * a2, m33 / s0 - a3 * a3
     out[7], out[8], out[9] = m12 / s0 - a1 * a2, m13 / s0 - a1 * a3, m23 / s0 - a2 * a3
     out[10] = best
-    return out, of_roll
+    return out, by_roll
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def find_corner(
-    left: Floats, up: Floats, grow: Floats, soft: Floats, ratio: Floats, hits: NDArray[np.bool_],
+    left: Floats, up: Floats, blooming_m: Floats, softness: Floats, ratio: Floats, hits: NDArray[np.bool_],
     edge_p: float, edge_q: float, slack: float, mean: float, sigma: float, coarse: bool, floor: float,
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
-    """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior.
+    """Return the posterior's moments after three passes of :func:`integrate`, each over a narrower grid.
 
     Args:
         hits: (N,) which rays surely met the board.
         mean, sigma: radians, of the prior of the roll.
         coarse: for comparing models: two passes.
-        floor: log evidence of the first pass from which there are more.
+        floor: the search ends if the log evidence of the first pass is lower.
 
     Returns:
-        Moments as of `integrate`; of the last pass the log evidence (K,) of each roll and the rolls (K,). The first
-        moment is -1e300 where no board explains the rays, or the first pass ends below ``floor``.
+        Moments as of `integrate`; the last pass's rolls' log evidence (K,), and these rolls (K,). The first moment is
+        -1e300 if no board explains the rays, or the first pass ends below ``floor``.
     """
     count = max(_ROLLS, 1 + round(sigma / _ROLL_STEP))
-    rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, count)
-    centre, half = _holding_all(left, up, hits, edge_p, edge_q, slack, rolls)
+    rolls = _even_rolls(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, count)
+    centre, half = _grid_over_hits(left, up, hits, edge_p, edge_q, slack, rolls)
     l0, u0 = 0.0, 0.0
-    out, of_roll = np.zeros(11), np.zeros((count, 5))
+    out, by_roll = np.zeros(11), np.zeros((count, 5))
     for number in range(2 if coarse else 3):
         cells = _FINE if number == 2 else _COMPARED if coarse and number == 0 else _COARSE
         prior = np.empty(rolls.size)
         for k in range(rolls.size):
             prior[k] = -0.5 * ((rolls[k] - mean) / sigma) ** 2
         prior += math.log((rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi))
-        out, of_roll = integrate(
-            left - l0, up - u0, grow, soft, ratio, edge_p, edge_q, slack, rolls, prior, centre, half, cells
+        out, by_roll = integrate(
+            left - l0, up - u0, blooming_m, softness, ratio, edge_p, edge_q, slack, rolls, prior, centre, half, cells
         )
         if out[0] < max(floor if number == 0 else -math.inf, -1e299):
             out[0] = -1e300
@@ -247,17 +254,17 @@ def find_corner(
             break
         reach = 3.0 * max(math.sqrt(max(out[6], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
         low, high = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
-        after = _even(low, high, _ROLLS + 2 if number == 1 else _ROLLS)
-        centre, half = _narrowed(rolls, of_roll, half, cells, after, l0, u0, out[1], out[2])
+        after = _even_rolls(low, high, _ROLLS + 2 if number == 1 else _ROLLS)
+        centre, half = _next_grid(rolls, by_roll, half, cells, after, l0, u0, out[1], out[2])
         rolls, l0, u0 = after, out[1], out[2]
-    return out, of_roll[:, 0].copy(), rolls
+    return out, by_roll[:, 0].copy(), rolls
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def _holding_all(
+def _grid_over_hits(
     left: Floats, up: Floats, hits: NDArray[np.bool_], edge_p: float, edge_q: float, slack: float, rolls: Floats
 ) -> tuple[Floats, Floats]:
-    """Middle and half widths (K, 2) of the apexes whose board holds all hits, of each roll."""
+    """Return middle and half widths (K, 2) of the grid of apexes whose board holds all hits, for each roll."""
     centre, half = np.empty((rolls.size, 2)), np.empty((rolls.size, 2))
     for k in range(rolls.size):
         cosine, sine = math.cos(rolls[k]), math.sin(rolls[k])
@@ -274,28 +281,28 @@ def _holding_all(
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def _narrowed(
-    rolls: Floats, of_roll: Floats, half: Floats, cells: int, after: Floats,
+def _next_grid(
+    rolls: Floats, by_roll: Floats, half: Floats, cells: int, after: Floats,
     l0: float, u0: float, left: float, up: float,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Middle about (left, up) and half widths (J, 2) of the next pass at its rolls ``after`` (J,).
+    """Return middle about (left, up) and half widths (J, 2) of the next pass's grid at its rolls ``after`` (J,).
 
     Args:
-        rolls, of_roll, half, cells: of the pass before, about (l0, u0).
+        rolls, by_roll, half, cells: of the pass before, about (l0, u0).
     """
-    seen = np.flatnonzero(of_roll[:, 0] > -1e299)
-    apex, own = np.empty((2, seen.size)), np.empty((2, seen.size))
-    for n in range(seen.size):
-        k = seen[n]
+    possible = np.flatnonzero(by_roll[:, 0] > -1e299)
+    apex, own = np.empty((2, possible.size)), np.empty((2, possible.size))
+    for n in range(possible.size):
+        k = possible[n]
         cosine, sine = math.cos(rolls[k]), math.sin(rolls[k])
-        p, q = of_roll[k, 1], of_roll[k, 2]
+        p, q = by_roll[k, 1], by_roll[k, 2]
         apex[0, n], apex[1, n] = cosine * p - sine * q + l0, -sine * p - cosine * q + u0
         for axis in range(2):
-            own[axis, n] = 3.2 * of_roll[k, 3 + axis] + 2.0 * half[k, axis] / cells
+            own[axis, n] = 3.2 * by_roll[k, 3 + axis] + 2.0 * half[k, axis] / cells
     centre, wide = np.empty((after.size, 2)), np.empty((after.size, 2))
     for axis in range(2):
-        centre[:, axis] = np.interp(after, rolls[seen], apex[axis])
-        wide[:, axis] = np.interp(after, rolls[seen], own[axis])
+        centre[:, axis] = np.interp(after, rolls[possible], apex[axis])
+        wide[:, axis] = np.interp(after, rolls[possible], own[axis])
     for j in range(after.size):
         cosine, sine = math.cos(after[j]), math.sin(after[j])
         x, y = centre[j, 0] - left, centre[j, 1] - up
@@ -304,5 +311,5 @@ def _narrowed(
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def _even(low: float, high: float, count: int) -> Floats:
+def _even_rolls(low: float, high: float, count: int) -> Floats:
     return low + (high - low) * np.arange(count) / (count - 1)

@@ -1,4 +1,8 @@
-"""The rays that tell where a plane's board ends: the last ones on it and the first ones beside it."""
+"""The rays that show where a plane's board ends: the last ones on it and the first ones beside it.
+
+Every ray of a window gets a likelihood ratio: how much likelier its answer is if it meets the board than if it does
+not. From a segment of points the board is followed from ring to ring, and the rays at its edges are chosen.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +15,22 @@ from numpy.typing import NDArray
 from workers.vertices.board.planes import CLUTTER
 
 Floats = NDArray[np.float64]
-WRONG = 0.002  # a ray on the board gives another answer this often
+WRONG = 0.002  # share of the rays on the board that answer as if beside it
 _BEST = 100.0
 _DOUBTFUL = 0.3  # distances have longer tails than a normal distribution
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def likelihood_ratios(
-    azimuth: Floats, slope: Floats, distance: Floats, w: Floats, spread: Floats, sigma: float, lost: float
+    azimuth: Floats, slope: Floats, distance: Floats, w: Floats, spread: Floats, sigma: float, dropout_rate: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Of every ray of a window: where it meets the plane, and how much likelier its answer is on the board than off.
+    """Return where each ray of a window meets the plane, and how much likelier its answer is on the board than off.
 
     Args:
         azimuth, slope, distance: (R, C).
         w: (3,) the plane; spread: (3, 3) covariance of w.
         sigma: metres, standard deviation of a distance.
-        lost: share of the rays on the board that bring no return.
+        dropout_rate: share of the rays on the board that bring no return.
 
     Returns:
         (R, C) left and up in the plane, metres from the foot of the window's axis; (R, C) ratio, 0 behind the sensor.
@@ -51,7 +55,7 @@ def likelihood_ratios(
             up[r, c] = h * (u0 * v0 + u1 * v1 + u2 * v2)
             measured = distance[r, c]
             if measured <= 0.0:
-                ratio[r, c] = lost
+                ratio[r, c] = dropout_rate
                 continue
             variance = 0.0
             for a in range(3):
@@ -62,7 +66,7 @@ def likelihood_ratios(
             total = math.sqrt(sigma * sigma + variance * h * h * h * h)
             behind = (measured - h) / total
             if behind < -4.0:
-                ratio[r, c] = 1.0  # something stands in front and tells nothing of the board
+                ratio[r, c] = 1.0  # something stands in front and hides the board
             else:
                 like = math.exp(-0.5 * behind * behind) / (total * 2.5066)
                 least = _DOUBTFUL if behind < 4.0 else WRONG
@@ -74,7 +78,11 @@ def likelihood_ratios(
 def follow_board(
     left: Floats, up: Floats, ratio: Floats, inside: NDArray[np.bool_], ring: int, first: int, last: int
 ) -> NDArray[np.int64]:
-    """(R, 2) first and last column of the board on every ring, -1 where it is not; from a stretch on one ring."""
+    """Return (R, 2) the first and last column of the board on every ring, -1 where it is not.
+
+    Args:
+        ring, first, last: the segment that the board is followed from.
+    """
     rings, columns = ratio.shape
     ends = np.full((rings, 2), -1, np.int64)
     for direction in (1, -1):
@@ -113,7 +121,7 @@ def follow_board(
 def choose_rays(
     left: Floats, up: Floats, ratio: Floats, distance: Floats, ends: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """(K, 2) ring and column of the rays that matter for the edges."""
+    """Return (K, 2) ring and column of the rays that matter for the edges."""
     rings, columns = ratio.shape
     taken = np.zeros((rings, columns), np.bool_)
     top, bottom = -1, rings
@@ -156,15 +164,16 @@ def mixed_rays(
     azimuth: Floats, slope: Floats, distance: Floats, w: Floats, nearest: float, farthest: float,
     ring: NDArray[np.int64], column: NDArray[np.int64],
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """Which of the rays (K,) at ``ring`` and ``column`` may have met both the board and something close behind it.
+    """Return which of K rays may have met both the board and something close behind it.
 
-    Of a dark body and a part of the board together often nothing comes back. So a ray without a return is one of
-    them, if a ray next to it has a return from close behind.
+    A dark body and a part of the board together often return nothing. So a ray without a return is mixed, too, if a
+    ray next to it has a return from close behind.
 
     Args:
         azimuth, slope, distance: (R, C).
         w: (3,) the plane.
         nearest, farthest: metres behind the plane that are close.
+        ring, column: (K,) of the rays.
     """
     rings, columns = distance.shape
     mixed = np.zeros(ring.size, np.bool_)

@@ -1,4 +1,8 @@
-"""The board's size and edge blooming: what is usual, their joint estimate, whether a stated size is contradicted."""
+"""The board's size and its edge blooming: usual values, a joint estimate, and whether it contradicts a stated size.
+
+A beam has a width, so a board looks larger than it is, by the same angle at every distance. Boards at one distance
+show only the sum of size and blooming. Boards at several distances, and the blooming of usual sensors, separate them.
+"""
 
 from __future__ import annotations
 
@@ -15,34 +19,37 @@ from workers.vertices.vertex import SizeFacts
 Floats = NDArray[np.float64]
 SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 BEAM_SIGMA_RAD = 1.5e-3  # data sheets: half of a beam of 3 mrad
-GROWTH_RAD = (-0.25e-3, 10.0e-3)
-_GROWTH_SIGMA_RAD = 0.5e-3
+BLOOMING_RAD = (-0.25e-3, 10.0e-3)
+_BLOOMING_SIGMA_RAD = 0.5e-3
 
 
-def usual_steps() -> Floats:
-    """(K,) share of the sensors with each of the half widths `SOFT_DEG`, as data sheets tell: half of a beam."""
+def usual_softness() -> Floats:
+    """Return (K,) share of the sensors with each of the half widths `SOFT_DEG`: data sheets give half of a beam."""
     widths = np.radians(SOFT_DEG)
-    # The widths of the table are even in their logarithm.
+    # The table's widths are evenly spaced in their logarithm.
     share: Floats = widths * np.exp(-0.5 * ((widths - BEAM_SIGMA_RAD) / BEAM_SIGMA_RAD) ** 2)
     return share / share.sum()
 
 
-def any_growth(measured: float, sigma: float, widths: Floats) -> tuple[float, float]:
-    """Growth and its standard deviation: what boards of known size tell, and what the step at the edges does.
+def usual_blooming(measured: float, sigma: float, widths: Floats) -> tuple[float, float]:
+    """Return blooming and its standard deviation, from boards of known size and from the softness of the edges.
 
     A beam whose middle is on the board lies on it for the most part. So the step from hits to misses begins at the
     edge or outside of it, and its middle lies as far out as half of its width, or farther. That half width is each of
     `SOFT_DEG` with shares ``widths`` (K,).
+
+    Args:
+        measured, sigma: radians, blooming as the boards show it, and its standard deviation.
     """
-    soft = np.radians(SOFT_DEG)
-    spread = np.hypot(_GROWTH_SIGMA_RAD, 0.5 * soft)  # about the half width, before boards tell
+    softness = np.radians(SOFT_DEG)
+    spread = np.hypot(_BLOOMING_SIGMA_RAD, 0.5 * softness)  # about the half width, before any board is seen
     variance = spread**2 + sigma**2
     with np.errstate(divide="ignore"):
-        log = np.log(widths) - 0.5 * ((measured - soft) ** 2 / variance + np.log(variance))
+        log = np.log(widths) - 0.5 * ((measured - softness) ** 2 / variance + np.log(variance))
     share = np.exp(log - np.logaddexp.reduce(log))
-    growth = np.clip(soft + spread**2 / variance * (measured - soft), *GROWTH_RAD)
-    mean = float(share @ growth)
-    return mean, math.sqrt(float(share @ ((spread * sigma) ** 2 / variance + (growth - mean) ** 2)))
+    blooming = np.clip(softness + spread**2 / variance * (measured - softness), *BLOOMING_RAD)
+    mean = float(share @ blooming)
+    return mean, math.sqrt(float(share @ ((spread * sigma) ** 2 / variance + (blooming - mean) ** 2)))
 
 
 TOLERANCE_M: Final = 0.003  # of a stated edge: read from a tape
@@ -53,24 +60,24 @@ _CONTRADICTS: Final = 13.8  # chi-square of two edges: by chance 0.001
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SizeEstimate:
-    """Both edges (m) and the growth (rad) as boards show them, together.
+    """Both edges (m) and the blooming (rad) as boards show them, together.
 
     Attributes:
-        measured: (3,) from the boards alone; spread: (3, 3) its covariance, in which size and growth are one sum
-            where all boards are equally far.
+        measured: (3,) from the boards alone.
+        spread: (3, 3) its covariance; where all boards are equally far, only the sum of size and blooming is certain.
     """
 
     measured: Floats
     spread: Floats
 
     def usual(self) -> tuple[Floats, Floats]:
-        """Return mean (3,) and covariance (3, 3) with a growth as data sheets tell it: half of a beam."""
+        """Return mean (3,) and covariance (3, 3) with the blooming that data sheets make likely: half of a beam."""
         gain = self.spread[:, 2] / (self.spread[2, 2] + BEAM_SIGMA_RAD**2)
         mean = self.measured + gain * (BEAM_SIGMA_RAD - self.measured[2])
         return mean, self.spread - np.outer(gain, self.spread[2])
 
     def facts(self, stated: tuple[float, float]) -> SizeFacts:
-        """Return what is reported of the size; ``stated``: metres, 0 for an edge that is open."""
+        """Return the size as it is reported; ``stated``: metres, 0 for an edge that is open."""
         mean, covariance = self.usual()
         sigmas = np.sqrt(np.diag(covariance)).tolist()
         (short, sigma), (long, other) = sorted(zip(mean[:2].tolist(), sigmas[:2], strict=True))
@@ -81,10 +88,10 @@ class SizeEstimate:
 
 
 def _chi2(stated: Floats, mean: Floats, covariance: Floats) -> float:
-    """Return chi-square of edges (2,) as a tape measures them, with the growth in `GROWTH_RAD` that suits best."""
+    """Return chi-square of edges (2,) that a tape measured, with the blooming in `BLOOMING_RAD` that suits best."""
     precision = np.linalg.inv(covariance + np.diag([TOLERANCE_M**2, TOLERANCE_M**2, 0.0]))
-    growth = mean[2] - float(precision[2, :2] @ (stated - mean[:2])) / precision[2, 2]
-    off = np.append(stated, min(max(growth, GROWTH_RAD[0]), GROWTH_RAD[1])) - mean
+    blooming = mean[2] - float(precision[2, :2] @ (stated - mean[:2])) / precision[2, 2]
+    off = np.append(stated, min(max(blooming, BLOOMING_RAD[0]), BLOOMING_RAD[1])) - mean
     return float(off @ precision @ off)
 
 
