@@ -1,4 +1,4 @@
-"""Connections to PostgreSQL that an event loop itself waits for."""
+"""Connections to PostgreSQL that the event loop itself waits for, used by `http.lookups` alone."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _GENERIC_PLANS = "-c plan_cache_mode=force_generic_plan"
 
 
 class LoopConnections:
-    """So many connections at most, opened when they are needed. They belong to one event loop.
+    """At most ``count`` connections of one event loop, opened when they are needed.
 
-    Each statement is prepared, and a transaction of its own.
+    Each statement is prepared, and runs in a transaction of its own.
     """
 
     errors = (Error, TimeoutError)
-    """What :meth:`rows` raises."""
+    """Errors of :meth:`rows`."""
 
     def __init__(self, database: Database, count: int, lock_s: float) -> None:
         """``lock_s``: how long a statement waits for a lock, and a request for a connection."""
@@ -36,7 +36,7 @@ class LoopConnections:
         self._idle: list[AsyncConnection[tuple[Any, ...]]] = []
 
     async def rows(self, statement: bytes, values: Mapping[str, Any]) -> list[tuple[Any, ...]]:
-        """What a statement finds. Raises the driver's errors, and TimeoutError where no connection gets free."""
+        """Return the rows of a statement. Raises the driver's errors; TimeoutError if none is free in time."""
         async with asyncio.timeout(self._lock_s):
             await self._free.acquire()
         try:
@@ -53,7 +53,7 @@ class LoopConnections:
             self._free.release()
 
     async def close(self) -> None:
-        """Close those that nobody uses."""
+        """Close the idle connections."""
         while self._idle:
             await self._idle.pop().close()
 

@@ -1,7 +1,7 @@
-"""Connections with deadlines and a limit: uvicorn's protocol, which by itself waits for its clients for ever.
+"""Connections with deadlines and a limit on their number: uvicorn's protocol by itself waits for clients for ever.
 
-``uvicorn --http service.platform.http.connections:PatientProtocol``. The rest is a proxy's: limits for addresses, and
-clients that take their answers slowly; who takes nothing at all is let go by the kernel.
+``uvicorn --http service.platform.http.connections:PatientProtocol``. A proxy must limit addresses, and clients that
+take their answers slowly; the kernel ends connections whose clients take nothing at all.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from service.platform.settings import get_settings
 # Apache's mod_reqtimeout gives the head of a request 20 s, and asks for 500 bytes a second.
 HEAD_S = 20.0
 _BYTES_PER_S = 500
-# As nginx: 60 s for the next bytes of a body. Bad lines pause.
+# As nginx: 60 s for the next bytes of a body, because bad networks pause.
 WINDOW_S = 60.0
-# Bytes that bring a request no further: of a head, of trailers, of a chunk's extension, of empty lines. llhttp has no
-# limit; h11 has 16 KiB.
+# Most bytes without progress: of a head, trailers, a chunk's extension, or empty lines. llhttp has no limit; h11 has
+# 16 KiB.
 _LONGEST_HEAD = 64 * 1024
-# Requests that came before the first of them was answered. Each takes a kilobyte, and 28 bytes may be one.
+# Most requests that wait on one connection. Each takes a kilobyte, and 28 bytes may be one.
 _MOST_PIPELINED = 100
-# Of an answer, or a ping of an event stream, that the peer does not take (tcp(7), TCP_USER_TIMEOUT; Linux counts a
-# closed window since 5.11).
+# How long sent bytes may stay unacknowledged by the peer (tcp(7), TCP_USER_TIMEOUT; Linux counts a closed window
+# since 5.11).
 _UNTAKEN_MS = 60_000
-# What a process opens beside connections: database, broker, objects in transit.
+# Files that a process opens besides connections: database, broker, objects in transit.
 _OTHER_FILES = 256
 
 
 class PatientProtocol(HttpToolsProtocol):
-    """One connection. It waits for a head or a body of its client, and not for ever."""
+    """One connection, which waits for its client's head or body, but not for ever."""
 
     since = 0.0
     _in_head = True
@@ -44,14 +44,14 @@ class PatientProtocol(HttpToolsProtocol):
     _deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take the connection; where it is one too many, end one that has asked for nothing."""
+        """Take the connection; if there are too many, end an idle one."""
         super().connection_made(transport)
         peer: socket.socket | None = transport.get_extra_info("socket")
         if peer is not None and peer.family != socket.AF_UNIX and hasattr(socket, "TCP_USER_TIMEOUT"):
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNTAKEN_MS)
         self.since = self.loop.time()
         self._wait(HEAD_S, self._end)
-        self._make_room()
+        self._end_surplus()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection."""
@@ -75,7 +75,7 @@ class PatientProtocol(HttpToolsProtocol):
             self._wait(HEAD_S, self._end)
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        """Note a header. What comes after a body is none: the request was judged without it."""
+        """Note a header. Trailers after a body are ignored: the request is under way without them."""
         if self._in_head:
             super().on_header(name, value)
 
@@ -96,7 +96,7 @@ class PatientProtocol(HttpToolsProtocol):
         super().on_body(body)
 
     def on_message_complete(self) -> None:
-        """The request is complete: who waits now is the client."""
+        """The request is complete: now the client waits."""
         assert self.parser is not None
         if self.parser.should_upgrade():
             return
@@ -113,13 +113,13 @@ class PatientProtocol(HttpToolsProtocol):
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing is asked for: no head of a request is complete, or all are answered."""
+        """Whether no request is under way."""
         return self.cycle is None or self.cycle.response_complete
 
     def _feed(self, data: bytes) -> None:
         """Parse. Raises httptools' HttpParserError.
 
-        llhttp takes what follows a head with `Upgrade` for another protocol: the body would become the next request.
+        After a head with `Upgrade`, llhttp expects another protocol, and the body would become the next request.
         Nothing is upgraded here, so such a head is parsed again without that header (RFC 9110, 7.8).
         """
         rest = memoryview(data)
@@ -145,7 +145,7 @@ class PatientProtocol(HttpToolsProtocol):
         self._wait(WINDOW_S, self._check_body)
 
     def _check_body(self) -> None:
-        # Where the service does not read, or has not told the client to send, the client is not slow.
+        # If the service itself does not read, or has not asked the client to send, the client is not slow.
         is_awaited = not self.flow.read_paused and not self.cycle.waiting_for_100_continue
         if is_awaited and self._arrived < WINDOW_S * _BYTES_PER_S:
             self._end()
@@ -165,13 +165,13 @@ class PatientProtocol(HttpToolsProtocol):
         self._stop_waiting()
         self.transport.abort()
 
-    def _make_room(self) -> None:
-        """Where there is one too many, end who has asked for nothing for longest, else this connection."""
-        here = [one for one in self.connections if isinstance(one, PatientProtocol)]
-        living = [one for one in here if not one.transport.is_closing()]
+    def _end_surplus(self) -> None:
+        """If there are too many connections, end the one that was idle longest, or this one if none is idle."""
+        protocols = [each for each in self.connections if isinstance(each, PatientProtocol)]
+        living = [each for each in protocols if not each.transport.is_closing()]
         if len(living) > min(get_settings().connections, _most_files()):
-            idle = [one for one in living if one.is_idle and one is not self]
-            min(idle, key=lambda one: one.since, default=self)._end()
+            idle = [each for each in living if each.is_idle and each is not self]
+            min(idle, key=lambda each: each.since, default=self)._end()
 
 
 def _most_files() -> int:

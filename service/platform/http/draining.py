@@ -1,9 +1,8 @@
-"""Stops an API process without a failed request.
+"""The stop of an API process, without a failed request.
 
-SIGTERM does not close the door at once. For ``drain_s`` seconds /readyz answers 503, so that whoever balances the
-load looks elsewhere; requests are still answered, each with ``Connection: close``, so that no client keeps a
-connection that is about to end under its next request. Then streams of events end, and uvicorn finishes what is in
-hand and stops.
+After SIGTERM the process serves on for ``drain_s`` seconds. /readyz answers 503, so that load balancers turn to
+others. Each answer says ``Connection: close``, so that no client sends its next request on a connection that is about
+to end. Then event streams end, and uvicorn finishes the requests under way and stops.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ log = logging.getLogger(__name__)
 
 
 class Drain:
-    """Whether this process is about to leave: ``asked`` by SIGTERM, ``over`` when the delay has passed."""
+    """The state of a stopping process: ``asked`` since SIGTERM, ``over`` when the delay has passed."""
 
     def __init__(self, delay_s: float) -> None:
         self.asked = False
@@ -30,9 +29,9 @@ class Drain:
 
     @contextmanager
     def before_stopping(self) -> Iterator[None]:
-        """Stand before the server's own handling of SIGTERM, in the running event loop.
+        """Delay the server's own handling of SIGTERM, in the running event loop.
 
-        Outside the main thread no signal arrives, and none is taken.
+        Outside the main thread no signals arrive, so nothing is installed there.
         """
         if threading.current_thread() is not threading.main_thread():
             yield

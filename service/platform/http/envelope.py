@@ -1,6 +1,6 @@
-"""What stands around every request: its id, a line in the log, a place in the figures, and headers of its answer.
+"""The envelope of every request: its id, its line in the log, its part of the figures, and the headers of its answer.
 
-No other site's script runs in our pages, and nothing is cached that may change.
+The headers keep other sites' scripts out of our pages, and changing answers out of caches.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _ALWAYS = {
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 _PROBLEM = (b"content-type", MEDIA_TYPE.encode())
-# Machines ask these every few seconds: they are counted but not logged.
+# Machines request these every few seconds: they are counted but not logged.
 _UNLOGGED = frozenset(("/healthz", "/readyz", "/metrics"))
 # Our addresses have at most 250 letters; longer ones are cut, so that strangers cannot fill the log.
 _LONGEST_PATH = 500
@@ -40,13 +40,13 @@ log = logging.getLogger(__name__)
 
 
 class _HeadSentError(Exception):
-    """A HEAD has its answer: whatever would produce the content is left."""
+    """A HEAD has its answer: the rest, which would produce the content, is skipped."""
 
 
 class Envelope:
-    """Pure ASGI middleware, so that streams pass untouched; one for all of this, because each costs every request.
+    """Pure ASGI middleware, so that streams pass unchanged; one layer, because each layer costs every request.
 
-    ``stores`` are the origins that pages may send parts to and fetch frames from beside the service's own.
+    ``stores`` are further origins that pages may send parts to and fetch frames from.
     """
 
     def __init__(self, app: ASGIApp, figures: HttpFigures, drain: Drain, stores: Sequence[str] = ()) -> None:
@@ -67,7 +67,7 @@ class Envelope:
         request_id = request_ids.bind(scope["headers"])
         logs.say_who(address=(scope.get("client") or ("",))[0])
         status, is_no_problem = _CLIENT_LEFT, False
-        # HEAD is answered as GET is, without the content: no route knows of it.
+        # HEAD is answered as GET is, without the content: routes see a GET.
         is_head = scope["method"] == "HEAD"
         inner = {**scope, "method": "GET"} if is_head else scope
 
@@ -77,7 +77,7 @@ class Envelope:
                 status, headers = message["status"], message.get("headers", ())
                 # The framework refuses a body of too many bytes with plain text.
                 is_no_problem = status == 413 and _PROBLEM not in headers
-                message["headers"] = self._with_ours(scope["path"], headers, request_id)
+                message["headers"] = self._with_standard_headers(scope["path"], headers, request_id)
             elif is_head:
                 await send({"type": "http.response.body"})
                 raise _HeadSentError
@@ -97,7 +97,7 @@ class Envelope:
             finally:
                 self._note({**inner, "method": scope["method"]}, status, time.perf_counter() - began)
 
-    def _with_ours(
+    def _with_standard_headers(
         self, path: str, headers: Sequence[tuple[bytes, bytes]], request_id: str
     ) -> list[tuple[bytes, bytes]]:
         ours = self._api if path.startswith("/v1/") else self._pages
@@ -111,7 +111,7 @@ class Envelope:
     def _note(self, scope: Scope, status: int, seconds: float) -> None:
         route = getattr(scope.get("route"), "path", None) or "pages"
         self._figures.answered(scope["method"], route, status, seconds)
-        # A car that has what there is asks again and again: 500 such lines a second fill 30 MB within two minutes.
+        # Cars that are up to date ask again and again: 500 such lines a second fill 30 MB within two minutes.
         if scope["path"] not in _UNLOGGED and status != 304:
             path = quote(scope["path"])[:_LONGEST_PATH]
             what = {"method": scope["method"], "path": path, "status": status}

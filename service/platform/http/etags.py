@@ -20,17 +20,17 @@ class NotModified(Exception):  # noqa: N818 - an answer, not an error
 
 
 def version_etag(version: int) -> str:
-    """The entity tag of a row that counts its versions."""
+    """Return the entity tag of a row that counts its versions."""
     return f'"v{version}"'
 
 
 def content_etag(digest: str) -> str:
-    """The entity tag of something named by a hash of its content."""
+    """Return the entity tag of something named by a hash of its content."""
     return f'"{digest}"'
 
 
 def repr_digest(content: bytes) -> dict[str, str]:
-    """The header by which a client sees that all bytes arrived as they were sent (RFC 9530)."""
+    """Return the header by which a client checks that all bytes arrived (RFC 9530)."""
     return {"Repr-Digest": f"sha-256=:{b64encode(sha256(content).digest()).decode()}:"}
 
 
@@ -42,10 +42,10 @@ class Conditions:
         self._response = response
 
     def offer(self, etag: str, *, more_changes: bool = False) -> None:
-        """Put ``etag`` on the answer. Raises :class:`NotModified` where a read names it in If-None-Match.
+        """Put ``etag`` on the answer. Raises :class:`NotModified` if a read names it in If-None-Match.
 
-        ``more_changes`` says that the answer also holds what the tag does not cover, such as a job's progress: the
-        tag then serves edits only.
+        ``more_changes``: the answer also holds data that the tag does not cover, such as a job's progress. The tag
+        then serves edits only.
         """
         self._response.headers["ETag"] = etag
         if more_changes:
@@ -72,7 +72,7 @@ class Conditions:
             )
 
     def edit(self, row: Any) -> None:
-        """Give a row its next version, and the answer that one's ETag. Raises :class:`Problem` as :meth:`require`."""
+        """Give a row its next version, and the answer its new ETag. Raises :class:`Problem` as :meth:`require`."""
         self.require(version_etag(row.version))
         row.version += 1
         self.offer(version_etag(row.version))
@@ -83,7 +83,7 @@ class Conditions:
 
 
 def names(header: str | None, etag: str) -> bool:
-    """Whether a header of entity tags holds this one."""
+    """Return whether a header of entity tags holds ``etag``."""
     if header is None:
         return False
     # If-None-Match compares weakly: proxies that compress make W/"v3" of "v3".
@@ -100,8 +100,8 @@ def install(app: FastAPI) -> None:
 
 
 async def conditions(request: Request, response: Response) -> Conditions:
-    """The conditions of a request."""
-    # A coroutine is called in place; anything else would cost a trip through the thread pool.
+    """Return the request's conditions."""
+    # A coroutine runs in place; a plain function would go through the thread pool.
     return Conditions(request, response)
 
 

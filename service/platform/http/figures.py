@@ -1,4 +1,4 @@
-"""What one API process counts of its own: requests by method, route and status, and how long they took."""
+"""The figures of one API process: requests by method, route and status, and how long they took."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from functools import cache
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, disable_created_metrics
 
-# A series beside every counter that says when it began: nothing here asks for it.
+# No series that says when each counter began: nothing here reads it.
 disable_created_metrics()
 
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)

@@ -1,7 +1,7 @@
-"""Idempotency-Key: a POST that is sent again gets the answer that it got the first time.
+"""Idempotency-Key: a POST that is sent again gets the answer of the first time.
 
-The answer is kept in the transaction that makes the thing, so either both exist or neither. Of an answer that holds
-a secret only is kept that it was given.
+The answer is stored in the transaction that creates the resource, so either both exist or neither. If it holds a
+secret, only the fact that it was answered is stored.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ class RequestKey:
 
 
 def of_caller(key: RequestKey, *caller: object) -> RequestKey:
-    """The same key, and a hash that is also of who asks: a session or token, and what it is limited to."""
+    """Return the same key with a hash that includes the caller: a session or token, and its limits."""
     digest = hashlib.sha256("\n".join([key.request_hash, *map(str, caller)]).encode())
     return RequestKey(key.key, digest.hexdigest())
 
 
 async def request_key(request: Request) -> RequestKey | None:
-    """The key of a POST that has one. Raises :class:`Problem` ``invalid_request`` where it is none."""
+    """Return the key of a POST that has one, else None. Raises :class:`Problem` ``invalid_request``."""
     key = request.headers.get("idempotency-key")
     if key is None or request.method != "POST":
         return None
@@ -59,12 +59,12 @@ async def request_key(request: Request) -> RequestKey | None:
 
 
 def kept_answer(session: Session, person_id: UUID, key: RequestKey) -> IdempotencyKey | None:
-    """The answer that is kept under this key, or None where the key is new.
+    """Return the stored answer of this key, or None if the key is new.
 
-    Raises :class:`Problem` ``idempotency_key_reused`` where the key belongs to another request.
+    Raises :class:`Problem` ``idempotency_key_reused`` if the key belongs to another request.
     """
     if session.get_bind().dialect.name == "postgresql":
-        # Twins of one request wait here for each other; SQLite has one writer at a time anyway.
+        # Copies of one request wait here for each other; SQLite has one writer at a time anyway.
         session.execute(select(func.pg_advisory_xact_lock(_lock_number(person_id, key.key))))
     row = session.scalar(
         select(IdempotencyKey).where(IdempotencyKey.person_id == person_id, IdempotencyKey.key == key.key)
@@ -79,7 +79,7 @@ def kept_answer(session: Session, person_id: UUID, key: RequestKey) -> Idempoten
 
 
 def repeat(row: IdempotencyKey) -> Repeated:
-    """The kept answer, to be raised. Raises :class:`Problem` ``answer_not_kept`` where it held a secret."""
+    """Return the stored answer, to be raised. Raises :class:`Problem` ``answer_not_kept`` if it held a secret."""
     if row.body is not None:
         return Repeated(row.status, row.body)
     raise conflict(
@@ -95,7 +95,7 @@ def _lock_number(person_id: UUID, key: str) -> int:
 
 
 def install(app: FastAPI) -> None:
-    """Answer :class:`Repeated` with the kept answer."""
+    """Answer :class:`Repeated` with the stored answer."""
 
     @app.exception_handler(Repeated)
     async def on_repeated(request: Request, error: Repeated) -> Response:

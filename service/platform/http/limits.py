@@ -1,4 +1,4 @@
-"""Limits how much of one kind is served at once, in requests or bytes, and how much of it is one person's."""
+"""A concurrency limiter: how many requests or bytes of one kind are served at once, and how many are one person's."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from service.platform.http.problems import Problem
 
 
 class BusyProblem(Problem):
-    """As many requests of this kind as may be are under way, and none of them ended in time."""
+    """The answer if a request got no place in time."""
 
     def __init__(self, wait_s: float) -> None:
         super().__init__(
@@ -27,7 +27,7 @@ class BusyProblem(Problem):
 
 
 class _Places(Semaphore):
-    """Places that one request after the other takes: two that had half of theirs would wait for ever."""
+    """A semaphore whose places a request takes in one turn: two with half of theirs would wait for ever."""
 
     def __init__(self, count: int) -> None:
         super().__init__(count)
@@ -35,14 +35,14 @@ class _Places(Semaphore):
         self._turn = Lock()
 
     async def take(self, stack: AsyncExitStack, count: int) -> None:
-        """Take so many until the stack ends; all, where there are not so many."""
+        """Take ``count`` places until the stack ends; all of them if there are fewer."""
         async with self._turn:
             for _ in range(max(min(count, self.count), 1)):
                 await stack.enter_async_context(self)
 
 
 class ConcurrencyLimiter:
-    """``total`` places in this process, of which one person has ``each`` at most. Of one event loop."""
+    """``total`` places in one event loop, of which one person may hold ``each``."""
 
     def __init__(self, total: int, each: int | None = None, wait_s: float = 0.0) -> None:
         self._total = _Places(total)
@@ -52,7 +52,7 @@ class ConcurrencyLimiter:
 
     @asynccontextmanager
     async def take(self, person_id: UUID | None, wait_s: float | None = None, count: int = 1) -> AsyncIterator[None]:
-        """Have ``count`` places.
+        """Hold ``count`` places for a block.
 
         Raises :class:`BusyProblem` after ``wait_s`` seconds, by default those of the limiter.
         """
@@ -71,6 +71,6 @@ class ConcurrencyLimiter:
 
 
 def declared_length(request: Request) -> int | None:
-    """How many bytes a request says that its body has."""
+    """Return the length of a request's body by its header; None without one."""
     text = request.headers.get("content-length", "")
     return int(text) if text.isascii() and text.isdigit() else None

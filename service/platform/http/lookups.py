@@ -1,7 +1,7 @@
-"""Small statements that most requests begin with: PostgreSQL's answer is waited for by the event loop itself.
+"""Small statements at the beginning of most requests, such as who calls; on PostgreSQL the event loop waits for them.
 
-A thread that waits for an answer has to be woken twice, and shares the interpreter with the loop that it answers to.
-SQLite has no server to wait for, so it is asked in a thread.
+A thread that waits has to be woken twice, and shares the interpreter with the event loop. For a statement of a
+millisecond that costs more than the statement. SQLite has no server to wait for, so its statements run in a thread.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 
 
 class Lookups:
-    """Looks things up by statements that are made once and kept."""
+    """Statements that are compiled once and then run for many requests."""
 
     def __init__(self, database: Database, threads: Threads) -> None:
         self._database, self._threads = database, threads
@@ -46,9 +46,10 @@ class Lookups:
     async def rows(
         self, statement: Select[Any], values: Mapping[str, Any], secret_hash: str
     ) -> Sequence[Sequence[Any]]:
-        """Return the rows of a statement, a transaction of its own. Columns: text, numbers, truth values and ids.
+        """Return the rows of a statement in a transaction of its own. Columns: text, numbers, truth values and ids.
 
-        A credential, of which there is the hash, has all threads but one.
+        Args:
+            secret_hash: of the caller's credential. One credential may hold all threads of the lane but one.
         """
         if self._loop is not None:
             if statement not in self._compiled:
@@ -58,10 +59,10 @@ class Lookups:
             try:
                 return await self._loop.rows(text, {**defaults, **values})
             except self._loop.errors:
-                # A connection may have ended. The thread's way has a new one, or says what is wrong.
-                log.info("a look at the database is repeated in a thread", exc_info=True)
-        return await self._threads.identity.run(self._look, statement, values, caller=UUID(hex=secret_hash[:32]))
+                # The connection may have ended. The thread opens a new one, or reports what is wrong.
+                log.info("a look-up is repeated in a thread", exc_info=True)
+        return await self._threads.identity.run(self._rows, statement, values, caller=UUID(hex=secret_hash[:32]))
 
-    def _look(self, statement: Select[Any], values: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
+    def _rows(self, statement: Select[Any], values: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
         with self._database.alone() as connection:
             return connection.execute(statement, values).all()

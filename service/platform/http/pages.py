@@ -1,4 +1,4 @@
-"""Cursor pages: a list is answered a hundred rows at a time, each page naming where the next begins."""
+"""Cursor pagination: a list is answered a hundred rows at a time, and each page names where the next one begins."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LIMIT = "how many at most"
 
 
 class Window(BaseModel):
-    """Which part of a list is asked for."""
+    """The part of a list that a request names."""
 
     after: str | None = None
     limit: int = 100
@@ -55,10 +55,10 @@ def fetch(
     newest_first: bool = False,
     any_of: Sequence[ColumnElement[bool]] = (),
 ) -> tuple[list[Any], str | None]:
-    """The rows of one page of ``statement`` and its ``next``.
+    """Return the rows of one page of ``statement``, and its ``next``.
 
-    ``any_of``: conditions of which each row fulfils one, each with an index that sorts by ``key``. A page of each is
-    found, and of all these the first; for all at once a database would sort everything or read what fits none.
+    ``any_of``: conditions of which each row fulfils one, each with an index that sorts by ``key``. A page of each
+    condition is read, and the first rows of all are returned; with one OR a database would sort or scan everything.
 
     ``key`` is a column that is unique within the statement, a UUID (version 7: sorted by time) or an integer; it
     gives the order. A statement of one entity gives entities; of several it gives rows, ``key`` being the first's.
@@ -98,13 +98,13 @@ def _parse(key: InstrumentedAttribute[Any], text: str) -> UUID | int:
 
 
 def invalid_cursor(cursor: str) -> Problem:
-    """The refusal of an ``after`` that no page of the list gave."""
+    """Return the problem of an ``after`` that no page of the list gave."""
     hint = "Give the `next` of a page as it is, with the same query."
     return unprocessable("invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", hint)
 
 
 def compressed(request: Request, document: BaseModel) -> Response:
-    """A document as JSON, by gzip where the client takes it. The quickest level: lists shrink to a fifth by it."""
+    """Return a document as JSON, by gzip if the client takes it, at its quickest level: lists shrink to a fifth."""
     body, headers = document.model_dump_json().encode(), {"Vary": "Accept-Encoding"}
     if "gzip" in request.headers.get("accept-encoding", ""):
         body, headers["Content-Encoding"] = gzip.compress(body, 1), "gzip"

@@ -74,7 +74,7 @@ class Problem(Exception):  # noqa: N818 - it is the document, not only an error
 
 
 class _ProblemResponse(JSONResponse):
-    """Also says what it refuses where that is no text: half a surrogate pair goes out as JSON spells it."""
+    """A problem that may quote text that is no text: half a surrogate pair is spelled as JSON escapes it."""
 
     def render(self, content: Any) -> bytes:
         """The document's bytes."""
@@ -82,11 +82,11 @@ class _ProblemResponse(JSONResponse):
 
 
 forbidden = partial(Problem, 403)
-"""What this person may not do."""
+"""The person may not do this."""
 conflict = partial(Problem, 409)
-"""What the present state of things does not allow."""
+"""The present state does not allow this."""
 unprocessable = partial(Problem, 422)
-"""What is wrong with the request itself."""
+"""The request itself is wrong."""
 
 
 def not_found(
@@ -95,9 +95,9 @@ def not_found(
     hint: str = "Check the id and which fleet it is in.",
     **fields: Any,
 ) -> Problem:
-    """What is not there, and what a person may not know to be there.
+    """Return the problem of a resource that does not exist, or that the person may not know of.
 
-    By itself it never says what was looked for: a route that looks at several rows would tell which of them exist.
+    By default it does not name the resource: a route that reads several rows would reveal which of them exist.
     """
     return Problem(404, code, detail, hint, **fields)
 

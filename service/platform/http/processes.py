@@ -1,6 +1,6 @@
-"""A process beside an API process, for what a stranger's bytes may make long.
+"""A process beside an API process, for parsing that a stranger's bytes may make long.
 
-In a thread, such work would hold the interpreter between all others' steps: a request comes back to it some 25 times.
+In a thread, such work would take the interpreter from other requests at each of their some 25 turns.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ ValueT = TypeVar("ValueT")
 
 
 def in_process(call: Callable[..., ValueT], *args: Any) -> ValueT:
-    """Return what ``call`` returns in another process. Arguments, result and errors are pickled.
+    """Return the result of ``call`` in another process. Arguments, result and errors are pickled.
 
     It is called in one of the API's threads.
 
     Raises:
-        Problem: 503 ``reading_ended`` where the process ended; or what ``call`` raises.
+        Problem: 503 ``reading_ended`` if the process ended; or what ``call`` raises.
     """
     try:
         return from_thread.run(partial(to_process.run_sync, _quietly, call, *args))

@@ -1,7 +1,7 @@
-"""The router of every resource: what a request does with the database is one call of one thread.
+"""The router of every resource: all that a request does with the database is one call in one thread.
 
-Session, route, rendering of the answer and commit. Were they calls of their own, as FastAPI makes them, the holder of
-a row's lock would wait for a thread between them, and those who have the threads would wait for its lock.
+That call opens the session, runs the route, renders the answer and commits. FastAPI runs these steps in separate pool
+calls: then a lock holder waits for a thread while the threads wait for its lock.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from service.platform.observability import logs, request_ids
 
 log = logging.getLogger(__name__)
 
-# How large a request's body may be. A declared length beyond it is answered 413 before a byte is read, and a body
-# without one is cut off there. A route that takes more than DEFAULT says so by `max_body_size`. Bodies up to DOCUMENT
+# Largest bodies of requests. A larger declared length is answered 413 before a byte is read; a body without a
+# declared length is cut off there. A route that takes more than DEFAULT states `max_body_size`. Bodies up to DOCUMENT
 # are parsed on the event loop: the worst of that length, a quarter of a million brackets, blocks it for 10 to 20 ms.
 KIB = 1024
 # Names, answers to marking tasks, calibrations: the largest of them, with 16 lenses, has some 20 KiB.
@@ -50,7 +50,7 @@ DOCUMENT = 256 * KIB
 # A sign-in link has at most 1,000 letters.
 SIGN_IN = 4 * KIB
 
-# What leaves the service as a whole. Frames and sweeps are read by the thousand: the log's lines have these.
+# Whole files that leave the service. Frames and sweeps are read by the thousand: only the log has these.
 _DOWNLOADS = re.compile(r"/(original(/parts)?|analyses/{\w+}/file|correspondence-sets/{\w+})$")
 _AUDITED = re.compile(
     r"^DELETE |^(POST|PUT|PATCH) .*/(fleets/{\w+}|members/{\w+}|invitations|tokens|policy|publication|withdrawal)$"
@@ -59,7 +59,7 @@ _AUDITED = re.compile(
 CREATED = frozenset((201, 202))
 _READS = frozenset(("GET", "HEAD"))
 _STEPS = frozenset(("cancel", "complete", "retry"))
-"""Last words of addresses that change the thing before them."""
+"""Last words of addresses that change the resource before them."""
 _LISTED = "/v1/vehicles/{vehicle_id}/cameras/{camera}/publications"
 _LOCATIONS = {
     "invitations": "/v1/fleets/{id}/members",
@@ -67,24 +67,24 @@ _LOCATIONS = {
     "selections": "/v1/correspondence-sets/{new_id}",
     "withdrawal": _LISTED,
 }
-"""Where what was made is read, if its address ends otherwise than the request's. An invited person is a member."""
+"""Location of created resources whose path differs from the request's. An invited person is a member."""
 DRY_RUN = "Dry-Run"
-"""The header of a request that is answered with the answers of cars that it would change, and changes nothing."""
-# Who is not known yet signs in. All of them have one person's share.
+"""Header of a request that changes nothing: its answer lists the answers to cars that it would change."""
+# Callers who sign in have no identity yet. All of them share one person's part of a lane.
 _STRANGERS = UUID(int=0).hex
 _VERBS = {"GET": "get", "POST": "create", "PATCH": "update", "PUT": "put", "DELETE": "delete"}
 
 
 @dataclass(frozen=True)
 class Transaction:
-    """A session that is not open yet. A route names what ``open`` yields; it is opened in the route's own thread."""
+    """A session to be opened in the route's own thread. A route's parameter is what ``open`` yields."""
 
     open: Callable[[], AbstractContextManager[Any]]
     writes: bool
 
 
 class _DryRun(Exception):  # noqa: N818 - an answer, not an error
-    """Ends a transaction that was only asked what it would change."""
+    """The end of a transaction that was only to show its effects."""
 
     def __init__(self, effects: list[str]) -> None:
         super().__init__()
@@ -92,37 +92,38 @@ class _DryRun(Exception):  # noqa: N818 - an answer, not an error
 
 
 class Route(APIRoute):
-    """A route that is one call of one thread, and that knows each parameter of its query.
+    """A route that is one call in one thread, and that checks the names in its query.
 
-    What it takes and answers is derived with its first request: for all of them that takes a quarter of the start.
+    Its parameters and answers are derived at its first request: for all routes together that takes a quarter of the
+    start.
     """
 
     writers: Literal["writing", "marking"] = "writing"
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
-        # What a request is compared with.
+        # Requests are matched by these.
         self.path_regex, self.path_format, self.param_convertors = compile_path(path)
         self.path = path
         self.methods = {*(options.get("methods") or ("GET",))}
         self._definition = (path, endpoint, options)
 
     def __getattr__(self, name: str) -> Any:
-        """The attribute of a route that is derived now; an attribute is looked for here only where it is missing."""
+        """Derive the route when an attribute is first missing, and return that attribute."""
         definition = vars(self).pop("_definition", None)
         if definition is None:
             raise AttributeError(name)
         path, endpoint, options = definition
         self._is_plain = not inspect.iscoroutinefunction(endpoint)
-        super().__init__(path, self._in_one_call(endpoint) if self._is_plain else endpoint, **options)
+        super().__init__(path, self._run_in_thread(endpoint) if self._is_plain else endpoint, **options)
         with warnings.catch_warnings():
-            # As FastAPI does, but for bodies that are built when they are first read.
+            # As in FastAPI; bodies are built when they are first read.
             warnings.simplefilter("ignore", UnsupportedFieldAttributeWarning)
             for body in self.dependant.body_params:
                 body.validate(None)
         return getattr(self, name)
 
     def get_route_handler(self) -> Callable[[Request], Any]:
-        """FastAPI's own, behind a look at the names in the query."""
+        """Return FastAPI's handler, behind a check of the names in the query."""
         handler = super().get_route_handler()
         is_download = _DOWNLOADS.search(self.path) is not None
         parameters = get_flat_params(self.dependant)
@@ -139,9 +140,9 @@ class Route(APIRoute):
 
         return checked
 
-    def _in_one_call(self, endpoint: Callable[..., Any]) -> Callable[..., Any]:
+    def _run_in_thread(self, endpoint: Callable[..., Any]) -> Callable[..., Any]:
         signature = inspect.signature(endpoint, eval_str=True)
-        # FastAPI gives one parameter the request, and one the answer with what dependencies put on it.
+        # FastAPI passes the request to one parameter, and to another the response that dependencies have changed.
         names = {_name_of(kind, signature): kind for kind in (Request, Response)}
         more = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind)
@@ -158,7 +159,7 @@ class Route(APIRoute):
             sessions = [value for value in values.values() if isinstance(value, Transaction)]
             reads = not any(value.writes for value in sessions) and (sessions or request.method in _READS)
             lane: Lane = threads.reading if reads else getattr(threads, self.writers)
-            # A POST that keeps nothing works on the bytes that came with it.
+            # A POST that stores nothing computes on its own body.
             run = threads.parse if reads and request.method not in _READS else lane.run
             caller = UUID(logs.who().get("person") or _STRANGERS)
             is_dry = DRY_RUN in request.headers
@@ -193,7 +194,7 @@ class Route(APIRoute):
             return JSONResponse({"effects": run.effects})
 
     def _rendered(self, answer: Any, injected: Response) -> Response:
-        """The answer as its model says, with the status and headers that the route set."""
+        """Return the answer by its model, with the status and headers that the route set."""
         content = None
         if self.response_field is not None:
             valid, errors = self.response_field.validate(answer, {}, loc=("response",))
@@ -207,7 +208,7 @@ class Route(APIRoute):
 
 
 def audit_entry(request: Request) -> Json:
-    """Who sends this request, and what for, as a row of the audit."""
+    """Return a row of the audit: who sends this request, and to which address."""
     who = logs.who()
     ids = {f"{name}_id": UUID(who[name]) if name in who else None for name in ("person", "token")}
     where = {"address": who.get("address", ""), "request_id": request_ids.current()}
@@ -221,7 +222,7 @@ def _no_dry_run() -> Problem:
 
 
 async def _note_download(request: Request) -> None:
-    """Note a download before its first byte. A database that takes no writes keeps nobody from reading."""
+    """Write a download to the audit before its first byte. It is served even if the database takes no writes."""
 
     def write(database: Database) -> None:
         with database.writing() as session:
@@ -234,13 +235,13 @@ async def _note_download(request: Request) -> None:
 
 
 def location_of(path: str) -> str:
-    """The address at which what a POST to this one makes, or sets to work, is read. ``{new_id}`` is the answer's."""
+    """Return the path of the resource that a POST to ``path`` creates or acts on. ``{new_id}`` is the answer's id."""
     parent, _, last = path.rpartition("/")
     return _LOCATIONS.get(last) or (parent if last in _STEPS else f"/v1/{last}/{{new_id}}")
 
 
 def with_location(request: Request, answer: Response) -> Response:
-    """The answer, with the address of what it made or set to work (201, 202)."""
+    """Return the answer with the Location of what it created or started (201, 202)."""
     if answer.status_code in CREATED:
         document = json.loads(bytes(answer.body))
         parts = {"vehicle_id": document.get("vehicle_id"), "camera": document.get("camera"), **request.path_params}
@@ -250,19 +251,19 @@ def with_location(request: Request, answer: Response) -> Response:
 
 
 def _name_of(kind: type, signature: inspect.Signature) -> str:
-    """The parameter of exactly this type, or the name of a new one."""
+    """Return the name of the parameter of exactly this type, or of a new one."""
     names = (name for name, parameter in signature.parameters.items() if parameter.annotation is kind)
     return next(names, f"_{kind.__name__.lower()}")
 
 
 class MarkingRoute(Route):
-    """A route of many people who mark at once; those that write have few threads of their own."""
+    """A route that many people who mark call at once; those that write use the marking lane."""
 
     writers = "marking"
 
 
 class Router(APIRouter):
-    """A resource's router. Its routes know their whole address, so that the application takes them as they are."""
+    """A resource's router. Its routes hold their whole address, so that the application takes them unchanged."""
 
     def __init__(self, *, tags: list[str], route_class: type[Route] = Route) -> None:
         super().__init__(
@@ -275,9 +276,9 @@ class Router(APIRouter):
 
 
 def operation_id(route: APIRoute) -> str:
-    """The name of an operation in the description, by method and address: `vehicles.list`, `recordings.complete`.
+    """Return an operation's name in the description, by method and address: `vehicles.list`, `recordings.complete`.
 
-    A route whose name would be another's states its own.
+    A route whose name another one has states its own.
     """
     method = min(route.methods or {"GET"})
     parts = [part.replace("-", "_") for part in route.path_format.removeprefix("/v1").split("/")[1:]]
@@ -293,6 +294,6 @@ def operation_id(route: APIRoute) -> str:
 
 
 def header(name: str, description: str, *, required: bool = False) -> dict[str, Any]:
-    """A header as the description of an operation has it."""
+    """Return a header as the description of an operation lists it."""
     schema = {"type": "string", "title": name}
     return {"name": name, "in": "header", "required": required, "schema": schema, "description": description}

@@ -1,4 +1,4 @@
-"""Answers of a store's bytes, and those to requests when the store fails."""
+"""Answers with a store's bytes, and problems if the store fails."""
 
 from __future__ import annotations
 

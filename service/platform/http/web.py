@@ -21,7 +21,7 @@ run <code>make frontend</code>, or install a wheel. The API is at <a href="/v1/o
 
 
 class Pages:
-    """What the router asks when no route matches, so that the pages never hide a route or its methods."""
+    """The answer if no route matches, so that the pages never hide a route or its methods."""
 
     def __init__(self, web: Path) -> None:
         self._root = web.resolve()
@@ -31,7 +31,7 @@ class Pages:
         if scope["type"] != "http":
             return
         path: str = scope["path"].lstrip("/")
-        # Where a proxy adds a prefix, a program that asks for /prefix/v1 must not take a page for its answer.
+        # If a proxy adds a prefix, a program that requests /prefix/v1 must not get a page.
         if scope["method"] not in ("GET", "HEAD") or "v1" in path.split("/"):
             raise HTTPException(404)
         headers = Headers(scope=scope)
@@ -63,7 +63,7 @@ class Pages:
         return FileResponse(file, headers=headers, media_type=media_type)
 
     def _file(self, path: str) -> Path | None:
-        """The file at this address, where there is one; what no file can be called is none."""
+        """Return the file at this address; None if there is none, or no file can have that name."""
         try:
             file = (self._root / path).resolve()
             is_ours = file.is_relative_to(self._root) and file.is_file() and file.name != "index.html"
@@ -74,7 +74,7 @@ class Pages:
 
 
 def _accepts(header: str, token: str) -> bool:
-    """Whether an Accept or Accept-Encoding takes this, by its name and not with a weight of 0."""
+    """Return whether an Accept or Accept-Encoding header lists ``token`` with a weight above 0."""
     for choice in header.lower().split(","):
         name, _, weight = (part.strip() for part in choice.partition(";"))
         if name == token:
