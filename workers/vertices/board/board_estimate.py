@@ -70,7 +70,7 @@ class HoldEstimate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Agreement:
+class BoardAgreement:
     """How well the rays agree with the likeliest board in their plane.
 
     Attributes:
@@ -121,7 +121,7 @@ class BoardEstimate:
     covariance: Floats
     sigma: float
     hold: HoldEstimate
-    agreement: Agreement
+    agreement: BoardAgreement
     upper_corner: int
 
     @property

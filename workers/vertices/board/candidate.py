@@ -139,7 +139,7 @@ class Plane:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class PlaneCandidate:
     """A plane, its window, and for each ring the board's first and last column there: (R, 2), -1 for none."""
 
     plane: Plane

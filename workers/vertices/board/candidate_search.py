@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from workers.readers.recording import Sweep
-from workers.vertices.board.candidate import MANY_RINGS, Candidate, EdgeRays, Mask, Plane, PlaneExtent, PlaneReturns
+from workers.vertices.board.candidate import (
+    MANY_RINGS,
+    EdgeRays,
+    Mask,
+    Plane,
+    PlaneCandidate,
+    PlaneExtent,
+    PlaneReturns,
+)
 from workers.vertices.board.model import BoardModel, Floats
 from workers.vertices.board.planes import find_segments, grow_planes, pair_segments
 from workers.vertices.board.rays import choose_rays, follow_board, likelihood_ratios, mixed_rays
@@ -54,7 +62,7 @@ def open_windows(sweep: Sweep, inside: Mask, grid: SensorGrid) -> list[RangeImag
     return [open_window(sweep, inside, grid, centre, half + margin) for centre, half in clusters_of_points]
 
 
-def find_planes(windows: Iterable[RangeImage], model: BoardModel, most: int) -> list[Candidate]:
+def find_planes(windows: Iterable[RangeImage], model: BoardModel, most: int) -> list[PlaneCandidate]:
     """Return the ``most`` likeliest candidates, the likeliest first; on sensors with rings at least two meet each."""
     if model.grid.scattered:
         scattered = [candidate for window in windows for candidate in _scattered_candidates(window, model)]
@@ -74,7 +82,7 @@ def find_planes(windows: Iterable[RangeImage], model: BoardModel, most: int) -> 
             r, first, last = segments[pairs[number, 0], :3].astype(int).tolist()
             grown.append((score, window, w, np.asarray(np.linalg.inv(info), np.float64), (r, first, last)))
     grown.sort(key=lambda item: -item[0])
-    candidates: list[Candidate] = []
+    candidates: list[PlaneCandidate] = []
     for item in grown:
         candidate = _candidate_on_rings(*item, model)
         if candidate is not None and _greatest_width_m(candidate.plane, model) > _NARROWEST_M:
@@ -95,7 +103,7 @@ def _greatest_width_m(plane: Plane, model: BoardModel) -> float:
 
 def _candidate_on_rings(
     score: float, window: RangeImage, w: Floats, covariance: Floats, seed: tuple[int, int, int], model: BoardModel
-) -> Candidate | None:
+) -> PlaneCandidate | None:
     """Return the candidate in the plane ``w`` that is followed from a segment; None if it is on one ring alone.
 
     Args:
@@ -146,7 +154,7 @@ def _candidate_on_rings(
     )
     by_rings = _ring_covariance(w, covariance, window, on_points, model)
     plane = Plane(window.R_window_lidar, w, covariance, by_rings, score, rays, returns, extent)
-    return Candidate(plane, window, ends)
+    return PlaneCandidate(plane, window, ends)
 
 
 def _ring_covariance(w: Floats, covariance: Floats, window: RangeImage, on_board: Mask, model: BoardModel) -> Floats:
@@ -175,7 +183,7 @@ def _may_be_board(left: Floats, up: Floats, hits: Floats, model: BoardModel) -> 
     return (left > low_left) & (left < high_left) & (up > low_up) & (up < high_up)
 
 
-def _scattered_candidates(window: RangeImage, model: BoardModel) -> Iterator[Candidate]:
+def _scattered_candidates(window: RangeImage, model: BoardModel) -> Iterator[PlaneCandidate]:
     """Yield the candidates of a window without rings, the densest first, each cluster once."""
     azimuth, slope, distance = window.azimuth[0], window.slope[0], window.distance[0]
     (inside,) = np.nonzero(window.inside[0])
@@ -238,7 +246,7 @@ def _greatest_extent_m(model: BoardModel) -> float:
 def _scattered_candidate(
     window: RangeImage, w: Floats, covariance: Floats, score: float, left: Floats, up: Floats, ratio: Floats,
     cluster: NDArray[np.int64], model: BoardModel,
-) -> Candidate:  # fmt: skip
+) -> PlaneCandidate:  # fmt: skip
     """Return the candidate of a cluster (indices of points) in a plane ``w`` without rings."""
     hits = cluster[ratio[cluster] > CONFIDENT]
     hit_at: Floats = np.stack([left[hits], up[hits]])
@@ -272,4 +280,4 @@ def _scattered_candidate(
     width = float(np.ptp(left[cluster]))
     extent = PlaneExtent(0, 0, int(cluster.size), width, has_many_rings=cluster.size >= _MANY_POINTS)
     plane = Plane(window.R_window_lidar, w, covariance, np.zeros((3, 3)), score, rays, returns, extent)
-    return Candidate(plane, window, np.array([[0, window.azimuth.size - 1]]))
+    return PlaneCandidate(plane, window, np.array([[0, window.azimuth.size - 1]]))

@@ -15,13 +15,13 @@ import numpy as np
 
 from workers.readers.recording import Sweep
 from workers.vertices.board.board_estimate import (
-    Agreement,
+    BoardAgreement,
     BoardEstimate,
     Contradictions,
     HoldEstimate,
     PosteriorMode,
 )
-from workers.vertices.board.candidate import Candidate, Mask, Plane
+from workers.vertices.board.candidate import Mask, Plane, PlaneCandidate
 from workers.vertices.board.candidate_search import CONFIDENT, find_planes, open_windows
 from workers.vertices.board.model import BEAM_M, EDGE_M, ROLLS, BoardModel, Floats
 from workers.vertices.board.posterior import find_corner
@@ -44,7 +44,7 @@ class BoardPosterior(NamedTuple):
 
     Attributes:
         modes: one or two.
-        evidence: see `Agreement`.
+        evidence: see `BoardAgreement`.
         roll_log_likelihood: see `HoldEstimate`.
     """
 
@@ -136,7 +136,7 @@ def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
     return (other, first) if swapped else (first, other)
 
 
-def _agreement(plane: Plane, model: BoardModel, posterior: BoardPosterior, likeliest: _ModeMoments) -> Agreement:
+def _agreement(plane: Plane, model: BoardModel, posterior: BoardPosterior, likeliest: _ModeMoments) -> BoardAgreement:
     """Return how well the rays agree with the board in the middle of its likeliest mode."""
     edges, moments, rays = likeliest.edges, likeliest.moments, plane.rays
     outline = (model.softness, model.slack, *edges, moments)
@@ -160,7 +160,7 @@ def _agreement(plane: Plane, model: BoardModel, posterior: BoardPosterior, likel
     through = on_board_probability(left, low, inset_m, reach, *outline) > 1.0 - _UNLIKELY
     wrong = np.where(rays.is_below, model.wrong_below, model.wrong)
     dropouts = rays.ratio.size * model.dropout_rate * math.log(model.dropout_rate)
-    return Agreement(
+    return BoardAgreement(
         returns=_above_and_below(np.concatenate([up[beside], low[through]]) - side, up - side),
         at_edges=at_edges,
         on_board_share=float(within.mean()) if within.size else 0.0,
@@ -179,7 +179,7 @@ def _above_and_below(contrary_m: Floats, returns_m: Floats) -> tuple[Contradicti
 
 
 def _moving_share(plane: Plane, model: BoardModel, edges: tuple[float, float], moments: Floats) -> float:
-    """Return `Agreement.moving_share` of the board in the middle of its posterior."""
+    """Return `BoardAgreement.moving_share` of the board in the middle of its posterior."""
     left, up, moves = plane.returns.near
     reach = np.full_like(left, float(np.median(plane.rays.reach)))
     on_board = on_board_probability(
@@ -243,7 +243,7 @@ def _corner(
 
 def find_boards(
     sweep: Sweep, inside: Mask, model: BoardModel, most: int = 5
-) -> list[tuple[Candidate, BoardEstimate]]:
+) -> list[tuple[PlaneCandidate, BoardEstimate]]:
     """Return the boards in the likeliest planes of a sweep: those that are consistent first, then the likeliest.
 
     Args:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from apexcal.documents.detectors import Options
-from workers.vertices.board.candidate import TRUNK_M, Candidate, Plane
+from workers.vertices.board.candidate import TRUNK_M, Plane, PlaneCandidate
 from workers.vertices.board.candidate_search import find_planes, open_windows
 from workers.vertices.board.edge_learning import (
     first_blooming,
@@ -162,7 +162,7 @@ def _is_shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, fl
     return boards >= max(least, 1) or (some is many_ringed and boards >= ENOUGH)
 
 
-def _place(candidate: Candidate) -> tuple[float, float]:
+def _place(candidate: PlaneCandidate) -> tuple[float, float]:
     """Return x and y (m) of the middle of the plane's points. A window's own middle would move with its cells."""
     window, ends = candidate.window, candidate.ends
     runs = [(r, slice(first, last + 1)) for r, (first, last) in enumerate(ends.tolist()) if first >= 0]

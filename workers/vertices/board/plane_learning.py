@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.vertices.board.candidate import Candidate
+from workers.vertices.board.candidate import PlaneCandidate
 from workers.vertices.board.candidate_search import find_planes
 from workers.vertices.board.holding import learn_slope
 from workers.vertices.board.model import BoardModel, Floats
@@ -80,7 +80,7 @@ _LEAST_TILT, _LEAST_YAW = 0.03, 0.1
 BIAS_M = 0.015  # data sheets: accuracy 0.03 m, as two standard deviations
 
 
-def learn_planes(windows: Sequence[RangeImage], model: BoardModel) -> tuple[BoardModel, list[Candidate]]:
+def learn_planes(windows: Sequence[RangeImage], model: BoardModel) -> tuple[BoardModel, list[PlaneCandidate]]:
     """Return the model with the noise of distances and the usual slopes of the board, and the candidates used."""
     candidates = likeliest_candidates(windows, model)
     noise = _noise(candidates)
@@ -129,7 +129,7 @@ def learn_scattered(windows: Sequence[RangeImage], model: BoardModel) -> BoardMo
     return replace(model, sigma=sigma, tilt=_ANY_TILT, bias=BIAS_M)
 
 
-def _upper_plane_fit(candidate: Candidate, model: BoardModel) -> tuple[Floats, Floats, RangeVariance | None]:
+def _upper_plane_fit(candidate: PlaneCandidate, model: BoardModel) -> tuple[Floats, Floats, RangeVariance | None]:
     """Return the plane's two slopes, their variances, and the variance of distances about it.
 
     It is fitted to the rings that are nearly as wide as the widest; where these are few, to the next above them, too.
@@ -161,26 +161,26 @@ def _beyond(azimuth: Floats, slope: Floats, distance: Floats, w: Floats) -> Floa
     return distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
 
 
-def likeliest_candidates(windows: Sequence[RangeImage], model: BoardModel) -> list[Candidate]:
+def likeliest_candidates(windows: Sequence[RangeImage], model: BoardModel) -> list[PlaneCandidate]:
     """Return each window's likeliest candidate, if at least two rings meet it."""
     candidates = [candidate for window in windows for candidate in find_planes([window], model, 1)]
     return [c for c in candidates if c.plane.extent.rings >= MIN_RINGS or model.grid.scattered]
 
 
-def _runs(candidate: Candidate) -> list[Floats]:
+def _runs(candidate: PlaneCandidate) -> list[Floats]:
     """Return the distances along the board's part of every ring, 0 where nothing came back."""
     ends = enumerate(candidate.ends.tolist())
     return [candidate.window.distance[r, first : last + 1] for r, (first, last) in ends if first >= 0]
 
 
-def _noise(candidates: Sequence[Candidate]) -> float:
+def _noise(candidates: Sequence[PlaneCandidate]) -> float:
     """Return the noise (m) by second differences along the rings, which a plane and a slow bend do not change."""
     runs = [run for candidate in candidates for run in _runs(candidate)]
     second = np.concatenate([np.zeros(0), *(np.diff(run[run > 0.0], 2) for run in runs)])
     return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if second.size else FIRST_SIGMA_M
 
 
-def _dropout_rate(candidates: Sequence[Candidate], default: float) -> float:
+def _dropout_rate(candidates: Sequence[PlaneCandidate], default: float) -> float:
     """Return the share of rays on the board without a return; a hundred imagined rays at the default count, too."""
     runs = [run for candidate in candidates for run in _runs(candidate)]
     missing, rays = sum(int(np.count_nonzero(run == 0.0)) for run in runs), sum(run.size for run in runs)

@@ -15,7 +15,7 @@ import numpy as np
 from apexcal.documents.detectors import Options, Quality
 from workers.readers.recording import Sweep
 from workers.vertices.board.board_estimate import BoardEstimate
-from workers.vertices.board.candidate import Candidate
+from workers.vertices.board.candidate import PlaneCandidate
 from workers.vertices.board.estimate import estimate_board, find_boards
 from workers.vertices.board.learning import learn
 from workers.vertices.board.model import BoardModel
@@ -141,7 +141,7 @@ def reject(reason: str, board: BoardEstimate, why: str = "") -> Rejection:
 
 
 def _flags(
-    candidate: Candidate, board: BoardEstimate, boards: Sequence[tuple[Candidate, BoardEstimate]]
+    candidate: PlaneCandidate, board: BoardEstimate, boards: Sequence[tuple[PlaneCandidate, BoardEstimate]]
 ) -> tuple[str, ...]:
     rivals = [
         other

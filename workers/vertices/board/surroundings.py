@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.vertices.board.board_estimate import MOST_ON_BOARD, BoardEstimate
-from workers.vertices.board.candidate import Candidate
+from workers.vertices.board.candidate import PlaneCandidate
 from workers.vertices.board.model import BoardModel
 from workers.vertices.board.posterior import smoothstep
 
@@ -103,7 +103,7 @@ _ACCURACY_M = 0.1
 _EDGES = 2.0
 
 
-def apex_time(sweep: Sweep, candidate: Candidate, board: BoardEstimate) -> int:
+def apex_time(sweep: Sweep, candidate: PlaneCandidate, board: BoardEstimate) -> int:
     """Return the nanoseconds after the sweep's stamp at which the sensor looked along the apex's azimuth."""
     window, ends = candidate.window, candidate.ends
     runs = [(r, slice(first, last + 1)) for r, (first, last) in enumerate(ends.tolist()) if first >= 0]
@@ -118,7 +118,7 @@ def apex_time(sweep: Sweep, candidate: Candidate, board: BoardEstimate) -> int:
     return round(float(offset.mean()) + rate * (towards - float(azimuth.mean())))
 
 
-def flags_of(candidate: Candidate, board: BoardEstimate) -> tuple[str, ...]:
+def flags_of(candidate: PlaneCandidate, board: BoardEstimate) -> tuple[str, ...]:
     """Return the flags (`apexcal.documents.detectors.FLAGS`) of what a person who confirms should look at."""
     behind, left, up = _around_apex(candidate, board)
     returned = candidate.window.distance > 0.0
@@ -135,7 +135,7 @@ def flags_of(candidate: Candidate, board: BoardEstimate) -> tuple[str, ...]:
     return (*(["head_above"] if head else []), *(["occluded"] if occluded else []))
 
 
-def is_overtopped(candidate: Candidate, board: BoardEstimate, model: BoardModel) -> bool:
+def is_overtopped(candidate: PlaneCandidate, board: BoardEstimate, model: BoardModel) -> bool:
     """Return whether something stands above the apex and in front of the plane: a body's plane below a board."""
     behind, left, up = _around_apex(candidate, board)
     over = (candidate.window.distance > 0.0) & candidate.window.inside & (np.abs(left) < _BOARD_BESIDE_M)
@@ -148,7 +148,7 @@ def is_overtopped(candidate: Candidate, board: BoardEstimate, model: BoardModel)
     return int(np.count_nonzero(over)) >= _BOARD_POINTS
 
 
-def _around_apex(candidate: Candidate, board: BoardEstimate) -> tuple[Floats, Floats, Floats]:
+def _around_apex(candidate: PlaneCandidate, board: BoardEstimate) -> tuple[Floats, Floats, Floats]:
     """Return (R, C) metres: how far each return lies behind the plane, and its ray left of and above the apex."""
     window, w = candidate.window, candidate.plane.w
     inverse = w[0] * np.cos(window.azimuth) + w[1] * np.sin(window.azimuth) + w[2] * window.slope

@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { askedFrame } from "./asked.ts";
+import { linkedFrame } from "./linked_frame.ts";
 
 const front = { name: "front", count: 100 };
-const asked = (query: string) => askedFrame(new URLSearchParams(query), front);
+const asked = (query: string) => linkedFrame(new URLSearchParams(query), front);
 
 test("a frame of this camera, with its mark", () => {
   assert.deepEqual(asked("camera=front&frame=12&u=3.5&v=4"), { index: 12, mark: { u: 3.5, v: 4 } });

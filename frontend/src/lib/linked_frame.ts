@@ -1,12 +1,12 @@
-/** What a link to a recording's page asks to be shown: a camera's frame, and perhaps a mark in it. */
+/** The camera frame, and perhaps the mark in it, that a link to a recording's page names. */
 
-export interface AskedFrame {
+export interface LinkedFrame {
   index: number;
   mark: { u: number; v: number } | null;
 }
 
-/** The frame that `?camera=front&frame=12&u=..&v=..` asks for, inside the camera's own; null where it is of another. */
-export function askedFrame(search: URLSearchParams, sensor: { name: string; count: number }): AskedFrame | null {
+/** The frame that `?camera=front&frame=12&u=..&v=..` names, within the camera's own; null if it is another camera's. */
+export function linkedFrame(search: URLSearchParams, sensor: { name: string; count: number }): LinkedFrame | null {
   const frame = search.get("frame");
   if (search.get("camera") !== sensor.name || frame === null || !/^\d+$/.test(frame)) return null;
   const u = Number(search.get("u") ?? NaN);
