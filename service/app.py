@@ -53,8 +53,8 @@ from service.platform.observability import logs
 from service.platform.settings import Settings, settings_or_exit
 from service.platform.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
 from service.platform.storage.audit import audit_if_due
+from service.platform.storage.disk_reservations import DiskReservations
 from service.platform.storage.quota import count_rows
-from service.platform.storage.room import Room
 from service.platform.storage.store import Store, open_store
 from service.publications import routes as publications
 from service.publications import vehicle_routes
@@ -230,7 +230,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.threads = threads.Threads()
     app.state.store = _opened(settings)
     app.state.sweep_indexes = SweepIndexes(app.state.store)
-    app.state.room = Room(app.state.store, settings.min_free_bytes)
+    app.state.disk = DiskReservations(app.state.store, settings.min_free_bytes)
     adopt_if_known(app.state.database, app.state.store)
     app.state.lookups = Lookups(app.state.database, app.state.threads)
     app.state.retrieval = Retrieval(app.state.database, app.state.threads, app.state.lookups)
@@ -240,8 +240,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.arriving_imports = ConcurrencyLimiter(256, 32, threads.MEMORY_WAIT_S)
     app.state.database.couriers.update({JOBS: app.state.sender, HINTS: app.state.publisher})
 
-    for room in (problems, store_problems, etags, idempotency):
-        room.install(app)
+    for module in (problems, store_problems, etags, idempotency):
+        module.install(app)
     app.add_middleware(
         Envelope,
         figures=metrics_routes.install(app, version("apexcal")),

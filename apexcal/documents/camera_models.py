@@ -54,9 +54,10 @@ class CameraModel:
 
     ``intrinsics`` are the parameters behind the six extrinsic ones, in order: f and c in pixels, the others without
     unit. ``distortion`` are those of them that make up D, in OpenCV's order; ``tangential`` those of D that are
-    tangential. ``stated_as`` are the distortion models of sensor_msgs/CameraInfo, camera_calibration, Foxglove and
-    Kalibr that are this one, in small letters, where D has no further coefficients. ``written_as`` is how exports
-    name it; None where other programs have no such model.
+    tangential. A name such as k3 is that of its place in D: tangential in `brown_conrady`, radial in the others. So
+    exports and readers go by D's order and never by name. ``stated_as`` are the distortion models of
+    sensor_msgs/CameraInfo, camera_calibration, Foxglove and Kalibr that are this one, in small letters, where D has
+    no further coefficients. ``written_as`` is how exports name it; None where other programs have no such model.
     """
 
     intrinsics: tuple[str, ...]

@@ -114,7 +114,8 @@ SINGLE_HELD_OUT_PAIRS: Final = ("max_px", "errors_px", "indices", "blocks", "sta
 
 class Intrinsics(Document):
     """The lens; focal lengths and principal point in pixels, and those coefficients that the model has; the others
-    are left out. ``image_size``: width and height, pixels.
+    are left out. A coefficient means what its model says: k3 and k4 are tangential in `brown_conrady`, radial in the
+    other models. ``image_size``: width and height, pixels.
     """
 
     model: str

@@ -9,7 +9,7 @@ from sqlalchemy import select
 from apexcal.documents.camera_models import parse_model
 from apexcal.documents.machine_marks import MachineMark, MarksList, MarksRequest
 from service.analyses.jobs import analysis_of
-from service.annotations.disclosure_actions import DisclosureKey, tell
+from service.annotations.disclosure_actions import DisclosureKey, disclose
 from service.crops.queries import marks_of
 from service.detections.queries import done_detection
 from service.platform.auth.access import Access
@@ -55,5 +55,5 @@ def list_marks(access: Access, database: Database, analysis_id: UUID) -> MarksLi
     camera = find_camera(access.session, detection.recording_id, row.asked["camera"])
     paired = select(VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner).join(Vertex)
     of_camera = paired.where(Vertex.detection_id == row.detection_id, VertexFrame.sensor_id == camera.id)
-    tell(access, database, camera, {DisclosureKey(*key) for key in access.session.execute(of_camera)}, "marks")
+    disclose(access, database, camera, {DisclosureKey(*key) for key in access.session.execute(of_camera)}, "marks")
     return answer

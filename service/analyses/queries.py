@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.analysis_kinds import AnalysisPage
 from service.analyses.kinds import view_of
-from service.annotations.disclosure_actions import may_see_pairs, tell_pairs
+from service.annotations.disclosure_actions import disclose_pairs, may_see_pairs
 from service.platform.auth.access import Access
 from service.platform.db.analyses import Analysis, AnalysisFile
 from service.platform.db.calibrations import CorrespondenceSet
@@ -81,5 +81,5 @@ def analysis_file(access: Access, database: Database, analysis_id: UUID) -> Anal
     size = access.session.get_one(Blob, file.blob_key).size
     download = AnalysisDownload(file.blob_key, size, file.file_name, is_page)
     if pairs is not None:
-        tell_pairs(access, database, pairs, "result")
+        disclose_pairs(access, database, pairs, "result")
     return download

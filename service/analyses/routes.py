@@ -15,7 +15,7 @@ from service.analyses.jobs import queue_analysis
 from service.analyses.kinds import plan_of, view_of
 from service.analyses.machine_marks import list_marks
 from service.analyses.queries import AnalysisDownload, analysis_file, job_of, list_analyses, shown_pairs
-from service.annotations.disclosure_actions import tell_pairs
+from service.annotations.disclosure_actions import disclose_pairs
 from service.platform.auth.access import CurrentIdentity, ReadAccess, WriteAccess, brief_access
 from service.platform.db.analyses import Analysis
 from service.platform.http.etags import Conditional, content_etag
@@ -83,7 +83,7 @@ def read(analysis_id: UUID, access: ReadAccess, request: Request) -> AnyAnalysis
     pairs = shown_pairs(access, row) if row.kind == "pair_validation" else None
     view = view_of(row, job_of(access.session, row), with_pairs=pairs is not None)
     if pairs is not None:
-        tell_pairs(access, request.app.state.database, pairs, "result")
+        disclose_pairs(access, request.app.state.database, pairs, "result")
     return view
 
 

@@ -1,4 +1,4 @@
-"""Giving and undoing an answer: once per id, on the version that the person saw, ten times at most.
+"""Answers to marking tasks, and their undoing: once per id, on the version that the person saw, ten times at most.
 
 The person's lock is held, so that two browser tabs of one person come one after the other.
 """
@@ -13,10 +13,10 @@ from sqlalchemy import bindparam, func, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.marking import Answer, AnswerView, Own, Undo
-from service.annotations.mark_actions import check_inside, find_mark, let_stand, write_answer
+from service.annotations.mark_actions import check_inside, find_mark, set_standing, write_answer
 from service.annotations.progress_actions import counted, progress_of
 from service.annotations.task_actions import reopen
-from service.annotations.views import Said, Subject, own_answer, own_version, subjects
+from service.annotations.views import PriorAnswer, Subject, own_answer, own_version, subjects
 from service.platform.db.annotations import Answer as AnswerRow
 from service.platform.db.annotations import MarkingTask
 from service.platform.db.base import Json
@@ -33,7 +33,7 @@ _ANSWERED = _OF_TASK.values(answered_at=now())
 _LEASED_AGAIN = _OF_TASK.values(answered_at=None, leased_until=now_plus("lease_s"))
 
 
-def give(session: Session, subject: Subject, answer: Answer) -> AnswerView:
+def create_answer(session: Session, subject: Subject, answer: Answer) -> AnswerView:
     """Write mark and verdict of a task's vertex. The same id again changes nothing and gives the same row.
 
     An answer counts also when its lease ran out, and when the vertex has as many answers as wanted already.
@@ -80,7 +80,7 @@ def undo(session: Session, subject: Subject, undone: Undo, lease_s: float) -> Su
         with _counted(session, subject, last.frame_index):
             mark = find_mark(session, subject.person_id, last.sensor_id, last.frame_index, subject.vertex.corner)
             if mark is not None:
-                let_stand(session, mark.id, is_mark=False)
+                set_standing(session, mark.id, is_mark=False)
             _restore_verdict(session, subject)
             _write(session, subject, undone, {"verdict": None, "u": last.u, "v": last.v}, last, None)
             session.connection().execute(_LEASED_AGAIN, {"task": subject.task_id, "lease_s": lease_s})
@@ -97,7 +97,7 @@ def _restore_verdict(session: Session, subject: Subject) -> None:
     """Let the verdict of the person's answer in another camera stand, if there is one; else none."""
     if subject.verdict is None:
         return
-    let_stand(session, subject.verdict.id, is_verdict=False)
+    set_standing(session, subject.verdict.id, is_verdict=False)
     own = (
         select(AnswerRow).filter_by(person_id=subject.person_id, apex_id=subject.apex_id).order_by(AnswerRow.version)
     )
@@ -105,7 +105,7 @@ def _restore_verdict(session: Session, subject: Subject) -> None:
     last = {row.sensor_id: row for row in session.scalars(elsewhere)}
     standing = sorted((row for row in last.values() if row.verdict), key=lambda row: row.created_at)
     if standing:
-        let_stand(session, standing[-1].id, is_verdict=True)
+        set_standing(session, standing[-1].id, is_verdict=True)
 
 
 def _repeated(session: Session, subject: Subject, answer: Answer | Undo, content: Json) -> AnswerRow | None:
@@ -116,7 +116,7 @@ def _repeated(session: Session, subject: Subject, answer: Answer | Undo, content
     """
     if answer.version == own_version(subject):
         if answer.version >= MOST_ANSWERS:
-            _check_patience(session, subject)
+            _check_answer_limit(session, subject)
         return None
     earlier = session.get(AnswerRow, answer.id)
     if earlier is not None:
@@ -146,8 +146,8 @@ def _in_words(own: Own) -> str:
     return f"{word} at ({own.mark.u:g}, {own.mark.v:g})" if own.mark else word
 
 
-def _check_patience(session: Session, subject: Subject) -> None:
-    """Refuse more answers; also to take the last one back, which would leave none."""
+def _check_answer_limit(session: Session, subject: Subject) -> None:
+    """Refuse an answer beyond `MOST_ANSWERS`. Undo is refused, too, so that one answer remains."""
     own = {"person_id": subject.person_id, "apex_id": subject.apex_id, "sensor_id": subject.frame.sensor_id}
     if (session.scalar(select(func.count(AnswerRow.verdict)).filter_by(**own)) or 0) >= MOST_ANSWERS:
         raise conflict(
@@ -158,7 +158,12 @@ def _check_patience(session: Session, subject: Subject) -> None:
 
 
 def _write(
-    session: Session, subject: Subject, answer: Answer | Undo, content: Json, mark: Said | None, verdict: Said | None
+    session: Session,
+    subject: Subject,
+    answer: Answer | Undo,
+    content: Json,
+    mark: PriorAnswer | None,
+    verdict: PriorAnswer | None,
 ) -> None:
     whose = {"recording_id": subject.recording_id, "person_id": subject.person_id, "apex_id": subject.apex_id}
     frame = {"sensor_id": subject.frame.sensor_id, "frame_index": subject.frame.frame_index}

@@ -71,8 +71,10 @@ def keys_of(session: Session, sensor_id: UUID, vertices: Sequence[UUID]) -> set[
     return {DisclosureKey(*row) for row in rows}
 
 
-def keep(session: Session, person_id: UUID, camera: Sensor, keys: Iterable[DisclosureKey], told_in: Place) -> None:
-    """Record that these are disclosed, in a session that writes. Earlier disclosures stay as they are."""
+def record_disclosures(
+    session: Session, person_id: UUID, camera: Sensor, keys: Iterable[DisclosureKey], told_in: Place
+) -> None:
+    """Record disclosures in a session that writes. Earlier disclosures stay as they are."""
     # Under the person's lock nobody inserts the same rows between the look and the insert.
     lock_person(session, person_id)
     if session.get(Recording, camera.recording_id, with_for_update={"read": True, "key_share": True}) is None:
@@ -84,19 +86,21 @@ def keep(session: Session, person_id: UUID, camera: Sensor, keys: Iterable[Discl
         session.execute(insert(Disclosure), [common | key._asdict() for key in news])
 
 
-def tell(access: Access, database: Database, camera: Sensor, keys: Iterable[DisclosureKey], told_in: Place) -> None:
-    """The same for a request that reads: call it after reading, before the answer goes out."""
+def disclose(
+    access: Access, database: Database, camera: Sensor, keys: Iterable[DisclosureKey], told_in: Place
+) -> None:
+    """Record disclosures of a request that reads; call it after reading, before the answer is sent."""
     keys = set(keys)
     if not _news(access.session, access.person.id, camera.id, keys):
         return
     # Its connection goes back first: a request that held two could wait for others that do the same.
     access.session.close()
     with database.writing() as session:
-        keep(session, access.person.id, camera, keys, told_in)
+        record_disclosures(session, access.person.id, camera, keys, told_in)
 
 
-def tell_pairs(access: Access, database: Database, pairs: CorrespondenceSet, told_in: Place) -> None:
-    """The same for pairs made of marks: they disclose every vertex of their detection in their camera."""
+def disclose_pairs(access: Access, database: Database, pairs: CorrespondenceSet, told_in: Place) -> None:
+    """Record the disclosures of pairs made of marks: every vertex of their detection in their camera."""
     if pairs.source != "annotations" or pairs.detection_id is None:
         return
     camera = access.session.scalar(
@@ -105,7 +109,7 @@ def tell_pairs(access: Access, database: Database, pairs: CorrespondenceSet, tol
     if camera is not None:
         whose = (access.session, pairs.detection_id, camera.id, access.person.id)
         # Pairs keep what was taken back since.
-        tell(access, database, camera, answered_by_others(*whose) | _ever_answered(*whose), told_in)
+        disclose(access, database, camera, answered_by_others(*whose) | _ever_answered(*whose), told_in)
 
 
 def may_see_pairs(access: Access, pairs: CorrespondenceSet) -> bool:

@@ -10,7 +10,7 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
-from service.annotations.views import Said
+from service.annotations.views import PriorAnswer
 from service.platform.db.annotations import Answer
 from service.platform.db.base import Json
 from service.platform.db.session import upserting
@@ -41,7 +41,9 @@ def find_mark(
     return session.scalar(select(Answer).filter_by(**whose).where(Answer.is_mark))
 
 
-def write_answer(session: Session, row: Json, mark: Answer | Said | None, verdict: Answer | Said | None) -> bool:
+def write_answer(
+    session: Session, row: Json, mark: Answer | PriorAnswer | None, verdict: Answer | PriorAnswer | None
+) -> bool:
     """Write a row of ``answer``. Its mark and verdict stand from now on, unless those before say the same.
 
     So what is said again stays as independent as it was. ``mark``, ``verdict``: the rows that stood before on the
@@ -55,7 +57,7 @@ def write_answer(session: Session, row: Json, mark: Answer | Said | None, verdic
     }
     for name, before in (("is_mark", mark), ("is_verdict", verdict)):
         if before is not None and takes[name]:
-            let_stand(session, before.id, **{name: False})
+            set_standing(session, before.id, **{name: False})
     return session.connection().scalar(_new_answer(session.get_bind().dialect.name), row | takes) is not None
 
 
@@ -65,6 +67,6 @@ def _new_answer(dialect: str) -> Any:
     return row.returning(_ANSWER.c.id)
 
 
-def let_stand(session: Session, answer_id: UUID, **stands: bool) -> None:
-    """Say whether an answer's mark (``is_mark``) and verdict (``is_verdict``) stand; after ``reopen``."""
+def set_standing(session: Session, answer_id: UUID, **stands: bool) -> None:
+    """Update whether an answer's mark (``is_mark``) and verdict (``is_verdict``) stand; call it after ``reopen``."""
     session.connection().execute(update(_ANSWER).where(_ANSWER.c.id == answer_id).values(**stands))

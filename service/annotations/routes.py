@@ -19,9 +19,9 @@ from apexcal.documents.marking import (
     TaskView,
     Undo,
 )
-from service.annotations.answer_actions import give, undo
+from service.annotations.answer_actions import create_answer, undo
 from service.annotations.answer_queries import VERDICT
-from service.annotations.disclosure_actions import DisclosureKey, answered_by_others, tell
+from service.annotations.disclosure_actions import DisclosureKey, answered_by_others, disclose
 from service.annotations.locks import lock_person
 from service.annotations.progress_actions import read_progress
 from service.annotations.progress_queries import answered_sweeps, tally, visible_answers
@@ -66,7 +66,7 @@ def ask_task(detection_id: UUID, body: NextTask, access: WriteAccess, request: R
 def answer_task(task_id: UUID, answer: Answer, access: WriteAccess) -> AnswerView:
     """Judge a vertex: verdict and mark at once. The same id again is the same answer. [annotator]"""
     subject = _locked(access, task_id)
-    view = give(access.session, subject, answer)
+    view = create_answer(access.session, subject, answer)
     hint(access.session, subject.fleet_id, "marking", subject.detection_id)
     return view
 
@@ -108,7 +108,7 @@ def read_tally(detection_id: UUID, access: ReadAccess, camera: CameraQuery, requ
     sensor = find_camera(access.session, detection.recording_id, camera)
     counts = tally(access.session, detection.id, sensor.id)
     others = answered_by_others(access.session, detection.id, sensor.id, access.person.id)
-    tell(access, request.app.state.database, sensor, others, "tally")
+    disclose(access, request.app.state.database, sensor, others, "tally")
     return counts
 
 
@@ -142,5 +142,5 @@ def list_marks(
         for verdict, vertex_id, frame_index, mark, name, reviewed, told_at, _, corner in rows
     ]
     others = {DisclosureKey(row[2], *row[7:]) for row, item in zip(rows, items, strict=True) if not item.own}
-    tell(access, request.app.state.database, sensor, others, "marks")
+    disclose(access, request.app.state.database, sensor, others, "marks")
     return Page(items=items, next=following)

@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from service.annotations.answer_queries import has_answered, is_live
 from service.annotations.locks import lock_person, lock_recording
-from service.annotations.task_queries import Seeker
+from service.annotations.task_queries import OpenVertexSearch
 from service.annotations.views import Subject, subjects
 from service.platform.db.annotations import MarkingFrontier, MarkingTask
 from service.platform.db.base import new_id
@@ -61,9 +61,9 @@ def next_tasks(
         leased = [vertex_id, *(other for other in leased if other != vertex_id)][: 1 + ahead]
     if len(leased) < 1 + ahead:
         per_vertex = lock_recording(session, detection.recording_id, shared=True)
-        seeker = Seeker(session, detection.recording_id, names | {"wanted": per_vertex}, [*passed, *leased])
-        most = 1 + (ahead if ahead <= _FEW else max(_FEW, seeker.half_share(ahead)))
-        leased += seeker.take(max(0, most - len(leased)))
+        search = OpenVertexSearch(session, detection.recording_id, names | {"wanted": per_vertex}, [*passed, *leased])
+        most = 1 + (ahead if ahead <= _FEW else max(_FEW, search.half_share(ahead)))
+        leased += search.take(max(0, most - len(leased)))
     if not leased:
         return []
     common = {"detection_id": detection.id, "sensor_id": camera.id, "person_id": person_id, "created_at": clock}

@@ -17,10 +17,11 @@ from service.platform.db.base import Json
 from service.platform.db.detections import Apex, Vertex, VertexFrame
 from service.platform.db.session import put
 
-# The frontier is written when it has moved so far; until then the search passes the vertices in between again.
+# The frontier is written after it has moved this far; until then each search passes the vertices in between again.
 _STEP = 30
-# The next open vertex is mostly within so many ranks of it: of 100 people with 3 vertices each the others hold 100 if
-# 3 marks are wanted, and answer 33 between two of one's own. Stretches that others have answered may be longer.
+# The next open vertex is mostly this near to the frontier. 100 people holding 3 vertices each occupy 100 vertices at
+# 3 marks per vertex; between two of a person's answers they finish 33. Ranges that others have answered may be
+# longer.
 _NEAR = 200
 
 _CAMERA, _PERSON = bindparam("camera", type_=Uuid()), bindparam("person", type_=Uuid())
@@ -29,11 +30,11 @@ _LEASE = leases_of_others(_CAMERA, _PERSON)
 
 
 @dataclass(frozen=True)
-class Seeker:
-    """A person who marks the vertices of a detection in one camera, under their own lock.
+class OpenVertexSearch:
+    """A search for a detection's open vertices in one camera, for one person, under that person's lock.
 
-    ``names``: ``detection``, ``camera``, ``person``, ``corners``, and ``wanted``: so many marks shall a vertex get.
-    ``passed``: vertices that they hold or get anyway, or have just given back.
+    ``names``: ``detection``, ``camera``, ``person``, ``corners``, and ``wanted``, the number of marks for each
+    vertex. ``passed``: vertices left out: the person holds or gets them anyway, or has just given them back.
     """
 
     session: Session
@@ -42,10 +43,10 @@ class Seeker:
     passed: Sequence[UUID]
 
     def take(self, count: int) -> list[UUID]:
-        """Open vertices, ``count`` at most, that nobody else can lease until the transaction ends.
+        """Return at most ``count`` open vertices that nobody else can lease until the transaction ends.
 
-        Of people who ask at the same moment each locks other apexes, looks again whether their vertices are open, and
-        seeks more in place of the rest. Where others hold all, they may be the last ones: then it waits for them.
+        People who ask at the same moment lock different apexes, check again that their vertices are open, and search
+        for more in place of the others. If others hold all, these may be the last ones: then it waits for them.
         """
         taken: list[UUID] = []
         tried: list[UUID] = [*self.passed]
@@ -59,7 +60,7 @@ class Seeker:
         return taken
 
     def half_share(self, most: int) -> int:
-        """Half of the person's share of the answers that open vertices want, ``most`` at most."""
+        """Return half of the person's share of the answers that open vertices still need, ``most`` at most."""
         connection = self.session.connection()
         people = 1 + (connection.scalar(_others(), self.names) or 0)
         per_vertex = self.names["wanted"]

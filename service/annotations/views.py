@@ -26,8 +26,8 @@ from service.platform.db.recordings import CameraFrame, Sensor
 from service.platform.http.problems import not_found
 
 
-class Said(NamedTuple):
-    """An answer, as far as the next one needs it."""
+class PriorAnswer(NamedTuple):
+    """The parts of an earlier answer that the next one needs."""
 
     id: UUID
     version: int
@@ -66,9 +66,9 @@ class Subject(NamedTuple):
     is_told: bool
     apex_id: UUID
     frame: FrameFacts
-    mark: Said | None
-    verdict: Said | None
-    last: Said | None
+    mark: PriorAnswer | None
+    verdict: PriorAnswer | None
+    last: PriorAnswer | None
     moved: Moved | None
     vertex: VertexSummary
 
@@ -99,7 +99,7 @@ def _subject(row: Sequence[Any]) -> Subject:
     columns = iter(row)
     counts = (len(part) for part in _PARTS)
     facts, frame, *answers, moved, vertex = ([*islice(columns, count)] for count in counts)
-    mark, verdict, last = (Said._make(answer) if answer[0] is not None else None for answer in answers)
+    mark, verdict, last = (PriorAnswer._make(answer) if answer[0] is not None else None for answer in answers)
     displacement = Moved(**dict(zip(Moved.model_fields, moved, strict=True))) if moved[0] is not None else None
     summary = VertexSummary(**dict(zip(VertexSummary.model_fields, vertex, strict=True)))
     return Subject._make([*facts, FrameFacts._make(frame), mark, verdict, last, displacement, summary])
@@ -117,7 +117,7 @@ _PARTS = (
         *(Detection.fleet_id, Sensor.recording_id, Sensor.name, VertexFrame.gap_ns, _TOLD, Vertex.apex_id),
     ),
     _columns(_frame, ("index", *FrameFacts._fields[1:])),
-    *(_columns(answer, Said._fields) for answer in (_mark, _verdict, _last)),
+    *(_columns(answer, PriorAnswer._fields) for answer in (_mark, _verdict, _last)),
     _columns(VertexFrame, Moved.model_fields),
     SUMMARY,
 )
@@ -171,7 +171,7 @@ def mark_view(mark: Answer) -> MarkView:
     return MarkView(u=mark.u, v=mark.v, version=mark.version)
 
 
-def is_machine(answer: Answer | Said) -> bool:
+def is_machine(answer: Answer | PriorAnswer) -> bool:
     """Whether an answer's mark is the machine's, which the person confirmed."""
     return answer.machine_sigma_px is not None
 

@@ -11,14 +11,14 @@ from fastapi.responses import Response
 from apexcal.documents.base import Sought, Stored
 from apexcal.documents.comparisons import Drift, ResultComparison
 from apexcal.documents.results import ResultView
-from service.annotations.disclosure_actions import may_see_pairs, tell_pairs
+from service.annotations.disclosure_actions import disclose_pairs, may_see_pairs
 from service.calibrations.comparison_queries import comparison_of
 from service.calibrations.drift_queries import drift_of
 from service.calibrations.views import origin_of, result_document
 from service.exports.answers import WantedFormat, exported
 from service.exports.queries import of_result
 from service.platform.auth.access import ReadAccess
-from service.platform.db.base import weigh
+from service.platform.db.base import require_memory
 from service.platform.db.calibrations import FULL, Result
 from service.platform.db.fleets import Vehicle
 from service.platform.http.etags import Conditional
@@ -42,12 +42,12 @@ def read_result(
     if format_name is not None:
         return exported(format_name, of_result(access.session, result.id), conditions)
     run, calibration, pairs = origin_of(access.session, result)
-    weigh(pairs.count)
+    require_memory(pairs.count)
     with_pairs = may_see_pairs(access, pairs)
     checks = checks_now(access.session, result) if result.fold == FULL else None
     document = result_document(result, run, calibration, pairs, checks, with_pairs=with_pairs)
     if with_pairs:
-        tell_pairs(access, request.app.state.database, pairs, "result")
+        disclose_pairs(access, request.app.state.database, pairs, "result")
     return document
 
 

@@ -13,7 +13,7 @@ from apexcal.documents.base import Sought
 from apexcal.documents.calibrations import CalibrationRequest, CalibrationView, CameraLens, SlotView
 from apexcal.documents.errors import DocumentError
 from apexcal.documents.recordings import RecordingView
-from service.annotations.disclosure_actions import tell_pairs
+from service.annotations.disclosure_actions import disclose_pairs
 from service.calibrations.actions import ask_to_end, create
 from service.calibrations.lens_queries import state_lens, with_recorded_lenses
 from service.calibrations.plan import plan_request
@@ -125,7 +125,7 @@ def read_calibration(calibration_id: UUID, access: ReadAccess, request: Request)
     if with_pairs and vertices_apart(calibration.summary):
         runs = select(CalibrationRun.set_id).where(CalibrationRun.calibration_id == calibration.id)
         for pairs in access.session.scalars(select(CorrespondenceSet).where(CorrespondenceSet.id.in_(runs))).all():
-            tell_pairs(access, request.app.state.database, pairs, "calibration")
+            disclose_pairs(access, request.app.state.database, pairs, "calibration")
     return view
 
 

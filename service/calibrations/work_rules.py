@@ -13,7 +13,7 @@ from service.platform.http.problems import Problem, unprocessable
 from service.platform.jobs.bundles import RunCost, comparison_s
 from service.platform.settings import get_settings
 
-# A worker may be so many times slower, or busier, than the machine on which the costs were measured.
+# How many times slower, or busier, a worker may be than the machine on which the costs were measured.
 SLOWER = 4.0
 # Other fleets wait for a slot that runs. The dearest model with the preset `toolbox` on 100,000 pairs, the most that
 # a set may have, comes to 10 s.

@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.corners import CornerName
 from apexcal.documents.crops import LEAST_MARKS, CropAnswer, CropSheet, CropVerdict, CropView, expected_pixel, side_of
 from apexcal.documents.machine_marks import TILE_COLUMNS
-from service.annotations.disclosure_actions import keep, keys_of
+from service.annotations.disclosure_actions import keys_of, record_disclosures
 from service.annotations.locks import lock_person
 from service.annotations.progress_queries import opinions_of
 from service.crops.confirmation_actions import keep_outcome
@@ -75,7 +75,7 @@ def next_page(session: Session, detection: Detection, camera: Sensor, person_id:
     of = {"detection_id": detection.id, "analysis_id": analysis.id, "sensor_id": camera.id, "person_id": person_id}
     page = CropPage(**of, crops=crops)
     session.add(page)
-    keep(session, person_id, camera, keys_of(session, camera.id, _vertices(page)), "crops")
+    record_disclosures(session, person_id, camera, keys_of(session, camera.id, _vertices(page)), "crops")
     return page
 
 

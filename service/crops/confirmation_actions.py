@@ -10,7 +10,7 @@ from sqlalchemy import delete, func, or_, select
 from sqlalchemy.orm import Session
 
 from service.annotations.locks import lock_recording
-from service.annotations.mark_actions import let_stand, write_answer
+from service.annotations.mark_actions import set_standing, write_answer
 from service.annotations.task_actions import reopen
 from service.annotations.views import is_machine
 from service.crops.queries import PageOutcome, judgements, marks_of, mean_sigma_px
@@ -86,7 +86,7 @@ def _take_back(session: Session, camera: Sensor, corner: _SeenCorner) -> None:
     standing = select(Answer).where(_of_frame(camera, corner), Answer.is_mark, Answer.machine_sigma_px.is_not(None))
     for row in session.scalars(standing).all():
         reopen(session, row.person_id, camera.recording_id, corner.apex_id)
-        let_stand(session, row.id, is_mark=False)
+        set_standing(session, row.id, is_mark=False)
 
 
 def _of_frame(camera: Sensor, corner: _SeenCorner) -> Any:

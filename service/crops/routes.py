@@ -10,7 +10,7 @@ from fastapi import Depends, Path, Query, Request, Response
 from apexcal.documents.base import Sought
 from apexcal.documents.crops import CropAnswer, CropProgress, CropSheet, CropVerdict, ExpectedCorner, NextCrops
 from apexcal.documents.marking import MarkingWork
-from service.annotations.disclosure_actions import keys_of, tell
+from service.annotations.disclosure_actions import disclose, keys_of
 from service.crops.actions import find_page, judge, next_page, sheet_of
 from service.crops.pictures import tile_of
 from service.crops.queries import expected_corners, newest_marks, progress_of
@@ -58,7 +58,7 @@ def list_expected_corners(
     sensor = find_camera(access.session, detection.recording_id, camera)
     corners = expected_corners(access.session, detection.id, sensor.name)
     undecided = [corner.vertex_id for corner in corners if corner.places]
-    tell(access, request.app.state.database, sensor, keys_of(access.session, sensor.id, undecided), "crops")
+    disclose(access, request.app.state.database, sensor, keys_of(access.session, sensor.id, undecided), "crops")
     return corners
 
 

@@ -16,7 +16,7 @@ from starlette.requests import ClientDisconnect
 
 from apexcal.documents.base import Sought
 from apexcal.documents.correspondence_sets import BuildRequest, SelectionRequest, SetView, SetWithPairs
-from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
+from service.annotations.disclosure_actions import answered_by_others, disclose_pairs, record_disclosures
 from service.fleets.rigs import rig_camera
 from service.pairs.label_files import FROM_ONE, is_labels, read_labels
 from service.pairs.marked_pairs import build
@@ -89,7 +89,7 @@ def build_set(detection_id: UUID, body: BuildRequest, access: WriteAccess) -> JS
     )
     # Its notes say what people answered.
     others = answered_by_others(access.session, detection.id, camera.id, access.person.id)
-    keep(access.session, access.person.id, camera, others, "pairs")
+    record_disclosures(access.session, access.person.id, camera, others, "pairs")
     row = CorrespondenceSet(
         fleet_id=recording.fleet_id,
         vehicle_id=recording.vehicle_id,
@@ -273,7 +273,7 @@ def _look_up(database: Database, identity: Identity, set_id: UUID, conditions: C
             access.need(row.fleet_id, "reviewer")
         conditions.offer(content_etag(row.content_hash))
         columns = row.columns if PAIR_BYTES * row.count <= LIGHT_BYTES else None
-        tell_pairs(access, database, row, "pairs")
+        disclose_pairs(access, database, row, "pairs")
         return _Read(row, None if columns is None else b"".join(set_in_pieces(row, columns)))
 
 

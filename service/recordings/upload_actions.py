@@ -162,9 +162,9 @@ def part_too_large(limit: int) -> Problem:
 def begin_part(
     database: Database, identity: Identity, announced: Announced, settings: Settings, *, copied: str = ""
 ) -> str | UploadPart:
-    """Reserve a key for a part; or the part itself, where these bytes are acknowledged already.
+    """Return a reserved key for a part; or the part itself, if these bytes are acknowledged already.
 
-    ``copied`` is the reservation that the part was put at, where a copy of it is to be kept: it has its room already.
+    ``copied``: the key that the client uploaded to, if the part was copied from there; its quota is already taken.
     Raises :class:`QuotaExceededError`, and :class:`Problem` ``not_found``, ``role_too_low``, ``part_differs``,
     ``upload_closed``, ``upload_expired``.
     """

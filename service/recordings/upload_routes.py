@@ -20,8 +20,8 @@ from service.platform.http.problems import conflict
 from service.platform.http.router import Router, header
 from service.platform.job_status.views import job_views
 from service.platform.settings import Settings
+from service.platform.storage.disk_reservations import DiskReservations
 from service.platform.storage.errors import StoreFullError
-from service.platform.storage.room import Room
 from service.platform.storage.store import Store
 from service.recordings.jobs import queue_ingestion
 from service.recordings.queries import parts_of, view
@@ -70,7 +70,7 @@ async def put_part(
         body.check(announced)
         return PartView.model_validate(begun)
     try:
-        await _store(request.app.state.room, request.app.state.store, begun, body, announced.size)
+        await _store(request.app.state.disk, request.app.state.store, begun, body, announced.size)
         body.check(announced)
         part = await writing(finish_part, database, identity, announced, settings, begun, body.size)
     except Exception:
@@ -121,9 +121,9 @@ def _accepted(access: Access, row: Recording) -> JSONResponse:
     return access.answer(AcceptedRecording(recording=recording, job=job), 202)
 
 
-async def _store(room: Room, store: Store, key: str, body: Body, size: int) -> None:
+async def _store(disk: DiskReservations, store: Store, key: str, body: Body, size: int) -> None:
     """Raises :class:`StoreFullError` before or while the bytes are written."""
-    async with room.kept_for(size) as reservation:
+    async with disk.reserve(size) as reservation:
         await store.put_stream(key, reservation.watch(body))
         if reservation.lost is not None:
             raise StoreFullError(reservation.lost)

@@ -25,7 +25,7 @@ _OUTSIDE: Final = CheckTopic("marks_outside", "Marks outside of the image")
 _PAIRS: Final = CheckTopic("pairs", "Number of pairs and places")
 _COVERAGE: Final = CheckTopic("coverage", "Coverage of the image")
 _NOISE: Final = CheckTopic("noise", "Noise of the marks")
-# Share of marks that slip of a careful hand (SPEC: about 1 % in public data, 2 % in the worst of them).
+# Share of marks of a careful hand that slip (about 1 % in public data, 2 % in the worst of them).
 _SLIPS: Final = 0.02
 # Half of the share at which any fit may follow the wrong pairs (Hampel's breakdown point, one half).
 _MOST_WRONG: Final = 0.25
@@ -36,12 +36,12 @@ _APART_M: Final = 1.5
 # What one place shares is known to a third by so many places (the same equation: 1 / (2 (1/3)^2) = 4.5 freedoms).
 _LEAST_PLACES: Final = 6
 _OF_MOUNT: Final = 6  # the first parameters; what is free behind them is the lens
-# So many times what use allows may be stated over this share of the image: road users are about the horizon, not in
-# its upper and lower quarter.
+# A stated error of three times the use limit is accepted over half of the image: road users are about the horizon,
+# not in its upper and lower quarter.
 _OF_USE: Final = 3.0
 _MOST_OF_IMAGE: Final = 0.5
 # Ratio of the residuals' noise to what marks and vertices explain: a person's marks are as good as stated to a third
-# (`people.STATED_FREEDOM`), so 1.5 is a deviation and a half above, and 3 is none of a person's.
+# (`common_errors.STATED_FREEDOM`), so 1.5 is a deviation and a half above, and 3 is none of a person's.
 UNEXPLAINED: Final = 1.5
 _GROSS: Final = 3.0
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from apexcal.documents.summaries import Behind
-from workers.models.evidence import Evidence, Pairs, standard_error, weigh
+from workers.models.evidence import Evidence, Pairs, evidence_of_models, standard_error
 
 # Difference of log likelihoods below which models predict alike, and its standard error says little (Sivula,
 # Magnusson and Vehtari 2020).
@@ -57,7 +57,7 @@ def choose(models: Mapping[str, Candidate], area_px2: float) -> Choice:
             "The models cannot be compared: no pair was held out of all of them, because of runs that failed or that "
             "leave parameters open.",
         )
-    evidence = weigh({name: pairs.of(common) for name, pairs in judged.items()}, area_px2)
+    evidence = evidence_of_models({name: pairs.of(common) for name, pairs in judged.items()}, area_px2)
     return _by_heldout(models, {name: pairs.of(common) for name, pairs in judged.items()}, evidence)
 
 
@@ -128,7 +128,7 @@ def _unjudged(name: str, model: Candidate) -> str:
 
 def _by_fitted(models: Mapping[str, Candidate], area_px2: float) -> Choice:
     """Without held-out pairs: Schwarz's criterion (1978) on the errors of the fits."""
-    evidence = weigh({name: candidate.fitted for name, candidate in models.items()}, area_px2)
+    evidence = evidence_of_models({name: candidate.fitted for name, candidate in models.items()}, area_px2)
     coordinates = 2.0 * len(evidence.belongs)
     cost = {
         name: candidate.free_parameters * float(np.log(coordinates)) - 2.0 * evidence.total[name]

@@ -63,8 +63,8 @@ class Evidence(NamedTuple):
         return float(difference.sum()), standard_error(difference, block)
 
 
-def weigh(models: Mapping[str, Pairs], area_px2: float) -> Evidence:
-    """The evidence of models on the same pairs. ``area_px2``: the image's, in which a wrong mark lies anywhere."""
+def evidence_of_models(models: Mapping[str, Pairs], area_px2: float) -> Evidence:
+    """Return the evidence of models on the same pairs. ``area_px2``: of the image; wrong marks lie anywhere in it."""
     parts = {name: _mixture(pairs, area_px2) for name, pairs in models.items()}
     best = max(parts, key=lambda name: float(parts[name].log_likelihood.sum()))
     belongs = parts[best].belongs

@@ -253,7 +253,7 @@ def _current(session: Session, vehicle_id: UUID, camera: str) -> _Current | None
 
 
 def _confirming(session: Session, vehicle_id: UUID, camera: str) -> _Current | None:
-    """The newest result that the camera was given, passes and stands on people's marks; none that was withdrawn."""
+    """Return the newest result that was published, passes and rests on people's marks, and was never withdrawn."""
     withdrawn: set[UUID | None] = set()
     ends_next = False
     for move in session.scalars(moves_of(vehicle_id, camera, CURRENT).limit(_MOST_MOVES)):

@@ -24,7 +24,7 @@ from service.platform.jobs.claims import (
     claim,
     finish,
     give_back,
-    stumble,
+    requeue_after_failure,
 )
 from service.platform.jobs.kinds import kinds
 from service.platform.jobs.messages import Message
@@ -175,10 +175,10 @@ def _refused(
     """The input cannot be used; or the process that read it was killed or had no room, and it is tried again."""
     if error.code in _SUSPECT_CODES:
         log.warning("job %d stumbled; it is tried again: %s", claim.job_id, reason)
-        stumble(context.database, claim, _refusal(error), _TRY_AGAIN_S, suspect=True)
+        requeue_after_failure(context.database, claim, _refusal(error), _TRY_AGAIN_S, suspect=True)
     elif error.code == _DISK_FULL["code"]:
         log.warning("job %d had no room: %s", claim.job_id, reason)
-        stumble(context.database, claim, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
+        requeue_after_failure(context.database, claim, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
     else:
         log.info("job %d refused its input: %s", claim.job_id, reason)
         return _end(context, claim, WorkState.FAILED, _refusal(error))
@@ -194,10 +194,10 @@ def _stumbled(context: Context, claim: Claim, error: Exception) -> str | None:
         return _end(context, claim, WorkState.FAILED, _INTERNAL)
     if number in _NO_ROOM:
         log.exception("job %d had no room", claim.job_id)
-        stumble(context.database, claim, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
+        requeue_after_failure(context.database, claim, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
     else:
         log.exception("job %d stumbled; it is tried again", claim.job_id)
-        stumble(context.database, claim, _surroundings(error), _TRY_AGAIN_S)
+        requeue_after_failure(context.database, claim, _surroundings(error), _TRY_AGAIN_S)
     return None
 
 

@@ -90,8 +90,8 @@ class TooHeavyError(Exception):
         super().__init__(size)
 
 
-def weigh(pairs: int) -> None:
-    """Say that so many pairs come into memory. Raises :class:`TooHeavyError` where the call has no room for them."""
+def require_memory(pairs: int) -> None:
+    """Raise :class:`TooHeavyError` if so many pairs need more memory than the call has reserved."""
     size, allowed = PAIR_BYTES * pairs, BYTES_IN_HAND.get()
     if allowed is not None and size > max(allowed, LIGHT_BYTES):
         raise TooHeavyError(size)

@@ -24,7 +24,7 @@ from service.platform.db.base import (
     belongs_to,
     partial_index,
     refers_to,
-    weigh,
+    require_memory,
 )
 
 _UNENDED = "state IN ('queued', 'running')"
@@ -71,7 +71,7 @@ class CorrespondenceSet(Dated):
     @cached_property
     def columns(self) -> Json:
         """The set's own pairs, or those of the whole set without the ones that are left out."""
-        weigh(self.count)
+        require_memory(self.count)
         if self.whole_id is None:
             return self.pairs or {}
         session = object_session(self)

@@ -34,7 +34,7 @@ def job_views(session: Session, ids: Iterable[int | None]) -> dict[int, JobView]
 
 
 def jobs_of(session: Session, subject_ids: Iterable[UUID]) -> dict[UUID, Job]:
-    """For each subject the job that tells most.
+    """Return the most relevant job of each subject.
 
     It is the oldest one that has not ended, else the newest that failed and whose work no later one did, else the
     newest.
@@ -43,10 +43,12 @@ def jobs_of(session: Session, subject_ids: Iterable[UUID]) -> dict[UUID, Job]:
     for job in session.scalars(select(Job).where(Job.subject_id.in_(list(subject_ids))).order_by(Job.id)):
         work = json.dumps([job.kind, job.payload], sort_keys=True)
         latest.setdefault(job.subject_id, {})[work] = job
-    return {subject: _telling(sorted(jobs.values(), key=lambda job: job.id)) for subject, jobs in latest.items()}
+    return {
+        subject: _most_relevant(sorted(jobs.values(), key=lambda job: job.id)) for subject, jobs in latest.items()
+    }
 
 
-def _telling(jobs: Sequence[Job]) -> Job:
+def _most_relevant(jobs: Sequence[Job]) -> Job:
     unended = next((job for job in jobs if job.state in UNENDED), None)
     return unended or next((job for job in reversed(jobs) if job.state == WorkState.FAILED), jobs[-1])
 

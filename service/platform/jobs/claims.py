@@ -23,7 +23,7 @@ from service.platform.db.jobs import Job
 from service.platform.db.session import Database, repeated
 from service.platform.jobs.history import ATTEMPT, note
 from service.platform.jobs.kinds import kind_of, kinds
-from service.platform.jobs.losses import lose
+from service.platform.jobs.losses import record_loss
 from service.platform.jobs.queue import release
 from service.platform.settings import get_settings
 
@@ -239,7 +239,7 @@ def give_back(database: Database, claim: Claim) -> None:
     repeated(once)
 
 
-def stumble(
+def requeue_after_failure(
     database: Database,
     claim: Claim,
     problem: Json,
@@ -248,17 +248,17 @@ def stumble(
     suspect: bool = False,
     tries: int | None = None,
 ) -> None:
-    """Put back a job whose surroundings failed, for ``after_s`` seconds and longer each time.
+    """Put a job whose surroundings failed back into its queue, for ``after_s`` seconds and longer each time.
 
-    A store or disk may be away for an hour. ``suspect``: the job itself may be why, so that it counts as lost.
-    ``tries``: after so many failures with this very problem the job fails.
+    A store or disk may be away for an hour. ``suspect``: the job itself may be the cause, so it counts as lost.
+    ``tries``: number of failures with this problem after which the job fails.
     """
 
     def once() -> None:
         with database.writing() as session:
             job = session.scalars(select(Job).where(_MINE).with_for_update(), _mine(claim)).one_or_none()
             if job:
-                lose(session, job, "lost" if suspect else "stumbled", problem, after_s, tries=tries)
+                record_loss(session, job, "lost" if suspect else "stumbled", problem, after_s, tries=tries)
                 session.flush()
                 release(session, claim.fleet_id, claim.queue)
 

@@ -26,15 +26,15 @@ _LONGER = 4
 LONGEST_S = 128.0
 
 
-def lose(
+def record_loss(
     session: Session, job: Job, what: str, problem: Json, after_s: float = 0.0, *, tries: int | None = None
 ) -> None:
-    """Count a loss of a running job whose row the caller has locked; a cancelled one ends.
+    """Count a loss of a running job, whose row the caller has locked, and queue it again; a cancelled job ends.
 
-    ``lost`` with its worker, which may be the job's own doing: ``max_lost_leases`` of them end it as failed with
-    ``problem``. ``stumbled`` over its surroundings, such as a store that is away: only ``max_stumbles`` do, which
-    take about an hour. Until then it is queued again and waits ``after_s`` seconds, longer each time, before it waits
-    for its turn as others do. ``tries``: so many losses with this problem's code end it.
+    ``what`` is ``lost`` if its worker was lost, perhaps by the job's own doing: ``max_lost_leases`` of these end it
+    as failed with ``problem``. It is ``stumbled`` if its surroundings failed, such as a store: ``max_stumbles`` of
+    these end it, after about an hour. Until then the job waits ``after_s`` seconds, longer each time, and then for
+    its turn. ``tries``: number of losses with this problem's code that end it.
     """
     note(session, job, what, problem)
     job.lost += 1

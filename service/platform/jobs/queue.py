@@ -44,14 +44,14 @@ from service.platform.settings import get_settings
 _HOLD_FLEET = select(Fleet.id).where(Fleet.id == bindparam("fleet")).with_for_update(key_share=True)
 
 
-# A worker says every 2 s that it is there. It takes up to 5 s where the database answers slowly.
+# A worker's heartbeat comes every 2 s, or 5 s if the database answers slowly.
 SILENT_S = 8.0
-# So many are cut and sent for in any case: a worker that starts finds work, and has told of itself a moment later.
+# At least two jobs are sent always, so that a starting worker finds work before its first heartbeat.
 _FEWEST = 2
 
 
 def answers() -> ColumnElement[bool]:
-    """Whether a worker said within `SILENT_S` that it is there; also one that still compiles."""
+    """Return whether a worker's heartbeat came within `SILENT_S`; it comes while the worker compiles, too."""
     return Worker.at.between(now(-SILENT_S), now())
 
 

@@ -23,7 +23,7 @@ from service.platform.db.rounds import is_away, one_by_one
 from service.platform.db.session import Database, post, put
 from service.platform.jobs.history import tally
 from service.platform.jobs.kinds import kinds
-from service.platform.jobs.losses import LONGEST_S, LeaseWatch, end, lose
+from service.platform.jobs.losses import LONGEST_S, LeaseWatch, end, record_loss
 from service.platform.jobs.messages import COURIER, Message
 from service.platform.jobs.queue import cancel, release
 from service.platform.jobs.queues import QUEUES
@@ -137,7 +137,7 @@ def _decide(
 def _recover(session: Session, job: Job) -> None:
     """A lease was not renewed."""
     log.warning("job %d lost attempt %d on %s", job.id, job.attempt, job.worker)
-    lose(session, job, "lost", _worker_lost(job))
+    record_loss(session, job, "lost", _worker_lost(job))
 
 
 def _worker_lost(job: Job) -> Json:

@@ -10,7 +10,7 @@ from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
 from workers.geometry.models import INTRINSICS
 from workers.models.choice import Candidate, choose
-from workers.models.evidence import Pairs, weigh
+from workers.models.evidence import Pairs, evidence_of_models
 from workers.solver.estimate import estimate
 from workers.solver.held_out import folds
 from workers.solver.polish import distances, polish
@@ -43,7 +43,7 @@ def off(marks, pixels):
 
 def test_the_log_likelihood_is_the_largest_of_a_gaussian_with_wrong_marks_anywhere():
     errors = np.concatenate([off(noise(200), 0.0), [90.0, 300.0, 2400.0]])
-    found = weigh({"pinhole": pairs(errors)}, AREA_PX2)
+    found = evidence_of_models({"pinhole": pairs(errors)}, AREA_PX2)
     sigma, share = np.meshgrid(np.linspace(0.8, 1.2, 81), np.linspace(0.005, 0.05, 46))
     density = (1 - share)[..., None] * np.exp(-(errors**2) / 2 / (sigma**2)[..., None]) / (2 * np.pi * sigma**2)[
         ..., None
@@ -56,7 +56,9 @@ def test_the_log_likelihood_is_the_largest_of_a_gaussian_with_wrong_marks_anywhe
 def test_the_density_is_that_of_pixels_however_the_distances_are_scaled():
     errors = off(noise(100), 0.0)
     scaled = replace(pairs(3.0 * errors, stretch=np.full(100, 3.0)), errors_px=errors)
-    plain, other = (weigh({"pinhole": one}, AREA_PX2).total["pinhole"] for one in (pairs(errors), scaled))
+    plain, other = (
+        evidence_of_models({"pinhole": one}, AREA_PX2).total["pinhole"] for one in (pairs(errors), scaled)
+    )
     assert other == pytest.approx(plain, abs=1e-6)
 
 

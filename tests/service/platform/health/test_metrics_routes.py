@@ -15,7 +15,7 @@ from service.platform.db.calibrations import CalibrationRun, Slot
 from service.platform.db.clock import now
 from service.platform.db.jobs import Heartbeat, Job, Worker
 from service.platform.db.recordings import Blob
-from service.platform.jobs.claims import claim, finishing, stumble
+from service.platform.jobs.claims import claim, finishing, requeue_after_failure
 from service.platform.jobs.history import tally
 from service.platform.jobs.retention import forget_jobs
 from service.platform.jobs.sweep import sweep
@@ -61,7 +61,7 @@ def test_what_happened_to_jobs_is_counted(scraped: Api, always_fresh) -> None:
     first, second, waits = make_jobs(database, make_fleet(database, "other"), 3, run_id)
     held = claim(database, first, "w")
     assert held
-    stumble(database, held, {"code": "surroundings_failed"}, 0.0)
+    requeue_after_failure(database, held, {"code": "surroundings_failed"}, 0.0)
     assert claim(database, second, "w")
     let_backoff_end(database)
     with finishing(database, claim(database, first, "w")):  # pyright: ignore[reportArgumentType]

@@ -9,7 +9,7 @@ import psycopg.errors
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from service.platform.db.base import new_id, weigh
+from service.platform.db.base import new_id, require_memory
 from service.platform.http.limits import BusyProblem, ConcurrencyLimiter
 from service.platform.http.threads import Lane
 
@@ -126,7 +126,7 @@ def test_what_needs_much_memory_is_called_again_where_it_has_it() -> None:
 
     def read(pairs: int) -> str:
         tried.append(pairs)
-        weigh(pairs)
+        require_memory(pairs)
         return "read"
 
     async def run() -> None:
@@ -139,4 +139,4 @@ def test_what_needs_much_memory_is_called_again_where_it_has_it() -> None:
         assert await lane.run(read, 100) == "read"
 
     anyio.run(run)
-    weigh(100_000)  # nobody counts elsewhere
+    require_memory(100_000)  # nobody counts elsewhere

@@ -12,7 +12,14 @@ from sqlalchemy import func, select
 
 from service.platform.db.clock import now
 from service.platform.db.models import Calibration, Fleet
-from service.platform.jobs.claims import CancelledError, Lease, LostLeaseError, claim, finishing, stumble
+from service.platform.jobs.claims import (
+    CancelledError,
+    Lease,
+    LostLeaseError,
+    claim,
+    finishing,
+    requeue_after_failure,
+)
 from service.platform.jobs.kinds import kind_of
 from service.platform.jobs.queue import cancel
 from service.platform.settings import Settings, get_settings
@@ -69,7 +76,7 @@ def test_who_lost_the_job_cannot_finish_it(database):
     (job_id,) = make_jobs(database, make_fleet(database, "other"), 1, run_id)
     first = claim(database, job_id, "first")
     assert first
-    stumble(database, first, {}, 0.0)
+    requeue_after_failure(database, first, {}, 0.0)
     let_backoff_end(database)
     second = claim(database, job_id, "second")
     assert second and second.attempt == 2
@@ -127,7 +134,7 @@ def test_a_job_waits_longer_after_each_stumble_and_outlasts_an_outage_of_an_hour
         held = claim(database, job_id, "w")
         assert held
         before = clock()
-        stumble(database, held, {"code": "surroundings_failed"}, 2.0)
+        requeue_after_failure(database, held, {"code": "surroundings_failed"}, 2.0)
         after, send_after = clock(), job(database, job_id).send_after
         waits.append(min(2.0 * 4 ** len(waits), 128.0))
         # The stumble looked at the clock somewhere in between.
@@ -143,7 +150,7 @@ def test_what_may_be_the_jobs_own_doing_counts_as_a_lost_worker_whatever_it_stum
         assert job(database, job_id).state == "queued"
         held = claim(database, job_id, "w")
         assert held
-        stumble(database, held, {"code": "ingest_killed"}, 0.0, suspect=suspect)
+        requeue_after_failure(database, held, {"code": "ingest_killed"}, 0.0, suspect=suspect)
         let_backoff_end(database)
     assert (job(database, job_id).state, job(database, job_id).problem) == ("failed", {"code": "ingest_killed"})
 
@@ -154,7 +161,7 @@ def test_a_job_whose_surroundings_always_fail_ends_with_the_reason(database):
     for _ in range(get_settings().max_stumbles):
         held = claim(database, job_id, "w")
         assert held
-        stumble(database, held, {"code": "surroundings_failed"}, 0.0)
+        requeue_after_failure(database, held, {"code": "surroundings_failed"}, 0.0)
         let_backoff_end(database)
     assert (job(database, job_id).state, job(database, job_id).problem) == ("failed", {"code": "surroundings_failed"})
     assert claim(database, job_id, "w") is None

@@ -10,7 +10,7 @@ from sqlalchemy import func, select, update
 
 from service.platform.db.models import Fleet, Job
 from service.platform.db.session import Database
-from service.platform.jobs.claims import claim, finish, give_back, stumble
+from service.platform.jobs.claims import claim, finish, give_back, requeue_after_failure
 from service.platform.jobs.sweep import sweep
 from service.platform.settings import get_settings
 from tests.support.leases import let_lease_expire
@@ -39,7 +39,7 @@ def test_jobs_in_backoff_do_not_fill_their_fleets_window(database, store):
     others = make_jobs(database, fleet_id, window)
     postbox = Postbox(database)
     for held in claimed(database, stumbling):
-        stumble(database, held, {"code": "surroundings_failed"}, 60.0)
+        requeue_after_failure(database, held, {"code": "surroundings_failed"}, 60.0)
     assert postbox.ids == others
     sweep(database, store)
     assert postbox.ids == others
@@ -51,7 +51,7 @@ def test_what_waited_in_backoff_takes_its_turn_before_what_came_later(database):
     first, *_ = make_jobs(database, fleet_id, window + 2)
     held = claim(database, first, "w")
     assert held
-    stumble(database, held, {"code": "surroundings_failed"}, 60.0)
+    requeue_after_failure(database, held, {"code": "surroundings_failed"}, 60.0)
     postbox = Postbox(database)
     # The window is full: it waits, and is the first to be sent when there is room.
     let_backoff_end(database)
@@ -60,7 +60,7 @@ def test_what_waited_in_backoff_takes_its_turn_before_what_came_later(database):
         sent = session.scalars(select(Job.id).where(Job.sends > 0).order_by(Job.id)).first()
     held = claim(database, sent, "w")
     assert held
-    stumble(database, held, {"code": "surroundings_failed"}, 60.0)
+    requeue_after_failure(database, held, {"code": "surroundings_failed"}, 60.0)
     assert postbox.ids == [first]
 
 
@@ -68,7 +68,7 @@ def test_an_old_message_of_a_job_in_backoff_is_dropped(database):
     (job_id,) = make_jobs(database, make_fleet(database), 1)
     held = claim(database, job_id, "w")
     assert held
-    stumble(database, held, {"code": "surroundings_failed"}, 60.0)
+    requeue_after_failure(database, held, {"code": "surroundings_failed"}, 60.0)
     assert claim(database, job_id, "twin") is None
     let_backoff_end(database)
     assert claim(database, job_id, "w")
@@ -87,7 +87,7 @@ def test_a_fleet_has_no_more_ingests_running_than_its_cap_and_another_fleet_is_s
     # One that ends, stumbles, is lost or is given back makes room for exactly one.
     finish(database, held[0])
     assert postbox.ids[3:] == [mine[2]]
-    stumble(database, held[1], {"code": "surroundings_failed"}, 60.0)
+    requeue_after_failure(database, held[1], {"code": "surroundings_failed"}, 60.0)
     assert postbox.ids[4:] == [mine[3]]
     third, fourth = claimed(database, mine[2:4])
     let_lease_expire(database, third.job_id)

@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import select
 
 from service.platform.db.models import Job, JobEvent
-from service.platform.jobs.claims import claim, finishing, give_back, stumble
+from service.platform.jobs.claims import claim, finishing, give_back, requeue_after_failure
 from service.platform.jobs.queue import abandon
 from service.platform.jobs.sweep import sweep
 from service.platform.observability.request_ids import working_for
@@ -27,7 +27,7 @@ def test_a_job_remembers_who_gave_it_back_who_lost_it_and_who_did_it(database, s
     (job_id,) = make_jobs(database, make_fleet(database, "other"), 1, run_id)
     drained = claim(database, job_id, "drained")
     give_back(database, drained)
-    stumble(database, claim(database, job_id, "unlucky"), {"code": "surroundings_failed"}, 0.0)
+    requeue_after_failure(database, claim(database, job_id, "unlucky"), {"code": "surroundings_failed"}, 0.0)
     let_backoff_end(database)
     assert claim(database, job_id, "dead")
     let_lease_expire(database, job_id)

@@ -80,8 +80,8 @@ def test_parts_that_trickle_take_no_room_and_must_find_it_where_they_hurry(api: 
     async def trickle() -> list[int]:
         passed: list[int] = []
         async with AsyncExitStack() as stack:
-            parts = [await stack.enter_async_context(api.app.state.room.kept_for(30 * MB)) for _ in range(5)]
-            await stack.enter_async_context(api.app.state.room.kept_for(20 * MB))
+            parts = [await stack.enter_async_context(api.app.state.disk.reserve(30 * MB)) for _ in range(5)]
+            await stack.enter_async_context(api.app.state.disk.reserve(20 * MB))
             for part in parts:
                 passed.append(len([chunk async for chunk in part.watch(in_one_piece(20 * MB))]))
                 assert (part.lost is None) == bool(passed[-1])
