@@ -41,7 +41,7 @@ def runs_of(database: Database, which: ColumnElement[bool]) -> list[Run]:
     """The runs of these calibrations, in the order in which the service began them."""
     with database.reading() as session:
         rows = session.execute(
-            select(CalibrationRun.id, CalibrationRun.problem, CalibrationRun.fold, CorrespondenceSet)
+            select(CalibrationRun.id, CalibrationRun.fit_request, CalibrationRun.fold, CorrespondenceSet)
             .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
             .where(which)
             .order_by(CalibrationRun.id)

@@ -38,7 +38,7 @@ _END_RUN = (
     .values(state=bindparam("ended_as"), failure=bindparam("because"), finished_at=now())
     .returning(CalibrationRun.id)
 )
-_END_WHOLE_RUN = _END_RUN.values(schedule=bindparam("narrowed"), iteration=bindparam("iterations"))
+_END_WHOLE_RUN = _END_RUN.values(search_state=bindparam("search"), iteration=bindparam("iterations"))
 _COUNT_RUN = (
     update(Calibration)
     .where(Calibration.id == bindparam("calibration"), Calibration.state.in_(UNENDED))
@@ -108,7 +108,7 @@ def go_on(session: Session, run_id: UUID, bundle: SlotBundle) -> None:
     if run is None:
         return
     of_iteration = select(Slot).where(Slot.run_id == run.id, Slot.iteration == run.iteration).order_by(Slot.slot)
-    run.schedule, has_stopped = bundle.narrow(run.schedule, session.scalars(of_iteration).all())
+    run.search_state, has_stopped = bundle.narrow(run.search_state, session.scalars(of_iteration).all())
     run.iteration += 1
     session.flush()
     if run.cancel_requested:
@@ -136,9 +136,9 @@ def end_solved(session: Session, end: RunEnd, conclude: Conclude) -> None:
     """
     run, statement = end.run, _END_RUN
     ended: dict[str, Any] = {"run": run.id, "ended_as": WorkState.DONE, "because": None}
-    if end.schedule:
+    if end.search:
         statement = _END_WHOLE_RUN
-        ended |= {"narrowed": end.schedule[0], "iterations": end.schedule[1]}
+        ended |= {"search": end.search[0], "iterations": end.search[1]}
     if session.connection().execute(statement, ended).one_or_none() is None:
         return
     is_last, result = _count_run(session, run), Result(**end.result)

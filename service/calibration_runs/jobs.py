@@ -69,7 +69,7 @@ def _retry_run(session: Session, job: Job) -> Sequence[Job]:
     for table in (Slot, Result):
         session.execute(delete(table).where(table.run_id == run.id))
     run.state, run.failure, run.finished_at = WorkState.QUEUED, None, None
-    run.schedule, run.iteration, run.remaining = None, 0, 0
+    run.search_state, run.iteration, run.remaining = None, 0, 0
     session.flush()
     _reopen(session, run.calibration_id, runs=1)
     before = _newest_job(session, run.id)

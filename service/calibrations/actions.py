@@ -103,6 +103,6 @@ def _run(calibration: Calibration, fit: FitPlan, fold: int, farm: str, waiting: 
         farm=farming.farm,
         slots=slots,
         bundle=farming.bundle,
-        problem=fit.of_fold(fold),
+        fit_request=fit.of_fold(fold),
         state=WorkState.QUEUED,
     )

@@ -60,7 +60,7 @@ def _calibration_view(row: Calibration, runs: list[CalibrationRun], *, with_pair
     return CalibrationView.of(
         row,
         progress=_progress(row, runs),
-        runs=[RunView.of(run, best_loss=(run.schedule or {}).get("best_loss")) for run in runs],
+        runs=[RunView.of(run, best_loss=(run.search_state or {}).get("best_loss")) for run in runs],
         summary=row.summary if with_pairs else _without_vertices(row.summary),
     )
 
@@ -124,7 +124,7 @@ def result_document(
         "camera": row.camera,
         "model": row.model,
         "fold": row.fold,
-        "seed": run.problem["seed"],
+        "seed": run.fit_request["seed"],
         "created_at": row.created_at,
     }
 

@@ -15,8 +15,8 @@ from service.platform.db.calibrations import Slot
 class SlotBundle(NamedTuple):
     """Slots of a run's iteration, which are written.
 
-    ``narrow`` gets the run's schedule and all slots of the iteration. It returns the schedule after it, and whether
-    the search stops.
+    ``narrow`` gets the state of the run's search and all slots of the iteration. It returns the state after it, and
+    whether the search stops.
     """
 
     narrow: Callable[[Json | None, Sequence[Slot]], tuple[Json, bool]]
@@ -37,13 +37,13 @@ class Conclusion(NamedTuple):
 class RunEnd(NamedTuple):
     """The end of a run. ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``; ``result``: columns of its row.
 
-    ``schedule``: the state of the narrowing and the number of iterations, if they are not on record yet.
+    ``search``: its state and the number of iterations, if they are not on record yet.
     ``conclusion``: of the calibration, where this seemed to be the last of its runs. ``ended``: when each of the
     others had ended by which it was judged.
     """
 
     run: Any
     result: Json
-    schedule: tuple[Json, int] | None
+    search: tuple[Json, int] | None
     conclusion: Conclusion | None
     ended: Mapping[UUID, datetime]

@@ -41,7 +41,7 @@ USUAL: dict[type[Base], dict[str, Any]] = {
     models.Vertex: {"rank": 0, "sweep_index": 0, "time_ns": 0, "x": 1.0, "y": 0.0, "z": 0.0, "ring": 7, "points": 2},
     models.CorrespondenceSet: {"camera": "front", "source": "import", "content_hash": "0", "count": 0, "pairs": {}},
     models.Calibration: {"request": {}, "content_hash": "0", "state": "done", "remaining": 0, "publish": "none"},
-    models.CalibrationRun: {**_FIT, "farm": "slots", "slots": 2, "bundle": 1, "problem": {}},
+    models.CalibrationRun: {**_FIT, "farm": "slots", "slots": 2, "bundle": 1, "fit_request": {}},
     models.Result: {**_FIT, "document": {}},
     models.Slot: {"iteration": 0, "slot": 0, "loss": 1.0, "parameters": [0.0], "evaluations": 1, "seconds": 0.01}
     | {"worker": "worker"},

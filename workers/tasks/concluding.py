@@ -348,7 +348,7 @@ def _solved_cameras(
 
 def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result, stop: Stop) -> SolvedCamera:
     detection = str(pairs.detection_id) if pairs.detection_id else None
-    problem = at_clock(read_run(run.problem, run.fold, pairs.columns, stop).problem, result.fit.clock_offset)
+    problem = at_clock(read_run(run.fit_request, run.fold, pairs.columns, stop).problem, result.fit.clock_offset)
     return SolvedCamera(run.camera, problem, result.fit, pairs.columns, detection)
 
 

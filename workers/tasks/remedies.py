@@ -67,10 +67,10 @@ def remedies(context: Context, claim: Claim, lease: Lease) -> Callable[[Session]
     with context.database.reading() as session:
         result = session.get_one(Result, session.get_one(Analysis, claim.subject_id).result_id)
         run = session.get_one(CalibrationRun, result.run_id)
-        document, schedule, set_id, fit = run.problem, run.schedule, run.set_id, result.fit
+        document, search, set_id, fit = run.fit_request, run.search_state, run.set_id, result.fit
     pairs = context.pairs_of(set_id)
     lease.report(0.0, "trying what the checks advise")
-    state = state_of(schedule) if schedule else run_schedule(read_run(document, FULL, pairs, lease).problem)[0]
+    state = state_of(search) if search else run_schedule(read_run(document, FULL, pairs, lease).problem)[0]
     answer: Json = tried(document, pairs, state, fit, lease).model_dump(mode="json")
     return lambda session: answer
 

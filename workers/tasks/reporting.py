@@ -92,7 +92,7 @@ def _material(session: Session, result: Result, checks: Sequence[Check], stop: S
     rows = {name: value and str(value) for name, value in ids.items()}
     return Material(
         result=result.published,
-        problem=at_clock(read_run(run.problem, FULL, pairs.columns, stop).problem, result.published.clock_offset),
+        problem=at_clock(read_run(run.fit_request, FULL, pairs.columns, stop).problem, result.published.clock_offset),
         heldout=[fold.fit.heldout for fold in folds if fold.fit.heldout],
         pairs=pairs.columns,
         checks=checks,
@@ -100,7 +100,7 @@ def _material(session: Session, result: Result, checks: Sequence[Check], stop: S
         marks=_marks(session, pairs),
         elsewhere=other_data(session, [result])[result.id],
         names={"vehicle": vehicle.name, "rig": rig.name, "camera": result.camera},
-        rows=rows | {"camera": result.camera, "fold": FULL, "seed": run.problem["seed"]},
+        rows=rows | {"camera": result.camera, "fold": FULL, "seed": run.fit_request["seed"]},
         request=calibration.request,
         made_at=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         upper_corner=int(detection.options.get("upper_corner") or 0) if detection else 0,

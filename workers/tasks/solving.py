@@ -45,7 +45,8 @@ Write = Callable[[Session], object]
 _RUN = select(
     *(CalibrationRun.id, CalibrationRun.fleet_id, CalibrationRun.calibration_id, CalibrationRun.set_id),
     *(CalibrationRun.camera, CalibrationRun.model, CalibrationRun.fold, CalibrationRun.state),
-    *(CalibrationRun.cancel_requested, CalibrationRun.problem, CalibrationRun.schedule),
+    *(CalibrationRun.cancel_requested, CalibrationRun.fit_request.label("fit_request")),
+    CalibrationRun.search_state.label("search_state"),
 ).where(CalibrationRun.id == bindparam("run"))
 _INSERT_SLOTS = insert(Slot)
 
@@ -56,33 +57,33 @@ def solve(context: Context, claim: Claim, lease: Lease) -> Write:
         run = connection.execute(_RUN, {"run": claim.subject_id}).one()
     if run.state not in UNENDED or run.cancel_requested:
         raise CancelledError
-    run_input = read_run(run.problem, run.fold, context.pairs_of(run.set_id), lease)
+    run_input = read_run(run.fit_request, run.fold, context.pairs_of(run.set_id), lease)
     part = claim.payload["part"]
     if part == "slots":
-        return _slots(context, run_input, run.id, run.schedule, claim.payload)
+        return _slots(context, run_input, run.id, run.search_state, claim.payload)
     if part == "finish":
-        return _finish(context, run_input, run, _state(run.schedule, run_input.problem), lease)
+        return _finish(context, run_input, run, _state(run.search_state, run_input.problem), lease)
     return _whole(context, run_input, run, lease)
 
 
-def _state(schedule: Json | None, problem: FitProblem) -> State:
-    """The schedule after the iterations that are on record."""
-    return from_document(schedule) if schedule else start(problem)
+def _state(search: Json | None, problem: FitProblem) -> State:
+    """Return the state of the search after the iterations that are on record."""
+    return from_document(search) if search else start(problem)
 
 
-def _slots(context: Context, run_input: RunInput, run_id: UUID, schedule: Json | None, payload: Json) -> Write:
+def _slots(context: Context, run_input: RunInput, run_id: UUID, search: Json | None, payload: Json) -> Write:
     """Some slots of the running iteration."""
     iteration = payload["iteration"]
-    lower, upper = (bound.tolist() for bound in bounds_of(run_input.problem, _state(schedule, run_input.problem)))
+    lower, upper = (bound.tolist() for bound in bounds_of(run_input.problem, _state(search, run_input.problem)))
     rows: list[Json] = []
     for slot in range(payload["first"], payload["stop"]):
         began = time.perf_counter()
         outcome = run_slot(run_input.problem, lower, upper, iteration, slot)
         rows.append(_slot_row(context, run_id, iteration, slot, outcome, time.perf_counter() - began))
 
-    def narrow(schedule: Json | None, slots: Sequence[Slot]) -> tuple[Json, bool]:
+    def narrow(search: Json | None, slots: Sequence[Slot]) -> tuple[Json, bool]:
         outcomes = [SlotOutcome(row.loss, tuple(row.parameters), row.evaluations) for row in slots]
-        state = advance(run_input.problem, _state(schedule, run_input.problem), outcomes)
+        state = advance(run_input.problem, _state(search, run_input.problem), outcomes)
         return to_document(state), state.stopped is not None
 
     def write(session: Session) -> SlotBundle:
@@ -127,11 +128,11 @@ def _finish(
     state: State,
     lease: Lease,
     slots: Sequence[Json] = (),
-    schedule: tuple[Json, int] | None = None,
+    search: tuple[Json, int] | None = None,
 ) -> Write:
     """The end of a run: its result, with what it was made of, and after the last one the end of its calibration.
 
-    ``slots`` that are not stored yet; ``schedule`` as :class:`RunEnd` has it.
+    ``slots`` that are not stored yet; ``search`` as :class:`RunEnd` has it.
     """
     began = time.perf_counter()
     fit = solved(run_input, state)
@@ -155,7 +156,7 @@ def _finish(
         "document": fit.model_dump(mode="json", exclude_unset=True),
     }
     searches = [(run.id, context.worker, sum(slot["seconds"] for slot in slots))] if slots else []
-    end = RunEnd(run, row, schedule, *conclude_by(context, LastRun(run, Result(**row), searches), lease))
+    end = RunEnd(run, row, search, *conclude_by(context, LastRun(run, Result(**row), searches), lease))
 
     def write(session: Session) -> RunEnd:
         if slots:

@@ -118,8 +118,9 @@ class Calibration(Dated):
 class CalibrationRun(Dated):
     """One fit: a model on a camera's pairs, all of them (fold -1) or without the held-out block of a fold.
 
-    ``problem`` is the complete document that the solver reads; ``schedule`` is the state of the narrowing after
-    ``iteration`` finished iterations; ``remaining`` counts the bundles of the running one.
+    ``fit_request`` is the complete document that the solver reads; ``search_state`` is the state of the search after
+    ``iteration`` finished iterations. The columns of both keep their released names. ``remaining`` counts the bundles
+    of the running iteration.
     """
 
     __table_args__ = (
@@ -137,12 +138,12 @@ class CalibrationRun(Dated):
     farm: Mapped[str] = mapped_column(String(10))
     slots: Mapped[int]
     bundle: Mapped[int]
-    problem: Mapped[Json]
+    fit_request: Mapped[Json] = mapped_column("problem")
     state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
     iteration: Mapped[int] = mapped_column(default=0)
     remaining: Mapped[int] = mapped_column(default=0)
     cancel_requested: Mapped[bool] = mapped_column(default=False)
-    schedule: Mapped[Json | None]
+    search_state: Mapped[Json | None] = mapped_column("schedule")
     failure: Mapped[Json | None]
     finished_at: Mapped[datetime | None]
 

@@ -87,7 +87,7 @@ def calibrated(api, fleet, seed):
         session.flush()
         common = {"fleet_id": fleet, "calibration_id": calibration.id, "camera": "front", "fold": -1}
         run = CalibrationRun(**common, set_id=pairs.id, model="pinhole", state="done", farm="runs", slots=1, bundle=1)
-        run.problem = {"seed": 1}
+        run.fit_request = {"seed": 1}
         session.add(run)
         session.flush()
         result = Result(**common, run_id=run.id, model="pinhole", document=document)

@@ -57,7 +57,7 @@ def seed_results(api, rig, mounts, changes=()):
             session.add_all([pairs, calibration])
             session.flush()
             run = CalibrationRun(**owned, calibration_id=calibration.id, set_id=pairs.id, camera="front", fold=-1)
-            run.model, run.farm, run.slots, run.bundle, run.problem = of["model"], "runs", 1, 1, {}
+            run.model, run.farm, run.slots, run.bundle, run.fit_request = of["model"], "runs", 1, 1, {}
             session.add(run)
             session.flush()
             result = Result(**owned, calibration_id=calibration.id, run_id=run.id, camera="front")

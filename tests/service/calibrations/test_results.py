@@ -67,8 +67,8 @@ def seed_results(api, rig, folds=(-1, 0), found=FOUND):
         calibration = add(session, Calibration, rig, summary=summary({"pinhole": found}))
         results = []
         for fold in folds:
-            ended = {"state": "done", "iteration": 1, "schedule": {"best_loss": 1.5}}
-            run = add(session, CalibrationRun, calibration, pairs, fold=fold, problem={"seed": 5}, **ended)
+            ended = {"state": "done", "iteration": 1, "search_state": {"best_loss": 1.5}}
+            run = add(session, CalibrationRun, calibration, pairs, fold=fold, fit_request={"seed": 5}, **ended)
             judged = {"checks": checks, "verdict": verdict} if fold == -1 else {}
             results.append(add(session, Result, run, fold=fold, document=DOCUMENT, **judged).id)
             for iteration, slot in product(range(2), range(2)):

@@ -35,7 +35,7 @@ def ask(engineer, rig, *sets, **body):
 def documents(api, calibration_id):
     with api.database.reading() as session:
         runs = session.query(CalibrationRun).filter_by(calibration_id=UUID(calibration_id))
-        return {(run.model, run.fold): run.problem for run in runs}
+        return {(run.model, run.fold): run.fit_request for run in runs}
 
 
 def test_intrinsics_that_the_recording_states_hold_the_lens(api, fleet, engineer):

@@ -48,7 +48,7 @@ def test_the_run_solves_by_the_covariances_of_the_pairs_that_it_fits(api, engine
         pairs = {"x": 4 + 0.1 * n, "y": n % 7 - 3.0, "z": 0.3 + 0 * n, "u": 10.0 + n, "v": 20.0 + 0 * n}
         pairs = {name: values.tolist() for name, values in pairs.items()} | {"stamp_ns": (n * 10**8).tolist()}
         pairs |= {name: (value * (1 + n)).tolist() for name, value in SIGMAS.items()}
-        whole, fold = (read_run(run.problem, run.fold, pairs).problem for run in (runs[-1], runs[1]))
+        whole, fold = (read_run(run.fit_request, run.fold, pairs).problem for run in (runs[-1], runs[1]))
     assert len(whole.points) == len(whole.covariances.points) == 60
     kept = [round((x - 4) / 0.1) for x in fold.points[:, 0]]
     assert 0 < len(kept) < 60

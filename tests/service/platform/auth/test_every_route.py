@@ -129,7 +129,7 @@ def fill(session, fleet_id) -> dict[str, str]:
     vertex = add(session, Vertex, detection, add(session, Apex, lidar))
     pairs = add(session, CorrespondenceSet, recording)
     calibration = add(session, Calibration, rig, state="queued", remaining=1)
-    run = add(session, CalibrationRun, calibration, pairs, problem={"seed": 1})
+    run = add(session, CalibrationRun, calibration, pairs, fit_request={"seed": 1})
     result = add(session, Result, run, document=DOCUMENT)
     analysis = add(session, Analysis, recording, kind="suggestion", asked={})
     made = {
